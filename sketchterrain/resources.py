@@ -1,0 +1,73 @@
+"""The only door to the files in ``kernels/`` and ``presets/``."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+__all__ = ["preset", "preset_names", "source"]
+
+_INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
+
+
+@cache
+def source(name: str) -> str:
+    """Return the text of a kernel or shader with each ``#include "…"`` put in once.
+
+    One rule serves OpenCL and GLSL, and no compiler needs an include path.
+
+    Parameters
+    ----------
+    name
+        File name relative to ``kernels/``, for example ``"terrain.cl"``.
+
+    Returns
+    -------
+    str
+        The whole source; ``#line`` keeps the line numbers of the files it came from.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the file, or one that it includes, does not exist.
+    """
+    return _inline(name, set())
+
+
+def _inline(name: str, seen: set[str]) -> str:
+    seen.add(name)
+    text = files("sketchterrain.kernels").joinpath(name).read_text(encoding="utf-8")
+
+    def put_in(match: re.Match[str]) -> str:
+        included = match.group(1)
+        after = text.count("\n", 0, match.start()) + 2
+        body = "" if included in seen else f"#line 1\n{_inline(included, seen)}\n"
+        return f"{body}#line {after}"
+
+    return _INCLUDE.sub(put_in, text)
+
+
+def preset_names() -> tuple[str, ...]:
+    """Return the names of the presets that come with the program, sorted."""
+    folder = files("sketchterrain.presets")
+    return tuple(sorted(entry.name for entry in folder.iterdir() if entry.joinpath("sketch.toml").is_file()))
+
+
+def preset(name: str) -> Traversable:
+    """Return the folder of a preset.
+
+    Raises
+    ------
+    InputError
+        If there is no preset of that name.
+    """
+    if name not in preset_names():
+        raise InputError(f"no preset {name!r}; there are: {', '.join(preset_names())}")
+    return files("sketchterrain.presets").joinpath(name)

@@ -1,0 +1,64 @@
+"""What a placed feature and a placed river are, as data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+FEATURE_TYPES: Final = ("mountain", "hill", "dune", "forest")
+"""Types of point feature; a type's index is the code that stands in ``FEATURE["type"]``."""
+
+FEATURE: Final = np.dtype(
+    [
+        ("id", "u8"),  # top bit: clear for painted features, set for those that fill unpainted ground
+        ("type", "u1"),  # index into FEATURE_TYPES
+        ("x", "f8"),  # m east of the sketch's south-west corner
+        ("y", "f8"),  # m north of it
+        ("radius", "f4"),  # m, ground radius of the compact support
+        ("strength", "f4"),  # mountain, hill, dune: m of height; forest: share of the trees, 0..1
+        ("peakiness", "f4"),  # mountain: 0 rounded .. 1 sharp; 0 for the others
+        ("wavelength", "f4"),  # dune: m from crest to crest; 0 for the others
+        ("wind", "f4"),  # dune: degrees the wind blows from; 0 for the others
+        ("painted", "?"),  # False for features that fill unpainted ground
+    ]
+)
+"""One placed feature. Arrays of it are sorted by id, the order in which terrain sums them."""
+
+FILL_BIT: Final = np.uint64(1 << 63)
+"""Set in the id of every feature that fills unpainted ground."""
+
+Points = npt.NDArray[np.void]
+"""A structured array of dtype ``FEATURE``."""
+
+
+@dataclass(frozen=True, eq=False)
+class River:
+    """One reach of a river network, from its spring down to its mouth or its confluence.
+
+    Attributes
+    ----------
+    id : int
+        Stable name: the layer's code and the pixel where the reach begins.
+    label : int
+        Label in the river layer that painted it.
+    points : (n, 3) float64
+        Control points x, y (m) and z (m, water surface), upstream first.
+    width, depth : (n,) float32
+        Width of the water (m) and depth of the bed below it (m) at the control points.
+    centreline : (m, 3) float64
+        The curve through the control points in fine steps; z is the water surface and never rises.
+    centreline_width, centreline_depth : (m,) float32
+        Width and depth along the centreline (m).
+    """
+
+    id: int
+    label: int
+    points: npt.NDArray[np.float64]
+    width: npt.NDArray[np.float32]
+    depth: npt.NDArray[np.float32]
+    centreline: npt.NDArray[np.float64]
+    centreline_width: npt.NDArray[np.float32]
+    centreline_depth: npt.NDArray[np.float32]

@@ -1,1 +1,34 @@
-"""."""
+"""The sketch: what a person painted and set, as a document and as files.
+
+`parameters` declares everything that can be set. `document` holds it as a value, checked against that
+declaration. `files` reads and writes it as a folder or a ``.sketch`` zip; `toml_text`, `layer_images`
+and `archive` know the three formats involved. Nothing here knows what becomes of a sketch.
+"""
+
+from __future__ import annotations
+
+from sketchterrain.sketch.document import Sketch
+from sketchterrain.sketch.parameters import (
+    CLIMATE,
+    DENSITY,
+    GROUND,
+    LAYERS,
+    SKETCH,
+    TABLES,
+    Layer,
+    Parameter,
+    reference_table,
+)
+
+__all__ = [
+    "CLIMATE",
+    "DENSITY",
+    "GROUND",
+    "LAYERS",
+    "SKETCH",
+    "TABLES",
+    "Layer",
+    "Parameter",
+    "Sketch",
+    "reference_table",
+]

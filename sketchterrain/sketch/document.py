@@ -1,0 +1,225 @@
+"""The sketch as a value: label layers, what their labels mean, and the settings of the world."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from numbers import Integral
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer, Parameter, named
+from sketchterrain.sketch.wording import did_you_mean, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["DEFAULT_SIDE", "LARGEST_SIDE", "MOST_LABELS", "LabelImage", "Sketch", "labels_in"]
+
+LabelImage: TypeAlias = npt.NDArray[np.uint8]
+
+DEFAULT_SIDE = 512
+"""Pixels along each side of a sketch without any layer image."""
+
+LARGEST_SIDE = 16384
+"""The most pixels along a side of a sketch."""
+
+MOST_LABELS = 16
+"""The most labels in one layer: an image with more looks antialiased."""
+
+_PIXELS_AT_ONCE = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Sketch:
+    """What a person painted and set.
+
+    A sketch is a value: it is checked when it is made and never changes after; `replace` makes
+    another one. Image row 0 is the north edge: the centre of pixel (row, col) lies at
+    x = (col + 0.5)·s, y = (height_px − row − 0.5)·s metres, with s = `pixel_size`.
+
+    Parameters
+    ----------
+    name
+        What it is called.
+    extent
+        Metres along the longer side.
+    seed
+        0 to 2⁶³ − 1.
+    fidelity
+        0 (a loose guideline) to 1 (exactly where it was painted).
+    density, ground, climate
+        Settings by the names in `DENSITY`, `GROUND` and `CLIMATE`; missing ones get their defaults.
+    layers
+        Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
+        arrays of a sketch are read-only; a writeable array is copied.
+    labels
+        The declared properties by (layer name, label); a label may declare only some.
+
+    Raises
+    ------
+    InputError
+        If a value is not what `parameters` declares, or a layer is not a label image or not of the
+        others' size.
+    """
+
+    name: str = cast(str, SKETCH["name"].default)
+    extent: float = cast(float, SKETCH["extent"].default)
+    seed: int = cast(int, SKETCH["seed"].default)
+    fidelity: float = cast(float, SKETCH["fidelity"].default)
+    density: Mapping[str, float] = field(default_factory=dict)
+    ground: Mapping[str, float] = field(default_factory=dict)
+    climate: Mapping[str, float] = field(default_factory=dict)
+    layers: Mapping[str, LabelImage] = field(default_factory=dict)
+    labels: Mapping[tuple[str, int], Mapping[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        checked: dict[str, object] = {
+            key: parameter.check(getattr(self, key)) for key, parameter in SKETCH.items()
+        }
+        for key, table in TABLES.items():
+            given = _check_table(getattr(self, key), table, f"[{key}]", f"{key}.")
+            checked[key] = MappingProxyType(_defaults(table) | given)
+        checked["layers"] = _check_layers(self.layers)
+        checked["labels"] = _check_labels(self.labels)
+        for key, value in checked.items():
+            object.__setattr__(self, key, value)
+
+    @property
+    def width_px(self) -> int:
+        """Pixels from west to east."""
+        return int(next(iter(self.layers.values())).shape[1])
+
+    @property
+    def height_px(self) -> int:
+        """Pixels from north to south."""
+        return int(next(iter(self.layers.values())).shape[0])
+
+    @property
+    def pixel_size(self) -> float:
+        """Metres along the side of a pixel."""
+        return self.extent / max(self.width_px, self.height_px)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Metres (eastward, northward) that the sketch covers from the origin."""
+        return self.width_px * self.pixel_size, self.height_px * self.pixel_size
+
+    def properties(self, layer: str, label: int) -> Mapping[str, float]:
+        """Return every property of a label: what is declared, and the defaults for the rest.
+
+        Parameters
+        ----------
+        layer
+            A name in `LAYERS`.
+        label
+            1 to 255; it need not be declared.
+
+        Raises
+        ------
+        InputError
+            If there is no such layer or label.
+        """
+        table = _layer(layer).parameters
+        declared = self.labels.get((layer, _check_label(layer, label)), {})
+        return MappingProxyType(_defaults(table) | dict(declared))
+
+    def replace(self, **changes: Any) -> Sketch:
+        """Return a sketch in which the named fields are others, each as a whole."""
+        return dataclasses.replace(self, **changes)
+
+
+def labels_in(image: LabelImage) -> tuple[int, ...]:
+    """Return the labels, 1 to 255, that stand in a label image, ascending."""
+    rows = max(1, _PIXELS_AT_ONCE // max(1, image.shape[1]))
+    seen = np.zeros(256, dtype=bool)
+    for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
+        seen |= np.bincount(image[top : top + rows].ravel(), minlength=256) > 0
+    return tuple(int(label) for label in np.flatnonzero(seen) if label)
+
+
+def _layer(name: str) -> Layer:
+    if name not in LAYERS:
+        raise InputError(
+            f"unknown layer {shown(name)}: expected {', '.join(LAYERS)}{did_you_mean(str(name), LAYERS)}"
+        )
+    return LAYERS[name]
+
+
+def _defaults(table: Mapping[str, Parameter]) -> dict[str, float]:
+    return {name: cast(float, parameter.default) for name, parameter in table.items()}
+
+
+def _check_table(
+    values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
+) -> dict[str, float]:
+    return {
+        name: cast(float, named(table, name, where).check(value, f"{prefix}{name}"))
+        for name, value in values.items()
+    }
+
+
+def _check_label(layer: str, label: object) -> int:
+    number = 0 if isinstance(label, bool) or not isinstance(label, Integral) else int(label)
+    if not 1 <= number <= 255:
+        raise InputError(f"[{layer}.{shown(label)}]: expected a label from 1 to 255")
+    return number
+
+
+def _check_labels(
+    labels: Mapping[tuple[str, int], Mapping[str, float]],
+) -> Mapping[tuple[str, int], Mapping[str, float]]:
+    checked = {}
+    order = {name: rank for rank, name in enumerate(LAYERS)}
+    for (name, given), values in labels.items():
+        layer = _layer(name)
+        label = _check_label(name, given)
+        where = f"{name}.{label}"
+        checked[name, label] = MappingProxyType(
+            _check_table(values, layer.parameters, f"[{where}]", f"{where}.")
+        )
+    ordered = sorted(checked, key=lambda key: (order[key[0]], key[1]))
+    return MappingProxyType({key: checked[key] for key in ordered})
+
+
+def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
+    images = {_layer(name).name: _check_image(name, image) for name, image in layers.items()}
+    first = next(iter(images), None)
+    shape = (DEFAULT_SIDE, DEFAULT_SIDE) if first is None else images[first].shape
+    for name, image in images.items():
+        if image.shape != shape:
+            raise InputError(
+                f"layer {name} is {image.shape[1]}×{image.shape[0]} px but layer {first} is "
+                f"{shape[1]}×{shape[0]} px: expected one size"
+            )
+    empty = np.zeros(shape, dtype=np.uint8)
+    empty.flags.writeable = False
+    return MappingProxyType({name: images.get(name, empty) for name in LAYERS})
+
+
+def _check_image(name: str, image: LabelImage) -> LabelImage:
+    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
+        given = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+        raise InputError(f"layer {name}: expected a uint8 array (height, width), got {given}")
+    if not 1 <= min(image.shape) <= max(image.shape) <= LARGEST_SIDE:
+        raise InputError(
+            f"layer {name} is {image.shape[1]}×{image.shape[0]} px: expected sides of 1 to {LARGEST_SIDE} px"
+        )
+    labels = labels_in(image)
+    if len(labels) > MOST_LABELS:
+        raise InputError(
+            f"layer {name} looks antialiased: it has {len(labels)} labels, expected at most {MOST_LABELS}"
+        )
+    return _frozen(image)
+
+
+def _frozen(image: LabelImage) -> LabelImage:
+    if not image.flags.writeable and image.flags.c_contiguous and image.base is None:
+        return image
+    copy = np.array(image, dtype=np.uint8, order="C")
+    copy.flags.writeable = False
+    return copy

@@ -1,0 +1,317 @@
+"""The one declaration of everything that a person can set in a sketch.
+
+The sketch file, its validation, the starter's comments and the reference page are all made from the
+tables below; whoever adds a parameter adds it here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from numbers import Integral, Real
+from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeAlias
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch.wording import did_you_mean, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = [
+    "CLIMATE",
+    "DENSITY",
+    "FORMAT",
+    "GROUND",
+    "LAYERS",
+    "SKETCH",
+    "TABLES",
+    "Layer",
+    "Parameter",
+    "Value",
+    "named",
+    "reference_table",
+]
+
+Value: TypeAlias = int | float | str
+
+FORMAT = 1
+"""The format of the sketch file that this program reads and writes."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One thing that a person can set.
+
+    Parameters
+    ----------
+    name
+        Its key in the sketch file.
+    kind
+        ``int``, ``float`` or ``str``.
+    default
+        The value when the key is missing.
+    low, high
+        The least and greatest value, both allowed; for a ``str`` the least and greatest length.
+    unit
+        Unit of the value, empty for a pure number.
+    help
+        One line for a person.
+    choices
+        The allowed values, where only a few are.
+    """
+
+    name: str
+    kind: type[int] | type[float] | type[str]
+    default: Value
+    low: float
+    high: float
+    unit: str
+    help: str
+    choices: tuple[Value, ...] = ()
+
+    @property
+    def range(self) -> str:
+        """The allowed values in words, for example ``"0 to 1"``."""
+        if self.choices:
+            return " or ".join(repr(choice) for choice in self.choices)
+        return f"{_number(self.low)} to {_number(self.high)}"
+
+    @property
+    def expected(self) -> str:
+        """What an error says was expected, for example ``"a number from 1 to 9000 m"``."""
+        if self.choices:
+            return self.range
+        if self.kind is str:
+            return f"a text of {self.range} {self.unit}"
+        what = "a whole number" if self.kind is int else "a number"
+        return f"{what} from {self.range} {self.unit}".rstrip()
+
+    def check(self, value: object, key: str | None = None) -> Value:
+        """Return `value` as this parameter's kind.
+
+        A whole number is welcome where a number is expected; nothing else is converted.
+
+        Parameters
+        ----------
+        value
+            What was given.
+        key
+            The name that an error tells, for example ``"mountain.1.height"``; by default ``name``.
+
+        Raises
+        ------
+        InputError
+            If `value` is of another type, not finite, out of range or not one of the choices.
+        """
+        checked = self._convert(value)
+        if checked is None:
+            raise InputError(f"{key or self.name} = {shown(value)}: expected {self.expected}")
+        return checked
+
+    def _convert(self, value: object) -> Value | None:
+        converted = _text(value) if self.kind is str else _real(value, whole=self.kind is int)
+        size = len(converted) if isinstance(converted, str) else converted
+        if converted is None or size is None or not self.low <= size <= self.high:  # so is NaN refused
+            return None
+        return None if self.choices and converted not in self.choices else self.kind(converted)
+
+
+def _text(value: object) -> str | None:
+    # A lone surrogate has no UTF-8 and so no place in a file.
+    if not isinstance(value, str) or any("\ud800" <= char <= "\udfff" for char in value):
+        return None
+    return value
+
+
+def _real(value: object, *, whole: bool) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+        return None
+    return int(value) if isinstance(value, Integral) else float(value)
+
+
+def _number(value: float) -> str:
+    return str(int(value)) if math.isfinite(value) and value == int(value) else repr(value)
+
+
+def _table(*parameters: Parameter) -> Mapping[str, Parameter]:
+    return MappingProxyType({parameter.name: parameter for parameter in parameters})
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One layer of a sketch: what its painted regions become.
+
+    Parameters
+    ----------
+    name
+        Its key in the sketch file; the image is ``name.png``.
+    title
+        Its name for a person.
+    colour
+        Red, green and blue, 0 to 255, of label 1.
+    help
+        One line for a person.
+    parameters
+        What can be set for each of its labels, by name.
+    """
+
+    name: str
+    title: str
+    colour: tuple[int, int, int]
+    help: str
+    parameters: Mapping[str, Parameter] = field(hash=False)
+
+
+def _multitude(default: int, what: str) -> Parameter:
+    return Parameter("multitude", int, default, 1, 500, "", f"how many {what} a painted shape is broken into")
+
+
+def _density(name: str, what: str) -> Parameter:
+    return Parameter(name, float, 0.0, 0.0, 100.0, "1/km²", f"{what} per km² where nothing is painted")
+
+
+SKETCH: Mapping[str, Parameter] = _table(
+    Parameter("name", str, "Untitled", 0, 200, "characters", "what the sketch is called"),
+    Parameter("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
+    Parameter("seed", int, 0, 0, 2**63 - 1, "", "another seed gives another terrain of the same sketch"),
+    Parameter(
+        "fidelity", float, 0.8, 0.0, 1.0, "", "0 is a loose guideline, 1 is exactly where it was painted"
+    ),
+)
+"""Keys at the top of the file."""
+
+DENSITY: Mapping[str, Parameter] = _table(
+    _density("mountain", "mountains"),
+    _density("hill", "hills"),
+    _density("dune", "dunes"),
+    _density("forest", "groves of trees"),
+)
+"""Keys of ``[density]``: what fills the world where nothing is painted."""
+
+GROUND: Mapping[str, Parameter] = _table(
+    Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "range of heights of the ground between features"),
+    Parameter("wavelength", float, 1600.0, 50.0, 20000.0, "m", "length of the ground's widest waves"),
+    Parameter("roughness", float, 0.45, 0.2, 0.7, "", "share of height that each finer octave keeps"),
+)
+"""Keys of ``[ground]``: the plain under and between the features."""
+
+CLIMATE: Mapping[str, Parameter] = _table(
+    Parameter("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which snow lies"),
+    Parameter("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no tree stands"),
+    Parameter("aridity", float, 0.2, 0.0, 1.0, "", "0 is lush, 1 is a desert"),
+)
+"""Keys of ``[climate]``: what grows and lies on the ground."""
+
+TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
+    {"density": DENSITY, "ground": GROUND, "climate": CLIMATE}
+)
+"""The tables of the file that hold one value a key."""
+
+LAYERS: Mapping[str, Layer] = MappingProxyType(
+    {
+        layer.name: layer
+        for layer in (
+            Layer(
+                "mountain",
+                "Mountains",
+                (140, 92, 70),
+                "where mountains rise",
+                _table(
+                    Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
+                    Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
+                    _multitude(1, "mountains"),
+                ),
+            ),
+            Layer(
+                "hill",
+                "Hills",
+                (122, 160, 72),
+                "where hills roll",
+                _table(
+                    Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
+                    _multitude(6, "hills"),
+                ),
+            ),
+            Layer(
+                "river",
+                "Rivers",
+                (56, 116, 196),
+                "where rivers flow: paint strokes along their courses",
+                _table(
+                    Parameter("width", float, 12.0, 0.5, 2000.0, "m", "from bank to bank"),
+                    Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
+                ),
+            ),
+            Layer(
+                "dune",
+                "Dunes",
+                (222, 186, 108),
+                "where the ground is a desert of dunes",
+                _table(
+                    Parameter("height", float, 14.0, 0.5, 300.0, "m", "from trough to crest"),
+                    Parameter("wavelength", float, 140.0, 5.0, 2000.0, "m", "from crest to crest"),
+                    Parameter(
+                        "wind", float, 270.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"
+                    ),
+                    _multitude(12, "dune fields"),
+                ),
+            ),
+            Layer(
+                "forest",
+                "Forests",
+                (38, 104, 58),
+                "where trees may stand",
+                _table(
+                    Parameter(
+                        "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
+                    ),
+                    _multitude(20, "groves"),
+                ),
+            ),
+        )
+    }
+)
+"""The layers, in the order in which they are listed to a person."""
+
+
+def named(table: Mapping[str, Parameter], name: str, where: str) -> Parameter:
+    """Return the parameter `name` of a table.
+
+    Raises
+    ------
+    InputError
+        If there is none; `where` tells the table, for example ``"[density]"``.
+    """
+    if name not in table:
+        raise InputError(
+            f"unknown key {shown(name)} in {where}: expected {', '.join(table)}{did_you_mean(name, table)}"
+        )
+    return table[name]
+
+
+def reference_table() -> str:
+    """Return every parameter as Markdown: one section a table of the sketch file."""
+    sections = [_section("The sketch", f"`format = {FORMAT}` comes first.", SKETCH)]
+    about = {
+        "density": "What fills the world where nothing is painted.",
+        "ground": "The ground under and between the features.",
+        "climate": "What lies and grows on the ground.",
+    }
+    sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
+    for layer in LAYERS.values():
+        text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
+        sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
+    return "\n".join(sections)
+
+
+def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
+    rows = [
+        f"| `{p.name}` | {_toml_like(p.default)} | {p.range} | {p.unit} | {p.help} |" for p in table.values()
+    ]
+    head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
+    return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
+
+
+def _toml_like(value: Value) -> str:
+    return f'"{value}"' if isinstance(value, str) else _number(value)

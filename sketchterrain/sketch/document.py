@@ -158,7 +158,7 @@ def _check_table(
     values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
 ) -> dict[str, float]:
     return {
-        name: cast(float, named(table, name, where).check(value, f"{prefix}{name}"))
+        name: cast(float, named(table, name, value, where).check(value, f"{prefix}{name}"))
         for name, value in values.items()
     }
 

@@ -275,17 +275,18 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
 """The layers, in the order in which they are listed to a person."""
 
 
-def named(table: Mapping[str, Parameter], name: str, where: str) -> Parameter:
+def named(table: Mapping[str, Parameter], name: str, value: object, where: str) -> Parameter:
     """Return the parameter `name` of a table.
 
     Raises
     ------
     InputError
-        If there is none; `where` tells the table, for example ``"[density]"``.
+        If there is none; it tells the `value` given and `where`, for example ``"[density]"``.
     """
     if name not in table:
         raise InputError(
-            f"unknown key {shown(name)} in {where}: expected {', '.join(table)}{did_you_mean(name, table)}"
+            f"unknown key {shown(name)} = {shown(value)} in {where}: expected {', '.join(table)}"
+            f"{did_you_mean(name, table)}"
         )
     return table[name]
 

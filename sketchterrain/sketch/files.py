@@ -1,0 +1,176 @@
+"""Sketches on disk: loaded from a folder, a zip or a preset; saved so that no file is ever half-written."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.resources import preset, preset_names
+from sketchterrain.sketch.archive import pack_zip, read_zip
+from sketchterrain.sketch.contents import SETTINGS, read_folder
+from sketchterrain.sketch.layer_images import decode_layer, encode_layer
+from sketchterrain.sketch.parameters import LAYERS
+from sketchterrain.sketch.starter import starter_sketch
+from sketchterrain.sketch.toml_text import parse_settings, settings_text
+from sketchterrain.sketch.wording import did_you_mean, one_line, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from sketchterrain.sketch.document import LabelImage, Sketch
+
+__all__ = ["load_sketch", "new_sketch", "save_sketch"]
+
+_ZIP_SUFFIX = ".sketch"
+
+
+def load_sketch(path_or_preset: str | Path) -> Sketch:
+    """Read a sketch.
+
+    Parameters
+    ----------
+    path_or_preset
+        A sketch's folder, a zip of one, or the name of a preset. A text that names both a sketch here
+        and a preset means the one here.
+
+    Raises
+    ------
+    InputError
+        If there is no such sketch, or anything in it is not as the sketch's format says.
+    """
+    path = Path(path_or_preset)
+    place = one_line(path)
+    try:
+        is_file, is_sketch, exists = path.is_file(), (path / SETTINGS).is_file(), path.exists()
+    except OSError as error:
+        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
+    if is_file:
+        return _read_sketch(read_zip(path, place), place)
+    if isinstance(path_or_preset, str) and not is_sketch and path_or_preset in preset_names():
+        place = f"preset {path_or_preset}"
+        return _read_sketch(read_folder(preset(path_or_preset), place), place)
+    if exists:
+        return _read_sketch(read_folder(path, place), place)
+    names = preset_names()
+    raise InputError(
+        f"no sketch {shown(str(path_or_preset))}: expected a folder, a {_ZIP_SUFFIX} file or a preset "
+        f"({', '.join(names)}){did_you_mean(str(path_or_preset), names)}"
+    )
+
+
+def save_sketch(sketch: Sketch, path: str | Path) -> None:
+    """Write a sketch: its settings and the image of every layer, painted or not.
+
+    Loading it again gives the same sketch. Each file is written whole or not at all, and other files
+    in the folder are left alone. The same sketch gives the same bytes.
+
+    Parameters
+    ----------
+    sketch
+        What to write.
+    path
+        A folder, made when it is missing, or a file named ``*.sketch``, written as a zip.
+
+    Raises
+    ------
+    InputError
+        If `path` cannot be a sketch: a file of another name.
+    SketchterrainError
+        If the system cannot write there.
+    """
+    target = Path(path)
+    if target.is_dir() or target.suffix.lower() != _ZIP_SUFFIX:
+        _save_folder(sketch, target)
+    else:
+        with _telling_failure(target):
+            _write_whole(target, pack_zip(_encode(sketch)))
+
+
+def new_sketch(folder: str | Path) -> None:
+    """Write a starter sketch: a small painting, and settings in which every line says what it means.
+
+    Raises
+    ------
+    InputError
+        If `folder` is a file, or a folder that holds something.
+    SketchterrainError
+        If the system cannot write there.
+    """
+    target = Path(folder)
+    with _telling_failure(target):
+        if target.is_dir() and any(target.iterdir()):
+            raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
+    _save_folder(starter_sketch(), target)
+
+
+def _read_sketch(contents: Mapping[str, bytes], place: str) -> Sketch:
+    with _telling(f"{place}/{SETTINGS}"):
+        sketch = parse_settings(contents[SETTINGS])
+    images: dict[str, LabelImage] = {}
+    for name in LAYERS:
+        if f"{name}.png" in contents:
+            with _telling(f"{place}/{name}.png"):
+                images[name] = decode_layer(contents[f"{name}.png"])
+                _check_one_size(images, name)
+    return sketch.replace(layers=images)
+
+
+def _check_one_size(images: Mapping[str, LabelImage], name: str) -> None:
+    first = next(iter(images))
+    (height, width), (first_height, first_width) = images[name].shape, images[first].shape
+    if (height, width) != (first_height, first_width):
+        raise InputError(
+            f"{width}×{height} px, but {first}.png is {first_width}×{first_height} px: expected one size"
+        )
+
+
+def _encode(sketch: Sketch) -> dict[str, bytes]:
+    files = {f"{name}.png": encode_layer(sketch.layers[name], layer.colour) for name, layer in LAYERS.items()}
+    return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
+
+
+def _save_folder(sketch: Sketch, folder: Path) -> None:
+    with _telling_failure(folder):
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
+        files = _encode(sketch)
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in files.items():
+            _write_whole(folder / name, content)
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that whoever reads it, even after a crash, finds the old content or the new."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        with temporary.open("xb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _telling(place: str) -> Iterator[None]:
+    """Let an error in what is read say where."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+
+
+@contextmanager
+def _telling_failure(path: Path) -> Iterator[None]:
+    """Let a failure to write say where, in one line."""
+    try:
+        yield
+    except OSError as error:
+        raise SketchterrainError(
+            f"{one_line(path)}: cannot be written ({one_line(error.strerror or error)})"
+        ) from error

@@ -1,0 +1,129 @@
+"""``sketch.toml``: the text of a sketch's settings, read strictly and written with its own explanation."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch.document import Sketch
+from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES, Parameter, Value
+from sketchterrain.sketch.wording import did_you_mean, one_line, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["parse_settings", "settings_text"]
+
+_COMMENT_COLUMN = 28
+
+_HEAD = """\
+# A sketch of a terrain. Beside this file lies one 8-bit single-channel PNG a layer: 0 is empty, every
+# other value is a label, and [layer.label] below says what the label means. What is missing has its default.
+"""
+
+
+def parse_settings(data: bytes) -> Sketch:
+    """Read ``sketch.toml`` into a sketch with nothing painted.
+
+    Parameters
+    ----------
+    data
+        The file's content: UTF-8, with or without a byte-order mark.
+
+    Raises
+    ------
+    InputError
+        If it is not TOML, or a key or a value is not what `parameters` declares.
+    """
+    document = _load(data)
+    _check_format(document.pop("format", None))
+    fields: dict[str, object] = {}
+    labels: dict[tuple[str, int], object] = {}
+    for key, value in document.items():
+        if key in LAYERS:
+            labels |= {(key, label): properties for label, properties in _label_tables(key, value)}
+        elif key in TABLES:
+            fields[key] = _as_table(f"[{key}]", value)
+        elif key in SKETCH:
+            fields[key] = value
+        else:
+            known = ["format", *SKETCH, *TABLES, *LAYERS]
+            raise InputError(
+                f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
+                f"{did_you_mean(key, known)}"
+            )
+    return Sketch(**fields, labels=labels)  # type: ignore[arg-type] # Sketch checks every value
+
+
+def settings_text(sketch: Sketch) -> str:
+    """Return the settings of a sketch as TOML, each line with its meaning, range and unit."""
+    lines = [_HEAD, f"format = {FORMAT}"]
+    lines += _lines({key: getattr(sketch, key) for key in SKETCH}, SKETCH)
+    for key, table in TABLES.items():
+        lines += ["", f"[{key}]", *_lines(getattr(sketch, key), table)]
+    explained: set[str] = set()
+    for (name, label), properties in sketch.labels.items():
+        lines.append("")
+        if name not in explained:
+            lines.append(f"# {name}.png: {LAYERS[name].help}")
+            explained.add(name)
+        lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
+    return "\n".join(lines) + "\n"
+
+
+def _load(data: bytes) -> dict[str, object]:
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"line {line} is not UTF-8: expected a UTF-8 text file") from None
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # TOMLDecodeError, or an integer of too many digits
+        raise InputError(f"not TOML: {one_line(error)}") from None
+    except RecursionError:
+        raise InputError("not a sketch: it is nested too deeply") from None
+
+
+def _check_format(given: object) -> None:
+    if isinstance(given, bool) or given != FORMAT or not isinstance(given, int):
+        got = "no such key" if given is None else shown(given)
+        raise InputError(f"format = {FORMAT} expected, got {got}")
+
+
+def _as_table(where: str, value: object) -> Mapping[str, object]:
+    if not isinstance(value, dict):
+        raise InputError(f"{where} = {shown(value)}: expected a table, {where} on a line of its own")
+    return value
+
+
+def _label_tables(layer: str, value: object) -> list[tuple[int, Mapping[str, object]]]:
+    tables = []
+    for key, properties in _as_table(f"[{layer}.1]" if not isinstance(value, dict) else layer, value).items():
+        is_label = key.isascii() and key.isdigit() and len(key) <= 3 and not key.startswith("0")
+        if not is_label or int(key) > 255:
+            raise InputError(
+                f"key {shown(key)} = {shown(properties)} in [{layer}]: expected a table for a label "
+                f"from 1 to 255, for example [{layer}.1]"
+            )
+        tables.append((int(key), _as_table(f"[{layer}.{key}]", properties)))
+    return tables
+
+
+def _lines(values: Mapping[str, Value] | Mapping[str, float], table: Mapping[str, Parameter]) -> list[str]:
+    return [
+        f"{name} = {_written(values[name])}".ljust(_COMMENT_COLUMN)
+        + f" # {parameter.help} ({parameter.range} {parameter.unit}".rstrip()
+        + ")"
+        for name, parameter in table.items()
+        if name in values
+    ]
+
+
+def _written(value: Value) -> str:
+    if isinstance(value, str):
+        # JSON's escapes are TOML's too, but for the one control character that JSON lets stand.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value)

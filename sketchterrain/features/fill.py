@@ -1,0 +1,264 @@
+"""Unpainted ground, filled by the sketch's densities, for ever and the same from every direction.
+
+Each type has its own cells, aligned to the world's origin. A cell proposes candidates from hashes of its
+index; a candidate survives unless one of an earlier type, or of its own type and of higher priority, stands
+too near. One round, and it is the candidates that are looked at, not the survivors: every decision reads a
+bounded neighbourhood, so that a rectangle's features do not depend on which rectangle was asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from sketchterrain.errors import InputError
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points
+from sketchterrain.features.hashing import hashed, unit
+from sketchterrain.features.painted_distance import PaintedDistance
+from sketchterrain.features.rules import CLEARANCE, SPACING, TYPES
+
+if TYPE_CHECKING:
+    from sketchterrain.sketch.document import Sketch
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+_SMALLEST = 0.4  # least radius over largest
+_MOST_CROWDING = 0.3  # expected rivals of its own type that a candidate has within its spacing
+_KM2 = 1e6  # m²
+_LEAST_CELL, _MOST_CELL = 16.0, 32768.0  # m
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """How candidates of one type are proposed: radii (m), cells (m), candidates a cell."""
+
+    name: str
+    low: float
+    high: float
+    cell: float
+    per_cell: float
+
+
+class Fill:
+    """The features of unpainted ground: a pure function of position and seed.
+
+    Parameters
+    ----------
+    sketch : Sketch
+        Its densities say how many features of each type stand on a square kilometre.
+    painted : array of FEATURE
+        What `place` made of the sketch; the fill keeps its distance.
+    seed : int
+        Seed of the terrain.
+    river_distance : callable, optional
+        ``river_distance(x, y)``: distance (m) to the nearest painted river, at least out to 2.5 km. By
+        default it is measured from the river layer.
+
+    Attributes
+    ----------
+    max_radius : float
+        Radius (m) that no feature of the fill exceeds; 0 when every density is 0.
+    """
+
+    max_radius: float
+
+    def __init__(
+        self,
+        sketch: Sketch,
+        painted: Points,
+        *,
+        seed: int,
+        river_distance: Callable[[Floats, Floats], Floats] | None = None,
+    ) -> None:
+        self._sketch = sketch
+        self._seed = seed
+        self._proposals = _proposals(sketch)
+        self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
+        self._painted = _Painted(sketch, painted, river_distance, fills=tuple(self._proposals))
+
+    def within(
+        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
+    ) -> Points:
+        """Find the features whose centre lies in a rectangle.
+
+        Parameters
+        ----------
+        west, south, east, north : float
+            The rectangle in metres; its west and south borders belong to it, the others do not.
+        min_radius : float
+            Features of smaller ground radius (m) are left out.
+
+        Returns
+        -------
+        Array of ``FEATURE``, sorted by id, each with the top bit of its id set.
+
+        Raises
+        ------
+        InputError
+            If the rectangle is not finite or has no inside.
+        """
+        box = (float(west), float(south), float(east), float(north))
+        if not all(math.isfinite(side) for side in box) or east < west or north < south:
+            raise InputError(f"expected finite bounds with west <= east and south <= north, got {box}")
+        parts = [np.zeros(0, dtype=FEATURE)]
+        parts.extend(
+            self._survivors(proposal, box, min_radius)
+            for proposal in self._proposals.values()
+            if proposal.high >= min_radius
+        )
+        found = np.concatenate(parts)
+        ordered: Points = found[np.argsort(found["id"], kind="stable")]
+        return ordered
+
+    def _survivors(
+        self, proposal: _Proposal, box: tuple[float, float, float, float], min_radius: float
+    ) -> Points:
+        mine = self._candidates(proposal, box)
+        mine = mine[mine["radius"] >= min_radius]
+        alive = np.ones(len(mine), dtype=np.bool_)
+        for rival in self._proposals.values():
+            factor = SPACING.get((rival.name, proposal.name), 0.0)
+            if factor > 0.0 and len(mine):
+                reach = factor * (rival.high + proposal.high)
+                wide = (box[0] - reach, box[1] - reach, box[2] + reach, box[3] + reach)
+                rivals = self._candidates(rival, wide)
+                alive &= ~_beaten(mine, rivals, factor, reach, same=rival is proposal)
+        return mine[alive]
+
+    def _candidates(self, proposal: _Proposal, box: tuple[float, float, float, float]) -> Points:
+        """Candidates of a type in a rectangle, without those that stand where something was painted."""
+        name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
+        most = math.ceil(proposal.per_cell)
+        column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
+        row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
+        number = np.arange(most)[None, None, :]
+        wanted = np.floor(proposal.per_cell + unit(self._seed, f"{name} count", column, row))
+        rows, columns, numbers = np.nonzero(number < wanted)
+        keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
+
+        x = (keys[0] + unit(self._seed, f"{name} x", *keys)) * cell
+        y = (keys[1] + unit(self._seed, f"{name} y", *keys)) * cell
+        inside = (box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3])
+        keys = (keys[0][inside], keys[1][inside], keys[2][inside])
+        result = np.zeros(int(inside.sum()), dtype=FEATURE)
+        result["id"] = FILL_BIT | np.uint64(code << 60) | (hashed(self._seed, name, *keys) >> np.uint64(4))
+        result["type"], result["x"], result["y"] = code, x[inside], y[inside]
+        size = unit(self._seed, f"{name} size", *keys)
+        result["radius"] = proposal.low * (proposal.high / proposal.low) ** size
+        self._dress(result, proposal, unit(self._seed, f"{name} strength", *keys))
+        return result[self._painted.leaves_room(name, result)]
+
+    def _dress(self, features: Points, proposal: _Proposal, chance: Floats) -> None:
+        """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""
+        properties = self._sketch.properties(proposal.name, 1)
+        radius = features["radius"].astype(np.float64)
+        if proposal.name == "forest":
+            strength = properties["density"] * (0.7 + 0.3 * chance)
+        else:
+            strength = properties["height"] * (radius / proposal.high) ** 0.8 * (0.8 + 0.2 * chance)
+        features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius)
+        for field in ("peakiness", "wavelength", "wind"):
+            features[field] = properties.get(field, 0.0)
+
+
+class _Painted:
+    """What was painted, as the fill sees it: places to keep away from."""
+
+    def __init__(
+        self,
+        sketch: Sketch,
+        painted: Points,
+        river_distance: Callable[[Floats, Floats], Floats] | None,
+        *,
+        fills: tuple[str, ...],
+    ) -> None:
+        self._distance: dict[str, Callable[[Floats, Floats], Floats]] = {}
+        for layer, image in sketch.layers.items():
+            if not any((name, layer) in CLEARANCE for name in fills):
+                continue
+            if layer == "river" and river_distance is not None:
+                self._distance[layer] = river_distance
+            elif image.any():
+                self._distance[layer] = PaintedDistance(image > 0, sketch.pixel_size)
+        self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
+
+    def leaves_room(self, name: str, features: Points) -> Flags:
+        x, y, radius = features["x"], features["y"], features["radius"].astype(np.float64)
+        room = np.ones(len(features), dtype=np.bool_)
+        for layer, distance in self._distance.items():
+            if (name, layer) in CLEARANCE:
+                room &= distance(x, y) > CLEARANCE[name, layer] * radius
+        for other, placed in self._placed.items():
+            factor = SPACING.get((other, name), 0.0)
+            if factor > 0.0 and len(placed) and room.any():
+                reach = factor * float(placed["radius"].max() + radius.max())
+                room &= ~_beaten(features, placed, factor, reach, same=False)
+        return room
+
+
+def _beaten(mine: Points, rivals: Points, factor: float, reach: float, *, same: bool) -> Flags:
+    """Which features have a rival nearer than `factor` times the sum of radii (and, if same, of lower id).
+
+    Ids of the fill are hashes: a lower one is as good as a higher priority.
+    """
+    beaten = np.zeros(len(mine), dtype=np.bool_)
+    if len(mine) == 0 or len(rivals) == 0:
+        return beaten
+    centre = np.array([mine["x"][0], mine["y"][0]])
+    at = np.stack([mine["x"], mine["y"]], axis=-1) - centre
+    others = np.stack([rivals["x"], rivals["y"]], axis=-1) - centre
+    # The tree only proposes pairs, from a little farther than needed; the decision is made on plain numbers
+    # that are the same whichever rectangle was asked for.
+    pairs = cKDTree(at).sparse_distance_matrix(cKDTree(others), reach * 1.001 + 0.01, output_type="ndarray")
+    i, j = pairs["i"], pairs["j"]
+    across, along = mine["x"][i] - rivals["x"][j], mine["y"][i] - rivals["y"][j]
+    radii = mine["radius"][i].astype(np.float64) + rivals["radius"][j].astype(np.float64)
+    near = across * across + along * along < (factor * radii) ** 2
+    if same:
+        near &= rivals["id"][j] < mine["id"][i]
+    beaten[i[near]] = True
+    return beaten
+
+
+def _proposals(sketch: Sketch) -> dict[str, _Proposal]:
+    """One for each type whose density is not 0, in the order in which types give way."""
+    proposals: dict[str, _Proposal] = {}
+    kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of the types before
+    for name, rule in TYPES.items():
+        density = float(sketch.density.get(name, 0.0)) / _KM2
+        if density <= 0.0:
+            continue
+        factor = SPACING.get((name, name), 0.0)
+        high = min(rule.fill_radius, rule.fill_extent * sketch.extent)
+        crowding = density * math.pi * _mean_square(factor, (_SMALLEST, 1.0), (_SMALLEST, 1.0))
+        high = float(np.float32(min(high, math.sqrt(_MOST_CROWDING / crowding))))
+        low = _SMALLEST * high
+        # Proposals that conflict thin out (Matérn): propose as many more as will be lost.
+        lost = density * math.pi * _mean_square(factor, (low, high), (low, high))
+        rate = density * -math.log1p(-lost) / lost
+        for other, (density_of, low_of, high_of) in kept.items():
+            of_other = _mean_square(SPACING.get((other, name), 0.0), (low_of, high_of), (low, high))
+            rate *= math.exp(min(density_of * math.pi * of_other, 1.0))
+        cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
+        cell = min(max(cell, _LEAST_CELL), _MOST_CELL)
+        proposals[name] = _Proposal(name, low, high, cell, rate * cell * cell)
+        kept[name] = (rate, low, high)
+    return proposals
+
+
+def _mean_square(factor: float, one: tuple[float, float], other: tuple[float, float]) -> float:
+    """Mean of (factor · (R₁ + R₂))² for two radii, each log-uniform in its range."""
+    (first, first_square), (second, second_square) = _moments(*one), _moments(*other)
+    return factor**2 * (first_square + second_square + 2.0 * first * second)
+
+
+def _moments(low: float, high: float) -> tuple[float, float]:
+    span = math.log(high / low)
+    return (high - low) / span, (high**2 - low**2) / (2.0 * span)

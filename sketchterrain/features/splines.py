@@ -1,0 +1,91 @@
+"""Centripetal Catmull-Rom splines: no cusps and no loops within a segment (Yuksel et al. 2011)."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.errors import InputError
+
+Floats = npt.NDArray[np.float64]
+
+
+def without_repeats(points: Floats) -> Floats:
+    """Drop points that equal the one before them: a segment needs two different ends."""
+    keep = np.ones(len(points), dtype=np.bool_)
+    keep[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
+    return points[keep]
+
+
+def catmull_rom(points: Floats, u: Floats) -> Floats:
+    """Evaluate the curve through control points.
+
+    Parameters
+    ----------
+    points : (n, d) float64
+        Two or more control points, no two neighbours equal. The ends are continued by reflection.
+    u : (m,) float64
+        Position along the curve, 0 … n - 1: the whole part counts segments.
+
+    Returns
+    -------
+    (m, d) float64. At whole `u` it is the control point, bit for bit.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two points, or two neighbours are equal.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    if points.ndim != 2 or len(points) < 2 or len(without_repeats(points)) < len(points):
+        raise InputError(
+            f"expected two or more points with no two neighbours equal, got an array of shape {points.shape}"
+        )
+    ends = 2.0 * points[[0, -1]] - points[[1, -2]]
+    padded = np.concatenate([ends[:1], points, ends[1:]])
+    segment = np.clip(np.floor(u).astype(np.intp), 0, len(points) - 2)
+    fraction = (np.asarray(u, dtype=np.float64) - segment)[:, None]
+    p0, p1, p2, p3 = (padded[segment + i] for i in range(4))
+    first, middle, last = (_root_chord(a, b) for a, b in ((p0, p1), (p1, p2), (p2, p3)))
+
+    # Barry & Goldman's pyramid, with the knots counted from p1.
+    t = fraction * middle
+    a1 = p1 + (p1 - p0) * (t / first)
+    a2 = p1 + (p2 - p1) * fraction
+    a3 = p2 + (p3 - p2) * ((t - middle) / last)
+    b1 = a1 + (a2 - a1) * ((t + first) / (first + middle))
+    b2 = a2 + (a3 - a2) * (t / (middle + last))
+    curve = b1 + (b2 - b1) * fraction
+    curve = np.where(fraction == 0.0, p1, np.where(fraction == 1.0, p2, curve))
+    return np.asarray(curve)
+
+
+def sample_catmull_rom(points: Floats, step: float) -> tuple[Floats, Floats]:
+    """Sample the curve through control points so that neighbours are at most about `step` apart.
+
+    Parameters
+    ----------
+    points : (n, d) float64
+        As for `catmull_rom`.
+    step : float
+        Wanted distance between samples, in the points' unit.
+
+    Returns
+    -------
+    curve : (m, d) float64
+        Among them every control point, bit for bit.
+    u : (m,) float64
+        Where on the curve each sample is: whole at control points.
+    """
+    chord = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
+    # Two at least, so that a bend between two control points is never cut; 5 % for the arc over its chord.
+    counts = np.maximum(np.ceil(1.05 * chord / step).astype(np.intp), 2)
+    segment = np.repeat(np.arange(len(chord)), counts)
+    within = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
+    u = np.append(segment + within / counts[segment], float(len(chord)))
+    return catmull_rom(points, u), u
+
+
+def _root_chord(a: Floats, b: Floats) -> Floats:
+    squares: Floats = ((b - a) ** 2).sum(axis=1)[:, None]
+    return squares**0.25

@@ -9,7 +9,6 @@ bounded neighbourhood, so that a rectangle's features do not depend on which rec
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -24,6 +23,8 @@ from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.rules import CLEARANCE, SPACING, TYPES
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.skeleton import Skeleton
+if TYPE_CHECKING:
+    from sketchterrain.features.skeleton import Skeleton
 
 Ints = npt.NDArray[np.int64]
 
@@ -76,7 +78,7 @@ def river_ends(skeleton: Skeleton) -> Ints:
 
 
 def exit_normal(skeleton: Skeleton, pixels: Ints, size: tuple[int, int]) -> tuple[float, float] | None:
-    """The sketch's edge that a path runs out over.
+    """Find the sketch's edge that a path runs out over.
 
     Parameters
     ----------

@@ -97,7 +97,7 @@ def _world(sketch: Sketch, skeleton: Skeleton, pixels: npt.NDArray[np.int64]) ->
 
 
 def _courses(sketch: Sketch, skeleton: Skeleton, seed: int, ground: Ground, *, first: int) -> list[_Course]:
-    """The courses of one network, parents first; `first` is the index that the first of them will have."""
+    """Lay out one network, parents first; `first` is the index that its first course will have."""
     reaches = reaches_to(skeleton, _mouth(sketch, skeleton, ground))
     stem = reaches[0].pixels
     if _length(skeleton, stem) <= 2.0 * float(skeleton.depth[stem].max()):
@@ -113,7 +113,7 @@ def _length(skeleton: Skeleton, pixels: npt.NDArray[np.int64]) -> float:
 
 
 def _mouth(sketch: Sketch, skeleton: Skeleton, ground: Ground) -> int:
-    """The lowest end; one at the sketch's edge may lie 10 m and 2 % of the river's length higher."""
+    """Choose the lowest end; one at the sketch's edge may lie 10 m and 2 % of the river's length higher."""
     ends = river_ends(skeleton)
     heights = _heights(ground, _world(sketch, skeleton, ends))
     if len(ends) > 1 and len(skeleton.ends()) > 0:
@@ -158,7 +158,7 @@ def _course(
 def _dab(
     sketch: Sketch, skeleton: Skeleton, pixels: npt.NDArray[np.int64], seed: int, ground: Ground
 ) -> _Course:
-    """A short straight reach over a dab, falling with the ground."""
+    """Lay a short straight reach over a dab, falling with the ground."""
     path = _world(sketch, skeleton, pixels)
     ident = _id(sketch, skeleton, int(np.min(pixels)))
     heading = path[-1] - path[0]
@@ -186,7 +186,7 @@ def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
 def _painted_sizes(
     sketch: Sketch, skeleton: Skeleton, pixels: npt.NDArray[np.int64]
 ) -> tuple[Floats, Floats, int]:
-    """Width and depth (m) that the labels along a path say, smoothed where they change, and the main label."""
+    """Width and depth (m) that the labels along a path say, smoothed; and the label of most of it."""
     labels = sketch.layers["river"][skeleton.rows[pixels], skeleton.columns[pixels]]
     main = int(np.argmax(np.bincount(labels, minlength=256)))
     widths, depths = np.zeros(len(pixels)), np.zeros(len(pixels))

@@ -1,4 +1,4 @@
-"""The rules between types of feature: everything that decides who stands where, in one place to read and edit.
+"""The rules between types of feature: who stands where, in one place to read and edit.
 
 Zaaijer 2013 §4.4 asks for rules that "can be specified and adjusted"; these are ours.
 """
@@ -53,7 +53,7 @@ _ANY = float("inf")
 TYPES: Final[dict[str, TypeRule]] = {
     #                    reach  support       size  var.  slope    fill: radius extent slope
     "mountain": TypeRule(1.5, (0.55, 0.85), 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
-    "hill": TypeRule(1.5, (0.50, 0.80), 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
+    "hill": TypeRule(1.5, (0.40, 0.65), 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
     "dune": TypeRule(1.15, (0.85, 1.00), 0.25, 0.10, _TAN_70, 900.0, 0.20, 0.20),
     "forest": TypeRule(1.15, (0.90, 1.00), 0.00, 0.05, _ANY, 260.0, 0.10, _ANY),
 }

@@ -41,8 +41,8 @@ class Skeleton:
 
     def paths_from(self, root: int) -> tuple[Floats, Ints]:
         """Length (px) of the shortest path from a pixel to each, and each one's next pixel back (or < 0)."""
-        length, before = dijkstra(self.graph, indices=root, return_predecessors=True)
-        return np.asarray(length), np.asarray(before, dtype=np.int64)
+        length, before = dijkstra(self.graph, indices=np.array([root]), return_predecessors=True)
+        return np.asarray(length[0]), np.asarray(before[0], dtype=np.int64)
 
 
 def skeletons(painted: npt.NDArray[np.bool_]) -> tuple[Skeleton, ...]:

@@ -1,12 +1,14 @@
 """Stage 1 (Zaaijer 2013 §4.2): a painted shape becomes point features, its user features.
 
-Summits come first: `multitude` of them, thrown like darts. Support follows: discs along the medial axis that
-cover the shape as far as the fidelity asks, lower than the summits, so that a long range is one ridge.
+Summits come first: `multitude` of them, thrown like darts. Support follows: the largest discs that fill the
+holes between them, as far as the fidelity asks, lower than the summits, so that a long range is one ridge.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +16,9 @@ from scipy import ndimage
 
 from sketchterrain.features.hashing import hashed, smooth_noise, unit
 from sketchterrain.features.rules import LAYER_CODES, TYPES
-from sketchterrain.features.shapes import Shape
+
+if TYPE_CHECKING:
+    from sketchterrain.features.shapes import Shape
 
 USER_FEATURE = np.dtype(
     [
@@ -34,10 +38,12 @@ LEAST_DISC = 1.0
 """Radius (px) of the smallest disc: even a lone pixel must show."""
 
 _DARTS_EACH = 64  # darts thrown for each summit asked for, before giving up
-_CHUNK = 4096  # pixels looked at together when the next free one is sought
+_ROUNDS = 8  # of darts, closer each time; and of looking for holes
+_LEAST_HOLE = 1.0  # px; what is narrower is the raggedness of a brush
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
 
 
 def pixel_id(layer: str, row: Ints, column: Ints, image_width: int) -> npt.NDArray[np.uint64]:
@@ -65,7 +71,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     multitude : int
         How many summits to aim for, 1 or more. Fewer come where the shape has no room; never none.
     fidelity : float
-        0 … 1: how much of the shape the union of the discs shall cover, from 60 % to 98 %.
+        0 … 1: how much of the shape the union of the discs shall cover, from 60 % to 97 %.
     seed : int
         Seed of the terrain.
 
@@ -74,157 +80,159 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     Array of ``USER_FEATURE``, summits first. Depends on nothing but this shape and the arguments.
     """
     mean = mean_size(shape.area, multitude)
-    rows, columns = np.nonzero(shape.mask)
-    depth = shape.depth[rows, columns]
-    disc = np.maximum(np.minimum(depth, 1.25 * mean), LEAST_DISC)
-    at_row, at_column = rows + int(shape.rows.start), columns + int(shape.columns.start)
-    pixel = at_row.astype(np.int64) * shape.image_width + at_column
-    priority = hashed(seed, "dart", LAYER_CODES[shape.layer], shape.label, pixel)
-
-    summits = _summits(shape, rows, columns, depth, disc, priority, mean, multitude)
-    support = _support(shape, rows, columns, disc, priority, summits, fidelity)
+    pixels = _Pixels.of(shape, most=1.25 * mean, seed=seed)
+    summits = _summits(shape, pixels, mean, multitude)
+    support = _support(shape, pixels, summits, fidelity)
     chosen = np.concatenate([summits, support])
 
     result = np.zeros(len(chosen), dtype=USER_FEATURE)
-    result["row"], result["column"] = at_row[chosen], at_column[chosen]
-    result["id"] = pixel_id(shape.layer, at_row[chosen], at_column[chosen], shape.image_width)
+    result["row"] = pixels.row[chosen] + int(shape.rows.start)
+    result["column"] = pixels.column[chosen] + int(shape.columns.start)
+    result["id"] = pixel_id(shape.layer, result["row"], result["column"], shape.image_width)
     result["type"], result["label"] = LAYER_CODES[shape.layer], shape.label
-    result["disc"] = disc[chosen]
+    result["disc"] = pixels.disc[chosen]
     result["summit"][: len(summits)] = True
     result["share"] = _shares(shape, result, seed)
     return result
 
 
-def _summits(
-    shape: Shape,
-    rows: Ints,
-    columns: Ints,
-    depth: Floats,
-    disc: Floats,
-    priority: npt.NDArray[np.uint64],
-    mean: float,
-    multitude: int,
-) -> Ints:
-    """Darts in order of their priority, farther apart first, then closer until there are enough."""
-    deepest = float(depth.max())
-    peak = (shape.depth == ndimage.maximum_filter(shape.depth, size=3, mode="constant"))[rows, columns]
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """A shape's pixels as columns, in reading order: one entry a pixel."""
+
+    row: Ints  # in the bounding box
+    column: Ints
+    depth: Floats  # px
+    disc: Floats  # px, radius of the user feature that would stand here
+    priority: npt.NDArray[np.uint64]  # lowest first
+
+    @classmethod
+    def of(cls, shape: Shape, *, most: float, seed: int) -> _Pixels:
+        row, column = np.nonzero(shape.mask)
+        depth = shape.depth[row, column]
+        index = (row + int(shape.rows.start)).astype(np.int64) * shape.image_width
+        index += column + int(shape.columns.start)
+        return cls(
+            row=row,
+            column=column,
+            depth=depth,
+            disc=np.maximum(np.minimum(depth, most), LEAST_DISC),
+            priority=hashed(seed, "dart", LAYER_CODES[shape.layer], shape.label, index),
+        )
+
+
+def _summits(shape: Shape, pixels: _Pixels, mean: float, multitude: int) -> Ints:
+    """Throw darts in order of priority: far apart first, then closer until there are enough."""
+    depth, deepest = pixels.depth, float(pixels.depth.max())
+    highest = ndimage.maximum_filter(shape.depth, size=3, mode="constant")
+    peak = (shape.depth == highest)[pixels.row, pixels.column]
     usable = (peak & (depth >= 0.75 * min(mean, deepest))) | (depth >= min(mean, 0.9 * deepest))
     darts = np.flatnonzero(usable)
     most = _DARTS_EACH * (multitude + 4)
     if len(darts) > most:
-        darts = darts[np.argpartition(priority[darts], most)[:most]]
-    darts = darts[np.argsort(priority[darts], kind="stable")]
+        darts = darts[np.argpartition(pixels.priority[darts], most)[:most]]
+    darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
 
     # In a thin shape summits stand along a line, so that its length, not its area, spaces them.
     spacing = max(1.7 * mean, 0.6 * shape.area / (2.0 * max(deepest, 0.5) * multitude))
     accepted: list[int] = []
     covered = 0.0
-    for _ in range(6):
+    for _ in range(_ROUNDS):
         free = np.ones(len(darts), dtype=np.bool_)
         for index in accepted:
-            free &= _apart(rows, columns, darts, index, spacing)
+            free &= _apart(pixels, darts, index, spacing)
         while free.any() and len(accepted) < multitude and (covered < shape.area or not accepted):
             index = int(darts[np.argmax(free)])
             accepted.append(index)
-            covered += math.pi * float(disc[index]) ** 2
-            free &= _apart(rows, columns, darts, index, spacing)
+            covered += math.pi * float(pixels.disc[index]) ** 2
+            free &= _apart(pixels, darts, index, spacing)
         if len(accepted) >= multitude or covered >= shape.area:
             break
         spacing *= 0.75
     return np.asarray(accepted, dtype=np.int64)
 
 
-def _apart(rows: Ints, columns: Ints, darts: Ints, index: int, spacing: float) -> npt.NDArray[np.bool_]:
-    down, across = rows[darts] - rows[index], columns[darts] - columns[index]
-    apart: npt.NDArray[np.bool_] = down * down + across * across >= max(spacing * spacing, 1.0)
-    return apart
+def _apart(pixels: _Pixels, darts: Ints, index: int, spacing: float) -> Flags:
+    down = pixels.row[darts] - pixels.row[index]
+    across = pixels.column[darts] - pixels.column[index]
+    return np.asarray(down * down + across * across >= max(spacing * spacing, 1.0))
 
 
-def _support(
-    shape: Shape,
-    rows: Ints,
-    columns: Ints,
-    disc: Floats,
-    priority: npt.NDArray[np.uint64],
-    summits: Ints,
-    fidelity: float,
-) -> Ints:
-    """Discs on the medial axis, largest first, until the union covers what the fidelity asks."""
-    cover = _Cover(shape, rows, columns, disc, fidelity)
+def _support(shape: Shape, pixels: _Pixels, summits: Ints, fidelity: float) -> Ints:
+    """Choose discs for what the summits leave bare, the deepest holes first, until enough is covered."""
+    cover = _Cover(shape, pixels)
     for index in summits:
         cover.add(int(index))
-    candidates = np.flatnonzero(_medial(shape, rows, columns, disc, cover.least_disc))
-    # Steps of a quarter pixel: among discs of about one size the hash decides, not the reading order.
-    order = candidates[np.lexsort((priority[candidates], -np.round(4.0 * disc[candidates])))]
+    bare_at_most = (1.0 - (0.6 + 0.37 * fidelity)) * shape.area
+    least = max(_LEAST_HOLE, 0.35 * math.sqrt(1.0 - fidelity) * float(pixels.disc.max()))
     accepted: list[int] = []
-    position = 0
-    while position < len(order) and not cover.enough:
-        free = ~cover.blocked[order[position : position + _CHUNK]]
-        if not free.any():
-            position += _CHUNK
-            continue
-        position += int(np.argmax(free))
-        index = int(order[position])
-        cover.add(index)
-        accepted.append(index)
-        position += 1
+    for _ in range(_ROUNDS):
+        holes, depths = cover.holes(least)
+        for hole, depth in zip(holes.tolist(), depths.tolist(), strict=True):
+            if cover.bare <= bare_at_most:
+                break
+            if not cover.covered[hole]:
+                accepted.append(cover.patch(hole, depth))
+        if len(holes) == 0 or cover.bare <= bare_at_most:
+            break
     return np.asarray(accepted, dtype=np.int64)
 
 
 class _Cover:
-    """Which of a shape's pixels are covered, and which are no longer worth a disc of their own."""
+    """Which of a shape's pixels the discs chosen so far cover."""
 
-    def __init__(self, shape: Shape, rows: Ints, columns: Ints, disc: Floats, fidelity: float) -> None:
+    def __init__(self, shape: Shape, pixels: _Pixels) -> None:
+        self._pixels = pixels
         self._number = np.full(shape.mask.shape, -1, dtype=np.int64)
-        self._number[rows, columns] = np.arange(len(rows))
-        self._covered = np.zeros(len(rows), dtype=np.bool_)
-        self._rows, self._columns, self._disc = rows, columns, disc
-        self._left = round((1.0 - (0.6 + 0.38 * fidelity)) * len(rows))
-        self._to_cover = len(rows)
-        self._swallow = 1.05 + 0.35 * (1.0 - fidelity)
-        self._spacing = 0.5 + 0.4 * (1.0 - fidelity)
-        self.least_disc = 0.3 * (1.0 - fidelity) * float(disc.max())
-        self.blocked = np.zeros(len(rows), dtype=np.bool_)
-
-    @property
-    def enough(self) -> bool:
-        return self._to_cover <= self._left
+        self._number[pixels.row, pixels.column] = np.arange(shape.area)
+        self._largest = float(pixels.disc.max())
+        self._chosen = np.zeros(shape.area, dtype=np.bool_)
+        self.covered = np.zeros(shape.area, dtype=np.bool_)
+        self.bare = shape.area
 
     def add(self, index: int) -> None:
-        """Cover a pixel's disc; block pixels close to its centre and those whose discs it swallows."""
-        row, column, disc = int(self._rows[index]), int(self._columns[index]), float(self._disc[index])
-        reach = math.ceil(self._swallow * disc + 1.0)
-        window = self._number[
-            max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
-        ]
+        """Cover a pixel's disc."""
+        near, distance = self._around(index, float(self._pixels.disc[index]) + 0.5)
+        newly = near[(distance < self._pixels.disc[index] + 0.5) & ~self.covered[near]]
+        self._chosen[index] = True
+        self.covered[newly] = True
+        self.bare -= len(newly)
+
+    def patch(self, hole: int, depth: float) -> int:
+        """Cover a hole that is `depth` deep at a pixel by the largest disc of the shape that can."""
+        near, distance = self._around(hole, self._largest)
+        able = near[(distance + depth <= self._pixels.disc[near] + 0.5) & ~self._chosen[near]]
+        if len(able) == 0:
+            able = np.array([hole])
+        # Steps of a quarter pixel: among discs of about one size the hash decides, not the reading order.
+        size = np.round(4.0 * self._pixels.disc[able])
+        best = able[size == size.max()]
+        index = int(best[np.argmin(self._pixels.priority[best])])
+        self.add(index)
+        if not self.covered[hole]:
+            self.covered[hole] = True
+            self.bare -= 1
+        return index
+
+    def holes(self, least: float) -> tuple[Ints, Floats]:
+        """Find the deepest pixels of what is bare and how deep they are (px), deepest first."""
+        pixels = self._pixels
+        bare = np.zeros(self._number.shape, dtype=np.bool_)
+        bare[pixels.row, pixels.column] = ~self.covered
+        depth = ndimage.distance_transform_edt(np.pad(bare, 1))[1:-1, 1:-1] - 0.5
+        peak = bare & (depth >= least) & (depth == ndimage.maximum_filter(depth, size=3))
+        found = self._number[peak]
+        order = np.lexsort((pixels.priority[found], -np.round(4.0 * depth[peak])))
+        return found[order], depth[peak][order]
+
+    def _around(self, index: int, radius: float) -> tuple[Ints, Floats]:
+        """Pixels of the shape in a window around one, and how far they are from it."""
+        row, column = int(self._pixels.row[index]), int(self._pixels.column[index])
+        reach = math.ceil(radius)
+        rows, columns = (slice(max(at - reach, 0), at + reach + 1) for at in (row, column))
+        window = self._number[rows, columns]
         near = window[window >= 0]
-        distance = np.hypot(self._rows[near] - row, self._columns[near] - column)
-        newly = near[(distance < disc + 0.5) & ~self._covered[near]]
-        self._covered[newly] = True
-        self._to_cover -= len(newly)
-        swallowed = distance + self._disc[near] <= self._swallow * disc + 0.5
-        self.blocked[near[swallowed | (distance <= self._spacing * disc)]] = True
-
-
-def _medial(
-    shape: Shape, rows: Ints, columns: Ints, disc: Floats, least_disc: float
-) -> npt.NDArray[np.bool_]:
-    """Pixels whose disc no neighbour's disc nearly contains; thinned to a lattice where discs are capped."""
-    size = np.zeros(shape.mask.shape)
-    size[rows, columns] = disc
-    padded = np.pad(size, 1)
-    contained = np.zeros(shape.mask.shape, dtype=np.bool_)
-    height, width = size.shape
-    for down, across in ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1)):
-        neighbour = padded[1 + down : 1 + down + height, 1 + across : 1 + across + width]
-        contained |= neighbour - size >= 0.8 * math.hypot(down, across)
-    largest = float(disc.max())
-    step = max(1, int(largest / 6.0))
-    on_lattice = ((rows + int(shape.rows.start)) % step == 0) & (
-        (columns + int(shape.columns.start)) % step == 0
-    )
-    medial: npt.NDArray[np.bool_] = ~contained[rows, columns] & (disc >= least_disc)
-    return medial & ((disc < largest) | on_lattice)
+        return near, np.hypot(self._pixels.row[near] - row, self._pixels.column[near] - column)
 
 
 def _shares(shape: Shape, features: npt.NDArray[np.void], seed: int) -> Floats:

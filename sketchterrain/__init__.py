@@ -1,1 +1,39 @@
-"""."""
+"""Sketchterrain: paint a rough sketch, get a seamless terrain that does what the sketch says.
+
+>>> import sketchterrain as st
+>>> terrain = st.build(st.load_sketch("valley_river"), seed=7)  # doctest: +SKIP
+>>> terrain.heights(1000.0, 2000.0)  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sketchterrain.sketch import Sketch, load_sketch, new_sketch, save_sketch
+    from sketchterrain.terrain import MATERIALS, SPECIES, Terrain, Tile, build
+
+__all__ = [
+    "MATERIALS",
+    "SPECIES",
+    "Sketch",
+    "Terrain",
+    "Tile",
+    "build",
+    "load_sketch",
+    "new_sketch",
+    "save_sketch",
+]
+
+_ROOM = {
+    **dict.fromkeys(("Sketch", "load_sketch", "new_sketch", "save_sketch"), "sketchterrain.sketch"),
+    **dict.fromkeys(("MATERIALS", "SPECIES", "Terrain", "Tile", "build"), "sketchterrain.terrain"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a room only when something of it is wanted: importing the package loads no OpenCL, GL or Qt."""
+    if name not in _ROOM:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_ROOM[name]), name)

@@ -1,1 +1,6 @@
-"""."""
+"""Devices, contexts, programs and buffers. The only room that imports pyopencl."""
+
+from sketchterrain.compute.context import ComputeContext, KernelTime
+from sketchterrain.compute.device import Device, choose_device, list_devices
+
+__all__ = ["ComputeContext", "Device", "KernelTime", "choose_device", "list_devices"]

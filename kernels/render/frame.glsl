@@ -1,0 +1,68 @@
+// What all passes of a frame share. Positions are metres relative to the eye, x east, y north, z up.
+#define PI 3.14159265358979
+
+layout(std140) uniform Frame {
+    mat4 to_clip;      // relative position → clip space
+    mat4 from_clip;
+    vec4 eye;          // xy: m modulo the texture period; z: m above sea level; w: s, clock
+    vec4 to_sun;       // xyz: unit vector; w: unused
+    vec4 sun_light;    // rgb: irradiance on a surface that faces the sun; w: exposure
+    vec4 sky_light[9]; // rgb: irradiance from sky and ground, spherical harmonics, cosine lobe folded in
+    vec4 haze;         // rgb: extinction at base height, 1/m; w: scale height, m
+    vec4 reach;        // x: draw distance, m; y: base height of the haze, m; zw: framebuffer size, px
+    vec4 near_map;     // xy: south-west corner relative to the eye, m; z: 1/width, 1/m; w: texel, m
+    vec4 far_map;
+    mat4 to_shade[2];  // relative position → clip space of the tree shadow maps, near and far
+    vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; zw: unused
+};
+
+uniform sampler2D sky_view;    // sky radiance by direction (sky_view.frag.glsl)
+uniform sampler2D near_light;  // r: sun visibility, g: sky visibility, b: forest, a: unused
+uniform sampler2D far_light;
+
+// Irradiance from sky and ground on a surface of normal n (Ramamoorthi & Hanrahan 2001).
+vec3 sky_irradiance(vec3 n)
+{
+    return max(vec3(0.0),
+        sky_light[0].rgb + sky_light[1].rgb * n.y + sky_light[2].rgb * n.z + sky_light[3].rgb * n.x
+        + sky_light[4].rgb * (n.x * n.y) + sky_light[5].rgb * (n.y * n.z)
+        + sky_light[6].rgb * (3.0 * n.z * n.z - 1.0) + sky_light[7].rgb * (n.x * n.z)
+        + sky_light[8].rgb * (n.x * n.x - n.y * n.y));
+}
+
+// Radiance of the clear sky in a direction at or above the horizon.
+vec3 clear_sky(vec3 direction)
+{
+    float elevation = asin(clamp(direction.z, 0.0, 1.0));
+    vec2 flat_view = direction.xy / max(length(direction.xy), 1e-6);
+    vec2 flat_sun = to_sun.xy / max(length(to_sun.xy), 1e-6);
+    float azimuth = acos(clamp(dot(flat_view, flat_sun), -1.0, 1.0));
+    vec2 size = vec2(textureSize(sky_view, 0));
+    vec2 at = vec2(azimuth / PI, sqrt(elevation / (0.5 * PI)));
+    return texture(sky_view, (at * (size - 1.0) + 0.5) / size).rgb;
+}
+
+// Aerial perspective: what the air between the eye and a point at a relative position takes away and adds.
+// The air's density falls off exponentially with height; its light is that of the sky near the horizon.
+vec3 through_air(vec3 radiance, vec3 position)
+{
+    float distance = length(position);
+    vec3 direction = position / max(distance, 1e-3);
+    float rise = position.z / haze.w;
+    float mean_density = exp(-(eye.z - reach.y) / haze.w) * (abs(rise) < 1e-3 ? 1.0 : (1.0 - exp(-rise)) / rise);
+    vec3 clear = exp(-haze.rgb * (distance * mean_density));
+    clear *= 1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x);
+    vec3 low = normalize(vec3(direction.xy, max(direction.z * 0.6, 0.015)));
+    return mix(clear_sky(low), radiance, clear);
+}
+
+vec4 ground_light(vec2 place)
+{
+    vec2 near_uv = (place - near_map.xy) * near_map.z;
+    vec2 far_uv = (place - far_map.xy) * far_map.z;
+    vec2 margin = abs(near_uv - 0.5);
+    float outside = smoothstep(0.45, 0.49, max(margin.x, margin.y));
+    if (outside >= 1.0) return texture(far_light, far_uv);
+    if (outside <= 0.0) return texture(near_light, near_uv);
+    return mix(texture(near_light, near_uv), texture(far_light, far_uv), outside);
+}

@@ -1,0 +1,165 @@
+"""Which OpenCL devices there are, and which one does the work."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from sketchterrain.compute.drivers import all_drivers_visible
+from sketchterrain.errors import DeviceError
+
+with all_drivers_visible():
+    import pyopencl as cl
+
+    try:
+        _PLATFORMS = tuple(cl.get_platforms())
+    except cl.LogicError:  # the loader's way to say that there is no driver at all
+        _PLATFORMS = ()
+
+__all__ = ["Device", "choose_device", "list_devices"]
+
+_TYPES = {cl.device_type.GPU: "GPU", cl.device_type.CPU: "CPU", cl.device_type.ACCELERATOR: "accelerator"}
+_INSTALL_HINT = (
+    "no OpenCL device found: install a GPU driver, or a CPU driver with "
+    "pip install 'sketchterrain[cpu]' or apt install pocl-opencl-icd"
+)
+
+
+@dataclass(frozen=True)
+class Device:
+    """One OpenCL device, as listed by ``sketchterrain devices``.
+
+    Attributes
+    ----------
+    index : int
+        Position in the list, 0 for the preferred device.
+    name, platform, driver, version : str
+        As the driver reports them.
+    type : {'GPU', 'CPU', 'accelerator'}
+    memory_bytes : int
+        Global memory.
+    compute_units : int
+    has_double : bool
+        Whether it can run the float64 builds of the kernels.
+    gl_sharing : str
+        How vertex buffers reach OpenGL: ``'extension'``, ``'mapped'`` (host memory) or ``'copy'``.
+    handle : object
+        The pyopencl device.
+    """
+
+    index: int
+    name: str
+    platform: str
+    driver: str
+    version: str
+    type: str
+    memory_bytes: int
+    compute_units: int
+    has_double: bool
+    gl_sharing: str
+    handle: Any
+
+
+@cache
+def list_devices() -> tuple[Device, ...]:
+    """Return every OpenCL device, the preferred first: GPU, then Intel's CPU runtime, then others."""
+    found = [handle for platform in _PLATFORMS for handle in _devices_of(platform)]
+    found.sort(key=_preference)
+    return tuple(_describe(index, handle) for index, handle in enumerate(found))
+
+
+def choose_device(selector: str | None = None) -> Device:
+    """Return the device to work on.
+
+    Parameters
+    ----------
+    selector
+        An index of :func:`list_devices`, or a part of a device's or platform's name. ``None`` takes
+        ``PYOPENCL_CTX`` (``"platform"`` or ``"platform:device"``, each a number or a part of a name) if that
+        is set, else the preferred device.
+
+    Raises
+    ------
+    DeviceError
+        If there is no device, or none that fits the selector.
+    """
+    devices = list_devices()
+    if not devices:
+        raise DeviceError(_INSTALL_HINT)
+    if selector is not None:
+        fitting = [d for d in devices if _fits(d, selector)]
+        origin = f"--device {selector}"
+    elif os.environ.get("PYOPENCL_CTX"):
+        fitting = _by_pyopencl_ctx(os.environ["PYOPENCL_CTX"], devices)
+        origin = f"PYOPENCL_CTX={os.environ['PYOPENCL_CTX']}"
+    else:
+        return devices[0]
+    if not fitting:
+        names = "; ".join(f"{d.index}: {d.name} ({d.platform})" for d in devices)
+        raise DeviceError(f"no OpenCL device fits {origin}; there are {names}")
+    return fitting[0]
+
+
+def _devices_of(platform: Any) -> list[Any]:
+    try:
+        return list(platform.get_devices())
+    except cl.Error:  # a driver without a device of its kind, or a broken one, must not hide the others
+        return []
+
+
+def _preference(handle: Any) -> tuple[int, int]:
+    if handle.type & cl.device_type.GPU:
+        return 0, -int(handle.max_compute_units)
+    if "Intel" in handle.platform.name:
+        return 1, 0
+    return (2 if "Portable" in handle.platform.name else 3), 0
+
+
+def _describe(index: int, handle: Any) -> Device:
+    kind = next((name for bit, name in _TYPES.items() if handle.type & bit), "other")
+    extensions = handle.extensions.split()
+    # Where host memory is device memory, a kernel can write into a mapped vertex buffer.
+    without_extension = "mapped" if kind == "CPU" else "copy"
+    return Device(
+        index=index,
+        name=handle.name.strip(),
+        platform=handle.platform.name.strip(),
+        driver=handle.driver_version.strip(),
+        version=handle.version.strip(),
+        type=kind,
+        memory_bytes=int(handle.global_mem_size),
+        compute_units=int(handle.max_compute_units),
+        has_double="cl_khr_fp64" in extensions,
+        gl_sharing="extension" if "cl_khr_gl_sharing" in extensions else without_extension,
+        handle=handle,
+    )
+
+
+def _fits(device: Device, selector: str) -> bool:
+    if selector.isdigit():
+        return device.index == int(selector)
+    return selector.lower() in f"{device.name} {device.platform}".lower()
+
+
+def _by_pyopencl_ctx(setting: str, devices: tuple[Device, ...]) -> list[Device]:
+    """Devices that ``PYOPENCL_CTX`` names, by pyopencl's own numbering of platforms and devices."""
+    platform_part, _, device_part = setting.partition(":")
+    fitting = []
+    for number, platform in enumerate(_PLATFORMS):
+        if not _names(platform_part, number, platform.name):
+            continue
+        handles = _devices_of(platform)
+        fitting += [
+            d
+            for i, h in enumerate(handles)
+            if _names(device_part, i, h.name)
+            for d in devices
+            if d.handle == h
+        ]
+    return fitting
+
+
+def _names(part: str, number: int, name: str) -> bool:
+    return part == "" or (int(part) == number if part.isdigit() else part.lower() in name.lower())

@@ -1,0 +1,73 @@
+"""From a sketch to a recipe, and from a recipe to a terrain one can ask."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sketchterrain.compute import ComputeContext
+from sketchterrain.features import Fill, place, trace_rivers
+from sketchterrain.terrain.balance import balanced
+from sketchterrain.terrain.centrelines import valley_reach
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.reference import reference_heights
+from sketchterrain.terrain.terrain import Terrain
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from sketchterrain.sketch import Sketch
+
+__all__ = ["build", "make_recipe"]
+
+# Rivers see the ground as samples so far apart would: its lie, not its stones.
+_RIVER_CELLS_PER_EXTENT = 256
+
+
+def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeContext | None = None) -> Terrain:
+    """Place a sketch's features and open a device; no part of the terrain is computed yet.
+
+    Parameters
+    ----------
+    sketch
+    seed
+        In place of the sketch's own.
+    device
+        An open :class:`~sketchterrain.compute.ComputeContext`, or a selector as for
+        :func:`~sketchterrain.compute.choose_device`.
+
+    Raises
+    ------
+    DeviceError
+        If there is no such device.
+    """
+    context = device if isinstance(device, ComputeContext) else ComputeContext(device)
+    if seed is not None:
+        sketch = sketch.replace(seed=seed)
+    return Terrain(sketch, make_recipe(sketch), context)
+
+
+def make_recipe(sketch: Sketch) -> TerrainRecipe:
+    """Place the features of a sketch; plain NumPy, no device is needed.
+
+    Rivers come last: they run down the ground that the other features make.
+    """
+    painted = place(sketch, seed=sketch.seed)
+    dry = TerrainRecipe(
+        extent=sketch.extent,
+        seed=sketch.seed,
+        fidelity=sketch.fidelity,
+        ground=sketch.ground,
+        climate=sketch.climate,
+        painted=balanced(painted),
+        fill=Fill(sketch, painted, seed=sketch.seed),
+    )
+    cell = sketch.extent / _RIVER_CELLS_PER_EXTENT
+
+    def ground(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return reference_heights(dry, x, y, cell_size=cell)
+
+    rivers = trace_rivers(sketch, seed=sketch.seed, ground=ground)
+    reach = tuple(valley_reach(river, ground(*river.centreline[:, :2].T)) for river in rivers)
+    return replace(dry, rivers=rivers, river_reach=reach)

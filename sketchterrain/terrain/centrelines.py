@@ -1,0 +1,84 @@
+"""River centrelines as few straight pieces, and how far their valleys reach."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.features import River
+
+__all__ = ["simplified", "valley_reach"]
+
+# Straight pieces stay within this share of the width of the curve, and of the depth of its surface.
+_TOLERANCE = 0.01
+_SMALLEST_TOLERANCE = 0.02  # m
+_FLOODPLAIN_WIDTHS = 4.0
+_SMALLEST_REACH = 30.0  # m
+_VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
+_LARGEST_REACH = 900.0  # m
+
+
+def valley_reach(river: River, ground: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return how far a river shapes the ground on each side, at each point of its centreline.
+
+    Parameters
+    ----------
+    river
+    ground
+        Height of the ground without rivers along the centreline, shape (m,), m. The deeper the river lies
+        below it, the wider the valley.
+
+    Returns
+    -------
+    ndarray of float64, shape (m,)
+        Metres.
+    """
+    cut = np.maximum(ground - river.centreline[:, 2], 0)
+    width = river.centreline_width.astype(np.float64)
+    reach = np.maximum(_FLOODPLAIN_WIDTHS * width, _SMALLEST_REACH) + _VALLEY_RUN_PER_DEPTH * cut
+    step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
+    smooth = gaussian_filter1d(reach, sigma=max(float(np.median(reach)) / max(step, 1e-3) / 2, 1.0))
+    return np.minimum(smooth, _LARGEST_REACH)
+
+
+def simplified(river: River, reach: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the points of the centreline that straight pieces need (Douglas & Peucker 1973).
+
+    Returns
+    -------
+    ndarray of float64, shape (k, 6)
+        x, y (m), water surface (m), half width (m), depth (m), reach (m); upstream first.
+    """
+    line = np.column_stack(
+        [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), reach]
+    )
+    tolerance = max(_TOLERANCE * float(river.centreline_width.min()), _SMALLEST_TOLERANCE)
+    # The reach only widens a blend: a tenth of the care for position will do.
+    weighted = line * np.array([1, 1, 1, 1, 1, 0.02])
+    return line[_douglas_peucker(weighted, tolerance)]
+
+
+def _douglas_peucker(line: npt.NDArray[np.float64], tolerance: float) -> npt.NDArray[np.bool_]:
+    """Which points to keep so that every other one is within the tolerance of the piece that replaces it."""
+    keep = np.zeros(len(line), dtype=bool)
+    keep[[0, -1]] = True
+    ranges = [(0, len(line) - 1)]
+    while ranges:
+        first, last = ranges.pop()
+        if last - first < 2:
+            continue
+        chord = line[last] - line[first]
+        inner = line[first + 1 : last] - line[first]
+        t = np.clip(np.sum(inner * chord, axis=1) / max(float(np.sum(chord**2)), 1e-12), 0, 1)
+        distance = np.sqrt(np.sum((inner - t[:, None] * chord) ** 2, axis=1))
+        worst = int(np.argmax(distance))
+        if distance[worst] > tolerance:
+            middle = first + 1 + worst
+            keep[middle] = True
+            ranges += [(first, middle), (middle, last)]
+    return keep

@@ -1,0 +1,113 @@
+"""Which plants stand where: Poisson-disk places, thinned by forest, slope, height and water."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.features.hashing import unit
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.poisson import poisson_disk
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.evaluation import Evaluator
+
+    Reals = npt.NDArray[np.float64]
+
+__all__ = ["PLANT", "SPECIES", "FoliageSampler"]
+
+SPECIES = ("conifer", "broadleaf", "shrub")
+"""Names of the species, in the order of the ``species`` field."""
+
+PLANT = np.dtype(
+    [("x", "f8"), ("y", "f8"), ("z", "f4"), ("species", "u1"), ("scale", "f4"), ("rotation", "f4")]
+)
+"""One plant: position (m), ground height (m), index into ``SPECIES``, size (1 is grown), radians."""
+
+_SPACING = 5.0  # m between plants, at least
+_LONE_PLANTS = 0.014  # share of places outside forests that bear a plant where it is not dry
+_STEEPEST = 1.0  # rise over run on which trees hold
+_WATERSIDE = 0.7  # river mask from which on it is too wet
+_MASK_CELL = 2.0  # m: how finely forests and banks are told apart
+_CONIFER_BELT = 450.0  # m below the tree line in which conifers take over
+
+
+class FoliageSampler:
+    """Plants of a recipe on a device."""
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._evaluator = evaluator
+        self._recipe = evaluator.recipe
+
+    def within(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
+        """Return the plants of a rectangle in metres; see :meth:`Terrain.foliage`."""
+        corners = to_lattice([west, south, east, north], self._recipe.extent)
+        if west > east or south > north:
+            raise InputError(
+                f"expected west ≤ east and south ≤ north, got {west:g}, {south:g}, {east:g}, {north:g}"
+            )
+        area = (int(corners[0]), int(corners[1]), int(corners[2]), int(corners[3]))
+        metre = 1 / metres_per_unit(self._recipe.extent)
+        places = poisson_disk(
+            self._evaluator.context, area, max(round(_SPACING * metre), 2), seed=self._recipe.seed
+        )
+        if not len(places):
+            return np.zeros(0, PLANT)
+        x, y = places.T
+        # The draws first, against what there can be at most: most places bear nothing and cost no height.
+        _, masks = self._evaluator.points(x, y, cell_size=_MASK_CELL)
+        kept = self._draw("presence", x, y) < self._most_plants(masks)
+        x, y, masks = x[kept], y[kept], masks[kept]
+        step = max(round(metre), 1)
+        z = self._heights(x, y)
+        steepness = np.hypot(self._heights(x + step, y) - z, self._heights(x, y + step) - z) / (step / metre)
+        kept = self._draw("hold", x, y) < self._hold(z, steepness, masks)
+        return self._plants(x[kept], y[kept], z[kept], masks[kept])
+
+    def _heights(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]) -> Reals:
+        height, _ = self._evaluator.points(x, y, cell_size=0.0)
+        return height.astype(np.float64)
+
+    def _most_plants(self, masks: npt.NDArray[Any]) -> Reals:
+        """Share of places, 0 … 1, that bear a plant on level ground in a mild climate."""
+        _, dune, forest, _ = masks.T.astype(np.float64)
+        lone = _LONE_PLANTS * (1 - self._recipe.climate["aridity"]) * (1 - dune)
+        return np.asarray(np.maximum(forest, lone))
+
+    def _hold(self, z: Reals, steepness: Reals, masks: npt.NDArray[Any]) -> Reals:
+        """Share of those plants, 0 … 1, that the slope, the height and the water leave."""
+        tree_line = self._recipe.climate["tree_line"]
+        hold = 1 - _ramp(steepness, _STEEPEST - 0.25, _STEEPEST)
+        warm = 1 - _ramp(z, tree_line - 60, tree_line + 60)
+        return np.asarray(hold * warm * (masks[:, 3] < _WATERSIDE))
+
+    def _plants(
+        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], z: Reals, masks: npt.NDArray[Any]
+    ) -> npt.NDArray[np.void]:
+        climate = self._recipe.climate
+        forest = masks[:, 2].astype(np.float64)
+        belt = _ramp(z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
+        conifers = 0.22 + 0.78 * belt
+        # Shrubs stand in the open, at forest edges and where it is dry.
+        shrubs = np.clip(0.08 + 0.5 * climate["aridity"] + 0.3 * (forest < 0.25), 0, 1)
+        tree = np.where(self._draw("conifer", x, y) < conifers, 0, 1)
+        species = np.where(self._draw("shrub", x, y) < shrubs, 2, tree)
+        plants = np.zeros(x.size, PLANT)
+        unit_m = metres_per_unit(self._recipe.extent)
+        plants["x"], plants["y"], plants["z"] = x * unit_m, y * unit_m, z
+        plants["species"] = species
+        plants["scale"] = 0.65 + 0.6 * self._draw("scale", x, y) ** 2
+        plants["rotation"] = 2 * np.pi * self._draw("rotation", x, y)
+        return plants
+
+    def _draw(self, stream: str, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]) -> Reals:
+        """One number in [0, 1) for each place."""
+        return unit(self._recipe.seed, f"plant {stream}", x, y)
+
+
+def _ramp(x: Reals, low: float, high: float) -> Reals:
+    return np.asarray(np.clip((x - low) / (high - low), 0, 1))

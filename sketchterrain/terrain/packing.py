@@ -1,0 +1,204 @@
+"""A recipe as the arrays the kernels read (``kernels/world.clh``), for one cell size."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.terrain.centrelines import simplified
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.octaves import band_weight, octave_table
+from sketchterrain.terrain.recipe import FINEST_CELL
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.features.catalogue import Points
+    from sketchterrain.terrain.octaves import OctaveTable
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+__all__ = ["PackedFeatures", "PackedRivers", "PackedWorld", "pack_features", "pack_rivers", "pack_world"]
+
+# The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
+_GROUND_SPAN = 1.8
+_RIDGE_DEPTH = 0.8
+_RIDGE_MEAN = 0.64
+_RIDGE_WARP = 0.3
+# Ridges push outlines further than the warp does; the noise stays within [-1, 1].
+_SPUR_WARPS = 2.0
+_FRACTION_BITS = 24
+_DIRECTION_BITS = 11
+_SLOTS = ("mountain", "hill", "forest")
+
+
+@dataclass(frozen=True)
+class PackedWorld:
+    """Scalars and octaves for one cell size.
+
+    Attributes
+    ----------
+    scalars : structured ndarray, shape (1,)
+        ``World`` of ``kernels/world.clh``.
+    styles : structured ndarray
+        ``DuneStyle``, at least one row.
+    climate : ndarray, shape (4,)
+        ``Climate`` of ``kernels/materials.clh``.
+    octaves : OctaveTable
+    """
+
+    scalars: npt.NDArray[np.void]
+    styles: npt.NDArray[np.void]
+    climate: npt.NDArray[np.floating]
+    octaves: OctaveTable
+
+
+@dataclass(frozen=True)
+class PackedFeatures:
+    """Features that may reach the blocks of one launch, in the order of their ids.
+
+    Attributes
+    ----------
+    at : ndarray of int64, shape (n, 2)
+        Centres, lattice units.
+    shape : ndarray of float64, shape (n, 4)
+        1/radius (1/m), strength, peakiness, 0.
+    support : ndarray of float64, shape (n,)
+        Metres from the centre beyond which there is no effect.
+    slot : ndarray of int64, shape (n,)
+        Kind of feature, the index of its list in a block.
+    """
+
+    at: npt.NDArray[np.int64]
+    shape: npt.NDArray[np.float64]
+    support: npt.NDArray[np.float64]
+    slot: npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class PackedRivers:
+    """Straight pieces of all centrelines (``Rivers`` of ``kernels/world.clh``).
+
+    Attributes
+    ----------
+    start : ndarray of int64, shape (n, 2)
+        Upstream ends, lattice units.
+    along, up, down : ndarray of float64, shape (n, 4)
+    """
+
+    start: npt.NDArray[np.int64]
+    along: npt.NDArray[np.float64]
+    up: npt.NDArray[np.float64]
+    down: npt.NDArray[np.float64]
+
+
+def effective_cell(cell_size: float) -> float:
+    """Return the cell size that is really told apart: not below what shows every octave."""
+    return max(cell_size, FINEST_CELL)
+
+
+def pack_world(recipe: TerrainRecipe, cell_size: float, *, real: npt.DTypeLike) -> PackedWorld:
+    """Return the scalars and octaves of a recipe, with ``real`` for the kernels' REAL."""
+    cell = effective_cell(cell_size)
+    octaves = octave_table(recipe.stacks, extent=recipe.extent, seed=recipe.seed, cell_size=cell)
+    unit = metres_per_unit(recipe.extent)
+    reals = {
+        "metres_per_unit": unit,
+        "inverse_cell": 1 / cell,
+        "half_relief": recipe.ground["relief"] / 2 * _GROUND_SPAN,
+        "warp": recipe.warp,
+        "ridge_depth": _RIDGE_DEPTH,
+        "ridge_mean": _RIDGE_MEAN,
+        "ridge_warp": _RIDGE_WARP * recipe.ridge_wavelength / unit,
+        "spur": _SPUR_WARPS * recipe.warp,
+    }
+    integers = {}
+    for name, (first, last) in octaves.ranges.items():
+        integers[f"{name}_first"], integers[f"{name}_last"] = first, last
+    integers |= {"dune_styles": len(recipe.dune_styles), "unused": 0}
+    dtype = np.dtype([(name, real) for name in reals] + [(name, np.int32) for name in integers], align=True)
+    scalars = np.array([(*reals.values(), *integers.values())], dtype=dtype)
+    climate = [recipe.climate["snow_line"], recipe.climate["tree_line"], recipe.climate["aridity"], 0.0]
+    return PackedWorld(scalars, _pack_styles(recipe, cell, real), np.array(climate, dtype=real), octaves)
+
+
+def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> npt.NDArray[np.void]:
+    names = ("east", "north", "period_bits", "unused", "unit", "visible")
+    kinds = (np.int64, np.int64, np.int32, np.int32, real, real)
+    rows = []
+    unit = metres_per_unit(recipe.extent)
+    for wavelength, wind in recipe.dune_styles:
+        # Crests stand across the wind. Scale the direction so that a wavelength is a power of two.
+        units = wavelength / unit
+        bits = int(np.ceil(np.log2(units))) + _DIRECTION_BITS
+        bits = max(bits, _FRACTION_BITS)
+        scale = 2.0**bits / units
+        towards = np.deg2rad(wind + 180)
+        direction = (round(np.sin(towards) * scale), round(np.cos(towards) * scale))
+        visible = band_weight(wavelength, cell)
+        rows.append((*direction, bits, 0, 2.0**-_FRACTION_BITS, visible))
+    dtype = np.dtype(list(zip(names, kinds, strict=True)), align=True)
+    return np.array(rows or [(0, 0, _FRACTION_BITS, 0, 0.0, 0.0)], dtype=dtype)
+
+
+def support_radii(recipe: TerrainRecipe) -> float:
+    """Return how many of its radii a feature can reach.
+
+    The warp moves a point by up to its length in each direction, and a spur adds to that.
+    """
+    return float(1 + (np.sqrt(2) + _SPUR_WARPS) * recipe.warp)
+
+
+def slot_count(recipe: TerrainRecipe) -> int:
+    """Return the number of kinds of feature lists a block has."""
+    return len(_SLOTS) + len(recipe.dune_styles)
+
+
+def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> PackedFeatures:
+    """Return the features as the kernels want them, without those too small for the cell size.
+
+    Features narrower than two cells fade out: strength × (0 at a radius of one cell … 1 at two).
+    """
+    cell = effective_cell(cell_size)
+    radius = features["radius"].astype(np.float64)
+    fade = np.clip(radius / cell - 1, 0, 1)
+    fade = fade * fade * (3 - 2 * fade)
+    kept = fade > 0
+    features, radius, fade = features[kept], radius[kept], fade[kept]
+    shape = np.zeros((features.size, 4))
+    shape[:, 0] = 1 / radius
+    shape[:, 1] = features["strength"] * fade
+    shape[:, 2] = features["peakiness"]
+    at = to_lattice(np.stack([features["x"], features["y"]], axis=-1), recipe.extent)
+    # A little more for rounding.
+    support = radius * support_radii(recipe) * (1 + 1e-5) + 2 * metres_per_unit(recipe.extent)
+    return PackedFeatures(at, shape, support, _slots(recipe, features))
+
+
+def _slots(recipe: TerrainRecipe, features: Points) -> npt.NDArray[np.int64]:
+    slot = np.empty(features.size, dtype=np.int64)
+    for number, name in enumerate(_SLOTS):
+        slot[features["type"] == FEATURE_TYPES.index(name)] = number
+    is_dune = features["type"] == FEATURE_TYPES.index("dune")
+    for number, (wavelength, wind) in enumerate(recipe.dune_styles):
+        of_style = is_dune & (features["wavelength"] == wavelength) & (features["wind"] == wind)
+        slot[of_style] = len(_SLOTS) + number
+    return slot
+
+
+def pack_rivers(recipe: TerrainRecipe) -> PackedRivers:
+    """Return the rivers' centrelines as few straight pieces, within a hundredth of the width of the curve."""
+    pieces = [
+        simplified(river, reach) for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True)
+    ]
+    if not pieces:
+        return PackedRivers(np.zeros((0, 2), np.int64), *(np.zeros((0, 4)) for _ in range(3)))
+    starts, ends = (np.concatenate([p[part] for p in pieces]) for part in (slice(-1), slice(1, None)))
+    start, end = to_lattice(starts[:, :2], recipe.extent), to_lattice(ends[:, :2], recipe.extent)
+    vector = (end - start) * metres_per_unit(recipe.extent)
+    length2 = np.sum(vector**2, axis=1)
+    kept = length2 > 0
+    along = np.column_stack([vector, 1 / np.where(kept, length2, 1), np.sqrt(length2)])
+    return PackedRivers(start[kept], along[kept], starts[kept, 2:], ends[kept, 2:])

@@ -1,0 +1,122 @@
+"""The terrain as a value: everything that its heights depend on, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.terrain.octaves import FINEST_WAVELENGTH, NoiseStack
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sketchterrain.features import River
+    from sketchterrain.features.catalogue import Points
+
+__all__ = ["FeatureSource", "NoFill", "TerrainRecipe"]
+
+FINEST_CELL = FINEST_WAVELENGTH / 4
+"""Cell size that shows every octave, m: finer ones see the same terrain."""
+
+_DEFAULT_RIDGE_WAVELENGTH = 700.0
+# Dunes' crests wander over some lengths of a wave.
+_CRESTS_PER_WAVELENGTH = 4.5
+_DEFAULT_DUNE_WAVELENGTH = 140.0
+
+
+class FeatureSource(Protocol):
+    """Features of unpainted ground: a pure function of the place."""
+
+    max_radius: float
+
+    def within(
+        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
+    ) -> Points:
+        """Return the features whose centre lies in the rectangle (m), sorted by id."""
+        ...
+
+
+class NoFill:
+    """Unpainted ground without features."""
+
+    max_radius = 0.0
+
+    def within(
+        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
+    ) -> Points:
+        """Return no features."""
+        from sketchterrain.features.catalogue import FEATURE
+
+        return np.zeros(0, dtype=FEATURE)
+
+
+@dataclass(frozen=True, eq=False)
+class TerrainRecipe:
+    """A terrain. The same recipe gives the same heights wherever and in whatever pieces it is evaluated.
+
+    Attributes
+    ----------
+    extent : float
+        Metres along the sketch's longer side.
+    seed : int
+    fidelity : float
+        0 … 1; outlines wander less towards 1.
+    ground, climate : mapping
+        The sketch's [ground] and [climate] parameters.
+    painted : structured ndarray
+        Placed features (dtype ``FEATURE``), sorted by id.
+    fill : FeatureSource
+        Features of unpainted ground.
+    rivers : tuple of River
+    river_reach : tuple of ndarray
+        For each river how far its valley reaches from the centreline at each of its points, m.
+    """
+
+    extent: float
+    seed: int
+    fidelity: float
+    ground: Mapping[str, float]
+    climate: Mapping[str, float]
+    painted: Points
+    fill: FeatureSource
+    rivers: tuple[River, ...] = ()
+    river_reach: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()
+
+    @property
+    def warp(self) -> float:
+        """How far outlines of features wander, in radii."""
+        return 0.34 - 0.2 * self.fidelity
+
+    @property
+    def ridge_wavelength(self) -> float:
+        """Wavelength of the mountains' main ridges, m: nearly the width of a typical mountain."""
+        radii = self.painted["radius"][self.painted["type"] == FEATURE_TYPES.index("mountain")]
+        return 1.8 * float(np.median(radii)) if radii.size else _DEFAULT_RIDGE_WAVELENGTH
+
+    @property
+    def dune_styles(self) -> tuple[tuple[float, float], ...]:
+        """Distinct (wavelength in m, wind in degrees) of the dunes, sorted."""
+        dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]
+        return tuple(sorted({(float(d["wavelength"]), float(d["wind"])) for d in dunes} | self._fill_styles))
+
+    @property
+    def _fill_styles(self) -> set[tuple[float, float]]:
+        return set(getattr(self.fill, "dune_styles", ()))
+
+    @property
+    def stacks(self) -> tuple[NoiseStack, ...]:
+        """The noises the terrain is made of."""
+        outline = self.extent / 5
+        dunes = [wavelength for wavelength, _ in self.dune_styles]
+        crest = _CRESTS_PER_WAVELENGTH * (dunes[0] if dunes else _DEFAULT_DUNE_WAVELENGTH)
+        return (
+            NoiseStack("ground", self.ground["wavelength"], self.ground["roughness"]),
+            NoiseStack("warp_u", outline, 0.55, most=6),
+            NoiseStack("warp_v", outline, 0.55, most=6),
+            NoiseStack("ridge", self.ridge_wavelength, 0.46),
+            NoiseStack("crest", crest, 0.42, most=4),
+            NoiseStack("mottle", self.extent / 12, 0.62, most=8),
+        )

@@ -1,0 +1,250 @@
+"""The terrain in plain NumPy float64: what the kernels are measured against.
+
+Also what places rivers on the ground before any device is opened. Only + - * / and sqrt are used, so that the
+result is the same on every machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.terrain.culling import features_near
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.packing import pack_features, pack_rivers, pack_world
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.octaves import OctaveTable
+    from sketchterrain.terrain.packing import PackedFeatures, PackedRivers
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+    Reals = npt.NDArray[np.float64]
+    Lattice = npt.NDArray[np.int64]
+
+__all__ = ["ReferenceGround", "fbm", "reference_ground", "reference_heights", "simplex"]
+
+_UNSKEW = (375 / 1024) / (1 + 2 * 375 / 1024)
+
+
+@dataclass(frozen=True)
+class ReferenceGround:
+    """Heights (m) and masks (0 … 1) at points; see ``Ground`` in ``kernels/world.clh``."""
+
+    height: Reals
+    mountain: Reals
+    dune: Reals
+    forest: Reals
+    river: Reals
+
+
+def reference_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: float = 0.0) -> Reals:
+    """Return heights in metres at points given in metres (any shape), in float64."""
+    x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+    ground = reference_ground(
+        recipe,
+        to_lattice(x.ravel(), recipe.extent),
+        to_lattice(y.ravel(), recipe.extent),
+        cell_size=cell_size,
+    )
+    return ground.height.reshape(x.shape)
+
+
+def reference_ground(
+    recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0
+) -> ReferenceGround:
+    """Return the terrain at lattice positions of shape (n,), in float64."""
+    world = pack_world(recipe, cell_size, real=np.float64)
+    w = world.scalars[0]
+    block = np.array([[x.min(), y.min(), x.max(), y.max()]])
+    near = features_near(recipe, block, min_radius=1 / float(w["inverse_cell"]))
+    packed = pack_features(recipe, near, cell_size)
+    octaves = world.octaves
+
+    noise = fbm(octaves, "ground", x, y)
+    height = w["half_relief"] * noise
+    warp_u = np.clip(fbm(octaves, "warp_u", x, y), -1, 1)
+    warp_v = np.clip(fbm(octaves, "warp_v", x, y), -1, 1)
+    place = _Place(x, y, w["warp"] * warp_u, w["warp"] * warp_v, metres_per_unit(recipe.extent))
+
+    height = height + _hills(packed, place) * (1 + 0.4 * warp_u)
+    bent_x = x + np.trunc(warp_u * w["ridge_warp"]).astype(np.int64)
+    bent_y = y + np.trunc(warp_v * w["ridge_warp"]).astype(np.int64)
+    ridge = ridged(octaves, "ridge", bent_x, bent_y) - w["ridge_mean"]
+    massif = _mountains(packed, place, w["spur"] * np.clip(ridge, -1, 1))
+    height = height + massif * (1 + w["ridge_depth"] * ridge)
+    cover, share = _areas(packed, place, slot=2)
+    mottle = 2.2 * fbm(octaves, "mottle", x, y)
+    forest = share * _smooth(cover + 0.35 * mottle, 0.3, 0.3 + 1 / 3) * _smooth(cover, 0, 0.25)
+    dune = np.zeros(x.shape)
+    crest = fbm(octaves, "crest", x, y)
+    for number in range(int(w["dune_styles"])):
+        cover, amplitude = _areas(packed, place, slot=3 + number)
+        height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
+        dune = np.maximum(dune, cover)
+    mountain = _smooth(massif, 20, 100)
+    river = np.zeros(x.shape)
+    rivers = pack_rivers(recipe)
+    if len(rivers.start):
+        height, river = _carved(height, rivers, place, cell=1 / float(w["inverse_cell"]))
+    return ReferenceGround(height, mountain, dune, forest, river)
+
+
+def simplex(u: Lattice, v: Lattice, shift: int, seed: int) -> Reals:
+    """Return simplex noise at skewed positions, a cell being 2^shift (``kernels/noise.clh``)."""
+    cell_u, cell_v = u >> shift, v >> shift
+    fu = (u - (cell_u << shift)) / 2.0**shift
+    fv = (v - (cell_v << shift)) / 2.0**shift
+    lower = fu > fv
+    total = np.zeros(u.shape)
+    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
+        du, dv = fu - iu, fv - iv
+        dx, dy = du - (du + dv) * _UNSKEW, dv - (du + dv) * _UNSKEW
+        word = _mixed((cell_u + iu) * 0x9E3779B1 + (cell_v + iv) * 0x85EBCA77 + seed)
+        gx = (word & 0xFFFF).astype(np.float64) / 32768 - 1
+        gy = (word >> 16).astype(np.float64) / 32768 - 1
+        fade = np.maximum(0.5 - dx * dx - dy * dy, 0)
+        total += fade**2 * fade**2 * (gx * dx + gy * dy)
+    return 70 * total
+
+
+def fbm(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Reals:
+    """Return a stack's sum of octaves at lattice positions."""
+    total = np.zeros(x.shape)
+    for i in range(*octaves.ranges[stack]):
+        total += octaves.scale[i, 0] * _octave(octaves, i, x, y)
+    return total
+
+
+def ridged(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Reals:
+    """Return a stack's ridged multifractal at lattice positions."""
+    total, weight = np.zeros(x.shape), np.ones(x.shape)
+    for i in range(*octaves.ranges[stack]):
+        ridge = np.maximum(1 - np.abs(_octave(octaves, i, x, y)), 0) ** 2
+        total += octaves.scale[i, 0] * ridge * weight
+        weight = np.clip(1.5 * ridge, 0, 1)
+    return total
+
+
+def _octave(octaves: OctaveTable, i: int, x: Lattice, y: Lattice) -> Reals:
+    shift, seed, turn, _ = (int(word) for word in octaves.form[i])
+    a, b = (y, -x) if turn else (x, y)
+    u = 1399 * a + 375 * b + octaves.offset[i, 0]
+    v = 375 * a + 1399 * b + octaves.offset[i, 1]
+    return simplex(u, v, shift, seed)
+
+
+def _mixed(word: Lattice) -> npt.NDArray[np.uint32]:
+    h = (word & 0xFFFFFFFF).astype(np.uint32)
+    h ^= h >> np.uint32(16)
+    h *= np.uint32(0x7FEB352D)
+    h ^= h >> np.uint32(15)
+    h *= np.uint32(0x846CA68B)
+    h ^= h >> np.uint32(16)
+    return h
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Lattice positions and how far the outlines are bent there, in radii."""
+
+    x: Lattice
+    y: Lattice
+    bend_u: Reals
+    bend_v: Reals
+    unit: float
+
+    def distance(self, packed: PackedFeatures, i: np.intp) -> Reals:
+        """Distance from a feature in radii."""
+        scale = packed.shape[i, 0] * self.unit
+        dx = (self.x - packed.at[i, 0]) * scale + self.bend_u
+        dy = (self.y - packed.at[i, 1]) * scale + self.bend_v
+        return np.asarray(np.sqrt(dx * dx + dy * dy))
+
+
+def _cubic(t: Reals) -> Reals:
+    s = np.minimum(t, 1)
+    return np.asarray(2 * s**3 - 3 * s**2 + 1)
+
+
+def _smooth(x: Reals, low: float, high: float) -> Reals:
+    t = np.clip((x - low) / (high - low), 0, 1)
+    return np.asarray(t * t * (3 - 2 * t))
+
+
+def _hills(packed: PackedFeatures, place: _Place) -> Reals:
+    total = np.zeros(place.x.shape)
+    for i in np.flatnonzero(packed.slot == 1):
+        total += (packed.shape[i, 1] * _cubic(place.distance(packed, i))) ** 4
+    return np.asarray(np.sqrt(np.sqrt(total)))
+
+
+def _mountains(packed: PackedFeatures, place: _Place, spur: Reals) -> Reals:
+    total = np.zeros(place.x.shape)
+    for i in np.flatnonzero(packed.slot == 0):
+        t = np.maximum(place.distance(packed, i) - spur, 0)
+        tip = np.maximum(1 - t, 0) ** 2
+        share = 0.2 + 0.6 * packed.shape[i, 2]
+        total += (packed.shape[i, 1] * ((1 - share) * _cubic(t) + share * tip)) ** 4
+    return np.asarray(np.sqrt(np.sqrt(total)))
+
+
+def _areas(packed: PackedFeatures, place: _Place, *, slot: int) -> tuple[Reals, Reals]:
+    total, weights, strengths = (np.zeros(place.x.shape) for _ in range(3))
+    for i in np.flatnonzero(packed.slot == slot):
+        cover = _cubic(np.maximum((place.distance(packed, i) - 0.5) / 0.5, 0))
+        total += cover**4
+        weights += cover
+        strengths += cover * packed.shape[i, 1]
+    mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
+    return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
+
+
+def _dune_pattern(style: np.void, x: Lattice, y: Lattice, crest: Reals) -> Reals:
+    bits = int(style["period_bits"])
+    phase = x * style["east"] + y * style["north"]
+    t = (phase & ((1 << bits) - 1)) / 2.0**bits + 0.9 * crest
+    t = t - np.floor(t)
+    up = t / 0.78
+    profile = np.where(t < 0.78, up * up * (2 - up), np.maximum(1 - (t - 0.78) / 0.22, 0) ** 2)
+    pattern = profile * (0.3 + 0.7 * _smooth(crest, -0.5, 0.5))
+    return np.asarray(0.35 + (pattern - 0.35) * style["visible"])
+
+
+def _carved(height: Reals, rivers: PackedRivers, place: _Place, *, cell: float) -> tuple[Reals, Reals]:
+    weights, nearest = np.zeros(height.shape), np.ones(height.shape)
+    sums = np.zeros((4, *height.shape))
+    for i in range(len(rivers.start)):
+        vx, vy, inverse_length2, length = rivers.along[i]
+        dx = (place.x - rivers.start[i, 0]) * place.unit
+        dy = (place.y - rivers.start[i, 1]) * place.unit
+        t = np.clip((dx * vx + dy * vy) * inverse_length2, 0, 1)
+        d2 = (dx - t * vx) ** 2 + (dy - t * vy) ** 2
+        here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
+        inside = np.maximum(1 - d2 / here[3] ** 2, 0)
+        weight = length * inside**2 / (d2 + here[1] ** 2 / 16) ** 2
+        weights += weight
+        sums += weight * here
+        nearest = np.minimum(nearest, d2 / here[3] ** 2)
+    near = weights > 1e-30
+    surface, half_width, depth, reach = sums[:, near] / weights[near]
+    d = np.sqrt(nearest[near]) * reach
+    ground = height[near]
+
+    channel = _smooth(2 * half_width / cell, 1, 2)
+    bank = 0.5 * depth
+    across = d / half_width
+    bed = -depth * np.maximum(1 - across**2, 0)
+    rise = bank * _smooth(across, 1, 1.8)
+    flat = 0.012 * np.maximum(d - half_width, 0)
+    enforced = surface + flat + bank + (rise + bed - bank) * channel
+    edge = 1.8 * half_width
+    s = np.clip((d - edge) / np.maximum(reach - edge, edge), 0, 1)
+    terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
+    carved, mask = height.copy(), np.zeros(height.shape)
+    carved[near] = terrain + (enforced - terrain) * _cubic(s)
+    mask[near] = np.maximum(1 - d / (4 * np.maximum(half_width, 0.6 * cell)), 0)
+    return carved, mask

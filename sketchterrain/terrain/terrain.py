@@ -1,0 +1,269 @@
+"""A terrain one can ask: heights anywhere, tiles, a raster of the whole sketch, plants, features."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.terrain.evaluation import Evaluator, Surface
+from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
+from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, tile_axes, to_lattice
+from sketchterrain.terrain.materials import MATERIALS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.features import River
+    from sketchterrain.features.catalogue import Points
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+__all__ = ["Raster", "Terrain", "TerrainFeatures", "Tile"]
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One tile of 64×64 quads; row 0 is its north edge.
+
+    Attributes
+    ----------
+    level, column, row : int
+        The tile covers [column, column + 1] × [row, row + 1] · extent/2^level metres.
+    bounds : tuple of float
+        West, south, east, north, m.
+    cell_size : float
+        Metres between vertices.
+    height : ndarray of float32, shape (65, 65)
+        Metres.
+    normal : ndarray of float32, shape (65, 65, 3)
+        Unit vectors: east, north, up.
+    materials : ndarray of float32, shape (65, 65, 8)
+        Weights in the order of ``MATERIALS``; they sum to 1.
+    """
+
+    level: int
+    column: int
+    row: int
+    bounds: tuple[float, float, float, float]
+    cell_size: float
+    height: npt.NDArray[np.float32]
+    normal: npt.NDArray[np.float32]
+    materials: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Raster:
+    """The whole sketch as images of rows × columns vertices; row 0 is the north edge.
+
+    Attributes
+    ----------
+    spacing : tuple of float
+        Metres between columns and between rows.
+    height, normal, materials : ndarray of float32
+        As in :class:`Tile`.
+    """
+
+    spacing: tuple[float, float]
+    height: npt.NDArray[np.float32]
+    normal: npt.NDArray[np.float32]
+    materials: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class TerrainFeatures:
+    """What was placed.
+
+    Attributes
+    ----------
+    points : structured ndarray
+        Mountains, hills, dunes and forests (dtype ``FEATURE``) in and near the sketch, sorted by id.
+    rivers : tuple of River
+    """
+
+    points: Points
+    rivers: tuple[River, ...]
+
+
+class Terrain:
+    """A terrain on a device; made by :func:`sketchterrain.build`.
+
+    Attributes
+    ----------
+    sketch : Sketch
+    recipe : TerrainRecipe
+    context : ComputeContext
+    """
+
+    def __init__(self, sketch: Sketch, recipe: TerrainRecipe, context: ComputeContext) -> None:
+        self.sketch = sketch
+        self.recipe = recipe
+        self.context = context
+        self._evaluator = Evaluator(recipe, context)
+        self._foliage = FoliageSampler(self._evaluator)
+
+    @property
+    def extent(self) -> float:
+        """Metres along the sketch's longer side."""
+        return self.recipe.extent
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Metres that the sketch covers eastward and northward."""
+        return self.sketch.size
+
+    @property
+    def features(self) -> TerrainFeatures:
+        """Painted features, those that fill the sketch's unpainted ground, and rivers."""
+        east, north = self.size
+        fill = self.recipe.fill.within(0.0, 0.0, east, north)
+        points = np.concatenate([self.recipe.painted, fill])
+        return TerrainFeatures(points[np.argsort(points["id"], kind="stable")], self.recipe.rivers)
+
+    def heights(
+        self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
+    ) -> npt.NDArray[np.float32]:
+        """Return heights at any points of the world.
+
+        Parameters
+        ----------
+        x, y
+            Metres east and north of the sketch's south-west corner; shapes that broadcast together.
+            Positions are rounded to the lattice (extent/2^24 m).
+        cell_size
+            Distance between samples in metres: what they can't carry is left out. 0 is full detail.
+
+        Returns
+        -------
+        ndarray of float32
+            Metres, of the broadcast shape.
+
+        Raises
+        ------
+        InputError
+            If a coordinate is not finite or too far away, or the cell size is negative or not finite.
+        """
+        if not (np.isfinite(cell_size) and cell_size >= 0):
+            raise InputError(f"cell_size must be a finite number of metres ≥ 0, not {cell_size}")
+        east, north = np.broadcast_arrays(to_lattice(x, self.extent), to_lattice(y, self.extent))
+        if east.size == 0:
+            return np.zeros(east.shape, np.float32)
+        height, _ = self._evaluator.points(east.ravel(), north.ravel(), cell_size=float(cell_size))
+        return np.asarray(height.reshape(east.shape), dtype=np.float32)
+
+    def tile(self, level: int, column: int, row: int) -> Tile:
+        """Return one tile (see :class:`Tile`); several at once are quicker through :meth:`tiles`."""
+        return self.tiles([(level, column, row)])[0]
+
+    def tiles(self, keys: Sequence[tuple[int, int, int]]) -> list[Tile]:
+        """Return tiles by (level, column, row), in the order asked; one launch a level.
+
+        Raises
+        ------
+        InputError
+            If a level is not between −12 and 18.
+        """
+        tiles: dict[tuple[int, int, int], Tile] = {}
+        for level in sorted({key[0] for key in keys}):
+            of_level = [key for key in dict.fromkeys(keys) if key[0] == level]
+            axes = [tile_axes(*key) for key in of_level]
+            cell = level_step(level) * metres_per_unit(self.extent)
+            surface = self._evaluator.surface(
+                np.stack([x for x, _ in axes]), np.stack([y for _, y in axes]), cell_size=cell
+            )
+            tiles |= {key: self._tile(key, cell, surface, i) for i, key in enumerate(of_level)}
+        return [tiles[key] for key in keys]
+
+    def raster(self, longer_side: int, *, progress: Callable[[float], None] | None = None) -> Raster:
+        """Return the whole sketch as one grid.
+
+        Parameters
+        ----------
+        longer_side
+            Vertices along the sketch's longer side, ≥ 2.
+        progress
+            Called with the share that is done, 0 … 1.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than 2 vertices.
+        """
+        if longer_side < 2:
+            raise InputError(f"size must be at least 2 vertices, not {longer_side}")
+        east, north = self.size
+        cell = self.extent / (longer_side - 1)
+        columns, rows = (max(2, round(length / cell) + 1) for length in (east, north))
+        x = _axis(east, columns, self.extent)
+        y = _axis(north, rows, self.extent)[::-1]
+        patches_x, patches_y = _windows(x), _windows(y)
+        shape = (len(patches_y), len(patches_x))
+        axis_x = np.broadcast_to(patches_x[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
+        axis_y = np.broadcast_to(patches_y[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
+        surface = self._evaluator.surface(axis_x, axis_y, cell_size=cell, progress=progress)
+        spacing = (east / (columns - 1), north / (rows - 1))
+        parts = (surface.height, surface.normal, surface.materials)
+        return Raster(spacing, *(_joined(part, shape, rows, columns) for part in parts))
+
+    def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
+        """Return the trees and shrubs in a rectangle: a function of the world, whatever is asked for.
+
+        Returns
+        -------
+        structured ndarray
+            ``x``, ``y`` (float64, m), ``z`` (float32, m), ``species`` (uint8, index into ``SPECIES``),
+            ``scale`` (float32, 1 is a grown plant), ``rotation`` (float32, radians), sorted by position.
+
+        Raises
+        ------
+        InputError
+            If the rectangle is not finite, or holds more plants than fit in memory.
+        """
+        return self._foliage.within(west, south, east, north)
+
+    @property
+    def material_names(self) -> tuple[str, ...]:
+        """Names of the material weights, in order."""
+        return MATERIALS
+
+    @property
+    def species_names(self) -> tuple[str, ...]:
+        """Names of the plants' species, in order."""
+        return SPECIES
+
+    def _tile(self, key: tuple[int, int, int], cell: float, surface: Surface, i: int) -> Tile:
+        level, column, row = key
+        width = cell * QUADS
+        bounds = (column * width, row * width, (column + 1) * width, (row + 1) * width)
+        arrays = (surface.height[i], surface.normal[i], surface.materials[i])
+        return Tile(level, column, row, bounds, cell, *(np.asarray(a, dtype=np.float32) for a in arrays))
+
+
+def _axis(length: float, count: int, extent: float) -> npt.NDArray[np.int64]:
+    """Lattice coordinates of ``count`` vertices over a length, with one more beyond each end."""
+    return to_lattice(np.arange(-1, count + 1) * (length / (count - 1)), extent)
+
+
+def _windows(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Cut an axis into overlapping windows of QUADS + 3; the last is filled up with its last vertex."""
+    inner = len(axis) - 2
+    starts = range(0, max(inner - 1, 1), QUADS)
+    index = np.minimum(np.array(starts)[:, None] + np.arange(QUADS + 3), len(axis) - 1)
+    return axis[index]
+
+
+def _joined(
+    patches: npt.NDArray[np.floating], shape: tuple[int, int], rows: int, columns: int
+) -> npt.NDArray[np.float32]:
+    """Put patches side by side; neighbours share a row or column of vertices."""
+    result = np.empty((rows, columns, *patches.shape[3:]), np.float32)
+    for number, patch in enumerate(patches):
+        top, left = (QUADS * place for place in divmod(number, shape[1]))
+        part = result[top : top + QUADS + 1, left : left + QUADS + 1]
+        part[...] = patch[: part.shape[0], : part.shape[1]]
+    return result

@@ -1,7 +1,7 @@
 """From a recipe to heights, normals, materials and plants, on the device and in float64."""
 
-from sketchterrain.terrain.build import build, make_recipe
 from sketchterrain.terrain.foliage import SPECIES
+from sketchterrain.terrain.from_sketch import build, make_recipe
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Raster, Terrain, TerrainFeatures, Tile

@@ -70,7 +70,7 @@ class OctaveTable:
 
 
 def band_weight(wavelength: float, cell_size: float) -> float:
-    """Return what samples ``cell_size`` apart keep of a wavelength: 0 up to two cells, 1 from four cells on."""
+    """Return what samples ``cell_size`` apart keep of a wavelength: 0 up to two cells, 1 from four on."""
     if cell_size <= 0:
         return 1.0
     t = min(max(wavelength / cell_size / 2 - 1, 0.0), 1.0)

@@ -32,7 +32,7 @@ LARGEST_FILE = 64 << 20
 LARGEST_TOTAL = 256 << 20
 """The most bytes of all files of a sketch together."""
 
-_LARGEST_SETTINGS = 1 << 20
+_LARGEST_SETTINGS = 512 << 10
 _OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp"})
 
 
@@ -95,4 +95,5 @@ def file_limit(name: str) -> int:
 
 def too_large(place: str, limit: int) -> InputError:
     """Return the error that a file or archive has more than `limit` bytes."""
-    return InputError(f"{place}: too large: expected at most {limit >> 20} MiB")
+    size = f"{limit >> 20} MiB" if limit >> 20 else f"{limit >> 10} KiB"
+    return InputError(f"{place}: too large: expected at most {size}")

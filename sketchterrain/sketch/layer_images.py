@@ -19,7 +19,7 @@ __all__ = ["decode_layer", "encode_layer"]
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _PALETTE = 0, 3
 _COLOUR_TYPES = {2: "RGB", 4: "grey with alpha", 6: "RGBA"}
-_PAPER = (244, 241, 232)
+_PAPER = (0, 0, 0)  # so that empty stays 0 in a paint program that turns colours into greys
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _check_header(header: _Header) -> None:
     if header.colour_type not in (_GREY, _PALETTE):
         given = _COLOUR_TYPES.get(header.colour_type, f"colour type {header.colour_type}")
         raise InputError(
-            f"{given}: expected a single-channel PNG (greyscale or palette); convert it in the paint program"
+            f"{given}: expected a single-channel PNG of 8 bits, greyscale or palette, whose values are labels"
         )
     # Grey of 2 or 4 bits would be read as shades spread over 0 to 255, not as labels.
     if header.colour_type == _GREY and header.depth not in (1, 8):

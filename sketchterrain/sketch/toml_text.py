@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["parse_settings", "settings_text"]
 
 _COMMENT_COLUMN = 28
+_MOST_DOTS = 250
 
 _HEAD = """\
 # A sketch of a terrain. Beside this file lies one 8-bit single-channel PNG a layer: 0 is empty, every
@@ -79,10 +80,16 @@ def _load(data: bytes) -> dict[str, object]:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise InputError(f"line {line} is not UTF-8: expected a UTF-8 text file") from None
+    # The reader's time and memory grow with the square of a dotted key's depth.
+    deep = next((n for n, line in enumerate(text.split("\n"), 1) if line.count(".") > _MOST_DOTS), None)
+    if deep is not None:
+        raise InputError(f"line {deep} has more than {_MOST_DOTS} dots: it is nested too deeply")
     try:
         return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, or an integer of too many digits
-        raise InputError(f"not TOML: {one_line(error)}") from None
+        last = text.rstrip().count("\n") + 1
+        reason = one_line(error).replace("at end of document", f"at line {last}, the last one")
+        raise InputError(f"not TOML: {reason}") from None
     except RecursionError:
         raise InputError("not a sketch: it is nested too deeply") from None
 

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch import CLIMATE, DENSITY, GROUND, LAYERS, Sketch
+from sketchterrain.sketch.document import labels_in
+
+
+def _image(height: int, width: int, label: int = 0) -> np.ndarray:
+    return np.full((height, width), label, dtype=np.uint8)
+
+
+def test_a_bare_sketch_is_a_square_with_nothing_painted_and_all_defaults() -> None:
+    sketch = Sketch()
+    assert (sketch.width_px, sketch.height_px) == (512, 512)
+    assert list(sketch.layers) == list(LAYERS)
+    assert not any(image.any() for image in sketch.layers.values())
+    for given, table in ((sketch.density, DENSITY), (sketch.ground, GROUND), (sketch.climate, CLIMATE)):
+        assert given == {name: parameter.default for name, parameter in table.items()}
+    assert not sketch.labels
+
+
+@pytest.mark.parametrize(("height", "width", "size"), [(100, 200, (4000, 2000)), (200, 50, (1000, 4000))])
+def test_extent_is_the_longer_side(height: int, width: int, size: tuple[float, float]) -> None:
+    sketch = Sketch(extent=4000, layers={"hill": _image(height, width)})
+    assert sketch.size == size
+    assert sketch.pixel_size == 20.0
+    assert all(image.shape == (height, width) for image in sketch.layers.values())
+
+
+def test_a_sketch_never_changes() -> None:
+    mine = _image(4, 4, 1)
+    sketch = Sketch(layers={"hill": mine}, labels={("hill", 1): {"height": 10}})
+    mine[:] = 2
+    assert (sketch.layers["hill"] == 1).all()
+    with pytest.raises(ValueError, match="read-only"):
+        sketch.layers["hill"][0, 0] = 3
+    with pytest.raises(ValueError, match="read-only"):
+        sketch.layers["dune"][0, 0] = 3
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        sketch.seed = 3  # type: ignore[misc]
+    for mapping in (sketch.layers, sketch.labels, sketch.density, sketch.labels["hill", 1]):
+        with pytest.raises(TypeError):
+            mapping["hill"] = 1  # type: ignore[index]
+
+
+def test_replace_shares_what_stays_the_same() -> None:
+    sketch = Sketch(layers={"hill": _image(4, 4, 1)})
+    other = sketch.replace(seed=9)
+    assert (other.seed, sketch.seed) == (9, 0)
+    assert all(other.layers[name] is sketch.layers[name] for name in LAYERS)
+    with pytest.raises(InputError, match="fidelity = 2: expected a number from 0 to 1"):
+        sketch.replace(fidelity=2)
+
+
+def test_properties_are_the_declared_ones_over_the_defaults() -> None:
+    sketch = Sketch(labels={("mountain", 2): {"height": 900}})
+    assert sketch.properties("mountain", 2) == {"height": 900.0, "peakiness": 0.5, "multitude": 1}
+    assert sketch.properties("mountain", np.uint8(1))["height"] == 600.0
+    assert isinstance(sketch.properties("mountain", 2)["multitude"], int)
+    with pytest.raises(InputError, match=r"unknown layer 'mountin'.*did you mean 'mountain'"):
+        sketch.properties("mountin", 1)
+    for label in (0, 256, True, 1.0, "1"):
+        with pytest.raises(InputError, match="a label from 1 to 255"):
+            sketch.properties("mountain", label)  # type: ignore[arg-type]
+
+
+def test_labels_are_ordered_by_layer_and_number() -> None:
+    sketch = Sketch(labels={("river", 2): {}, ("mountain", 9): {}, ("river", 1): {}})
+    assert list(sketch.labels) == [("mountain", 9), ("river", 1), ("river", 2)]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"extent": 0}, "extent = 0: expected a number from 1 to 1000000 m"),
+        ({"extent": float("nan")}, "extent = nan: expected a number"),
+        ({"seed": -1}, "seed = -1: expected a whole number from 0"),
+        ({"density": {"hil": 1}}, "unknown key 'hil' = 1 in .density.: .*did you mean 'hill'"),
+        ({"ground": {"relief": -1}}, "ground.relief = -1: expected a number from 0 to 2000 m"),
+        ({"labels": {("hill", 0): {}}}, "expected a label from 1 to 255"),
+        ({"labels": {("lake", 1): {}}}, "unknown layer 'lake'"),
+        ({"labels": {("hill", 1): {"wind": 1}}}, r"unknown key 'wind' = 1 in \[hill.1\]"),
+        ({"layers": {"hill": [[0]]}}, "expected a uint8 array .height, width., got list"),
+        ({"layers": {"hill": np.zeros((2, 2))}}, "got float64"),
+        ({"layers": {"hill": _image(0, 2)}}, "sides of 1 to 16384 px"),
+        ({"layers": {"hill": _image(1, 16385)}}, "16385×1 px: expected sides of 1 to 16384 px"),
+        ({"layers": {"hill": _image(2, 2), "dune": _image(2, 3)}}, "layer dune is 3×2 px .* 2×2 px"),
+        ({"layers": {"hill": np.arange(18, dtype=np.uint8)[None]}}, "antialiased: it has 17 labels"),
+    ],
+)
+def test_what_does_not_fit_is_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Sketch(**changes)  # type: ignore[arg-type]
+
+
+def test_labels_in_finds_each_label_in_images_of_any_shape() -> None:
+    image = np.zeros((3000, 1000), dtype=np.uint8)
+    assert labels_in(image) == ()
+    image[2999, 999], image[0, 0], image[1500, 3] = 255, 7, 1
+    assert labels_in(image) == (1, 7, 255)
+    assert labels_in(image.T) == (1, 7, 255)

@@ -1,0 +1,311 @@
+from __future__ import annotations
+
+import io
+import os
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.resources import preset, preset_names
+from sketchterrain.sketch import LAYERS, Sketch, load_sketch, new_sketch, save_sketch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_FILES = sorted(["sketch.toml", *(f"{name}.png" for name in LAYERS)])
+_IMAGES = st.builds(
+    lambda seed, height, width, names: {
+        name: np.random.default_rng([seed, i]).integers(0, 5, (height, width), dtype=np.uint8)
+        for i, name in enumerate(names)
+    },
+    st.integers(0, 1000),
+    st.integers(1, 30),
+    st.integers(1, 30),
+    st.sets(st.sampled_from(list(LAYERS))).map(sorted),
+)
+
+
+def _painted() -> Sketch:
+    image = np.zeros((20, 30), dtype=np.uint8)
+    image[3:9, 4:20] = 1
+    image[12:18, 4:20] = 200
+    return Sketch(
+        name='A "valley"',
+        extent=1234.5,
+        seed=2**63 - 1,
+        layers={"mountain": image, "river": image[::-1] // 200},
+        labels={("mountain", 1): {"height": 0.1 + 0.2 + 1}, ("mountain", 200): {}},
+    )
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=30, deadline=None)
+@given(
+    images=_IMAGES,
+    name=st.text(st.characters(exclude_categories=["Cs"]), max_size=20),
+    seed=st.integers(0, 99),
+)
+def test_a_sketch_comes_back_as_it_was_from_a_folder_and_from_a_zip(
+    tmp_path: Path, same: Callable[..., None], images: dict[str, np.ndarray], name: str, seed: int
+) -> None:
+    sketch = Sketch(name=name, seed=seed, layers=images)
+    for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
+        save_sketch(sketch, path)
+        same(load_sketch(path), sketch)
+
+
+def test_a_folder_and_a_zip_of_it_are_the_same_sketch(tmp_path: Path, same: Callable[..., None]) -> None:
+    save_sketch(_painted(), tmp_path / "valley")
+    shutil.make_archive(str(tmp_path / "valley"), "zip", tmp_path, "valley")
+    zipped = (tmp_path / "valley.zip").rename(tmp_path / "valley.sketch")
+    same(load_sketch(zipped), load_sketch(str(tmp_path / "valley")))
+    same(load_sketch(zipped), _painted())
+
+
+def test_the_same_sketch_is_saved_as_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.sketch", "b.sketch"):
+        save_sketch(_painted(), tmp_path / name)
+    assert (tmp_path / "a.sketch").read_bytes() == (tmp_path / "b.sketch").read_bytes()
+
+
+def test_every_layer_is_saved_painted_or_not(tmp_path: Path) -> None:
+    save_sketch(_painted(), tmp_path / "deep" / "valley")
+    assert sorted(entry.name for entry in (tmp_path / "deep" / "valley").iterdir()) == _FILES
+
+
+def test_saving_again_empties_what_was_painted_and_leaves_other_files_alone(
+    tmp_path: Path, same: Callable[..., None]
+) -> None:
+    save_sketch(_painted(), tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
+    emptied = _painted().replace(layers={"river": np.ones((9, 9), dtype=np.uint8)})
+    save_sketch(emptied, tmp_path)
+    same(load_sketch(tmp_path), emptied)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted([*_FILES, "notes.txt"])
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_a_folder_named_as_a_zip_stays_a_folder(tmp_path: Path, same: Callable[..., None]) -> None:
+    path = tmp_path / "valley.sketch"
+    path.mkdir()
+    save_sketch(_painted(), path)
+    assert path.is_dir()
+    same(load_sketch(path), _painted())
+
+
+@pytest.mark.parametrize("name", ["valley", "valley.sketch"])
+def test_a_save_that_fails_leaves_what_was_there(
+    tmp_path: Path, same: Callable[..., None], monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    path = tmp_path / name
+    save_sketch(_painted(), path)
+    before = sorted(tmp_path.rglob("*"))
+
+    def fail(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(
+        SketchterrainError, match=f"{name}: cannot be written .No space left on device."
+    ) as caught:
+        save_sketch(Sketch(), path)
+    assert caught.value.exit_code == 1
+    assert sorted(tmp_path.rglob("*")) == before
+    same(load_sketch(path), _painted())
+
+
+def test_a_file_of_another_name_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "photo.png"
+    path.write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"expected a folder or a name that ends in \.sketch"):
+        save_sketch(Sketch(), path)
+    assert path.read_bytes() == b"mine"
+
+
+def test_settings_alone_are_an_empty_square(folder: Callable[..., Path]) -> None:
+    sketch = load_sketch(folder("extent = 100"))
+    assert (sketch.width_px, sketch.height_px, sketch.size) == (512, 512, (100.0, 100.0))
+    assert not any(image.any() for image in sketch.layers.values())
+
+
+def test_one_layer_gives_the_others_their_size(
+    folder: Callable[..., Path], grey: Callable[..., bytes]
+) -> None:
+    sketch = load_sketch(folder(files={"hill.png": grey(np.zeros((3, 7)))}))
+    assert {image.shape for image in sketch.layers.values()} == {(3, 7)}
+
+
+def test_every_pixel_may_be_painted(folder: Callable[..., Path], grey: Callable[..., bytes]) -> None:
+    sketch = load_sketch(folder(files={f"{name}.png": grey(np.full((8, 8), 1)) for name in LAYERS}))
+    assert all((image == 1).all() for image in sketch.layers.values())
+
+
+def test_undeclared_labels_and_labels_not_painted_are_welcome(
+    folder: Callable[..., Path], grey: Callable[..., bytes]
+) -> None:
+    sketch = load_sketch(folder("[hill.9]\nheight = 5", {"hill.png": grey([[0, 3]])}))
+    assert sketch.properties("hill", 3)["height"] == 80.0
+    assert sketch.properties("hill", 9)["height"] == 5.0
+
+
+def test_layers_of_two_sizes_are_refused(
+    folder: Callable[..., Path], grey: Callable[..., bytes], refusal: Callable[..., str]
+) -> None:
+    place = folder(files={"mountain.png": grey(np.zeros((4, 6))), "river.png": grey(np.zeros((4, 5)))})
+    assert refusal(place) == f"{place}/river.png: 5×4 px, but mountain.png is 6×4 px: expected one size"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("mountains.png", "did you mean 'mountain.png'"),
+        ("Mountain.PNG", "did you mean 'mountain.png'"),
+        ("lake.png", "expected mountain.png, hill.png, river.png, dune.png, forest.png"),
+        ("hill.jpg", "'hill.jpg': expected a PNG file, hill.png"),
+        ("River.TIFF", "expected a PNG file, river.png"),
+        ("two\nlines.png", r"unknown layer image 'two\\nlines.png'"),
+    ],
+)
+def test_images_that_are_no_layer_are_refused(
+    folder: Callable[..., Path], refusal: Callable[..., str], name: str, message: str
+) -> None:
+    assert message.replace("\\\\", "\\") in refusal(folder(files={name: b""}))
+
+
+def test_other_files_may_lie_beside_the_sketch(folder: Callable[..., Path]) -> None:
+    place = folder(files={"hill.xcf": b"?", "README.md": b"?", ".hill.png.1.tmp": b"?", "._hill.png": b"?"})
+    (place / "sources").mkdir()
+    assert load_sketch(place).width_px == 512
+
+
+def _with(mode: str) -> bytes:
+    stream = io.BytesIO()
+    Image.new(mode, (8, 8)).save(stream, format="PNG")
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (_with("RGB"), "hill.png: RGB: expected a single-channel PNG"),
+        (_with("RGBA"), "hill.png: RGBA: expected a single-channel PNG"),
+        (_with("I;16"), "hill.png: 16 bits a pixel: expected an 8-bit single-channel PNG"),
+        (_with("L")[:-20], "hill.png: expected a whole PNG file, this one is truncated"),
+        (b"JFIF", "hill.png: expected a PNG file, this is none"),
+    ],
+)
+def test_a_bad_layer_is_named(
+    folder: Callable[..., Path], refusal: Callable[..., str], content: bytes, message: str
+) -> None:
+    place = folder(files={"hill.png": content})
+    assert refusal(place).startswith(f"{place}/{message}")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("extnt = 3", "unknown key 'extnt' = 3: expected format, name"),
+        ("extent = 0", "extent = 0: expected a number from 1 to 1000000 m"),
+        ("extent = nan", "extent = nan: expected a number from 1 to 1000000 m"),
+        ("seed = 'x'", "seed = 'x': expected a whole number"),
+        ("seed = ", "not TOML: Invalid value (at line 2"),
+    ],
+)
+def test_a_bad_setting_is_named(
+    folder: Callable[..., Path], refusal: Callable[..., str], text: str, message: str
+) -> None:
+    place = folder(text)
+    assert refusal(place).startswith(f"{place}/sketch.toml: {message}")
+
+
+def test_a_folder_without_settings_says_how_to_start(
+    folder: Callable[..., Path], refusal: Callable[..., str], grey: Callable[..., bytes]
+) -> None:
+    place = folder(None, {"hill.png": grey([[0]])})
+    message = refusal(place)
+    assert message.startswith(f"{place}: no sketch.toml in it")
+    assert "sketchterrain new" in message
+
+
+def test_a_layer_that_is_a_folder_or_too_large_is_refused(
+    folder: Callable[..., Path], refusal: Callable[..., str]
+) -> None:
+    place = folder()
+    (place / "hill.png").mkdir()
+    assert refusal(place) == f"{place}/hill.png: expected a file"
+    (place / "hill.png").rmdir()
+    with (place / "hill.png").open("wb") as stream:
+        stream.truncate(1 << 40)  # sparse
+    assert "hill.png: too large: expected at most 64 MiB" in refusal(place)
+
+
+def test_what_does_not_exist_is_refused_with_the_presets_named(
+    tmp_path: Path, refusal: Callable[..., str]
+) -> None:
+    message = refusal(str(tmp_path / "nowhere"))
+    assert "expected a folder, a .sketch file or a preset" in message
+    assert all(name in message for name in preset_names())
+    for strange in ("x" * 5000, "a\0b", "two\nlines"):
+        refusal(strange)
+
+
+def test_a_preset_is_loaded_by_name_and_a_sketch_here_goes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, same: Callable[..., None]
+) -> None:
+    shelf = tmp_path / "presets"
+    save_sketch(_painted(), shelf / "valley")
+    monkeypatch.setattr("sketchterrain.sketch.files.preset_names", lambda: ("valley",))
+    monkeypatch.setattr("sketchterrain.sketch.files.preset", lambda name: shelf / name)
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    same(load_sketch("valley"), _painted())
+    (here / "valley").mkdir()  # an output folder, say: it holds no sketch
+    same(load_sketch("valley"), _painted())
+    with pytest.raises(InputError, match="did you mean 'valley'"):
+        load_sketch("valey")
+    with pytest.raises(InputError, match=r"no sketch\.toml"):
+        load_sketch(Path("valley"))
+    new_sketch("valley")
+    assert load_sketch("valley").name == "My sketch"
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_preset_is_a_sketch(name: str, same: Callable[..., None], tmp_path: Path) -> None:
+    sketch = load_sketch(name)
+    assert any(image.any() for image in sketch.layers.values())
+    assert sketch.name
+    save_sketch(sketch, tmp_path / "copy.sketch")
+    same(load_sketch(tmp_path / "copy.sketch"), sketch)
+    assert preset(name).joinpath("sketch.toml").is_file()
+
+
+def test_the_starter_shows_every_layer_and_something_painted(tmp_path: Path) -> None:
+    new_sketch(tmp_path / "mine")
+    assert sorted(entry.name for entry in (tmp_path / "mine").iterdir()) == _FILES
+    sketch = load_sketch(tmp_path / "mine")
+    assert sketch.size == (4096.0, 4096.0)
+    assert (sketch.width_px, sketch.height_px) == (512, 512)
+    painted = {name for name, image in sketch.layers.items() if image.any()}
+    assert painted == {"mountain", "river"}
+    for name, layer in LAYERS.items():
+        assert sketch.labels[name, 1] == {key: p.default for key, p in layer.parameters.items()}
+    text = (tmp_path / "mine" / "sketch.toml").read_text(encoding="utf-8")
+    for layer in LAYERS.values():
+        assert all(parameter.help in text for parameter in layer.parameters.values())
+
+
+def test_the_starter_takes_an_empty_folder_and_no_other(tmp_path: Path) -> None:
+    new_sketch(tmp_path)
+    (tmp_path / "sketch.toml").write_text("mine")
+    with pytest.raises(InputError, match="this one is not empty"):
+        new_sketch(tmp_path)
+    with pytest.raises(InputError, match="expected a folder"):
+        new_sketch(tmp_path / "sketch.toml")
+    assert (tmp_path / "sketch.toml").read_text() == "mine"

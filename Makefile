@@ -1,0 +1,25 @@
+# The two commands: `make demo` shows what the program does, `make test` checks all of it.
+VENV := .venv
+PYTHON := $(VENV)/bin/python
+OUT := out
+.PHONY: demo test clean
+
+demo: $(VENV)/demo.stamp
+	@$(VENV)/bin/sketchterrain generate valley_river -o $(OUT)/valley_river
+
+test: $(VENV)/test.stamp
+	$(PYTHON) -m ruff check .
+	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m mypy
+	$(PYTHON) -m pytest -n auto
+
+$(VENV)/demo.stamp: pyproject.toml .ci/setup
+	@bash .ci/setup $(VENV) cpu
+	@touch $@
+
+$(VENV)/test.stamp: pyproject.toml .ci/setup
+	@bash .ci/setup $(VENV) cpu,dev
+	@touch $@ $(VENV)/demo.stamp
+
+clean:
+	rm -rf $(VENV) $(OUT) build dist *.egg-info

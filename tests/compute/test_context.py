@@ -1,0 +1,57 @@
+"""Programs, buffers and launches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain import resources
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.errors import BuildError
+
+pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
+
+ADD = """
+__kernel void add(__global const float *a, float b, __global float *sum)
+{
+    sum[get_global_id(0)] = a[get_global_id(0)] + b;
+}
+"""
+
+
+def test_a_kernel_runs_and_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resources, "source", lambda name: ADD)
+    context = ComputeContext()
+    values = np.arange(1000, dtype=np.float32)
+    result = context.empty(1000, np.float32)
+    context.launch("add.cl", "add", (1000,), context.upload(values), np.float32(0.5), result)
+    context.start_profile()
+    context.launch("add.cl", "add", (1000,), context.upload(values), np.float32(2), result)
+    (time,) = context.stop_profile()
+    np.testing.assert_array_equal(context.download(result, 1000, np.float32), values + 2)
+    assert time.kernel == "add"
+    assert 0 < time.seconds < 60
+
+
+def test_a_failed_build_tells_all_in_one_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resources, "source", lambda name: "__kernel void broken() { nonsense; }")
+    context = ComputeContext()
+    with pytest.raises(BuildError, match=r"kernels/broken.cl did not build on .* with -cl-std") as caught:
+        context.launch("broken.cl", "broken", (1,))
+    assert "nonsense" in str(caught.value)
+
+
+def test_empty_arrays_travel() -> None:
+    context = ComputeContext()
+    context.upload(np.zeros((0, 4), np.float32))
+    assert context.download(context.empty(0, np.float32), 0, np.float32).shape == (0,)
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)
+def test_every_kernel_builds_on_every_device(device, real: str) -> None:
+    if real == "double" and not device.has_double:
+        pytest.skip("no doubles here")
+    context = ComputeContext(device, real=real)
+    for file, kernel in (("terrain.cl", "patches"), ("terrain.cl", "surfaces"), ("foliage.cl", "propose")):
+        assert context._kernel(file, kernel) is not None

@@ -1,0 +1,98 @@
+"""Which devices are found, and which one is taken."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+import pytest
+
+from sketchterrain.compute import choose_device, list_devices
+from sketchterrain.errors import DeviceError
+
+DEVICES = list_devices()
+needs_device = pytest.mark.skipif(not DEVICES, reason="no OpenCL device")
+
+
+def in_fresh_process(code: str, **environment: str) -> str:
+    shown = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ | environment
+    )
+    return shown.stdout.strip()
+
+
+@needs_device
+def test_the_preferred_device_comes_first() -> None:
+    order = {"GPU": 0, "CPU": 1}
+    kinds = [order.get(device.type, 2) for device in DEVICES]
+    assert kinds == sorted(kinds)
+    assert [device.index for device in DEVICES] == list(range(len(DEVICES)))
+    assert choose_device() == DEVICES[0] or "PYOPENCL_CTX" in os.environ
+
+
+@needs_device
+def test_a_device_by_number_and_by_name() -> None:
+    for device in DEVICES:
+        assert choose_device(str(device.index)) == device
+        assert choose_device(device.platform.upper()).platform == device.platform
+
+
+@needs_device
+def test_pyopencl_ctx_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
+    for device in DEVICES:
+        monkeypatch.setenv("PYOPENCL_CTX", device.platform)
+        assert choose_device().platform == device.platform
+        monkeypatch.setenv("PYOPENCL_CTX", f"{device.platform}:0")
+        assert choose_device().platform == device.platform
+    monkeypatch.setenv("PYOPENCL_CTX", "no such platform")
+    with pytest.raises(DeviceError, match="no OpenCL device fits PYOPENCL_CTX=no such platform"):
+        choose_device()
+
+
+@needs_device
+def test_a_device_that_is_not_there() -> None:
+    with pytest.raises(DeviceError, match="no OpenCL device fits --device 99; there are 0: "):
+        choose_device("99")
+
+
+def test_no_device_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sketchterrain.compute.device.list_devices", tuple)
+    with pytest.raises(DeviceError, match="pip install") as caught:
+        choose_device()
+    assert caught.value.exit_code == 4
+    assert "\n" not in str(caught.value)
+
+
+def runtime_installed() -> bool:
+    try:
+        return distribution("intel-opencl-rt") is not None
+    except PackageNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not runtime_installed(), reason="the CPU runtime of the extra is not installed")
+def test_the_wheels_runtime_hides_no_other_driver(tmp_path: Path) -> None:
+    """With it made visible every platform found without it is still there, and one more."""
+    names = "print(*sorted(p.name for p in cl.get_platforms()), sep=';')"
+    try:
+        plain = in_fresh_process(f"import pyopencl as cl; {names}")
+    except subprocess.CalledProcessError:  # no platform at all is an error in pyopencl
+        plain = ""
+    ours = in_fresh_process(f"from sketchterrain.compute import list_devices; import pyopencl as cl; {names}")
+    assert set(filter(None, plain.split(";"))) < set(ours.split(";"))
+
+
+@pytest.mark.skipif(not runtime_installed(), reason="the CPU runtime of the extra is not installed")
+def test_the_users_own_vendors_folder_is_kept(tmp_path: Path) -> None:
+    """Drivers named in OCL_ICD_VENDORS are found beside the wheel's, and the setting is put back."""
+    library = next(f for f in distribution("intel-opencl-rt").files or [] if f.name == "libintelocl.so")
+    (tmp_path / "mine.icd").write_text(f"{Path(str(library.locate())).resolve()}\n", encoding="utf-8")
+    shown = in_fresh_process(
+        "import os; from sketchterrain.compute import list_devices; "
+        "print(os.environ['OCL_ICD_VENDORS'], sum('Intel' in d.platform for d in list_devices()))",
+        OCL_ICD_VENDORS=str(tmp_path),
+    )
+    assert shown == f"{tmp_path} 1"

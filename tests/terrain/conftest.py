@@ -1,0 +1,113 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.features import FEATURE, FEATURE_TYPES, River
+from sketchterrain.sketch import load_sketch
+from sketchterrain.terrain import Terrain, TerrainRecipe, build
+from sketchterrain.terrain.recipe import NoFill
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+if not list_devices():
+    pytest.skip("no OpenCL device", allow_module_level=True)
+
+
+@pytest.fixture(scope="session")
+def context() -> ComputeContext:
+    return ComputeContext()
+
+
+@pytest.fixture(scope="session")
+def double_context() -> ComputeContext:
+    with_double = [device for device in list_devices() if device.has_double]
+    if not with_double:
+        pytest.skip("no device with 64-bit floats")
+    return ComputeContext(with_double[0], real="double")
+
+
+@pytest.fixture(scope="session")
+def valley(context: ComputeContext) -> Terrain:
+    return build(load_sketch("valley_river"), device=context)
+
+
+@pytest.fixture(scope="session")
+def desert(context: ComputeContext) -> Terrain:
+    return build(load_sketch("desert_mountains"), device=context)
+
+
+def feature(
+    kind: str, x: float, y: float, radius: float, strength: float, **more: float
+) -> np.ndarray[Any, Any]:
+    row = np.zeros(1, FEATURE)
+    row["type"], row["x"], row["y"] = FEATURE_TYPES.index(kind), x, y
+    row["radius"], row["strength"], row["painted"] = radius, strength, True
+    for name, value in more.items():
+        row[name] = value
+    return row
+
+
+def straight_river(y: float = 2048.0, *, width: float = 20.0, fall: float = 0.004) -> River:
+    """A river from west to east along a slightly waving line."""
+    x = np.linspace(200, 3900, 300)
+    centreline = np.column_stack([x, y + 150 * np.sin(x / 400), 12 - fall * x])
+    ones = np.ones(x.size, np.float32)
+    return River(
+        1, 1, centreline[::20], width * ones[::20], 2 * ones[::20], centreline, width * ones, 2 * ones
+    )
+
+
+@pytest.fixture(scope="session")
+def make_recipe() -> Callable[..., TerrainRecipe]:
+    """Make a 4096 m recipe of just the given features and rivers."""
+
+    def make(
+        *features: np.ndarray[Any, Any], rivers: tuple[River, ...] = (), **changes: Any
+    ) -> TerrainRecipe:
+        painted = np.concatenate([np.zeros(0, FEATURE), *features])
+        painted["id"] = np.arange(painted.size)
+        values: dict[str, Any] = {
+            "extent": 4096.0,
+            "seed": 5,
+            "fidelity": 0.8,
+            "ground": {"relief": 40.0, "wavelength": 1600.0, "roughness": 0.45},
+            "climate": {"snow_line": 600.0, "tree_line": 400.0, "aridity": 0.2},
+            "painted": painted,
+            "fill": NoFill(),
+            "rivers": rivers,
+            "river_reach": tuple(np.full(len(river.centreline), 160.0) for river in rivers),
+        }
+        return TerrainRecipe(**(values | changes))
+
+    return make
+
+
+CASES = {
+    "noise": [],
+    "hill": [feature("hill", 1500, 1700, 600, 120), feature("hill", 2100, 1800, 500, 90)],
+    "mountain": [
+        feature("mountain", 2000, 2000, 1200, 1000, peakiness=0.6),
+        feature("mountain", 2900, 2300, 900, 700, peakiness=0.2),
+    ],
+    "dune": [
+        feature("dune", 2000, 2000, 1500, 18, wavelength=150, wind=250),
+        feature("dune", 900, 3000, 700, 9, wavelength=90, wind=10),
+    ],
+    "forest": [feature("forest", 2500, 1200, 800, 0.8)],
+    "river": [],
+}
+
+
+@pytest.fixture(params=list(CASES))
+def case(
+    request: pytest.FixtureRequest, make_recipe: Callable[..., TerrainRecipe]
+) -> tuple[str, TerrainRecipe]:
+    """One kind of feature alone on the ground."""
+    name = request.param
+    rivers = (straight_river(), straight_river(900, width=6)) if name == "river" else ()
+    return name, make_recipe(*CASES[name], rivers=rivers)

@@ -1,0 +1,101 @@
+"""Plants: a function of the world, never too near to each other, only where they can grow."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sketchterrain.errors import InputError
+from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
+
+if TYPE_CHECKING:
+    import sketchterrain as st
+    from sketchterrain.compute import ComputeContext
+
+RADIUS = 900
+FAR = 1 << 42
+
+
+def sample(context: ComputeContext, *area: int, radius: int = RADIUS, seed: int = 1) -> np.ndarray:
+    return poisson_disk(context, area, radius, seed=seed)
+
+
+@pytest.mark.parametrize("origin", [0, -RADIUS * 77, FAR])
+def test_points_keep_their_distance(context: ComputeContext, origin: int) -> None:
+    side = 120 * RADIUS
+    points = sample(context, origin, -origin, origin + side, -origin + side)
+    near = cKDTree((points - (origin, -origin)).astype(np.float64)).query_pairs(RADIUS - 1e-6)
+    assert near == set()
+    assert len(points) * RADIUS**2 / side**2 > 0.88 * GREATEST_DENSITY
+
+
+@pytest.mark.parametrize("origin", [0, -RADIUS * 1000 - 7, FAR])
+def test_points_are_a_function_of_the_world(context: ComputeContext, origin: int) -> None:
+    """One rectangle, or sixteen in shuffled order: the same points."""
+    side = 64 * RADIUS + 13
+    whole = sample(context, origin, origin, origin + side, origin + side)
+    cuts = origin + np.linspace(0, side, 5).astype(np.int64)
+    pieces = [(i, j) for i in range(4) for j in range(4)]
+    np.random.default_rng(0).shuffle(pieces)
+    parts = [sample(context, *map(int, (cuts[i], cuts[j], cuts[i + 1], cuts[j + 1]))) for i, j in pieces]
+    together = np.concatenate(parts)
+    assert {tuple(p) for p in together} == {tuple(p) for p in whole}
+    assert len(together) == len(whole)
+
+
+def test_windows_join_without_a_seam(context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
+    area = (0, 0, 90 * RADIUS, 70 * RADIUS)
+    whole = sample(context, *area)
+    monkeypatch.setattr("sketchterrain.terrain.poisson._WINDOW", 37)
+    np.testing.assert_array_equal(sample(context, *area), whole)
+
+
+def test_degenerate_rectangles(context: ComputeContext) -> None:
+    assert sample(context, 5, 5, 5, 9).shape == (0, 2)
+    assert len(sample(context, 0, 0, 10, 10)) <= 1
+    with pytest.raises(InputError, match="at least 2 lattice units"):
+        sample(context, 0, 0, 10, 10, radius=1)
+    with pytest.raises(InputError, match="would hold about"):
+        sample(context, 0, 0, 1 << 30, 1 << 30)
+
+
+def test_plants_stand_on_the_ground_inside_the_rectangle(valley: st.Terrain) -> None:
+    plants = valley.foliage(1800, 1500, 2900, 2800)
+    assert len(plants) > 200
+    assert (plants["x"] >= 1800).all()
+    assert (plants["x"] < 2900).all()
+    assert (plants["y"] >= 1500).all()
+    assert (plants["y"] < 2800).all()
+    np.testing.assert_array_equal(plants["z"], valley.heights(plants["x"], plants["y"]))
+    assert set(np.unique(plants["species"])) <= {0, 1, 2}
+    assert (plants["scale"] > 0).all()
+
+
+def test_plants_do_not_depend_on_the_rectangle(valley: st.Terrain) -> None:
+    whole = valley.foliage(1800, 1500, 2900, 2800)
+    part = valley.foliage(2200, 1700, 2500, 2300)
+    inside = (whole["x"] >= 2200) & (whole["x"] < 2500) & (whole["y"] >= 1700) & (whole["y"] < 2300)
+    np.testing.assert_array_equal(part, whole[inside])
+
+
+def test_forests_are_where_they_are_painted(valley: st.Terrain) -> None:
+    forest = valley.sketch.layers["forest"] > 0
+    plants = valley.foliage(0, 0, *valley.size)
+    column = (plants["x"] / valley.sketch.pixel_size).astype(int)
+    row = valley.sketch.height_px - 1 - (plants["y"] / valley.sketch.pixel_size).astype(int)
+    inside = forest[row, column].mean()
+    assert inside > 0.6  # groves of the fill and lone trees stand elsewhere
+    assert inside > 5 * forest.mean()
+
+
+def test_deserts_have_few_plants(desert: st.Terrain) -> None:
+    plants = desert.foliage(2000, 2000, 4000, 4000)
+    assert len(plants) < 40
+
+
+def test_a_rectangle_the_wrong_way_round(valley: st.Terrain) -> None:
+    with pytest.raises(InputError, match="west ≤ east"):
+        valley.foliage(10, 0, 0, 10)

@@ -1,0 +1,159 @@
+"""A terrain is one function of place and cell size, whatever it is asked through."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sketchterrain as st
+from sketchterrain.errors import InputError
+from sketchterrain.terrain.lattice import QUADS
+
+LEVELS = range(0, 12)
+
+
+def vertices(tile: st.Tile) -> tuple[np.ndarray, np.ndarray]:
+    west, south, east, north = tile.bounds
+    x = np.linspace(west, east, QUADS + 1)
+    y = np.linspace(north, south, QUADS + 1)
+    return np.broadcast_to(x, (65, 65)), np.broadcast_to(y[:, None], (65, 65))
+
+
+def test_neighbours_share_border_vertices(valley: st.Terrain) -> None:
+    """Heights, normals and materials of 200 random pairs, bit for bit."""
+    rng = np.random.default_rng(9)
+    for level in (2, 4, 7, 10, 13):
+        span = 2**level
+        columns, rows = rng.integers(-span // 4, span + span // 4 + 1, (2, 40))
+        sides = rng.integers(0, 2, 40)
+        keys = [(level, int(c), int(r)) for c, r in zip(columns, rows, strict=True)]
+        beside = [(level, c + int(s), r + 1 - int(s)) for (_, c, r), s in zip(keys, sides, strict=True)]
+        for one, two, east in zip(valley.tiles(keys), valley.tiles(beside), sides, strict=True):
+            for name in ("height", "normal", "materials"):
+                a, b = getattr(one, name), getattr(two, name)
+                shared = (a[:, -1], b[:, 0]) if east else (a[0], b[-1])
+                np.testing.assert_array_equal(*shared)
+
+
+@pytest.mark.parametrize("level", [-3, 0, 3, 6, 9, 12, 16, 18])
+def test_heights_at_a_tiles_vertices_are_the_tiles(valley: st.Terrain, level: int) -> None:
+    key = (level, int(0.55 * 2.0**level), int(0.47 * 2.0**level))
+    tile = valley.tile(*key)
+    np.testing.assert_array_equal(valley.heights(*vertices(tile), cell_size=tile.cell_size), tile.height)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_one_vertex_is_one_value(valley: st.Terrain, level: int) -> None:
+    """Through its four tiles, and through heights alone."""
+    column, row = 2**level // 2 + (level > 2), 2**level // 3
+    tiles = valley.tiles([(level, column - i, row - j) for j in (0, 1) for i in (0, 1)])
+    corner = [
+        tile.height[0 if j else -1, -1 if i else 0]
+        for tile, (j, i) in zip(tiles, np.ndindex(2, 2), strict=True)
+    ]
+    x, y = tiles[0].bounds[:2]
+    alone = valley.heights(x, y, cell_size=tiles[0].cell_size)
+    assert {float(z) for z in corner} == {float(alone)}
+
+
+def test_culling_changes_no_bit(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+    keys = [(5, 12, 14), (5, 20, 9), (5, 25, 30), (3, 3, 3)]
+    culled = valley.tiles(keys)
+    monkeypatch.setattr("sketchterrain.terrain.culling._touching", everything_touches)
+    for one, two in zip(culled, valley.tiles(keys), strict=True):
+        np.testing.assert_array_equal(one.height, two.height)
+        np.testing.assert_array_equal(one.materials, two.materials)
+
+
+def everything_touches(blocks, low, high, reach):
+    block, item = np.indices((len(blocks), len(low))).reshape(2, -1)
+    return block, item
+
+
+def test_tiles_do_not_depend_on_their_company(valley: st.Terrain) -> None:
+    keys = [(6, c, r) for c in range(20, 30) for r in range(30, 36)]
+    together = valley.tiles(keys)
+    alone = valley.tile(*keys[17])
+    np.testing.assert_array_equal(together[17].height, alone.height)
+    np.testing.assert_array_equal(together[17].normal, alone.normal)
+    np.testing.assert_array_equal(together[17].materials, alone.materials)
+
+
+def test_raster_is_the_tiles(valley: st.Terrain) -> None:
+    raster = valley.raster(257)
+    tile = valley.tile(2, 1, 2)
+    np.testing.assert_array_equal(raster.height[64:129, 64:129], tile.height)
+    np.testing.assert_array_equal(raster.normal[64:129, 64:129], tile.normal)
+    np.testing.assert_array_equal(raster.materials[64:129, 64:129], tile.materials)
+
+
+@pytest.mark.parametrize("size", [2, 3, 64, 65, 66, 100, 130])
+def test_raster_of_any_size(valley: st.Terrain, size: int) -> None:
+    raster = valley.raster(size)
+    assert raster.height.shape == (size, size)
+    x = np.linspace(0, valley.size[0], size)
+    y = np.linspace(valley.size[1], 0, size)
+    cell = valley.extent / (size - 1)
+    np.testing.assert_array_equal(raster.height, valley.heights(x, y[:, None], cell_size=cell))
+
+
+def test_normals_and_materials_are_well_formed(valley: st.Terrain, desert: st.Terrain) -> None:
+    for terrain in (valley, desert):
+        raster = terrain.raster(193)
+        np.testing.assert_allclose(np.linalg.norm(raster.normal, axis=-1), 1, atol=1e-6)
+        assert (raster.normal[..., 2] > 0).all()
+        np.testing.assert_allclose(raster.materials.sum(axis=-1), 1, atol=1e-5)
+        assert (raster.materials >= 0).all()
+        assert np.isfinite(raster.height).all()
+
+
+def test_normals_are_the_slopes_of_the_heights(valley: st.Terrain) -> None:
+    raster = valley.raster(513)
+    z = raster.height.astype(np.float64)
+    slope_x = (z[1:-1, 2:] - z[1:-1, :-2]) / (2 * raster.spacing[0])
+    slope_y = (z[:-2, 1:-1] - z[2:, 1:-1]) / (2 * raster.spacing[1])
+    expected = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
+    expected /= np.linalg.norm(expected, axis=-1, keepdims=True)
+    cosine = (expected * raster.normal[1:-1, 1:-1]).sum(axis=-1)
+    # float32 heights of 500 m step by 3e-5 m, over spans of 24 m.
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).max() < 0.05
+
+
+def test_coarser_cells_only_lose_detail(valley: st.Terrain) -> None:
+    """The ground at a cell size differs from full detail by less the finer the cells."""
+    rng = np.random.default_rng(2)
+    x, y = rng.uniform(0, valley.extent, (2, 3000))
+    full = valley.heights(x, y)
+    rms = [float(np.sqrt(np.mean((valley.heights(x, y, cell_size=c) - full) ** 2))) for c in (1, 4, 16, 64)]
+    assert rms == sorted(rms)
+    assert rms[0] < 0.2
+    np.testing.assert_array_equal(valley.heights(x, y, cell_size=0.05), full)
+
+
+def test_the_world_goes_on_outside_the_sketch(valley: st.Terrain) -> None:
+    heights = valley.heights(np.linspace(-2e5, -1e5, 2000), np.linspace(3e5, 1e5, 2000), cell_size=20)
+    assert heights.max() - heights.min() > 60
+    assert np.isfinite(heights).all()
+
+
+@pytest.mark.parametrize("x", [np.nan, np.inf, 1e30])
+def test_positions_must_be_somewhere(valley: st.Terrain, x: float) -> None:
+    with pytest.raises(InputError, match="finite and within"):
+        valley.heights(x, 0.0)
+
+
+def test_bad_questions(valley: st.Terrain) -> None:
+    with pytest.raises(InputError, match="cell_size"):
+        valley.heights(0.0, 0.0, cell_size=-1)
+    with pytest.raises(InputError, match="level must be -12 … 18, not 19"):
+        valley.tile(19, 0, 0)
+    with pytest.raises(InputError, match="at least 2"):
+        valley.raster(1)
+    assert valley.heights(np.zeros(0), np.zeros(0)).shape == (0,)
+
+
+@pytest.mark.parametrize("level", [-12, -8, -5])
+def test_very_coarse_tiles_are_quick_and_finite(valley: st.Terrain, level: int) -> None:
+    tile = valley.tile(level, 0, -1)
+    assert np.isfinite(tile.height).all()
+    assert np.abs(tile.height).max() < 1000

@@ -1,0 +1,92 @@
+"""Who may import whom: the table in ARCHITECTURE.md, held against the code."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+# Each room and the rooms it may import; a room may always import itself.
+MAY_IMPORT = {
+    "errors": set(),
+    "resources": {"errors"},
+    "sketch": {"errors", "resources"},
+    "features": {"errors", "sketch"},
+    "compute": {"errors", "resources"},
+    "terrain": {"errors", "sketch", "features", "compute"},
+    "tiles": {"errors"},
+    "render": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
+    "export": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
+}
+ANYTHING = {"__init__", "__main__", "cli", "generate", "benchmarks"}
+ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}
+
+
+def room_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return parts[0] if parts[0] != "sketchterrain" else parts[1]
+
+
+def modules() -> list[Path]:
+    return sorted([*(ROOT / "sketchterrain").rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py")])
+
+
+def imports(tree: ast.AST) -> set[str]:
+    """Every module a tree imports, inside functions and type-checking blocks too."""
+    found: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            found |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def violations(room: str, tree: ast.AST) -> list[str]:
+    bad = []
+    for name in imports(tree):
+        parts = name.split(".")
+        if parts[0] == "sketchterrain" and len(parts) > 1 and room in MAY_IMPORT:
+            if parts[1] not in MAY_IMPORT[room] | {room} and (parts[1] in MAY_IMPORT or parts[1] in ANYTHING):
+                bad.append(name)
+        elif parts[0] in ONLY_IN and room not in ONLY_IN[parts[0]]:
+            bad.append(name)
+    return bad
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_room_imports_only_rooms_above_it(path: Path) -> None:
+    room = room_of(path)
+    assert room in MAY_IMPORT or room in ANYTHING, f"{path} is in no known room"
+    assert violations(room, ast.parse(path.read_text(encoding="utf-8"))) == []
+
+
+def test_no_relative_imports_hide_from_this_test() -> None:
+    for path in modules():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            assert not (isinstance(node, ast.ImportFrom) and node.level), f"{path}: relative import"
+
+
+@pytest.mark.parametrize(
+    ("room", "planted"),
+    [
+        ("features", "from sketchterrain.terrain import build"),
+        ("tiles", "import sketchterrain.compute.device"),
+        ("terrain", "import pyopencl as cl"),
+        ("sketch", "def f():\n    from sketchterrain import cli"),
+    ],
+)
+def test_a_planted_violation_is_found(room: str, planted: str) -> None:
+    assert violations(room, ast.parse(planted)) != []
+
+
+@pytest.mark.parametrize("module", ["sketchterrain", "sketchterrain.cli", "sketchterrain.errors"])
+def test_importing_loads_no_driver(module: str) -> None:
+    code = f"import sys, {module}; print(*sorted({{'pyopencl', 'moderngl', 'PyQt6', 'scipy'}} & set(sys.modules)))"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == ""

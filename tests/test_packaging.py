@@ -1,0 +1,73 @@
+"""What pyproject.toml packages is what there is, and an installed wheel works without the checkout."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from sketchterrain import resources
+from sketchterrain.errors import InputError
+
+ROOT = Path(__file__).parents[1]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+
+
+def test_every_package_is_listed() -> None:
+    mapped = {folder: name for name, folder in SETTINGS["package-dir"].items()}
+    there = set()
+    for top, name in mapped.items():
+        for init in (ROOT / top).rglob("__init__.py"):
+            below = init.parent.relative_to(ROOT / top).parts
+            there.add(".".join([name, *below]))
+    assert set(SETTINGS["packages"]) == there
+
+
+@pytest.mark.slow
+def test_a_wheel_holds_kernels_and_presets(tmp_path: Path) -> None:
+    subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "wheel",
+            "--quiet",
+            "--no-deps",
+            "--wheel-dir",
+            str(tmp_path),
+            str(ROOT),
+        ],
+        check=True,
+    )
+    (wheel,) = tmp_path.glob("*.whl")
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for folder, pattern in (("kernels", "*.cl*"), ("kernels", "*.glsl"), ("presets", "*.*")):
+        for file in (ROOT / folder).rglob(pattern):
+            if file.suffix in {".cl", ".clh", ".glsl", ".toml", ".png"}:
+                assert f"sketchterrain/{file.relative_to(ROOT).as_posix()}" in names
+    code = (
+        f"import sys; sys.path.insert(0, {str(wheel)!r}); import sketchterrain; "
+        "from sketchterrain import resources; print(sketchterrain.__file__); "
+        "print(len(resources.source('terrain.cl')), *resources.preset_names())"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-S", "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert wheel.name in shown.stdout
+    assert "valley_river" in shown.stdout
+
+
+def test_source_puts_each_include_in_once() -> None:
+    text = resources.source("terrain.cl")
+    assert '#include "' not in text
+    assert text.count("inline REAL simplex(") == 1
+    assert text.index("inline REAL simplex(") < text.index("inline Ground terrain_at(")
+
+
+def test_unknown_preset_names_those_there_are() -> None:
+    with pytest.raises(InputError, match="no preset 'valley'; there are: alpine_range"):
+        resources.preset("valley")

@@ -1,1 +1,28 @@
-"""."""
+"""Writers for engines and GIS: each file whole or not at all, the same terrain always the same bytes.
+
+Every writer takes the folder to write into and returns the paths of what it wrote.
+"""
+
+from __future__ import annotations
+
+from sketchterrain.export.features import write_features
+from sketchterrain.export.files import prepare_folder, write_json, write_whole
+from sketchterrain.export.geotiff import write_height_tif
+from sketchterrain.export.images import write_height_png, write_normals
+from sketchterrain.export.picture import write_picture
+from sketchterrain.export.plants import write_foliage
+from sketchterrain.export.weights import quantised_weights, write_materials
+
+__all__ = [
+    "prepare_folder",
+    "quantised_weights",
+    "write_features",
+    "write_foliage",
+    "write_height_png",
+    "write_height_tif",
+    "write_json",
+    "write_materials",
+    "write_normals",
+    "write_picture",
+    "write_whole",
+]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rasterio import Affine
+from rasterio.crs import CRS
 from rasterio.io import MemoryFile
 
 from sketchterrain.export.files import write_whole
@@ -18,10 +19,15 @@ __all__ = ["write_height_tif"]
 
 _FLOAT_PREDICTOR = 3
 _BLOCK = 256  # samples along the side of a TIFF tile
+# Metres that lie nowhere on Earth: GIS programs then know the unit and ask for no place.
+_LOCAL_METRES = (
+    'LOCAL_CS["sketch, metres from its south-west corner",UNIT["metre",1],'
+    'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
+)
 
 
 def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
-    """Write ``height.tif``: float32 metres, north up, in the sketch's own metres without a CRS.
+    """Write ``height.tif``: float32 metres, north up, in a local system of metres.
 
     Samples are vertices (AREA_OR_POINT=Point): the file's tie point puts sample (0, 0) on the north-west
     vertex, x = 0, y = the sketch's length northward. GDAL's transform always speaks of pixel corners, so
@@ -37,6 +43,7 @@ def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
             height=rows,
             count=1,
             dtype="float32",
+            crs=CRS.from_wkt(_LOCAL_METRES),
             transform=corner,
             compress="deflate",
             predictor=_FLOAT_PREDICTOR,

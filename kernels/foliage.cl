@@ -7,7 +7,7 @@
 // (lattice units) and distances are compared exactly.
 
 #define EMPTY (-1)
-#define REACH 2  // cells: points further apart than that can't conflict
+#define REACH 2  // cells: points further apart than that can't conflict, nor can those of cells 2 apart both ways
 
 inline uint mixed(uint h)
 {
@@ -27,65 +27,62 @@ inline uint cell_hash(long column, long row, uint salt)
     return mixed(h ^ (uint)(row >> 32));
 }
 
-// Whether points a and b, in cells (column, row) apart, are nearer than r.
+// Whether b, in the cell (columns, rows) away, is nearer to a than r.
 inline bool conflict(int2 a, int2 b, int columns, int rows, int cell, long r2)
 {
-    const long dx = (long)columns * cell + b.s0 - a.s0;
-    const long dy = (long)rows * cell + b.s1 - a.s1;
-    return dx * dx + dy * dy < r2;
+    const long dx = columns * cell + b.s0 - a.s0;
+    const long dy = rows * cell + b.s1 - a.s1;
+    return b.s0 != EMPTY && dx * dx + dy * dy < r2;
 }
 
-// One candidate for each empty cell of a window of the world.
-//   accepted   width * height int2: point within its cell, lattice units, or EMPTY
+// Both kernels work on a window of the world, rows of `width` cells; its rim of REACH cells stays EMPTY.
+// Loops have no exits, so that drivers can run neighbouring cells in one vector.
+// Global size: (width - 2 REACH rounded up, height - 2 REACH).
+
+// One candidate for each empty cell.
+//   accepted   int2 a cell: point within its cell, lattice units, or EMPTY
 //   candidate  the same, written; priority  uint, written
 //   west, south  the window's first cell, counted from the world's origin
 //   cell       side of a cell, lattice units; r2 squared distance, lattice units squared
-// Global size: (width, height).
-__kernel void propose(__global const int2 *accepted, __global int2 *candidate, __global uint *priority,
-                      int width, int height, long west, long south, int cell, long r2, uint salt)
+__kernel void propose(__global const int2 *accepted, __global int2 *candidate, __global uint *priority, int width,
+                      long west, long south, int cell, long r2, uint salt)
 {
-    const int i = get_global_id(0);
-    const int j = get_global_id(1);
-    if (i >= width) return;
+    const int i = get_global_id(0) + REACH;
+    const int j = get_global_id(1) + REACH;
+    if (i >= width - REACH) return;
     const int at = j * width + i;
     const uint h = cell_hash(west + i, south + j, salt);
-    int2 point = (int2)((int)(((ulong)mixed(h ^ 0x68E31DA4u) * (ulong)cell) >> 32),
-                        (int)(((ulong)mixed(h ^ 0xB5297A4Du) * (ulong)cell) >> 32));
-    priority[at] = h;
-    if (accepted[at].s0 != EMPTY) point.s0 = EMPTY;
-    for (int dj = -REACH; dj <= REACH && point.s0 != EMPTY; ++dj) {
-        for (int di = -REACH; di <= REACH; ++di) {
-            if (i + di < 0 || i + di >= width || j + dj < 0 || j + dj >= height) continue;
-            const int2 other = accepted[at + dj * width + di];
-            if (other.s0 != EMPTY && conflict(point, other, di, dj, cell, r2)) {
-                point.s0 = EMPTY;
-                break;
-            }
+    const int2 point = (int2)((int)(((ulong)mixed(h ^ 0x68E31DA4u) * (ulong)cell) >> 32),
+                              (int)(((ulong)mixed(h ^ 0xB5297A4Du) * (ulong)cell) >> 32));
+    int blocked = accepted[at].s0 != EMPTY;
+    for (int dj = -REACH; dj <= REACH; ++dj) {
+        const int span = dj == -REACH || dj == REACH ? REACH - 1 : REACH;
+        for (int di = -span; di <= span; ++di) {
+            blocked |= conflict(point, accepted[at + dj * width + di], di, dj, cell, r2);
         }
     }
-    candidate[at] = point;
+    priority[at] = h;
+    candidate[at] = (int2)(blocked ? EMPTY : point.s0, point.s1);
 }
 
 // Accepts each candidate that beats its rivals: by priority, then by place.
 __kernel void resolve(__global int2 *accepted, __global const int2 *candidate, __global const uint *priority,
-                      int width, int height, int cell, long r2)
+                      int width, int cell, long r2)
 {
-    const int i = get_global_id(0);
-    const int j = get_global_id(1);
-    if (i >= width) return;
+    const int i = get_global_id(0) + REACH;
+    const int j = get_global_id(1) + REACH;
+    if (i >= width - REACH) return;
     const int at = j * width + i;
     const int2 point = candidate[at];
-    if (point.s0 == EMPTY) return;
     const uint own = priority[at];
+    int beaten = point.s0 == EMPTY;
     for (int dj = -REACH; dj <= REACH; ++dj) {
-        for (int di = -REACH; di <= REACH; ++di) {
-            if (di == 0 && dj == 0) continue;
-            if (i + di < 0 || i + di >= width || j + dj < 0 || j + dj >= height) continue;
+        const int span = dj == -REACH || dj == REACH ? REACH - 1 : REACH;
+        for (int di = -span; di <= span; ++di) {
             const int there = at + dj * width + di;
-            const int2 other = candidate[there];
-            if (other.s0 == EMPTY || !conflict(point, other, di, dj, cell, r2)) continue;
-            if (priority[there] > own || (priority[there] == own && there > at)) return;
+            const bool first = priority[there] > own || (priority[there] == own && there > at);
+            beaten |= first && conflict(point, candidate[there], di, dj, cell, r2);
         }
     }
-    accepted[at] = point;
+    if (!beaten) accepted[at] = point;
 }

@@ -21,9 +21,11 @@ ROUNDS = 14
 GREATEST_DENSITY = 0.6966
 """Points a square unit of a maximal set at distance 1, by dart throwing (Wei 2008)."""
 
-_HALO = 4 * ROUNDS
+_REACH = 2  # cells, as in the kernels
+_HALO = 2 * _REACH * ROUNDS + _REACH
+_ROUND_SALT = 0x9E3779B9
 _WINDOW = 1024
-_GROUP = 16
+_GROUP = 64
 _MOST_POINTS = 40_000_000
 _EMPTY = -1
 
@@ -84,15 +86,16 @@ def _window(
     """Points of the cells from (left, bottom) up to (right, top), from a window with its halo."""
     left, bottom = cells[0] - _HALO, cells[1] - _HALO
     width, height = cells[2] + _HALO - left, cells[3] + _HALO - bottom
-    accepted = context.upload(np.full((height, width, 2), _EMPTY, np.int32), writable=True)
-    candidate = context.empty((height, width, 2), np.int32)
-    priority = context.empty((height, width), np.uint32)
-    size = (-(-width // _GROUP) * _GROUP, height)
+    # The rim stays empty: it only spares the kernels a test for the window's end.
+    nothing = np.full((height, width, 2), _EMPTY, np.int32)
+    accepted, candidate = (context.upload(nothing, writable=True) for _ in range(2))
+    priority = context.upload(np.zeros((height, width), np.uint32), writable=True)
+    size = (-(-(width - 2 * _REACH) // _GROUP) * _GROUP, height - 2 * _REACH)
     r2 = np.int64(radius) ** 2
     for turn in range(ROUNDS):
-        turn_salt = np.uint32((salt + turn * 0x9E3779B9) & 0xFFFFFFFF)
-        window = (accepted, candidate, priority, np.int32(width), np.int32(height))
-        place = (np.int64(left), np.int64(bottom), np.int32(cell), r2, turn_salt)
+        salted = np.uint32((salt + turn * _ROUND_SALT) & 0xFFFFFFFF)
+        window = (accepted, candidate, priority, np.int32(width))
+        place = (np.int64(left), np.int64(bottom), np.int32(cell), r2, salted)
         context.launch("foliage.cl", "propose", size, *window, *place, group=(_GROUP, 1))
         context.launch("foliage.cl", "resolve", size, *window, np.int32(cell), r2, group=(_GROUP, 1))
     offset = context.download(accepted, (height, width, 2), np.int32)[_HALO:-_HALO, _HALO:-_HALO]

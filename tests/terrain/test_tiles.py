@@ -9,7 +9,7 @@ import sketchterrain as st
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.lattice import QUADS
 
-LEVELS = range(0, 12)
+LEVELS = range(12)
 
 
 def vertices(tile: st.Tile) -> tuple[np.ndarray, np.ndarray]:

@@ -1,87 +1,171 @@
-"""The course of a reach: from pixels to the control points of its spline, and on beyond the sketch's edge."""
+"""The course of a reach: from skeleton pixels to a spline in the world, with the sizes its labels say."""
 
 from __future__ import annotations
 
-import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from sketchterrain.features.hashing import smooth_noise
+from sketchterrain.features.hashing import unit
+from sketchterrain.features.river_network import exit_normal
+from sketchterrain.features.river_path import BEYOND, arc_length, run_on, smoothed, spaced
+from sketchterrain.features.splines import sample_catmull_rom, without_repeats
+from sketchterrain.features.user_features import pixel_id
+
+if TYPE_CHECKING:
+    from sketchterrain.features.river_network import Reach
+    from sketchterrain.features.skeleton import Skeleton
+    from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]
-
-BEYOND = 0.35
-"""How far a river runs on beyond the sketch's edge, as a share of the sketch's longer side."""
-
-_WIDEST_EXIT = math.radians(50.0)  # between a river's heading beyond the edge and straight out
-_WANDER = 0.5  # rad to either side
+Ints = npt.NDArray[np.int64]
 
 
-def smoothed(path: Floats, sigma: float) -> Floats:
-    """Smooth a path with a Gaussian of `sigma` points; its two ends stay where they are, bit for bit.
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A reach on its way to becoming a River, upstream first.
 
-    Beyond its ends the path is continued point-symmetrically, so that it does not shrink.
-    """
-    pad = min(math.ceil(3.0 * sigma), len(path) - 1)
-    if pad < 1:
-        return path
-    front, back = 2.0 * path[0] - path[pad:0:-1], 2.0 * path[-1] - path[-2 : -2 - pad : -1]
-    whole = np.concatenate([front, path, back])
-    smooth = ndimage.gaussian_filter1d(whole, sigma, axis=0, mode="nearest", truncate=3.0)[
-        pad : pad + len(path)
-    ]
-    smooth[[0, -1]] = path[[0, -1]]
-    return np.asarray(smooth, dtype=np.float64)
-
-
-def arc_length(path: Floats) -> Floats:
-    """Length (m) along a path from its first point to each, from x and y."""
-    steps = np.sqrt((np.diff(path[:, :2], axis=0) ** 2).sum(axis=1))
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def spaced(path: Floats, interval: float) -> Floats:
-    """Points about `interval` (m) apart along a path, with its ends; columns beyond x and y come along."""
-    arc = arc_length(path)
-    count = max(round(float(arc[-1]) / interval), 1) + 1
-    at = np.linspace(0.0, arc[-1], count)
-    points = np.stack([np.interp(at, arc, path[:, i]) for i in range(path.shape[1])], axis=-1)
-    points[[0, -1]] = path[[0, -1]]
-    return points
-
-
-def run_on(
-    path: Floats, normal: tuple[float, float], *, length: float, interval: float, seed: int, name: int
-) -> Floats:
-    """Points that carry a river on beyond the sketch's edge, wandering gently.
-
-    Parameters
+    Attributes
     ----------
-    path : (n, 2) float64
-        The river (m); it goes on from its last point, with the heading it has there.
-    normal : (east, north)
-        Out of the sketch; the river never turns back against it.
-    length, interval : float
-        How far to go on (m), in which steps (m).
-    seed, name : int
-        Seed of the terrain, and what tells this river from others.
-
-    Returns
-    -------
-    (k, 2) float64, without the path's own last point.
+    id, label : int
+        As in River.
+    parent : Course or None
+        What it joins.
+    joint : int
+        Index on the parent's centreline; -1 without a parent.
+    line : (m, 2) float64
+        Centreline (m).
+    controls : (n,) int
+        Indices of the control points on the centreline.
+    width, depth : (m,) float64
+        What the labels say (m).
+    taper : float
+        Length (m) over which the river grows from its spring.
     """
-    arc = arc_length(path)
-    back = path[np.searchsorted(arc, max(arc[-1] - 3.0 * interval, 0.0), side="left")]
-    heading, out = path[-1] - back, math.atan2(normal[1], normal[0])
-    off = math.atan2(heading[1], heading[0]) - out if heading.any() else 0.0
-    off = math.remainder(off, 2.0 * math.pi)
-    off = min(max(off, -_WIDEST_EXIT), _WIDEST_EXIT)
-    step = np.arange(1, max(round(length / interval), 1) + 1, dtype=np.float64)
-    swing = (
-        2.0 * smooth_noise(seed, "river beyond the edge", step / 5.0, np.full_like(step, name % 2**40)) - 1.0
+
+    id: int
+    label: int
+    parent: Course | None
+    joint: int
+    line: Floats
+    controls: npt.NDArray[np.intp]
+    width: Floats
+    depth: Floats
+    taper: float
+
+
+def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> Floats:
+    """Centres (m) of skeleton pixels, (n, 2)."""
+    x = (skeleton.columns[pixels] + 0.5) * sketch.pixel_size
+    y = (sketch.height_px - skeleton.rows[pixels] - 0.5) * sketch.pixel_size
+    return np.stack([x, y], axis=-1)
+
+
+def reach_course(
+    sketch: Sketch, skeleton: Skeleton, reach: Reach, parent: Course | None, *, seed: int
+) -> Course:
+    """Draw a reach as a spline, on beyond the sketch's edge where it leaves the sketch."""
+    pixels, loose = reach.pixels, 1.0 - sketch.fidelity
+    interval = (4.0 + 4.0 * loose) * sketch.pixel_size
+    path, joint = pixel_positions(sketch, skeleton, pixels), -1
+    if parent is not None:
+        joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
+        path[-1] = parent.line[joint]
+    widths, depths, label = _painted_sizes(sketch, skeleton, pixels)
+    points = spaced(np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths]), interval)
+
+    name = _id(sketch, skeleton, int(pixels[0]))
+    size = (sketch.height_px, sketch.width_px)
+    beyond = BEYOND * max(size) * sketch.pixel_size
+    taper = float(arc_length(points)[-1]) / 3.0
+    if parent is None and (out := exit_normal(skeleton, pixels, size)):
+        points = _lengthened(points, out, length=beyond, interval=interval, seed=seed, name=2 * name)
+    if out := exit_normal(skeleton, pixels[::-1], size):
+        upstream = _lengthened(
+            points[::-1], out, length=beyond, interval=interval, seed=seed, name=2 * name + 1
+        )
+        points, taper = upstream[::-1], beyond
+    return _drawn(points, name, label, parent=parent, joint=joint, taper=taper)
+
+
+def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -> Course:
+    """Draw a short straight reach over a dab; which end is the spring is not yet known."""
+    path = pixel_positions(sketch, skeleton, pixels)
+    name = _id(sketch, skeleton, int(np.min(pixels)))
+    heading = path[-1] - path[0]
+    if not heading.any():
+        angle = 2.0 * np.pi * float(unit(seed, "dab", name))
+        heading = np.array([np.cos(angle), np.sin(angle)])
+    heading /= np.hypot(*heading)
+    widths, depths, label = _painted_sizes(sketch, skeleton, pixels)
+    half = max(0.5 * float(skeleton.depth[pixels].max()), 1.0) * sketch.pixel_size
+    half += 0.5 * float(arc_length(path)[-1])
+    positions = 0.5 * (path[0] + path[-1]) + np.array([[-half], [0.0], [half]]) * heading
+    sizes = np.broadcast_to([widths.mean(), depths.mean()], (3, 2))
+    return _drawn(np.column_stack([positions, sizes]), name, label, parent=None, joint=-1, taper=half)
+
+
+def turned(course: Course) -> Course:
+    """Return a dab's course the other way round."""
+    return Course(
+        id=course.id,
+        label=course.label,
+        parent=course.parent,
+        joint=course.joint,
+        line=course.line[::-1],
+        controls=len(course.line) - 1 - course.controls[::-1],
+        width=course.width[::-1],
+        depth=course.depth[::-1],
+        taper=course.taper,
     )
-    angle = out + off + _WANDER * swing * np.minimum(step / 6.0, 1.0)
-    steps = interval * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    return np.asarray(path[-1] + np.cumsum(steps, axis=0))
+
+
+def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
+    at = slice(pixel, pixel + 1)
+    return int(pixel_id("river", skeleton.rows[at], skeleton.columns[at], sketch.width_px)[0])
+
+
+def _painted_sizes(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> tuple[Floats, Floats, int]:
+    """Width and depth (m) that the labels along a path say, smoothed; and the label of most of it."""
+    labels = sketch.layers["river"][skeleton.rows[pixels], skeleton.columns[pixels]]
+    main = int(np.argmax(np.bincount(labels, minlength=256)))
+    widths, depths = np.zeros(len(pixels)), np.zeros(len(pixels))
+    for label in np.unique(labels):
+        properties = sketch.properties("river", int(label))
+        widths[labels == label], depths[labels == label] = properties["width"], properties["depth"]
+    if labels.min() != labels.max():
+        widths, depths = (ndimage.gaussian_filter1d(each, 6.0, mode="nearest") for each in (widths, depths))
+    return widths, depths, main
+
+
+def _lengthened(
+    points: Floats, out: tuple[float, float], *, length: float, interval: float, seed: int, name: int
+) -> Floats:
+    """Carry a river on from its last point; width and depth stay what they were there."""
+    more = run_on(points[:, :2], out, length=length, interval=interval, seed=seed, name=name)
+    sizes = np.broadcast_to(points[-1, 2:], (len(more), 2))
+    return np.concatenate([points, np.column_stack([more, sizes])])
+
+
+def _drawn(
+    points: Floats, name: int, label: int, *, parent: Course | None, joint: int, taper: float
+) -> Course:
+    """Sample the spline through points of x, y, width and depth."""
+    points = without_repeats(points, of=2)
+    step = float(np.clip(0.5 * points[:, 2].min(), 2.0, 12.0))
+    line, u = sample_catmull_rom(points[:, :2], step)
+    number = np.arange(len(points))
+    return Course(
+        id=name,
+        label=label,
+        parent=parent,
+        joint=joint,
+        line=line,
+        controls=np.flatnonzero(u == np.floor(u)),
+        width=np.interp(u, number, points[:, 2]),
+        depth=np.interp(u, number, points[:, 3]),
+        taper=taper,
+    )

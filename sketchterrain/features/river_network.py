@@ -67,14 +67,45 @@ def reaches_to(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
     return tuple(reaches)
 
 
-def river_ends(skeleton: Skeleton) -> Ints:
-    """Pixels where the network may begin or end: its true ends, without spurs; every pixel of a pure loop."""
-    if len(skeleton.ends()) == 0:
-        return np.arange(len(skeleton.rows))
-    length, _ = skeleton.paths_from(int(skeleton.ends()[0]))
-    farthest = int(np.argmax(length))
-    starts = [int(reach.pixels[0]) for reach in reaches_to(skeleton, farthest)]
-    return np.unique(np.asarray([*starts, farthest], dtype=np.int64))
+@dataclass(frozen=True, eq=False)
+class RiverEnd:
+    """A place where a network may begin or end.
+
+    Attributes
+    ----------
+    pixel : int
+        Index into the skeleton.
+    lead : (n,) int64
+        Pixels of the reach that leads there; the last one is `pixel`.
+    length : float
+        Length (px) of the longest way from there.
+    """
+
+    pixel: int
+    lead: Ints
+    length: float
+
+
+def longest_path(skeleton: Skeleton) -> Ints:
+    """Pixels of the longest way through a skeleton, or nearly so (exactly, if it has no loops)."""
+    ends = skeleton.ends()
+    length, _ = skeleton.paths_from(int(ends[0]) if len(ends) else 0)
+    return reaches_to(skeleton, int(np.argmax(length)))[0].pixels
+
+
+def river_ends(skeleton: Skeleton) -> tuple[RiverEnd, ...]:
+    """Find where a network may begin or end: its true ends, without spurs; every pixel of a pure loop."""
+    ends = skeleton.ends()
+    if len(ends) == 0:
+        return tuple(RiverEnd(pixel, np.array([pixel]), 0.0) for pixel in range(len(skeleton.rows)))
+    length, _ = skeleton.paths_from(int(ends[0]))
+    root = int(np.argmax(length))
+    length, _ = skeleton.paths_from(root)
+    reaches = reaches_to(skeleton, root)
+    starts = [
+        RiverEnd(int(each.pixels[0]), each.pixels[::-1], float(length[each.pixels[0]])) for each in reaches
+    ]
+    return (RiverEnd(root, reaches[0].pixels, starts[0].length), *starts)
 
 
 def exit_normal(skeleton: Skeleton, pixels: Ints, size: tuple[int, int]) -> tuple[float, float] | None:

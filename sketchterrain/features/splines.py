@@ -10,10 +10,18 @@ from sketchterrain.errors import InputError
 Floats = npt.NDArray[np.float64]
 
 
-def without_repeats(points: Floats) -> Floats:
-    """Drop points that equal the one before them: a segment needs two different ends."""
+def without_repeats(points: Floats, *, of: int | None = None) -> Floats:
+    """Drop points that equal the one before them: a segment needs two different ends.
+
+    Parameters
+    ----------
+    points : (n, d) float64
+        One or more.
+    of : int, optional
+        How many of the d columns count; all by default.
+    """
     keep = np.ones(len(points), dtype=np.bool_)
-    keep[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
+    keep[1:] = (np.diff(points[:, :of], axis=0) != 0.0).any(axis=1)
     return points[keep]
 
 

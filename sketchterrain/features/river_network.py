@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.skeleton import Skeleton
 
 Ints = npt.NDArray[np.int64]
+Floats = npt.NDArray[np.float64]
 
 _EDGE_GAP = 2.5  # px between a river's painted end and the sketch's edge that a person does not mean
 
@@ -35,9 +36,9 @@ class Reach:
 def reaches_to(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
     """Break a skeleton into reaches that all lead to one pixel.
 
-    The longest is the main stem; each further one is the longest that is left. A branch shorter than the
-    river is wide where it joins is a spur of the skeleton, not a river. Loops come apart where the two ways
-    to the root are equally long, and so become two arms.
+    The longest, weighted, is the main stem; each further one is the longest that is left. A branch
+    shorter than the river is wide where it joins is a spur of the skeleton, not a river. Loops come apart
+    where the two ways to the root are equally long, and so become two arms.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def reaches_to(skeleton: Skeleton, root: int) -> tuple[Reach, ...]:
     leaves = np.flatnonzero(~leads_on)
     owner = np.full(len(length), -1, dtype=np.int64)
     reaches: list[Reach] = []
-    for leaf in leaves[np.lexsort((leaves, -length[leaves]))]:
+    for leaf in leaves[np.lexsort((leaves, -_weighted(skeleton, length, before)[leaves]))]:
         path = _path_down(int(leaf), before, owner)
         joint = path[-1]
         parent = int(owner[joint])
@@ -141,6 +142,17 @@ def exit_normal(skeleton: Skeleton, pixels: Ints, size: tuple[int, int]) -> tupl
     ]
     steepest = max(towards, default=(0.0, None), key=lambda each: each[0])
     return steepest[1] if steepest[0] > 0.2 else None
+
+
+def _weighted(skeleton: Skeleton, length: Floats, before: Ints) -> Floats:
+    """Length of each pixel's way to the root with every step weighted."""
+    if np.all(skeleton.weight == skeleton.weight[0]):
+        return length
+    total = np.zeros(len(length))
+    for pixel in np.argsort(length, kind="stable")[1:]:
+        step = length[pixel] - length[before[pixel]]
+        total[pixel] = total[before[pixel]] + skeleton.weight[pixel] * step
+    return total
 
 
 def _path_down(leaf: int, before: Ints, owner: Ints) -> list[int]:

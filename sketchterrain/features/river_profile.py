@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+
+from sketchterrain.features.river_path import smoothed
 
 Floats = npt.NDArray[np.float64]
 
@@ -88,4 +89,4 @@ def joined_to(level: Floats, arc: Floats, *, end: float, width: float) -> Floats
 
 
 def _blurred(values: Floats, sigma: float) -> Floats:
-    return np.asarray(ndimage.gaussian_filter1d(values, max(sigma, 1e-3), mode="nearest"), dtype=np.float64)
+    return smoothed(values[:, None], max(sigma, 1e-3))[:, 0]

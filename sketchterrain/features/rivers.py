@@ -27,6 +27,7 @@ Ground: TypeAlias = Callable[[Floats, Floats], npt.NDArray[np.floating[Any]]]
 _EDGE_BONUS = (10.0, 0.02)
 """A mouth at the sketch's edge may lie this much higher: metres, and metres for each metre of river."""
 
+_LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
 _DEPTH_POWER = 0.6  # how depth follows width along a river
 
 
@@ -58,7 +59,7 @@ def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, .
     InputError
         If `ground` returns something of another shape, or not finite.
     """
-    found = skeletons(sketch.layers["river"] > 0)
+    found = skeletons(sketch.layers["river"] > 0, _label_widths(sketch))
     if not found:
         return ()
     outlines = [_dab_or_ends(sketch, skeleton, seed) for skeleton in found]
@@ -70,6 +71,15 @@ def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, .
         else:
             courses.extend(_courses(sketch, skeleton, _mouth(sketch, skeleton, outline, heights), seed))
     return tuple(sorted(_with_water(courses, ground), key=lambda river: river.id))
+
+
+def _label_widths(sketch: Sketch) -> Floats:
+    """Width (m) that each pixel's label says: wider rivers are main stems."""
+    widths = np.ones(256)
+    for label in np.unique(sketch.layers["river"]):
+        if label > 0:
+            widths[label] = sketch.properties("river", int(label))["width"]
+    return widths[sketch.layers["river"]]
 
 
 def _heights(ground: Ground, groups: list[Floats]) -> list[Floats]:
@@ -84,7 +94,7 @@ def _heights(ground: Ground, groups: list[Floats]) -> list[Floats]:
 def _dab_or_ends(sketch: Sketch, skeleton: Skeleton, seed: int) -> Course | tuple[RiverEnd, ...]:
     path = longest_path(skeleton)
     steps = np.hypot(np.diff(skeleton.rows[path]), np.diff(skeleton.columns[path]))
-    if float(steps.sum()) <= 2.0 * float(skeleton.depth[path].max()):
+    if float(steps.sum()) <= max(2.0 * float(skeleton.depth[path].max()), _LONGEST_DAB):
         return dab_course(sketch, skeleton, path, seed=seed)
     return river_ends(skeleton)
 

@@ -24,6 +24,8 @@ class Skeleton:
         Its pixels in the image, in reading order.
     depth : (n,) float64
         Distance (px) from each to the painted border: half the painted width. The sketch's edge is no border.
+    weight : (n,) float64
+        How much a pixel of length counts when the main stem is sought.
     graph : (n, n) sparse float64
         Length (px) of each step between neighbouring pixels, both ways. A diagonal step is left out where
         two straight ones lead to the same place, so that a bend is no junction.
@@ -32,6 +34,7 @@ class Skeleton:
     rows: Ints
     columns: Ints
     depth: Floats
+    weight: Floats
     graph: sparse.csr_array
 
     def ends(self) -> Ints:
@@ -45,13 +48,15 @@ class Skeleton:
         return np.asarray(length[0]), np.asarray(before[0], dtype=np.int64)
 
 
-def skeletons(painted: npt.NDArray[np.bool_]) -> tuple[Skeleton, ...]:
+def skeletons(painted: npt.NDArray[np.bool_], weight: Floats | None = None) -> tuple[Skeleton, ...]:
     """Thin what was painted to lines one pixel wide, one skeleton for each 8-connected region.
 
     Parameters
     ----------
     painted : (height, width) bool
         True where a river was painted.
+    weight : (height, width) float64, optional
+        How much a pixel of length counts when the main stem is sought; 1 by default.
 
     Returns
     -------
@@ -65,6 +70,9 @@ def skeletons(painted: npt.NDArray[np.bool_]) -> tuple[Skeleton, ...]:
     thin = _thinned(window)
     at_row, at_column = np.nonzero(thin)
     depth = _depth(painted)[at_row + top, at_column + left]
+    importance = (
+        np.ones(len(depth)) if weight is None else weight[at_row + top, at_column + left].astype(np.float64)
+    )
     graph = _graph(thin, at_row, at_column)
     count, member = connected_components(graph, directed=False)
     by_member = np.argsort(member, kind="stable")
@@ -74,6 +82,7 @@ def skeletons(painted: npt.NDArray[np.bool_]) -> tuple[Skeleton, ...]:
             rows=at_row[group] + top,
             columns=at_column[group] + left,
             depth=depth[group],
+            weight=importance[group],
             graph=graph[group][:, group],
         )
         for group in groups

@@ -39,7 +39,7 @@ LEAST_DISC = 1.0
 
 _DARTS_EACH = 64  # darts thrown for each summit asked for, before giving up
 _ROUNDS = 8  # of darts, closer each time; and of looking for holes
-_LEAST_HOLE = 1.0  # px; what is narrower is the raggedness of a brush
+_LEAST_HOLE = 0.9  # px; what is narrower is the raggedness of a brush
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -135,18 +135,18 @@ def _summits(shape: Shape, pixels: _Pixels, mean: float, multitude: int) -> Ints
 
     # In a thin shape summits stand along a line, so that its length, not its area, spaces them.
     spacing = max(1.7 * mean, 0.6 * shape.area / (2.0 * max(deepest, 0.5) * multitude))
+    # As many discs of the mean size have the shape's area; specks have no room for that many.
+    wanted = min(multitude, math.ceil(shape.area / (math.pi * LEAST_DISC**2)))
     accepted: list[int] = []
-    covered = 0.0
     for _ in range(_ROUNDS):
         free = np.ones(len(darts), dtype=np.bool_)
         for index in accepted:
             free &= _apart(pixels, darts, index, spacing)
-        while free.any() and len(accepted) < multitude and (covered < shape.area or not accepted):
+        while free.any() and len(accepted) < wanted:
             index = int(darts[np.argmax(free)])
             accepted.append(index)
-            covered += math.pi * float(pixels.disc[index]) ** 2
             free &= _apart(pixels, darts, index, spacing)
-        if len(accepted) >= multitude or covered >= shape.area:
+        if len(accepted) >= wanted:
             break
         spacing *= 0.75
     return np.asarray(accepted, dtype=np.int64)

@@ -1,0 +1,63 @@
+"""Whatever is painted: no exception, no shape lost, nothing that is not a number."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from sketchterrain.features import Fill, label_shapes, place, trace_rivers
+from sketchterrain.features.rules import LAYER_CODES
+from sketchterrain.features.shapes import EDGE_OVERHANG
+from sketchterrain.sketch.document import Sketch
+
+SIZES = st.tuples(st.integers(1, 14), st.integers(1, 14))
+LABELS = st.sampled_from([0, 0, 0, 1, 1, 2])
+
+
+@st.composite
+def sketches(draw: st.DrawFn) -> Sketch:
+    size = draw(SIZES)
+    names = draw(st.sets(st.sampled_from(sorted(LAYER_CODES)), min_size=1))
+    layers = {name: draw(arrays.arrays(np.uint8, size, elements=LABELS)) for name in sorted(names)}
+    extent = draw(st.sampled_from([1.0, 100.0, 4096.0, 1e6]))
+    return Sketch(
+        extent=extent, fidelity=draw(st.sampled_from([0.0, 0.5, 1.0])), layers=layers, density={"hill": 0.5}
+    )
+
+
+def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 10 * np.sin(x / 30) + 10 * np.cos(y / 40)
+
+
+@settings(max_examples=120, deadline=None, derandomize=True)
+@given(sketches(), st.integers(0, 2**63 - 1))
+def test_any_sketch(sketch: Sketch, seed: int) -> None:
+    placed = place(sketch, seed=seed)
+    for name, code in LAYER_CODES.items():
+        if name == "river":
+            continue
+        own = placed[placed["type"] == code]
+        pixels = (own["id"] & np.uint64(2**48 - 1)).astype(int)
+        stands_on = np.zeros(sketch.layers[name].size, bool)
+        stands_on[pixels] = True
+        stands_on = stands_on.reshape(sketch.layers[name].shape)
+        for shape in label_shapes(name, sketch.layers[name]):
+            assert stands_on[shape.rows, shape.columns][shape.mask].any()
+    for field in ("x", "y", "radius", "strength"):
+        assert np.isfinite(placed[field]).all()
+    assert np.all(placed["strength"] > 0)
+    longer = max(sketch.width_px, sketch.height_px)
+    assert np.all(placed["radius"] <= 1.5 * sketch.pixel_size * longer * (0.5 + EDGE_OVERHANG + 1))
+
+    rivers = trace_rivers(sketch, seed=seed, ground=rolling)
+    assert len({river.id for river in rivers}) == len(rivers)
+    for river in rivers:
+        assert np.isfinite(river.centreline).all()
+        assert np.all(np.diff(river.centreline[:, 2]) <= 0)
+    networks = label_shapes("river", (sketch.layers["river"] > 0).astype(np.uint8))
+    assert len(rivers) >= len(networks)
+
+    found = Fill(sketch, placed, seed=seed).within(-2000.0, -2000.0, 6000.0, 6000.0)
+    assert np.isfinite(found["strength"]).all()

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.features import FEATURE_TYPES, Fill, PaintedDistance, place
+from sketchterrain.features.rules import CLEARANCE, SPACING
+from sketchterrain.sketch.document import Sketch
+
+DENSITY = {"mountain": 0.05, "hill": 0.6, "dune": 0.1, "forest": 3.0}
+EMPTY = np.zeros((64, 64), np.uint8)
+
+
+def fill(density: dict[str, float] | None = None, *, seed: int = 5, **layers: np.ndarray) -> Fill:
+    sketch = Sketch(extent=4096.0, density=density or DENSITY, layers=layers or {"hill": EMPTY})
+    return Fill(sketch, place(sketch, seed=seed), seed=seed)
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0), (-7000.0, 3000.0), (1e9, -1e9), (-1e9 - 0.3, 1e9 + 0.7)])
+def test_a_rectangle_and_its_pieces_hold_the_same_features(origin: tuple[float, float]) -> None:
+    west, south = origin
+    ground = fill()
+    whole = ground.within(west, south, west + 6000, south + 6000)
+    assert len(whole) > 50
+    xs, ys = (np.array([0, 137.1, 1500, 4800, 6000]) + start for start in origin)
+    pieces = [
+        fill().within(*corner, *opposite)
+        for (corner, opposite) in (
+            ((xs[i], ys[j]), (xs[i + 1], ys[j + 1]))
+            for i, j in reversed(list(itertools.product(range(4), repeat=2)))
+        )
+    ]
+    together = np.concatenate(pieces)
+    np.testing.assert_array_equal(together[np.argsort(together["id"])], whole)
+
+
+def test_ids_are_unique_sorted_and_marked() -> None:
+    found = fill().within(-20_000, -20_000, 20_000, 20_000)
+    assert np.all(np.diff(found["id"].astype(object)) > 0)
+    assert np.all(found["id"] >= 2**63)
+    assert not found["painted"].any()
+
+
+@pytest.mark.parametrize(
+    ("name", "density"),
+    [("mountain", 0.02), ("hill", 0.2), ("dune", 0.1), ("forest", 2.0), ("hill", 5.0), ("forest", 100.0)],
+)
+def test_the_density_is_reached(name: str, density: float) -> None:
+    side = float(np.sqrt(3000 / density)) * 1000
+    found = fill({name: density}).within(1e5, 1e5, 1e5 + side, 1e5 + side)
+    assert len(found) == pytest.approx(3000, rel=0.15)
+
+
+def test_the_density_of_each_type_is_reached_beside_the_others() -> None:
+    found = fill().within(1e5, 0.0, 2e5, 1e5)
+    for code, name in enumerate(FEATURE_TYPES):
+        assert (found["type"] == code).sum() == pytest.approx(DENSITY[name] * 1e4, rel=0.15), name
+
+
+def test_features_keep_the_spacing_of_the_rules() -> None:
+    found = fill().within(0, 0, 30_000, 30_000)
+    distance = np.hypot(found["x"][:, None] - found["x"], found["y"][:, None] - found["y"])
+    radii = found["radius"][:, None].astype(float) + found["radius"]
+    for (first, second), factor in SPACING.items():
+        pair = (found["type"] == FEATURE_TYPES.index(first))[:, None] & (
+            found["type"] == FEATURE_TYPES.index(second)
+        )
+        np.fill_diagonal(pair, val=False)
+        assert np.all(distance[pair] >= factor * radii[pair] * (1 - 1e-9)), (first, second)
+
+
+def test_painted_ground_and_rivers_are_left_alone() -> None:
+    row, column = np.mgrid[:64, :64]
+    layers = {
+        "mountain": (np.hypot(row - 20, column - 20) < 10).astype(np.uint8),
+        "river": (np.abs(column - 45) < 2).astype(np.uint8),
+    }
+    found = fill({"hill": 8.0, "forest": 8.0}, **layers).within(-500, -500, 4600, 4600)
+    assert len(found) > 20
+    for layer, painted in layers.items():
+        distance = PaintedDistance(painted > 0, 64.0)(found["x"], found["y"])
+        for code, name in ((1, "hill"), (3, "forest")):
+            of_type = found["type"] == code
+            assert np.all(distance[of_type] > CLEARANCE[name, layer] * found["radius"][of_type])
+
+
+def test_a_river_distance_of_ones_own() -> None:
+    sketch = Sketch(density={"hill": 2.0})
+    shy = Fill(sketch, place(sketch, seed=1), seed=1, river_distance=lambda x, _: np.abs(x - 9000.0))
+    found = shy.within(0, 0, 20_000, 20_000)
+    assert np.all(np.abs(found["x"] - 9000.0) > 0.9 * found["radius"])
+
+
+def test_no_density_no_features() -> None:
+    sketch = Sketch()
+    nothing = Fill(sketch, place(sketch, seed=1), seed=1)
+    assert nothing.max_radius == 0.0
+    assert len(nothing.within(-1e6, -1e6, 1e6, 1e6)) == 0
+
+
+def test_small_features_can_be_left_out() -> None:
+    ground = fill()
+    everything = ground.within(0, 0, 20_000, 20_000)
+    large = ground.within(0, 0, 20_000, 20_000, min_radius=300.0)
+    np.testing.assert_array_equal(large, everything[everything["radius"] >= 300.0])
+    assert 0 < len(large) < len(everything)
+    assert everything["radius"].max() <= ground.max_radius
+
+
+def test_what_is_too_small_to_matter_costs_nothing() -> None:
+    ground = fill()
+    assert len(ground.within(-1e12, -1e12, 1e12, 1e12, min_radius=ground.max_radius * 1.01)) == 0
+
+
+def test_the_seed_matters() -> None:
+    first, second = (fill(seed=seed).within(0, 0, 20_000, 20_000) for seed in (1, 2))
+    assert not np.isin(first["x"], second["x"]).any()
+
+
+@pytest.mark.parametrize("box", [(0, 0, np.nan, 1), (0, 0, np.inf, 1), (1, 0, 0, 1), (0, 1, 1, 0)])
+def test_a_rectangle_without_an_inside_is_refused(box: tuple[float, float, float, float]) -> None:
+    with pytest.raises(InputError, match="expected finite bounds"):
+        fill().within(*box)
+
+
+def test_distance_to_what_was_painted() -> None:
+    painted = np.zeros((10, 20), bool)
+    painted[2, 3] = True
+    distance = PaintedDistance(painted, 10.0)
+    x, y = np.array([35.0, 75.0, 35.0, -100.0, 35.0]), np.array([75.0, 75.0, 15.0, 75.0, 200.0])
+    np.testing.assert_allclose(distance(x, y)[:3], [0.0, 40.0, 60.0])
+    true = np.hypot(x - 35, y - 75)
+    assert np.all(distance(x, y) <= true + 5.0)
+    assert np.all(distance(x, y)[3:] > 100)
+    assert np.isinf(PaintedDistance(~np.ones((4, 4), bool), 1.0)(x, y)).all()

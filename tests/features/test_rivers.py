@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sketchterrain.errors import InputError
+from sketchterrain.features import River, trace_rivers
+from sketchterrain.features.river_profile import LEAST_FALL
+from sketchterrain.features.skeleton import skeletons
+from sketchterrain.sketch.document import Sketch
+
+SIZE = 160
+ROW, COLUMN = np.mgrid[:SIZE, :SIZE]
+
+
+def painted(*lines: list[tuple[float, float]], half: float = 2.5, label: int = 1) -> np.ndarray:
+    """Strokes through points of (column, row)."""
+    picture = np.zeros((SIZE, SIZE), np.uint8)
+    for line in lines:
+        for (x0, y0), (x1, y1) in itertools.pairwise(line):
+            for t in np.linspace(0, 1, 2 * int(np.hypot(x1 - x0, y1 - y0)) + 2):
+                distance = np.hypot(ROW - y0 - t * (y1 - y0), COLUMN - x0 - t * (x1 - x0))
+                picture[distance <= half] = label
+    return picture
+
+
+def sketch(picture: np.ndarray, fidelity: float = 0.8, **changes) -> Sketch:
+    return Sketch(extent=10.0 * SIZE, fidelity=fidelity, layers={"river": picture}, **changes)
+
+
+def hilly(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 60 * np.sin(x / 170) * np.cos(y / 130) + 0.08 * y
+
+
+def southward(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 0.1 * y + 0.0 * x
+
+
+def trace(picture: np.ndarray, ground=hilly, fidelity: float = 0.8, **changes) -> tuple[River, ...]:
+    rivers = trace_rivers(sketch(picture, fidelity, **changes), seed=3, ground=ground)
+    for river in rivers:
+        check(river)
+    return rivers
+
+
+def check(river: River) -> None:
+    line = river.centreline
+    steps = np.hypot(*np.diff(line[:, :2], axis=0).T)
+    assert np.isfinite(line).all()
+    assert np.all(steps > 0)
+    assert np.all(np.diff(line[:, 2]) < 0)
+    assert len(line) == len(river.centreline_width) == len(river.centreline_depth)
+    assert len(river.points) == len(river.width) == len(river.depth)
+    assert np.all(river.centreline_width > 0)
+    assert np.all(river.centreline_depth > 0)
+    assert cKDTree(line).query(river.points)[0].max() == 0.0
+    np.testing.assert_array_equal(river.points[[0, -1]], line[[0, -1]])
+    assert 4 << 48 <= river.id < 5 << 48
+
+
+def test_nothing_painted_is_no_river() -> None:
+    assert trace(np.zeros((SIZE, SIZE), np.uint8)) == ()
+
+
+def test_a_river_runs_downhill_and_keeps_its_labels_sizes() -> None:
+    picture = painted([(80, 30), (70, 80), (90, 130)], label=4)
+    (river,) = trace(picture, southward, labels={("river", 4): {"width": 20.0, "depth": 3.0}})
+    assert river.label == 4
+    assert river.points[0, 1] > river.points[-1, 1]
+    assert river.width[-1] == pytest.approx(20.0)
+    assert river.width[0] == pytest.approx(8.0)
+    assert river.depth[-1] == pytest.approx(3.0)
+    (back,) = trace(picture, lambda x, y: -southward(x, y))
+    assert back.points[0, 1] < back.points[-1, 1]
+
+
+@pytest.mark.parametrize("fidelity", [0.0, 0.8, 1.0])
+def test_the_centreline_follows_the_painted_skeleton(fidelity: float) -> None:
+    picture = painted([(30, 40), (60, 60), (70, 110), (120, 120), (140, 60)])
+    (river,) = trace(picture, fidelity=fidelity)
+    (skeleton,) = skeletons(picture > 0)
+    at = np.column_stack([(skeleton.columns + 0.5) * 10, (SIZE - skeleton.rows - 0.5) * 10])
+    distance = cKDTree(river.centreline[:, :2]).query(at)[0] / 10
+    assert distance.mean() < (0.75 if fidelity == 1.0 else 1.5)
+
+
+def test_water_lies_below_the_smoothed_ground_and_falls_enough() -> None:
+    (river,) = trace(painted([(80, 20), (80, 140)]), southward)
+    line = river.centreline
+    assert np.all(line[:, 2] < southward(line[:, 0], line[:, 1]))
+    falls = -np.diff(line[:, 2]) / np.hypot(*np.diff(line[:, :2], axis=0).T)
+    assert falls.min() >= LEAST_FALL * 0.999
+
+
+def test_a_tributary_ends_on_the_stem_at_its_level() -> None:
+    rivers = trace(painted([(80, 20), (80, 140)], [(20, 40), (80, 90)]), southward)
+    stem, tributary = sorted(rivers, key=lambda river: -len(river.centreline))
+    at = np.flatnonzero((stem.centreline == tributary.centreline[-1]).all(axis=1))
+    assert len(at) == 1
+    assert stem.centreline_width[-1] > stem.centreline_width[at[0]]
+    assert tributary.centreline[-2, 2] > tributary.centreline[-1, 2]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_confluences_meet_on_any_ground(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    phase = rng.random(4) * 6
+
+    def ground(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 80 * np.sin(x / 150 + phase[0]) * np.sin(y / 110 + phase[1]) + 30 * np.sin(
+            (x + y) / 70 + phase[2]
+        )
+
+    forks = painted([(80, 15), (75, 145)], [(15, 30), (78, 70)], [(140, 60), (77, 100)], [(40, 20), (45, 50)])
+    rivers = trace(forks, ground)
+    assert len(rivers) >= 3
+    ends = sum(
+        any(
+            (other.centreline == river.centreline[-1]).all(axis=1).any()
+            for other in rivers
+            if other is not river
+        )
+        for river in rivers
+    )
+    assert ends == len(rivers) - 1
+
+
+def test_a_narrow_label_joins_a_wide_one() -> None:
+    picture = painted([(20, 40), (80, 90)], half=1.5, label=2)
+    stem = painted([(80, 20), (80, 140)])
+    picture[stem > 0] = 1
+    labels = {("river", 1): {"width": 30.0}, ("river", 2): {"width": 6.0}}
+    rivers = trace(picture, southward, labels=labels)
+    assert {river.label for river in rivers} == {1, 2}
+    narrow, wide = (next(river for river in rivers if river.label == label) for label in (2, 1))
+    assert narrow.width[len(narrow.width) // 2] == pytest.approx(6.0, rel=0.1)
+    assert wide.width[-1] == pytest.approx(30.0 * 1.15)
+    assert (wide.centreline == narrow.centreline[-1]).all(axis=1).any()
+
+
+def test_a_river_at_the_edge_runs_on_beyond_it() -> None:
+    (river,) = trace(painted([(80, 60), (70, 159)]), southward)
+    beyond = river.centreline[:, 1] < 0
+    assert beyond.sum() > 10
+    assert river.centreline[-1, 1] < -0.2 * 10 * SIZE
+    first = int(np.argmax(beyond))
+    assert beyond[first:].all()
+
+
+def test_a_river_through_the_sketch_runs_on_at_both_ends() -> None:
+    (river,) = trace(painted([(0, 80), (159, 70)]), lambda x, y: 0.05 * x + 0 * y)
+    assert river.centreline[0, 0] > 10 * SIZE + 200
+    assert river.centreline[-1, 0] < -200
+    entry = int(np.argmax(river.centreline[:, 0] < 10 * SIZE))
+    assert river.centreline_width[entry] > 0.9 * river.centreline_width[-1]
+    assert river.centreline_width[0] == pytest.approx(0.4 * river.centreline_width[-1])
+
+
+def test_an_end_near_the_edge_but_running_along_it_stays_inside() -> None:
+    (river,) = trace(painted([(40, 156), (120, 156)], half=1.5))
+    assert river.centreline[:, 1].min() > 0
+
+
+def test_the_mouth_is_rather_at_the_edge() -> None:
+    (river,) = trace(painted([(80, 60), (70, 159)]), lambda x, y: -0.005 * y + 0 * x)
+    assert river.points[-1, 1] < 0
+
+
+@pytest.mark.parametrize("size", [(1, 1), (2, 2), (1, 2), (9, 9), (3, 3)])
+def test_a_dab_is_a_short_reach(size: tuple[int, int]) -> None:
+    picture = np.zeros((SIZE, SIZE), np.uint8)
+    picture[60 : 60 + size[0], 70 : 70 + size[1]] = 1
+    (river,) = trace(picture, southward)
+    length = np.hypot(*(river.points[-1] - river.points[0])[:2])
+    assert 15 <= length <= 20 + 10 * max(size)
+    centre = river.points[[0, -1], :2].mean(axis=0)
+    assert np.abs(centre - [(70 + size[1] / 2) * 10, (SIZE - 60 - size[0] / 2) * 10]).max() <= 10
+
+
+def test_a_loop_becomes_two_arms_with_one_mouth() -> None:
+    distance = np.hypot(ROW - 80, COLUMN - 80)
+    rivers = trace((np.abs(distance - 50) < 2.5).astype(np.uint8), southward)
+    assert len(rivers) == 2
+    np.testing.assert_array_equal(rivers[0].centreline[-1], rivers[1].centreline[-1])
+    assert rivers[0].centreline[-1, 1] < 10 * (SIZE - 120)
+    springs = [river.centreline[0, :2] for river in rivers]
+    assert np.hypot(*(springs[0] - springs[1])) < 100
+
+
+def test_a_thick_brush_leaves_no_spurs() -> None:
+    rng = np.random.default_rng(3)
+    picture = np.zeros((SIZE, SIZE), np.uint8)
+    for t in np.linspace(0, 1, 200):
+        picture[np.hypot(ROW - 25 - 110 * t, COLUMN - 80 - 20 * np.sin(5 * t)) < 7 + rng.normal()] = 1
+    assert len(trace(picture)) == 1
+
+
+def test_two_rivers_do_not_change_each_other() -> None:
+    one = painted([(30, 20), (40, 140)])
+    (alone,) = trace(one)
+    pair = trace(one | painted([(120, 20), (110, 140)]))
+    (same,) = (river for river in pair if river.id == alone.id)
+    np.testing.assert_array_equal(same.centreline, alone.centreline)
+
+
+def test_the_same_sketch_gives_the_same_bits() -> None:
+    picture = painted([(80, 60), (70, 159)], [(30, 30), (78, 90)])
+    for first, second in zip(trace(picture), trace(picture), strict=True):
+        np.testing.assert_array_equal(first.centreline, second.centreline)
+
+
+def test_ground_that_is_no_ground_is_refused() -> None:
+    picture = painted([(80, 20), (80, 140)])
+    for ground in (lambda x, _: x * np.nan, lambda x, _: x[:1]):
+        with pytest.raises(InputError, match="finite ground heights"):
+            trace_rivers(sketch(picture), seed=1, ground=ground)

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.features.shapes import EDGE_OVERHANG, label_shapes
+
+
+def image(*rows: str) -> np.ndarray:
+    return np.array([[int(c) for c in row.replace(".", "0")] for row in rows], dtype=np.uint8)
+
+
+def test_nothing_painted_is_no_shape() -> None:
+    assert label_shapes("hill", np.zeros((8, 8), np.uint8)) == ()
+
+
+def test_diagonal_neighbours_are_one_shape_and_other_labels_are_others() -> None:
+    shapes = label_shapes("hill", image("1..2", ".1.2", "..13", "1..."))
+    assert [(shape.label, shape.area, shape.id) for shape in shapes] == [
+        (1, 3, 0),
+        (2, 2, 3),
+        (3, 1, 11),
+        (1, 1, 12),
+    ]
+
+
+def test_a_lone_pixel_is_half_a_pixel_deep() -> None:
+    picture = np.zeros((32, 40), np.uint8)
+    picture[20, 30] = 5
+    (shape,) = label_shapes("hill", picture)
+    assert shape.depth.tolist() == [[0.5]]
+    assert shape.centre == (20.0, 30.0)
+    assert (shape.label, shape.id, shape.image_width) == (5, 20 * 40 + 30, 40)
+
+
+def test_a_rings_depth_is_measured_to_both_borders() -> None:
+    row, column = np.mgrid[:101, :101] - 50
+    distance = np.hypot(row, column)
+    (shape,) = label_shapes("hill", ((distance > 20) & (distance < 40)).astype(np.uint8))
+    assert shape.depth.max() == pytest.approx(10.0, abs=0.6)
+    assert shape.depth[~shape.mask].max() == 0.0
+    assert shape.centre == pytest.approx((50.0, 50.0), abs=0.1)
+
+
+def test_depth_is_exact() -> None:
+    rng = np.random.default_rng(4)
+    picture = (rng.random((30, 40)) < 0.9).astype(np.uint8)
+    picture[[0, -1]] = picture[:, [0, -1]] = 0
+    empty = np.argwhere(picture == 0)
+    for shape in label_shapes("hill", picture):
+        rows, columns = shape.pixels(shape.mask)
+        nearest = np.sqrt(((np.stack([rows, columns], -1)[:, None] - empty) ** 2).sum(-1)).min(1)
+        np.testing.assert_allclose(shape.depth[shape.mask], nearest - 0.5)
+
+
+def test_the_sketchs_edge_does_not_shrink_a_shape() -> None:
+    row, column = np.mgrid[:200, :200]
+    inside = (np.hypot(row - 100, column - 100) < 20).astype(np.uint8)
+    cut = (np.hypot(row - 100, column) < 20).astype(np.uint8)
+    (whole,), (half,) = label_shapes("hill", inside), label_shapes("hill", cut)
+    np.testing.assert_array_equal(half.depth[:, 0], whole.depth[:, 19])
+
+
+def test_a_full_canvas_is_deepest_in_its_middle() -> None:
+    (shape,) = label_shapes("hill", np.ones((60, 80), np.uint8))
+    assert shape.depth.max() == 29.5 + 80 * EDGE_OVERHANG
+    assert shape.centre == pytest.approx((29.5, 39.5))

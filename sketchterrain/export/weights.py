@@ -93,7 +93,7 @@ def _rounded(weights: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     whole = np.floor(scaled)
     remainder = scaled - whole
     missing = np.rint(_WHOLE - whole.sum(axis=1)).astype(np.intp)
-    result = whole.astype(np.uint8)
+    result: npt.NDArray[np.uint8] = whole.astype(np.uint8)
     # Few vertices miss more than one or two steps, so this is quicker than sorting all remainders.
     open_rows = np.flatnonzero(missing)
     while open_rows.size:

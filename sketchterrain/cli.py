@@ -1,0 +1,275 @@
+# ruff: noqa: TC001, TC003 - typer reads the commands' annotations at run time
+"""The command line: reads what was asked for, loads only the rooms that do it, tells what came of it.
+
+Data goes to stdout, progress and errors to stderr. Exit codes: 0 ok, 1 failed, 2 usage, 3 bad input,
+4 no device, 5 partial, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sketchterrain.arguments import (
+    AsJson,
+    DeviceName,
+    Eye,
+    Folder,
+    LookAt,
+    PictureFile,
+    PictureSize,
+    Point,
+    Seed,
+    SketchName,
+    Vertices,
+)
+from sketchterrain.errors import SketchterrainError
+from sketchterrain.listings import (
+    device_entry,
+    device_lines,
+    generated_lines,
+    preset_entry,
+    preset_lines,
+)
+from sketchterrain.progress import Stages
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Terrain
+
+__all__ = ["app", "main"]
+
+_FAILED = 1
+_PARTIAL = 5
+_INTERRUPTED = 130
+_DEBUG = "SKETCHTERRAIN_DEBUG"
+# The base of every usage error of typer, whichever version of click it brings along.
+_USAGE_ERROR: Any = typer.BadParameter.__base__
+
+app = typer.Typer(
+    name="sketchterrain",
+    help="Paint a rough sketch, get a seamless terrain that does what the sketch says.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code; every failure is one line on stderr.
+
+    Parameters
+    ----------
+    arguments
+        By default those of the process.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign must not stop the work
+            stream.reconfigure(errors="replace")
+    try:
+        code = typer.main.get_command(app).main(arguments, prog_name="sketchterrain", standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        code = _INTERRUPTED
+    except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
+        if os.environ.get(_DEBUG):
+            traceback.print_exc()
+        return _fail(*_told(error))
+    if code == _INTERRUPTED:
+        return _fail("interrupted", _INTERRUPTED)
+    return code if isinstance(code, int) else 0
+
+
+def _told(error: Exception) -> tuple[str, int]:
+    """Return what to say of an error, and its exit code."""
+    if isinstance(error, _USAGE_ERROR):
+        return error.format_message(), error.exit_code
+    if isinstance(error, SketchterrainError):
+        return str(error), error.exit_code
+    if isinstance(error, OSError):
+        return (f"{error.filename}: {error.strerror}" if error.filename else str(error)), _FAILED
+    if isinstance(error, MemoryError):
+        return "out of memory", _FAILED
+    kind = type(error).__name__
+    return f"unexpected {kind}: {error}; please report it, with what {_DEBUG}=1 shows", _FAILED
+
+
+def _fail(message: str, code: int) -> int:
+    line = "".join(char if char.isprintable() else "\ufffd" for char in " ".join(message.split()))
+    sys.stderr.write(f"sketchterrain: error: {line}\n")
+    return code
+
+
+def _say(*lines: str) -> None:
+    sys.stdout.writelines(f"{line}\n" for line in lines)
+
+
+def _say_json(value: object) -> None:
+    _say(json.dumps(value, indent=2, ensure_ascii=False))
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        _say(f"sketchterrain {version('sketchterrain')}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _program(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        raise _USAGE_ERROR("expected a command; `sketchterrain --help` lists them")
+
+
+@app.command()
+def new(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
+    """Write a starter sketch, to be painted in any paint program."""
+    from sketchterrain.sketch import new_sketch
+
+    new_sketch(folder)
+    _say(
+        f"wrote a starter sketch to {folder}: paint its PNGs, read its sketch.toml, then run",
+        f"sketchterrain generate {folder} -o out",
+    )
+
+
+@app.command()
+def generate(
+    sketch: SketchName,
+    output: Folder,
+    seed: Seed = None,
+    size: Vertices = 1025,
+    device: DeviceName = None,
+    preview: Annotated[bool, typer.Option("--preview/--no-preview", help="Render preview.png too.")] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Write a terrain: heights, normals, materials, plants, features, a preview and a report."""
+    start = time.perf_counter()
+    with Stages() as stages:
+        with stages.stage("sketch", "Reading the sketch"):
+            document = _load(sketch, seed)
+        with stages.stage("program", "Loading the program"):
+            from sketchterrain import generate as whole
+            from sketchterrain.compute import ComputeContext
+            from sketchterrain.export import prepare_folder
+
+            whole.check_size(document, size)
+        with stages.stage("device", "Opening the device"):
+            context = ComputeContext(device)
+        prepare_folder(output)
+        done = whole.generate(document, output, context=context, size=size, preview=preview, stages=stages)
+    seconds = time.perf_counter() - start
+    if as_json:
+        _say_json(done.report | {"folder": str(output), "seconds": round(seconds, 2)})
+    else:
+        _say(*generated_lines(done.report, output, seconds))
+    if done.problem is not None:
+        raise typer.Exit(_fail(f"no preview, all other files are written: {done.problem}", _PARTIAL))
+
+
+@app.command()
+def render(
+    sketch: SketchName,
+    output: PictureFile,
+    size: PictureSize = "1280x720",
+    eye: Eye = None,
+    look_at: LookAt = None,
+    seed: Seed = None,
+    device: DeviceName = None,
+) -> None:
+    """Render one picture of a sketch's terrain, from a camera that shows it all or from your own."""
+    if look_at is not None and (eye is None or eye == look_at):
+        raise _USAGE_ERROR("--look-at needs an --eye at another place")
+    with Stages() as stages:
+        with stages.stage("sketch", "Reading the sketch"):
+            document = _load(sketch, seed)
+        with stages.stage("features", "Placing features"):
+            from sketchterrain.terrain import build
+
+            terrain = build(document, device=device)
+        with stages.stage("picture", "Rendering"):
+            from sketchterrain.export import prepare_folder, write_picture
+            from sketchterrain.render import render_picture
+
+            prepare_folder(output.parent)
+            write_picture(output, render_picture(terrain, size=size, camera=_camera(terrain, eye, look_at)))
+    _say(str(output))
+
+
+@app.command()
+def bench(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="All if none.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write tables and charts there.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, few rounds.")] = False,
+    device: DeviceName = None,
+    as_json: AsJson = False,
+) -> None:
+    """Time kernels, noise, tiles, features and plants, and chart them."""
+    from sketchterrain.benchmarks import run
+
+    raise typer.Exit(run(names or [], output=output, quick=quick, device=device, as_json=as_json))
+
+
+@app.command()
+def devices(as_json: AsJson = False) -> None:
+    """List the OpenCL devices and tell which one is taken."""
+    from sketchterrain.compute import choose_device, list_devices
+
+    chosen = choose_device()
+    if as_json:
+        _say_json([device_entry(device) | {"default": device == chosen} for device in list_devices()])
+        return
+    for device in list_devices():
+        _say(*device_lines(device, chosen=device == chosen))
+
+
+@app.command()
+def presets(as_json: AsJson = False) -> None:
+    """List the presets, which can stand wherever a sketch can."""
+    from sketchterrain.resources import preset_names
+
+    entries = [preset_entry(name, _load(name, None)) for name in preset_names()]
+    if as_json:
+        _say_json(entries)
+    else:
+        _say(*preset_lines(entries))
+
+
+def _load(name: str, seed: int | None) -> Sketch:
+    from sketchterrain.sketch import load_sketch
+
+    sketch = load_sketch(name)
+    return sketch if seed is None else sketch.replace(seed=seed)
+
+
+def _camera(terrain: Terrain, eye: Point | None, target: Point | None) -> Camera | None:
+    """Return the camera that was asked for; without a target it looks at the middle of the sketch."""
+    if eye is None:
+        return None
+    from sketchterrain.render.camera import Camera
+
+    east, north = terrain.size
+    x, y = east / 2, north / 2
+    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
+        y += terrain.extent / 2  # it stands in the middle: it looks north
+    middle, here = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
+    if eye[2] < here:
+        sys.stderr.write(f"sketchterrain: note: the eye is {here - eye[2]:.1f} m under the ground\n")
+    return Camera(eye, target or (x, y, middle))

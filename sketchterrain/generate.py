@@ -1,0 +1,234 @@
+"""Everything that a sketch's terrain is exported as, into one folder, once."""
+
+from __future__ import annotations
+
+import os
+import resource
+import sys
+import time
+from collections import Counter
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain import export
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.listings import device_entry
+from sketchterrain.terrain import build
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.progress import Stages
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Raster, Terrain
+
+__all__ = ["LARGEST_SIZE", "Generated", "check_size", "generate"]
+
+LARGEST_SIZE = 16385
+"""The most vertices along the longer side."""
+
+# Measured: heights, normals and weights once in patches and once joined, and the writers' copies.
+_BYTES_PER_VERTEX = 130
+_BYTES_AT_LEAST = 450 << 20
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What :func:`generate` did.
+
+    Attributes
+    ----------
+    report : dict
+        What ``report.json`` says.
+    files : tuple of Path
+        What was written, ``report.json`` last.
+    problem : str or None
+        Why there is no preview although one was asked for; all other files are there.
+    """
+
+    report: dict[str, Any]
+    files: tuple[Path, ...]
+    problem: str | None
+
+
+def check_size(sketch: Sketch, size: int) -> None:
+    """Refuse a size that is out of range or needs more memory than this machine has.
+
+    Parameters
+    ----------
+    sketch
+    size
+        Vertices along the longer side.
+
+    Raises
+    ------
+    InputError
+        With an estimate of the memory, where that is the reason.
+    """
+    if size < 2:
+        raise InputError(f"size = {size}: expected 2 to {LARGEST_SIZE} vertices")
+    east, north = sketch.size
+    needed = _BYTES_AT_LEAST + _BYTES_PER_VERTEX * size * size * min(east, north) / max(east, north)
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if size > LARGEST_SIZE:
+        raise InputError(
+            f"size = {size}: expected 2 to {LARGEST_SIZE} vertices; this needs about {_gibibytes(needed)}"
+        )
+    if needed > there:
+        raise InputError(
+            f"size = {size} needs about {_gibibytes(needed)} of memory, this machine has {_gibibytes(there)}"
+        )
+
+
+def generate(
+    sketch: Sketch, folder: Path, *, context: ComputeContext, size: int, preview: bool, stages: Stages
+) -> Generated:
+    """Write a sketch's terrain: heights, normals, materials, plants, features, a picture and a report.
+
+    Parameters
+    ----------
+    sketch
+        With the seed that counts.
+    folder
+        Is there and can be written into; each file is written whole or not at all.
+    context
+        An open device.
+    size
+        Vertices along the longer side.
+    preview
+        Whether to render ``preview.png`` too.
+    stages
+        Told and timed: ``features``, ``ground``, ``plants``, ``preview``, ``files``.
+
+    Raises
+    ------
+    SketchterrainError
+        If a file cannot be written.
+    """
+    with _Writer() as writer:
+        with stages.stage("features", "Placing features"):
+            terrain = build(sketch, device=context)
+            features = terrain.features
+        with stages.stage("ground", "Heights and materials") as tell:
+            raster = terrain.raster(size, progress=tell)
+        writer.add("height.tif", export.write_height_tif, folder, raster)
+        writer.add("height.png", export.write_height_png, folder, raster)
+        writer.add("normal.png", export.write_normals, folder, raster)
+        writer.add("materials", export.write_materials, folder, raster, terrain.material_names)
+        writer.add("features.json", export.write_features, folder, features)
+        with stages.stage("plants", "Plants"):
+            plants = terrain.foliage(0.0, 0.0, *terrain.size)
+        writer.add("foliage.csv", export.write_foliage, folder, plants, terrain.species_names)
+        problem = None
+        if preview:
+            with stages.stage("preview", "Preview"):
+                problem = _add_preview(writer, folder, terrain)
+        with stages.stage("files", "Writing files"):
+            files = writer.finish()
+    told: dict[str, Any] = _report(terrain, raster, plants, stages=stages, writing=writer.seconds)
+    told["files"] = [path.name for path in files] + ["report.json"]
+    report = export.write_json(folder / "report.json", told)
+    return Generated(told, (*files, report), problem)
+
+
+class _Writer:
+    """Encodes and writes files on a thread of its own, in the order given, while the device works on."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="writer")
+        self._jobs: list[Future[tuple[Path, ...]]] = []
+
+    def __enter__(self) -> _Writer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        # A file that is being written is finished; after an error the ones that wait are not begun.
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def add(self, name: str, write: Callable[..., tuple[Path, ...]], *arguments: object) -> None:
+        self._jobs.append(self._thread.submit(self._timed, name, write, *arguments))
+
+    def finish(self) -> tuple[Path, ...]:
+        """Wait for all files and return their paths; the first failure is raised."""
+        return tuple(path for job in self._jobs for path in job.result())
+
+    def _timed(
+        self, name: str, write: Callable[..., tuple[Path, ...]], *arguments: object
+    ) -> tuple[Path, ...]:
+        start = time.perf_counter()
+        paths = write(*arguments)
+        self.seconds[name] = time.perf_counter() - start
+        return paths
+
+
+def _add_preview(writer: _Writer, folder: Path, terrain: Terrain) -> str | None:
+    """Render the preview; a machine without OpenGL still gets all the rest."""
+    from sketchterrain.render import render_picture
+
+    try:
+        picture = render_picture(terrain)
+    except SketchterrainError as error:
+        return str(error)
+    writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
+    return None
+
+
+def _report(
+    terrain: Terrain,
+    raster: Raster,
+    plants: npt.NDArray[np.void],
+    *,
+    stages: Stages,
+    writing: dict[str, float],
+) -> dict[str, Any]:
+    rows, columns = raster.height.shape
+    features = terrain.features
+    kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
+    species = np.bincount(plants["species"], minlength=len(terrain.species_names)).tolist()
+    return {
+        "format": 1,
+        "version": version("sketchterrain"),
+        "sketch": terrain.sketch.name,
+        "seed": terrain.sketch.seed,
+        "extent": terrain.extent,
+        "size": {"columns": columns, "rows": rows},
+        "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
+        "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
+        "device": device_entry(terrain.context.device),
+        "timings": _rounded(stages.seconds),
+        "writing": _rounded(writing),
+        "peak_memory": _peak_memory(),
+        "counts": {
+            "features": {name: kinds[name] for name in FEATURE_TYPES},
+            "rivers": len(features.rivers),
+            "plants": dict(zip(terrain.species_names, species, strict=True)),
+        },
+    }
+
+
+def _rounded(seconds: dict[str, float]) -> dict[str, float]:
+    return {name: round(value, 4) for name, value in seconds.items()}
+
+
+def _peak_memory() -> int:
+    """Return the most memory this process has had at once, bytes."""
+    status = Path("/proc/self/status")
+    if status.exists():  # getrusage also counts what the parent had before it started this program
+        for line in status.read_text(encoding="utf-8").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def _gibibytes(count: float) -> str:
+    return f"{count / (1 << 30):.1f} GiB"

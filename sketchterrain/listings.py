@@ -1,0 +1,83 @@
+"""What there is and what was done, told to people in lines and to programs as entries."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.compute import Device
+    from sketchterrain.sketch import Sketch
+
+__all__ = ["device_entry", "device_lines", "generated_lines", "preset_entry", "preset_lines"]
+
+_GL_SHARING = {
+    "extension": "shares buffers through cl_khr_gl_sharing",
+    "mapped": "kernels write into mapped vertex buffers, no copy",
+    "copy": "results are copied to vertex buffers",
+}
+
+
+def device_entry(device: Device) -> dict[str, Any]:
+    """Return what there is to know about a device; memory in bytes."""
+    return {
+        "index": device.index,
+        "name": device.name,
+        "version": device.version,
+        "platform": device.platform,
+        "driver": device.driver,
+        "type": device.type,
+        "memory": device.memory_bytes,
+        "compute_units": device.compute_units,
+        "float64": device.has_double,
+        "gl_sharing": device.gl_sharing,
+    }
+
+
+def device_lines(device: Device, *, chosen: bool) -> list[str]:
+    """Return the same for a person; `chosen` says whether it is the one that is taken by default."""
+    doubles = "float64" if device.has_double else "no float64"
+    return [
+        f"{device.index}: {device.name}{' (taken by default)' if chosen else ''}",
+        f"   {device.platform}, {device.version}, driver {device.driver}",
+        f"   {device.type}, {device.compute_units} compute units, "
+        f"{device.memory_bytes / (1 << 30):.1f} GiB, {doubles}",
+        f"   OpenGL: {_GL_SHARING.get(device.gl_sharing, device.gl_sharing)}",
+    ]
+
+
+def preset_entry(name: str, sketch: Sketch) -> dict[str, Any]:
+    """Return what a preset is: its name, title, extent (m), seed and painted layers."""
+    return {
+        "name": name,
+        "title": sketch.name,
+        "extent": sketch.extent,
+        "seed": sketch.seed,
+        "layers": [layer for layer, image in sketch.layers.items() if image.any()],
+    }
+
+
+def preset_lines(entries: list[dict[str, Any]]) -> list[str]:
+    """Return a line for each entry of a preset."""
+    width = max((len(entry["name"]) for entry in entries), default=0)
+    return [
+        f"{entry['name']:<{width}}  {entry['title']}: {entry['extent']:g} m, {', '.join(entry['layers'])}"
+        for entry in entries
+    ]
+
+
+def generated_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
+    """Return what was made, how long it took, and where it lies."""
+    size, heights, counts = report["size"], report["heights"], report["counts"]
+    lines = [
+        f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
+        f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
+        f"{sum(counts['features'].values())} features, {counts['rivers']} rivers, "
+        f"{sum(counts['plants'].values())} plants",
+        f"in {seconds:.1f} s on {report['device']['name']} ({report['device']['platform']})",
+        f"files: {folder}: {' '.join(report['files'])}",
+    ]
+    if "preview.png" in report["files"]:
+        lines.append(f"preview: {folder / 'preview.png'}")
+    return lines

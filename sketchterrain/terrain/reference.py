@@ -78,7 +78,7 @@ def reference_ground(
     height = height + massif * (1 + w["ridge_depth"] * ridge)
     cover, share = _areas(packed, place, slot=2)
     mottle = 2.2 * fbm(octaves, "mottle", x, y)
-    forest = share * _smooth(cover + 0.35 * mottle, 0.3, 0.3 + 1 / 3) * _smooth(cover, 0, 0.25)
+    forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
     dune = np.zeros(x.shape)
     crest = fbm(octaves, "crest", x, y)
     for number in range(int(w["dune_styles"])):

@@ -1,8 +1,8 @@
 """Stage 1 (Zaaijer 2013 §4.2): a painted shape becomes point features, its user features.
 
-Summits come first: `multitude` of them, thrown like darts. Support follows, lower than the summits: discs that
-overlap along the shape's medial axis, so that a long range is one ridge and no string of pearls, then the
-largest discs that fill the remaining holes, as far as the fidelity asks.
+Summits come first: `multitude` of them, thrown like darts. Support follows, lower than the summits: discs
+that overlap along the shape's medial axis, so that a long range is one ridge and no string of pearls, then
+the largest discs that fill the remaining holes, as far as the fidelity asks.
 """
 
 from __future__ import annotations
@@ -167,7 +167,8 @@ def _spine(shape: Shape, pixels: _Pixels, summits: Ints, fidelity: float) -> Int
     """Throw darts at the medial axis, so near to each other that the discs overlap."""
     # A distance map climbs by one a pixel but on the medial axis, where it turns.
     down, across = np.gradient(np.pad(shape.depth, 1))
-    turning = (down * down + across * across)[1:-1, 1:-1] < _AXIS_SLOPE**2
+    slope2 = np.asarray(down * down + across * across)[1:-1, 1:-1]
+    turning = slope2 < _AXIS_SLOPE**2
     darts = np.flatnonzero(turning[pixels.row, pixels.column])
     darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
     spacing = (_SPINE_SPACING + (1.0 - fidelity)) * pixels.disc[darts]

@@ -1,0 +1,34 @@
+"""What the docs say is what the program does."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from sketchterrain.sketch import reference_table
+
+ROOT = Path(__file__).parents[1]
+DOCS = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+
+
+def test_the_table_of_parameters_is_made_from_their_declaration() -> None:
+    """Write it anew with: python -c 'from sketchterrain.sketch import *; print(reference_table())'."""
+    text = (ROOT / "docs/parameters.md").read_text(encoding="utf-8")
+    assert reference_table().strip() in text
+
+
+def test_links_and_pictures_lead_somewhere() -> None:
+    for page in DOCS:
+        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_readme_names_every_command() -> None:
+    from typer.main import get_command
+
+    from sketchterrain.cli import app
+
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    for name in get_command(app).commands:  # type: ignore[attr-defined]
+        assert f"`{name}" in readme, name

@@ -10,7 +10,7 @@ demo: $(VENV)/demo.stamp
 test: $(VENV)/test.stamp
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
-	$(PYTHON) -m mypy
+	@bash .ci/typecheck
 	$(PYTHON) -m pytest -n auto
 
 $(VENV)/demo.stamp: pyproject.toml .ci/setup

@@ -87,6 +87,7 @@ def test_a_planted_violation_is_found(room: str, planted: str) -> None:
 
 @pytest.mark.parametrize("module", ["sketchterrain", "sketchterrain.cli", "sketchterrain.errors"])
 def test_importing_loads_no_driver(module: str) -> None:
-    code = f"import sys, {module}; print(*sorted({{'pyopencl', 'moderngl', 'PyQt6', 'scipy'}} & set(sys.modules)))"
+    drivers = {"pyopencl", "moderngl", "PyQt6", "scipy"}
+    code = f"import sys, {module}; print(*sorted({drivers} & set(sys.modules)))"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == ""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
-import sketchterrain as st
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.lattice import QUADS
+
+if TYPE_CHECKING:
+    import sketchterrain as st
 
 LEVELS = range(12)
 

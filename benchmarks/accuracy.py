@@ -1,0 +1,155 @@
+"""Error against time: float32 and float64 kernels and the NumPy reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
+from sketchterrain.terrain.evaluation import Evaluator, Surface
+from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, tile_axes
+from sketchterrain.terrain.reference import reference_ground
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import numpy.typing as npt
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.terrain import Terrain, TerrainRecipe
+
+    Reals = npt.NDArray[np.float64]
+
+__all__ = ["DOUBLE", "FLOAT", "NUMPY", "TILE_SEED", "measure"]
+
+FLOAT, DOUBLE, NUMPY = "float32 kernels", "float64 kernels", "NumPy float64"
+TILE_SEED = 11
+"""Seed of the draw of tiles."""
+
+_COLUMNS = (
+    Column("ground", "ground"),
+    Column("level", "level"),
+    Column("cell_size", "cell, m"),
+    Column("method", "method"),
+    Column("rounds", "rounds"),
+    Column("ns_per_vertex", "ns a vertex"),
+    Column("p95_ns_per_vertex", "95 %, ns"),
+    Column("height_mm", "height error, mm"),
+    Column("height_p99_mm", "99 %, mm"),
+    Column("normal_deg", "normal error, °"),
+    Column("normal_p99_deg", "99 %, °"),
+    Column("material", "weight error"),
+)
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Tiles of one level with their border: lattice axes of shape (tiles, 67)."""
+
+    recipe: TerrainRecipe
+    x: npt.NDArray[np.int64]
+    y: npt.NDArray[np.int64]
+    cell_size: float
+
+    @property
+    def vertices(self) -> int:
+        return len(self.x) * (QUADS + 1) ** 2
+
+    def kernels(self, evaluator: Evaluator) -> Surface:
+        return evaluator.surface(self.x, self.y, cell_size=self.cell_size)
+
+    def reference(self) -> tuple[Reals, Reals]:
+        """Heights and normals in NumPy: central differences of heights that have a border."""
+        side = self.x.shape[1]
+        x = np.broadcast_to(self.x[:, None, :], (len(self.x), side, side))
+        y = np.broadcast_to(self.y[:, :, None], x.shape)
+        height = np.stack(
+            [
+                reference_ground(self.recipe, a.ravel(), b.ravel(), cell_size=self.cell_size).height.reshape(
+                    side, side
+                )
+                for a, b in zip(x, y, strict=True)
+            ]
+        )
+        span = 2 * self.cell_size
+        slope_x = (height[:, 1:-1, 2:] - height[:, 1:-1, :-2]) / span
+        slope_y = (height[:, :-2, 1:-1] - height[:, 2:, 1:-1]) / span
+        normal = np.stack([-slope_x, -slope_y, np.ones_like(slope_x)], axis=-1)
+        return height[:, 1:-1, 1:-1], normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Error of heights, normals and material weights against nanoseconds a vertex, for several cell sizes.
+
+    The kernels as they are used (float32) and the same source built with `REAL=double` evaluate the same
+    tiles, drawn from the whole sketch; the launches are timed by profiling events. Their errors are
+    differences from the plain NumPy float64 reference (by the clock): heights in millimetres, normals in
+    degrees. Material weights (0 … 1) have no NumPy reference: float32 is compared with the float64 kernels.
+    Errors are the largest of all vertices, and the 99th percentile. Rounds alternate between the methods.
+    A device without 64-bit floats leaves the float64 kernels out.
+    """
+    exact = TimedContext(str(context.device.index), real="double") if context.device.has_double else None
+    rows: list[Row] = []
+    for ground in effort.accuracy_grounds:
+        terrain = open_ground(ground, context)
+        for level in effort.accuracy_levels:
+            sample = _sample(terrain, level, effort.accuracy_tiles)
+            shared = {"ground": ground, "level": level, "cell_size": sample.cell_size}
+            rows += [shared | row for row in _compare(sample, context, exact, effort.rounds)]
+    return Outcome((Table("Error against time", _COLUMNS, tuple(rows)),))
+
+
+def _sample(terrain: Terrain, level: int, count: int) -> _Sample:
+    axes = [tile_axes(*key) for key in scattered_keys(level, count, terrain, seed=TILE_SEED)]
+    cell = level_step(level) * metres_per_unit(terrain.extent)
+    return _Sample(terrain.recipe, np.stack([x for x, _ in axes]), np.stack([y for _, y in axes]), cell)
+
+
+def _compare(
+    sample: _Sample, context: TimedContext, exact: TimedContext | None, rounds: int
+) -> Iterator[dict[str, Any]]:
+    contexts = {FLOAT: context} | ({DOUBLE: exact} if exact is not None else {})
+    evaluators = {method: Evaluator(sample.recipe, opened) for method, opened in contexts.items()}
+    works: dict[str, Callable[[], Lap]] = {
+        method: lambda opened=opened, evaluator=evaluators[method]: opened.lap(
+            lambda: sample.kernels(evaluator)
+        )
+        for method, opened in contexts.items()
+    }
+    works[NUMPY] = lambda: lap(sample.reference)
+    laps = alternate(works, rounds=rounds)
+    height, normal = sample.reference()
+    surfaces = {method: sample.kernels(evaluator) for method, evaluator in evaluators.items()}
+    for method in works:
+        seconds = [one.device if method in surfaces else one.wall for one in laps[method]]
+        times = spread(seconds)
+        row: dict[str, Any] = {
+            "method": method,
+            "rounds": times.count,
+            "ns_per_vertex": times.median / sample.vertices * 1e9,
+            "p95_ns_per_vertex": times.p95 / sample.vertices * 1e9,
+            "seconds": seconds,
+        }
+        if method in surfaces:
+            row |= _height_errors(surfaces[method].height, height)
+            row |= _normal_errors(surfaces[method].normal, normal)
+        if method == FLOAT and DOUBLE in surfaces:
+            difference = surfaces[FLOAT].materials - surfaces[DOUBLE].materials
+            row["material"] = float(np.max(np.abs(difference)))
+        yield row
+
+
+def _height_errors(height: npt.NDArray[Any], truth: Reals) -> dict[str, float]:
+    error = np.abs(height - truth) * 1e3
+    return {"height_mm": float(error.max()), "height_p99_mm": float(np.percentile(error, 99))}
+
+
+def _normal_errors(normal: npt.NDArray[Any], truth: Reals) -> dict[str, float]:
+    # The chord, not the dot product: the angle's cosine loses what is below 1e-8 of it.
+    chord = np.linalg.norm(normal.astype(np.float64) - truth, axis=-1)
+    angle = np.degrees(2 * np.arcsin(np.minimum(chord / 2, 1)))
+    return {"normal_deg": float(angle.max()), "normal_p99_deg": float(np.percentile(angle, 99))}

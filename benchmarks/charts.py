@@ -1,0 +1,264 @@
+"""Charts: error against time, kernels' times, tiles' rates. matplotlib comes with the extra ``bench``."""
+
+from __future__ import annotations
+
+import io
+import math
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from sketchterrain.benchmarks.outcome import Outcome, Row
+
+__all__ = ["CHARTS", "available", "draw"]
+
+# Okabe and Ito's palette, which colour-blind people can tell apart.
+_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"
+_INK = "#333333"
+
+_STYLE = {
+    "font.size": 9.0,
+    "font.family": "DejaVu Sans",
+    "axes.edgecolor": _INK,
+    "axes.labelcolor": _INK,
+    "axes.titlesize": 10.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E6E6E6",
+    "grid.linewidth": 0.6,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
+    "text.color": _INK,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sketchterrain",
+}
+_SMALL = 7.5
+
+
+def available() -> bool:
+    """Whether matplotlib is installed."""
+    return find_spec("matplotlib") is not None
+
+
+def draw(name: str, outcome: Outcome) -> dict[str, bytes]:
+    """Return a benchmark's chart as the contents of files by suffix, or nothing if it has none.
+
+    Also nothing where matplotlib is missing.
+    """
+    if name not in CHARTS or not available():
+        return {}
+    import matplotlib as mpl
+
+    with mpl.rc_context(_STYLE):
+        figure = CHARTS[name](outcome.tables[0].rows)
+        return {".png": _saved(figure, "png"), ".svg": _saved(figure, "svg")}
+
+
+def _saved(figure: Any, kind: str) -> bytes:
+    stream = io.BytesIO()
+    # No date, so that the same numbers make the same file.
+    metadata = {"Date": None} if kind == "svg" else {}
+    figure.savefig(stream, format=kind, dpi=150, metadata=metadata)
+    return stream.getvalue()
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _log_axis(axis: Any, limits: tuple[float, float]) -> None:
+    """Make an axis logarithmic, with a plain number at each decade: 0.01, 1, 100."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.axes.set(**{f"{axis.axis_name}scale": "log", f"{axis.axis_name}lim": limits})
+    axis.set_major_locator(LogLocator(numticks=12))
+    axis.set_major_formatter(
+        FuncFormatter(lambda value, _: f"{value:,.10g}" if value >= 1e-4 else f"{value:.0e}")
+    )
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _decades(values: Iterable[float], *, below: int = 0, above: int = 0) -> tuple[float, float]:
+    """Powers of ten around the values, with room to spare."""
+    known = [math.log10(value) for value in values]
+    return 10.0 ** (math.floor(min(known)) - below), 10.0 ** (math.ceil(max(known)) + above)
+
+
+def _number(row: Row, key: str) -> float:
+    value = row.get(key)
+    return float(value) if isinstance(value, (int, float)) else 0.0
+
+
+# Error against time ---------------------------------------------------------------------------------------
+
+_MEASURES = (
+    ("height_mm", "heights", "largest error, mm"),
+    ("normal_deg", "normals", "largest error, degrees"),
+    ("material", "material weights", "largest error, share of 1"),
+)
+_METHODS = {FLOAT: (_BLUE, "o", -1), DOUBLE: (_VERMILION, "s", 1), NUMPY: (_PURPLE, "|", -1)}
+"""Colour, marker, and the side of its points on which a method's labels stand."""
+
+
+def _accuracy(rows: Sequence[Row]) -> Any:
+    """Error against time: a point a method and cell size, a row of panels a ground."""
+    grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
+    figure = _figure(11.0, 0.5 + 3.7 * len(grounds))
+    panels = figure.subplots(len(grounds), len(_MEASURES), squeeze=False)
+    times = [_number(row, "ns_per_vertex") for row in rows]
+    for ground, line in zip(grounds, panels, strict=True):
+        of_ground = [row for row in rows if row["ground"] == ground]
+        for (key, title, unit), axes in zip(_MEASURES, line, strict=True):
+            axes.set(ylabel=unit, title=f"{ground}: {title}", xlabel="ns a vertex")
+            errors = [_number(row, key) for row in of_ground if _number(row, key) > 0] or [1.0]
+            _log_axis(axes.xaxis, (min(times) / 60, max(times) * 2))  # room for labels on both sides
+            _log_axis(axes.yaxis, _decades(errors, below=1, above=1))
+            for method in _METHODS:
+                _error_points(axes, of_ground, method, key)
+            _references(axes, of_ground, key)
+    figure.suptitle(
+        "Error against time, down and left is better. Labels are cell sizes in metres.", x=0.01, ha="left"
+    )
+    return figure
+
+
+def _error_points(axes: Any, rows: Sequence[Row], method: str, key: str) -> None:
+    """Mark a method's errors, with all its labels in one column beside the points of all methods."""
+    colour, marker, side = _METHODS[method]
+    known = [row for row in rows if row["method"] == method and _number(row, key) > 0]
+    if not known:
+        return
+    times = [_number(row, "ns_per_vertex") for row in known]
+    axes.plot(times, [_number(row, key) for row in known], marker, color=colour, markersize=5)
+    every = [_number(row, "ns_per_vertex") for row in rows if _number(row, key) > 0]
+    x = max(every) if side > 0 else min(every)
+    style = {"textcoords": "offset points", "va": "center", "color": colour}
+    style["ha"] = "left" if side > 0 else "right"
+    low, high = axes.get_ylim()
+    for y, text in _merged(known, key, decades=math.log10(high / low)):
+        axes.annotate(text, (x, y), (8 * side, 0), fontsize=_SMALL, **style)
+    top = max(_number(row, key) for row in known)
+    axes.annotate(method, (x, top), (8 * side, 13), fontweight="bold", **style)
+
+
+def _references(axes: Any, rows: Sequence[Row], key: str) -> None:
+    """Mark, on the time axis, the method that the others' errors are measured against."""
+    method = DOUBLE if key == "material" else NUMPY
+    times = [_number(row, "ns_per_vertex") for row in rows if row["method"] == method]
+    if not times:
+        return
+    colour, below = _METHODS[method][0], axes.get_xaxis_transform()
+    axes.plot(times, [0.03] * len(times), "|", color=colour, markersize=8, transform=below)
+    style = {"xycoords": below, "va": "bottom", "ha": "right", "color": colour, "fontsize": _SMALL}
+    axes.annotate(f"{method},\nthe reference", (max(times), 0.07), **style)
+
+
+def _merged(rows: Sequence[Row], key: str, *, decades: float) -> list[tuple[float, str]]:
+    """Labels of cell sizes and their heights: points within 6 % of the axis share one."""
+    groups: list[list[Row]] = []
+    for row in sorted(rows, key=lambda row: _number(row, key)):
+        if groups and math.log10(_number(row, key) / _number(groups[-1][-1], key)) < 0.06 * decades:
+            groups[-1].append(row)
+        else:
+            groups.append([row])
+    labels = []
+    for group in groups:
+        sizes = sorted((_number(row, "cell_size") for row in group), reverse=True)
+        y = math.sqrt(_number(group[0], key) * _number(group[-1], key))
+        labels.append((y, ", ".join(f"{size:.2g}" for size in sizes)))
+    return labels
+
+
+# Kernels --------------------------------------------------------------------------------------------------
+
+
+def _kernels(rows: Sequence[Row]) -> Any:
+    """Nanoseconds an item: a line a kernel and ground, a dot a level, a whisker to the 95th percentile."""
+    lines = list(dict.fromkeys((str(row["kernel"]), row["ground"]) for row in rows))
+    levels = sorted({int(_number(row, "level")) for row in rows if row["level"] is not None})
+    shades = dict(zip(levels, (_ORANGE, _VERMILION, _BLUE, _GREEN, _PURPLE), strict=False))
+    figure = _figure(8.0, 1.2 + 0.24 * len(lines))
+    axes = figure.subplots()
+    for row in rows:
+        y = lines.index((str(row["kernel"]), row["ground"]))
+        x = _number(row, "ns_per_item")
+        worst = x * _number(row, "p95_ms") / _number(row, "median_ms")
+        colour = _INK if row["level"] is None else shades[int(_number(row, "level"))]
+        axes.plot([x, worst], [y, y], "-", color=colour, linewidth=1.2)
+        axes.plot(x, y, "o", color=colour, markersize=5)
+    axes.set(
+        ylim=(len(lines) - 0.4, -1.1),
+        xlabel="ns an item of device time: median, and line to the 95th percentile",
+    )
+    axes.set_yticks(
+        range(len(lines)), [kernel if ground is None else f"{kernel}, {ground}" for kernel, ground in lines]
+    )
+    axes.tick_params(axis="y", length=0)
+    _log_axis(axes.xaxis, _decades(_number(row, "ns_per_item") for row in rows))
+    for place, level in enumerate(levels):
+        axes.text(
+            0.02 + 0.1 * place,
+            1.0,
+            f"level {level}",
+            color=shades[level],
+            transform=axes.transAxes,
+            fontweight="bold",
+            va="top",
+        )
+    figure.suptitle("What an item costs in each kernel", x=0.01, ha="left")
+    return figure
+
+
+# Tiles ----------------------------------------------------------------------------------------------------
+
+
+def _tiles(rows: Sequence[Row]) -> Any:
+    """Vertices a second by batch size: a pair of lines a ground."""
+    figure = _figure(7.0, 4.0)
+    axes = figure.subplots()
+    grounds = dict.fromkeys(str(row["ground"]) for row in rows)
+    for ground, colour in zip(grounds, (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE), strict=False):
+        of_ground = [row for row in rows if row["ground"] == ground]
+        batches = [_number(row, "batch") for row in of_ground]
+        for key, what, style in (
+            ("launch_rate", "launches alone", "--"),
+            ("total_rate", "with download", "-"),
+        ):
+            rates = [_number(row, key) for row in of_ground]
+            axes.plot(batches, rates, f"o{style}", color=colour, markersize=4, linewidth=1.4)
+            axes.annotate(
+                f"{ground}, {what}",
+                (batches[-1], rates[-1]),
+                (7, 4 if key == "launch_rate" else -4),
+                textcoords="offset points",
+                color=colour,
+                va="center",
+                fontsize=_SMALL + 0.5,
+            )
+    batches = sorted({int(_number(row, "batch")) for row in rows})
+    axes.set_xscale("log", base=2)
+    axes.set_xticks(batches, [str(batch) for batch in batches])
+    axes.set(
+        xlim=(batches[0] / 1.3, batches[-1] * 6), xlabel="tiles a launch", ylabel="million vertices a second"
+    )
+    axes.set_ylim(bottom=0)
+    figure.suptitle("Tiles of 64 quads with normals and materials", x=0.01, ha="left")
+    return figure
+
+
+CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
+    "accuracy": _accuracy,
+    "kernels": _kernels,
+    "tiles": _tiles,
+}
+"""How each benchmark that has a chart draws it, from the rows of its first table."""

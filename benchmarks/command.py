@@ -1,0 +1,98 @@
+"""The command: measure what is asked for, then show or write it."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from sketchterrain.benchmarks.effort import FULL, QUICK
+from sketchterrain.benchmarks.machine import describe
+from sketchterrain.benchmarks.registry import BENCHMARKS, choose
+from sketchterrain.benchmarks.report import Report
+from sketchterrain.benchmarks.tables import terminal
+from sketchterrain.benchmarks.timing import TimedContext
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.registry import Benchmark
+
+__all__ = ["run"]
+
+
+def run(names: Sequence[str], *, output: Path | None, quick: bool, device: str | None, as_json: bool) -> int:
+    """Run benchmarks and show or write their results.
+
+    Parameters
+    ----------
+    names
+        Which of :data:`~sketchterrain.benchmarks.BENCHMARKS`; none for all.
+    output
+        Folder for ``bench.md``, ``bench.json`` and charts; without it tables go to stdout.
+    quick
+        Small sizes and few rounds: under a minute altogether.
+    device
+        Selector as for :func:`~sketchterrain.compute.choose_device`.
+    as_json
+        The raw numbers as JSON to stdout, in place of tables.
+
+    Returns
+    -------
+    int
+        0, the exit code.
+
+    Raises
+    ------
+    InputError
+        If there is no benchmark of a name, or the folder can't be written to.
+    DeviceError
+        If there is no such device.
+    """
+    chosen = choose(names)
+    effort = QUICK if quick else FULL
+    report = _measure(chosen, TimedContext(device), effort, _command(chosen, quick=quick, device=device))
+    if output is not None and not report.write(output):
+        sys.stderr.write("no charts: matplotlib is not installed; pip install 'sketchterrain[bench]'\n")
+    if as_json:
+        sys.stdout.write(report.json() + "\n")
+    elif output is None:
+        _show(report)
+    else:
+        sys.stdout.write(f"{output / 'bench.md'}\n")
+    return 0
+
+
+def _measure(chosen: Sequence[Benchmark], context: TimedContext, effort: Effort, command: str) -> Report:
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    outcomes = []
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        bar = progress.add_task("", total=len(chosen))
+        for benchmark in chosen:
+            progress.update(bar, description=benchmark.name)
+            outcomes.append((benchmark, benchmark.measure(context, effort)))
+            progress.advance(bar)
+    return Report(describe(context.device, command=command), effort.rounds, tuple(outcomes))
+
+
+def _command(chosen: Sequence[Benchmark], *, quick: bool, device: str | None) -> str:
+    words = ["sketchterrain", "bench"]
+    if len(chosen) < len(BENCHMARKS):
+        words += [benchmark.name for benchmark in chosen]
+    words += ["--quick"] if quick else []
+    words += ["--device", device] if device is not None else []
+    return " ".join([*words, "-o", "DIR"])
+
+
+def _show(report: Report) -> None:
+    console = Console()
+    for heading, text in report.about.items():
+        console.print(f"[bold]{heading:9}[/bold] {text}", highlight=False)
+    for benchmark, outcome in report.outcomes:
+        console.print(f"\n[bold]{benchmark.name}[/bold] on {benchmark.surface}", highlight=False)
+        for table in outcome.tables:
+            console.print(terminal(table))

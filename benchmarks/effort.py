@@ -1,0 +1,86 @@
+"""How much is measured: the sizes and rounds of a run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sketchterrain.resources import preset_names
+
+__all__ = ["FULL", "QUICK", "Effort"]
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Sizes of every benchmark.
+
+    Attributes
+    ----------
+    rounds : int
+        Measured rounds after one for warming up.
+    presets : tuple of str
+        Presets whose features are placed and evaluated.
+    kernel_levels : tuple of int
+        Tile levels at which kernels are timed.
+    kernel_tiles, kernel_points : int
+        Tiles and single points a launch.
+    noise_side : int
+        Vertices along the side of the noise benchmark's grid.
+    tile_counts : tuple of (str, int)
+        Ground and number of tiles evaluated for each size of batch.
+    tile_batches : tuple of int
+        Tiles a launch; sizes above a ground's number of tiles are left out.
+    foliage_side : float
+        Side of the square that is planted, m.
+    accuracy_grounds : tuple of str
+        Presets on which errors are measured.
+    accuracy_levels : tuple of int
+        Tile levels, which set the cell size, at which errors are measured.
+    accuracy_tiles : int
+        Tiles a level.
+    """
+
+    rounds: int
+    presets: tuple[str, ...]
+    kernel_levels: tuple[int, ...]
+    kernel_tiles: int
+    kernel_points: int
+    noise_side: int
+    tile_counts: tuple[tuple[str, int], ...]
+    tile_batches: tuple[int, ...]
+    foliage_side: float
+    accuracy_grounds: tuple[str, ...]
+    accuracy_levels: tuple[int, ...]
+    accuracy_tiles: int
+
+
+QUICK = Effort(
+    rounds=3,
+    presets=preset_names(),
+    kernel_levels=(4, 8),
+    kernel_tiles=8,
+    kernel_points=1 << 14,
+    noise_side=512,
+    tile_counts=(("bare", 256), ("valley_river", 64)),
+    tile_batches=(1, 16, 64, 256),
+    foliage_side=500.0,
+    accuracy_grounds=("valley_river",),
+    accuracy_levels=(2, 5, 8, 11),
+    accuracy_tiles=2,
+)
+"""Under a minute on two shared cores."""
+
+FULL = Effort(
+    rounds=11,
+    presets=preset_names(),
+    kernel_levels=(3, 6, 9),
+    kernel_tiles=64,
+    kernel_points=1 << 18,
+    noise_side=2048,
+    tile_counts=(("bare", 256), ("valley_river", 256)),
+    tile_batches=(1, 16, 64, 256),
+    foliage_side=2000.0,
+    accuracy_grounds=("valley_river", "desert_mountains"),
+    accuracy_levels=(2, 4, 6, 8, 10, 12),
+    accuracy_tiles=4,
+)
+"""Minutes; what ``benchmarks/results/`` holds."""

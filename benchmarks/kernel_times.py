@@ -1,0 +1,124 @@
+"""Device time of every kernel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
+from sketchterrain.benchmarks.noise import NoiseGrid
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.timing import alternate, spread
+from sketchterrain.terrain.lattice import QUADS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.timing import Lap, TimedContext
+    from sketchterrain.terrain import Terrain
+
+__all__ = ["WRITTEN", "measure"]
+
+_REAL = 4
+
+WRITTEN: Mapping[str, float] = {
+    "patches": 5 * _REAL,  # height and four masks
+    "points": 5 * _REAL,
+    "surfaces": 11 * _REAL,  # normal and eight weights
+    "propose": 12,  # candidate and priority
+    "resolve": 0.18,  # 8 bytes for an accepted point: 0.31 of the cells over 14 rounds
+    "bench_fbm": _REAL,
+}
+"""Bytes that a work item writes, for every kernel in ``kernels/*.cl``."""
+
+_COLUMNS = (
+    Column("kernel", "kernel"),
+    Column("ground", "ground"),
+    Column("level", "level"),
+    Column("launches", "launches"),
+    Column("items", "items a launch"),
+    Column("median_ms", "median, ms"),
+    Column("p95_ms", "95 %, ms"),
+    Column("ns_per_item", "ns an item"),
+    Column("million_items_per_s", "M items/s"),
+    Column("gigabytes_per_s", "GB/s written"),
+)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Device time of a launch of every kernel, by profiling events.
+
+    `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
+    `patches` has a border of one around each tile), `points` a square grid over the same ground at the same
+    cell size, `propose` and `resolve` the places of plants (an item is a cell of the window), `bench_fbm` 8
+    octaves of noise on a grid. Medians and 95th percentiles are over all launches of all rounds; rates are
+    work items, and the bytes that they write, over the median. Launches are padded to whole groups of 64
+    items; the padding, under 1.5 %, counts as items.
+    """
+    works = dict(_works(context, effort))
+    laps = alternate({str(case): work for case, work in works.items()}, rounds=effort.rounds)
+    rows = [row for case in works for row in _rows(case, laps[str(case)])]
+    order = list(WRITTEN)
+    rows.sort(key=lambda row: order.index(str(row["kernel"])))
+    return Outcome((Table("Kernels", _COLUMNS, tuple(rows)),))
+
+
+@dataclass(frozen=True)
+class _Case:
+    """Which kernels a piece of work is there to time, on which ground and at which tile level."""
+
+    kernels: tuple[str, ...]
+    ground: str | None = None
+    level: int | None = None
+
+
+def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Callable[[], Lap]]]:
+    grounds = {name: open_ground(name, context) for name in (BARE, *effort.presets)}
+    for name, terrain in grounds.items():
+        for level in effort.kernel_levels:
+            yield (
+                _Case(("patches", "surfaces"), name, level),
+                _tiles(context, terrain, level, effort.kernel_tiles),
+            )
+            yield _Case(("points",), name, level), _points(context, terrain, level, effort)
+    bare, side = grounds[BARE], effort.foliage_side
+    yield _Case(("propose", "resolve")), lambda: context.lap(lambda: bare.foliage(0.0, 0.0, side, side))
+    grid = NoiseGrid(context, effort.noise_side)
+    yield _Case(("bench_fbm",)), lambda: context.lap(grid.launch)
+
+
+def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
+    keys = central_keys(level, count)
+    return lambda: context.lap(lambda: terrain.tiles(keys))
+
+
+def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort) -> Callable[[], Lap]:
+    width = terrain.extent / 2.0**level
+    _, column, row = central_keys(level, effort.kernel_tiles)[0]
+    side = int(np.sqrt(effort.kernel_points))
+    step = np.arange(side) * (width * np.ceil(np.sqrt(effort.kernel_tiles)) / side)
+    x, y = np.meshgrid(column * width + step, row * width + step)
+    return lambda: context.lap(lambda: terrain.heights(x, y, cell_size=width / QUADS))
+
+
+def _rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:
+    for kernel in case.kernels:
+        launches = [launch for lap in laps for launch in lap.launches if launch.kernel == kernel]
+        times = spread([launch.seconds for launch in launches])
+        items = int(np.median([launch.items for launch in launches]))
+        yield {
+            "kernel": kernel,
+            "ground": case.ground,
+            "level": case.level,
+            "launches": times.count,
+            "items": items,
+            "median_ms": times.median * 1e3,
+            "p95_ms": times.p95 * 1e3,
+            "ns_per_item": times.median / items * 1e9,
+            "million_items_per_s": items / times.median * 1e-6,
+            "gigabytes_per_s": items * WRITTEN[kernel] / times.median * 1e-9,
+            "seconds": [launch.seconds for launch in launches],
+        }

@@ -1,0 +1,122 @@
+"""Noise alone: octaves a second, against plain NumPy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.benchmarks.outcome import Column, Outcome, Table
+from sketchterrain.benchmarks.timing import alternate, lap, spread
+from sketchterrain.terrain.octaves import NoiseStack, octave_table
+from sketchterrain.terrain.reference import fbm
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.timing import TimedContext
+
+__all__ = ["OCTAVES", "SEED", "NoiseGrid", "measure"]
+
+OCTAVES = 8
+SEED = 7
+
+_EXTENT = 4096.0
+_LONGEST = 1024.0  # m: wavelength of the first octave; the last is 8 m
+_GAIN = 0.5
+_STEP = 4096  # lattice units: vertices 1 m apart
+_STACK = "bench"
+
+_COLUMNS = (
+    Column("method", "method"),
+    Column("side", "grid side"),
+    Column("octaves", "octaves"),
+    Column("rounds", "rounds"),
+    Column("median_ms", "median, ms"),
+    Column("p95_ms", "95 %, ms"),
+    Column("million_octaves_per_s", "M points × octaves/s"),
+    Column("of_numpy", "× NumPy"),
+    Column("worst", "largest error"),
+)
+
+
+class NoiseGrid:
+    """fBm on a square grid of vertices 1 m apart, by ``kernels/bench.cl`` and by the NumPy reference."""
+
+    def __init__(self, context: TimedContext, side: int) -> None:
+        self._context = context
+        self._side = side
+        self._octaves = octave_table(
+            [NoiseStack(_STACK, _LONGEST, _GAIN, most=OCTAVES)], extent=_EXTENT, seed=SEED
+        )
+        table, real = self._octaves, context.real_dtype
+        self._arguments: tuple[Any, ...] = (
+            context.upload(table.form),
+            context.upload(table.offset),
+            context.upload(table.scale.astype(real)),
+            np.int32(len(table.form)),
+            np.int64(0),
+            np.int64(0),
+            np.int64(_STEP),
+            np.int32(side),
+        )
+        self._sum = context.empty(side * side, real)
+
+    def launch(self) -> None:
+        """Enqueue the kernel once."""
+        self._context.launch("bench.cl", "bench_fbm", (self._side, self._side), *self._arguments, self._sum)
+
+    def download(self) -> npt.NDArray[Any]:
+        """Return what the kernel computed last, shape (side, side)."""
+        return self._context.download(self._sum, (self._side, self._side), self._context.real_dtype)
+
+    def reference(self) -> npt.NDArray[np.float64]:
+        """Compute the same in NumPy float64."""
+        step = np.arange(self._side, dtype=np.int64) * _STEP
+        x, y = np.meshgrid(step, -step)
+        return fbm(self._octaves, _STACK, x, y)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Million points × octaves a second of simplex fBm, by the kernel and by NumPy.
+
+    The launch alone is timed by profiling events; the launch with its download, and NumPy, by the clock.
+    NumPy is the float64 reference that the kernels are tested against; the error is the largest difference
+    from it, the sum's range being about ±1. Rounds alternate between the methods.
+    """
+    grid = NoiseGrid(context, effort.noise_side)
+
+    def with_download() -> None:
+        grid.launch()
+        grid.download()
+
+    laps = alternate(
+        {"kernel": lambda: context.lap(with_download), "numpy": lambda: lap(grid.reference)},
+        rounds=effort.rounds,
+    )
+    error = float(np.max(np.abs(grid.download() - grid.reference())))
+    seconds = {
+        "kernel, launch": [one.device for one in laps["kernel"]],
+        "kernel, with download": [one.wall for one in laps["kernel"]],
+        "NumPy float64": [one.wall for one in laps["numpy"]],
+    }
+    numpy = spread(seconds["NumPy float64"]).median
+    rows = []
+    for method, samples in seconds.items():
+        times = spread(samples)
+        rows.append(
+            {
+                "method": method,
+                "side": effort.noise_side,
+                "octaves": OCTAVES,
+                "rounds": times.count,
+                "median_ms": times.median * 1e3,
+                "p95_ms": times.p95 * 1e3,
+                "million_octaves_per_s": effort.noise_side**2 * OCTAVES / times.median * 1e-6,
+                "of_numpy": numpy / times.median,
+                "worst": 0.0 if method == "NumPy float64" else error,
+                "seconds": samples,
+            }
+        )
+    return Outcome((Table("Simplex fBm", _COLUMNS, tuple(rows)),))

@@ -1,0 +1,41 @@
+"""What a benchmark found: tables of raw numbers, with what is needed to show them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+__all__ = ["Cell", "Column", "Outcome", "Row", "Table"]
+
+Cell: TypeAlias = "str | int | float | Sequence[float] | None"
+"""A value: text, a count, a measure, the samples behind it, or nothing."""
+
+Row: TypeAlias = "Mapping[str, Cell]"
+"""Values by key; keys that no column names are only in the raw numbers."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column that is shown: the rows' key, and its heading with the unit."""
+
+    key: str
+    heading: str
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of raw numbers and the columns to show of them."""
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The tables of one benchmark."""
+
+    tables: tuple[Table, ...]

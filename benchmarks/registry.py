@@ -1,0 +1,94 @@
+"""The table of benchmarks."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sketchterrain.benchmarks import accuracy, kernel_times, noise, placement, planting, tile_rates
+from sketchterrain.benchmarks.grounds import BARE_SEED
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.outcome import Outcome
+    from sketchterrain.benchmarks.timing import TimedContext
+
+__all__ = ["BENCHMARKS", "Benchmark", "choose"]
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """One benchmark.
+
+    Attributes
+    ----------
+    name : str
+        What it is asked for by.
+    surface : str
+        What ground it is measured on.
+    seed : str
+        The seeds that ground and draws come from.
+    measure : callable
+        Does the measuring; its docstring says what is measured, how, and in which unit.
+    """
+
+    name: str
+    surface: str
+    seed: str
+    measure: Callable[[TimedContext, Effort], Outcome]
+
+    @property
+    def method(self) -> str:
+        """What is measured, how, in which unit."""
+        return inspect.getdoc(self.measure) or ""
+
+
+_PRESETS = "the four presets"
+_OWN = "each preset's own"
+
+BENCHMARKS = {
+    benchmark.name: benchmark
+    for benchmark in (
+        Benchmark(
+            "kernels",
+            f"{_PRESETS}, and bare ground: 4096 m of default relief without features",
+            f"{_OWN}; bare ground and noise: {BARE_SEED}",
+            kernel_times.measure,
+        ),
+        Benchmark("noise", "a square grid of vertices 1 m apart", str(noise.SEED), noise.measure),
+        Benchmark(
+            "tiles",
+            "bare ground: 4096 m of default relief without features; valley_river",
+            f"bare ground {BARE_SEED}, valley_river its own",
+            tile_rates.measure,
+        ),
+        Benchmark("features", f"the sketches of {_PRESETS}", _OWN, placement.measure),
+        Benchmark("foliage", f"the middle of {_PRESETS}", f"{_OWN}; points: 7", planting.measure),
+        Benchmark(
+            "accuracy",
+            "tiles drawn from the whole of valley_river (full run: of desert_mountains too)",
+            f"{_OWN}; draw of tiles: {accuracy.TILE_SEED}",
+            accuracy.measure,
+        ),
+    )
+}
+"""Every benchmark by name, in the order they run."""
+
+
+def choose(names: Iterable[str]) -> tuple[Benchmark, ...]:
+    """Return the named benchmarks in the order they run, each once; all of them for no name.
+
+    Raises
+    ------
+    InputError
+        If there is no benchmark of a name.
+    """
+    wanted = set(names)
+    unknown = sorted(wanted - set(BENCHMARKS))
+    if unknown:
+        raise InputError(f"no benchmark {unknown[0]!r}; there are: {', '.join(BENCHMARKS)}")
+    return tuple(b for b in BENCHMARKS.values() if not wanted or b.name in wanted)

@@ -1,0 +1,143 @@
+"""A run's results as text and files: bench.md, bench.json, charts."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sketchterrain.benchmarks import charts
+from sketchterrain.benchmarks.tables import markdown
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sketchterrain.benchmarks.outcome import Cell, Outcome
+    from sketchterrain.benchmarks.registry import Benchmark
+
+__all__ = ["Report"]
+
+_SIGNIFICANT = 6
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was measured in one run.
+
+    Attributes
+    ----------
+    about : mapping of str to str
+        Device, versions, command: see :func:`~sketchterrain.benchmarks.machine.describe`.
+    rounds : int
+        Measured rounds of each benchmark.
+    outcomes : tuple of (Benchmark, Outcome)
+    """
+
+    about: Mapping[str, str]
+    rounds: int
+    outcomes: tuple[tuple[Benchmark, Outcome], ...]
+
+    def json(self) -> str:
+        """Return every number, times in seconds included, as JSON; six digits of each count."""
+        return json.dumps(
+            {
+                "format": 1,
+                "about": dict(self.about),
+                "rounds": self.rounds,
+                "benchmarks": [
+                    {
+                        "name": benchmark.name,
+                        "surface": benchmark.surface,
+                        "seed": benchmark.seed,
+                        "method": benchmark.method,
+                        "tables": [
+                            {
+                                "title": table.title,
+                                "rows": [{k: _rounded(v) for k, v in row.items()} for row in table.rows],
+                            }
+                            for table in outcome.tables
+                        ],
+                    }
+                    for benchmark, outcome in self.outcomes
+                ],
+            },
+            ensure_ascii=False,
+            indent=1,
+        )
+
+    def page(self, pictures: Mapping[str, str]) -> str:
+        """Return the results as a Markdown page.
+
+        Parameters
+        ----------
+        pictures
+            For benchmarks that have a chart, its file name.
+        """
+        lines = ["# Benchmarks", "", "| | |", "| :--- | :--- |"]
+        lines += [f"| {heading} | {text} |" for heading, text in self.about.items()]
+        lines += [
+            "",
+            f"Medians and 95th percentiles of {self.rounds} rounds, after one that is not counted; rivals "
+            "are measured in turn within each round. Absolute times are this machine's, and of its other "
+            "load; trust ratios within one table.",
+            "",
+        ]
+        for benchmark, outcome in self.outcomes:
+            lines += [f"## {benchmark.name}", "", benchmark.method, ""]
+            lines += [f"Surface: {benchmark.surface}. Seed: {benchmark.seed}.", ""]
+            if benchmark.name in pictures:
+                lines += [f"![{benchmark.name}]({pictures[benchmark.name]})", ""]
+            lines += [markdown(table) for table in outcome.tables]
+        return "\n".join(lines)
+
+    def write(self, folder: Path) -> bool:
+        """Write bench.md, bench.json and the charts, each whole or not at all.
+
+        Returns
+        -------
+        bool
+            Whether there are charts; without matplotlib there are none.
+
+        Raises
+        ------
+        InputError
+            If the folder can't be made or written to.
+        """
+        pictures = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for benchmark, outcome in self.outcomes:
+                for suffix, image in charts.draw(benchmark.name, outcome).items():
+                    _write(folder / f"{benchmark.name}{suffix}", image)
+                    pictures[benchmark.name] = f"{benchmark.name}.png"
+            _write(folder / "bench.json", (self.json() + "\n").encode())
+            _write(folder / "bench.md", self.page(pictures).encode())
+        except OSError as error:
+            raise InputError(f"expected a folder to write to, got {folder}: {error.strerror}") from error
+        return charts.available()
+
+
+def _rounded(cell: Cell) -> Cell:
+    if isinstance(cell, float):
+        return float(f"{cell:.{_SIGNIFICANT}g}")
+    if isinstance(cell, (list, tuple)):
+        return [float(f"{sample:.{_SIGNIFICANT}g}") for sample in cell]
+    return cell
+
+
+def _write(path: Path, content: bytes) -> None:
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

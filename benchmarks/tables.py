@@ -1,0 +1,65 @@
+"""Tables as text: in the terminal and in Markdown."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.table import Table as RichTable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sketchterrain.benchmarks.outcome import Cell, Table
+
+__all__ = ["markdown", "shown", "terminal"]
+
+_DIGITS = 3
+_NOTHING = "–"
+
+
+def shown(cell: Cell) -> str:
+    """Return a value as a person reads it: three digits that count, no exponent from 0.001 to a million."""
+    if cell is None:
+        return _NOTHING
+    if not isinstance(cell, float):
+        return str(cell)
+    if cell == 0 or not math.isfinite(cell):
+        return f"{cell:g}"
+    if not 1e-3 <= abs(cell) < 1e6:
+        return f"{cell:.{_DIGITS - 1}e}"
+    decimals = max(0, _DIGITS - 1 - math.floor(math.log10(abs(cell))))
+    return f"{cell:.{decimals}f}"
+
+
+def markdown(table: Table) -> str:
+    """Return a table in Markdown, under its title; numbers are set to the right."""
+    numeric = [_is_numeric(table, column.key) for column in table.columns]
+    lines = [
+        f"### {table.title}",
+        "",
+        _line(column.heading for column in table.columns),
+        _line("---:" if right else ":---" for right in numeric),
+    ]
+    lines += [_line(shown(row.get(column.key)) for column in table.columns) for row in table.rows]
+    return "\n".join(lines) + "\n"
+
+
+def terminal(table: Table) -> RichTable:
+    """Return a table for rich to print."""
+    result = RichTable(title=table.title, title_justify="left", box=box.SIMPLE_HEAD)
+    for column in table.columns:
+        right = _is_numeric(table, column.key)
+        result.add_column(column.heading, justify="right" if right else "left", overflow="fold")
+    for row in table.rows:
+        result.add_row(*(shown(row.get(column.key)) for column in table.columns))
+    return result
+
+
+def _is_numeric(table: Table, key: str) -> bool:
+    return not any(isinstance(row.get(key), str) for row in table.rows)
+
+
+def _line(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"

@@ -1,0 +1,128 @@
+"""How a time is taken: laps of work, in rounds that alternate between the rivals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.compute import ComputeContext
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+__all__ = ["Lap", "Launch", "Spread", "TimedContext", "alternate", "lap", "spread"]
+
+
+@dataclass(frozen=True)
+class Launch:
+    """One launch of a kernel: its work items and its device time by profiling events, in seconds."""
+
+    kernel: str
+    items: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Lap:
+    """One piece of work, timed once.
+
+    Attributes
+    ----------
+    wall : float
+        Seconds from call to return, as a user waits for them.
+    launches : tuple of Launch
+        In the order they were made.
+    """
+
+    wall: float
+    launches: tuple[Launch, ...] = ()
+
+    @property
+    def device(self) -> float:
+        """Device seconds of all launches."""
+        return sum(launch.seconds for launch in self.launches)
+
+
+class TimedContext(ComputeContext):
+    """A context that also keeps how many work items each launch has; made like its parent."""
+
+    def __init__(self, device: str | None = None, *, real: str = "float") -> None:
+        super().__init__(device, real=real)
+        self._items: list[int] = []
+
+    def launch(
+        self,
+        file: str,
+        kernel: str,
+        size: Sequence[int],
+        *arguments: object,
+        group: Sequence[int] | None = None,
+    ) -> None:
+        """Enqueue one kernel; see :meth:`ComputeContext.launch`."""
+        super().launch(file, kernel, size, *arguments, group=group)
+        self._items.append(math.prod(size))
+
+    def lap(self, work: Callable[[], object]) -> Lap:
+        """Do a piece of work once and time it and its launches."""
+        self._items.clear()
+        self.start_profile()
+        start = perf_counter()
+        work()
+        wall = perf_counter() - start
+        times = self.stop_profile()
+        pairs = zip(times, self._items, strict=True)
+        return Lap(wall, tuple(Launch(time.kernel, items, time.seconds) for time, items in pairs))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What a sample of times says: its median and its 95th percentile (s), and how many there were."""
+
+    median: float
+    p95: float
+    count: int
+
+
+def lap(work: Callable[[], object]) -> Lap:
+    """Do a piece of work that needs no device once and time it."""
+    start = perf_counter()
+    work()
+    return Lap(perf_counter() - start)
+
+
+def alternate(rivals: Mapping[str, Callable[[], Lap]], *, rounds: int) -> dict[str, list[Lap]]:
+    """Time rivals so that they can be compared: each once to warm up, then in turn, round after round.
+
+    Every second round runs backwards, so that none always follows the same one. What slows the machine for
+    a while then slows all of them.
+
+    Parameters
+    ----------
+    rivals
+        Name and work of each; the work times itself, see :func:`lap`.
+    rounds
+        Measured rounds, ≥ 1.
+
+    Returns
+    -------
+    dict of str to list of Lap
+        ``rounds`` laps a rival, in the order they were measured.
+    """
+    for work in rivals.values():
+        work()
+    laps: dict[str, list[Lap]] = {name: [] for name in rivals}
+    for number in range(rounds):
+        turn = list(rivals.items())
+        for name, work in reversed(turn) if number % 2 else turn:
+            laps[name].append(work())
+    return laps
+
+
+def spread(seconds: Sequence[float]) -> Spread:
+    """Return the median and the 95th percentile (linear between samples) of at least one time."""
+    median, p95 = np.percentile(np.asarray(seconds, dtype=np.float64), [50, 95])
+    return Spread(float(median), float(p95), len(seconds))

@@ -1,0 +1,33 @@
+"""One device for all, and sizes that a test can afford."""
+
+from __future__ import annotations
+
+import pytest
+
+from sketchterrain.benchmarks.effort import Effort
+from sketchterrain.benchmarks.timing import TimedContext
+
+TINY = Effort(
+    rounds=2,
+    presets=("valley_river",),
+    kernel_levels=(5,),
+    kernel_tiles=1,
+    kernel_points=64,
+    noise_side=32,
+    tile_counts=(("bare", 4),),
+    tile_batches=(1, 4, 16),
+    foliage_side=60.0,
+    accuracy_grounds=("valley_river",),
+    accuracy_levels=(6, 9),
+    accuracy_tiles=1,
+)
+
+
+@pytest.fixture(scope="session")
+def context() -> TimedContext:
+    return TimedContext()
+
+
+@pytest.fixture(scope="session")
+def tiny() -> Effort:
+    return TINY

@@ -1,0 +1,102 @@
+"""Each benchmark once, as small as can be: what it reports, never how long it took."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from sketchterrain.benchmarks import BENCHMARKS, charts
+from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
+from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
+from sketchterrain.benchmarks.kernel_times import WRITTEN
+
+if TYPE_CHECKING:
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.outcome import Outcome
+    from sketchterrain.benchmarks.timing import TimedContext
+
+
+@pytest.fixture(scope="module")
+def outcomes(context: TimedContext, tiny: Effort) -> dict[str, Outcome]:
+    return {name: benchmark.measure(context, tiny) for name, benchmark in BENCHMARKS.items()}
+
+
+def rows(outcome: Outcome, table: int = 0) -> list[Any]:
+    return list(outcome.tables[table].rows)
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_every_shown_value_is_there_and_finite(outcomes: dict[str, Outcome], name: str) -> None:
+    for table in outcomes[name].tables:
+        assert table.rows
+        for column in table.columns:
+            assert any(column.key in row for row in table.rows), column.key
+        for row in table.rows:
+            assert all(math.isfinite(v) for v in row.values() if isinstance(v, float))
+            assert all(len(v) >= 2 for v in row.values() if isinstance(v, list))
+
+
+def test_every_kernel_was_timed_with_its_bytes(outcomes: dict[str, Outcome]) -> None:
+    found = rows(outcomes["kernels"])
+    assert {row["kernel"] for row in found} == set(WRITTEN)
+    assert {row["ground"] for row in found if row["kernel"] == "patches"} == {BARE, "valley_river"}
+    for row in found:
+        rate = row["million_items_per_s"] * WRITTEN[row["kernel"]] * 1e-3
+        assert row["gigabytes_per_s"] == pytest.approx(rate)
+        assert row["p95_ms"] >= row["median_ms"]
+
+
+def test_noise_kernel_agrees_with_numpy(outcomes: dict[str, Outcome]) -> None:
+    kernel, download, numpy = rows(outcomes["noise"])
+    assert kernel["worst"] == download["worst"] < 1e-5
+    assert numpy["of_numpy"] == 1.0
+
+
+def test_batches_larger_than_the_ground_are_left_out(outcomes: dict[str, Outcome]) -> None:
+    assert [(row["ground"], row["batch"]) for row in rows(outcomes["tiles"])] == [(BARE, 1), (BARE, 4)]
+
+
+def test_features_report_each_stage(outcomes: dict[str, Outcome]) -> None:
+    found = {row["stage"]: row["found"] for row in rows(outcomes["features"])}
+    assert list(found) == ["shapes", "darts", "place", "rivers", "recipe"]
+    assert found["recipe"] == found["place"] + found["rivers"]
+    assert found["darts"] == found["place"] >= found["shapes"] > 0
+
+
+def test_points_are_nearly_maximal(outcomes: dict[str, Outcome]) -> None:
+    (points,) = rows(outcomes["foliage"], 1)
+    assert 0.8 < points["density"] <= 1.0
+
+
+def test_errors_of_float_exceed_those_of_double(outcomes: dict[str, Outcome]) -> None:
+    found = rows(outcomes["accuracy"])
+    assert {row["method"] for row in found} == {FLOAT, DOUBLE, NUMPY}
+    for level in {row["level"] for row in found}:
+        single, double = (
+            next(r for r in found if r["method"] == m and r["level"] == level) for m in (FLOAT, DOUBLE)
+        )
+        assert 0 < single["height_p99_mm"] <= single["height_mm"] < 10.0
+        assert double["normal_p99_deg"] < single["normal_p99_deg"] < 0.1
+        assert 0 <= single["material"] < 1e-2
+
+
+@pytest.mark.parametrize("name", charts.CHARTS)
+def test_charts_are_pictures(outcomes: dict[str, Outcome], name: str) -> None:
+    pytest.importorskip("matplotlib")
+    pictures = charts.draw(name, outcomes[name])
+    assert pictures[".png"].startswith(b"\x89PNG")
+    assert b"<svg" in pictures[".svg"]
+    assert pictures == charts.draw(name, outcomes[name])
+
+
+def test_keys(context: TimedContext, tiny: Effort) -> None:
+    assert central_keys(2, 4) == [(2, 1, 1), (2, 2, 1), (2, 1, 2), (2, 2, 2)]
+    assert len(set(central_keys(5, 256))) == 256
+    terrain = open_ground(BARE, context)
+    keys = scattered_keys(6, 20, terrain, seed=1)
+    assert keys == scattered_keys(6, 20, terrain, seed=1)
+    assert len(set(keys)) == 20
+    assert all(0 <= column < 64 and 0 <= row < 64 for _, column, row in keys)
+    assert len(scattered_keys(1, 20, terrain, seed=1)) == 4

@@ -1,0 +1,94 @@
+"""What a run shows and writes."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sketchterrain.benchmarks import command, run
+from sketchterrain.errors import DeviceError, InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.benchmarks.effort import Effort
+
+
+@pytest.fixture(autouse=True)
+def _small(monkeypatch: pytest.MonkeyPatch, tiny: Effort) -> None:
+    monkeypatch.setattr(command, "QUICK", tiny)
+
+
+def test_table_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["noise"], output=None, quick=True, device=None, as_json=False) == 0
+    shown = capsys.readouterr().out
+    assert "Simplex fBm" in shown
+    assert "NumPy" in shown
+    assert "device" in shown
+
+
+def test_json_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["noise"], output=None, quick=True, device=None, as_json=True) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["format"] == 1
+    assert found["rounds"] == 2
+    assert found["about"]["command"] == "sketchterrain bench noise --quick -o DIR"
+    (noise,) = found["benchmarks"]
+    assert (noise["name"], noise["seed"]) == ("noise", "7")
+    assert all(len(row["seconds"]) == 2 for row in noise["tables"][0]["rows"])
+
+
+def test_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("matplotlib")
+    target = tmp_path / "new" / "result"
+    assert run(["tiles", "noise"], output=target, quick=True, device=None, as_json=False) == 0
+    assert sorted(path.name for path in target.iterdir()) == [
+        "bench.json",
+        "bench.md",
+        "tiles.png",
+        "tiles.svg",
+    ]
+    page = (target / "bench.md").read_text(encoding="utf-8")
+    for part in (
+        "## noise",
+        "## tiles",
+        "![tiles](tiles.png)",
+        "2 rounds",
+        "Seed: 7",
+        "| driver |",
+        "pyopencl",
+    ):
+        assert part in page
+    assert str(tmp_path) not in page + (target / "bench.json").read_text(encoding="utf-8")
+    assert capsys.readouterr().out.strip() == str(target / "bench.md")
+
+
+def test_without_matplotlib_the_table_is_still_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sketchterrain.benchmarks.charts.find_spec", lambda name: None)
+    assert run(["tiles"], output=tmp_path, quick=True, device=None, as_json=False) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bench.json", "bench.md"]
+    complaint = [line for line in capsys.readouterr().err.splitlines() if "matplotlib" in line]
+    assert len(complaint) == 1
+    assert "![tiles]" not in (tmp_path / "bench.md").read_text(encoding="utf-8")
+
+
+def test_unknown_name_opens_no_device() -> None:
+    with pytest.raises(InputError, match="no benchmark 'speed'"):
+        run(["speed"], output=None, quick=True, device="no such device", as_json=False)
+
+
+def test_unknown_device() -> None:
+    with pytest.raises(DeviceError):
+        run(["noise"], output=None, quick=True, device="no such device", as_json=False)
+
+
+def test_output_that_is_a_file(tmp_path: Path) -> None:
+    target = tmp_path / "file"
+    target.write_text("kept")
+    with pytest.raises(InputError, match="expected a folder"):
+        run(["noise"], output=target, quick=True, device=None, as_json=False)
+    assert target.read_text() == "kept"

@@ -1,0 +1,65 @@
+"""Small sketches on disk, and the command line called in this process."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.cli import main
+from sketchterrain.sketch import Sketch, save_sketch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def error(self) -> str:
+        """The one line that tells the failure; nothing else but names of slow stages may stand beside it."""
+        assert "Traceback" not in self.err
+        lines = [line for line in self.err.splitlines() if not line.endswith(" …")]
+        assert len(lines) == 1, self.err
+        assert lines[0].startswith("sketchterrain: error: ")
+        return lines[0].removeprefix("sketchterrain: error: ")
+
+
+def small_sketch() -> Sketch:
+    mountain, river, forest = (np.zeros((48, 64), np.uint8) for _ in range(3))
+    mountain[4:16, 48:60] = 1
+    river[24:27, :40] = 1
+    forest[34:46, 6:30] = 1
+    return Sketch(
+        name="North-east",
+        extent=512.0,
+        seed=5,
+        ground={"relief": 5.0},
+        density={"hill": 8.0},
+        layers={"mountain": mountain, "river": river, "forest": forest},
+        labels={("mountain", 1): {"height": 250.0}},
+    )
+
+
+@pytest.fixture(scope="session")
+def sketch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("sketches") / "north_east"
+    save_sketch(small_sketch(), path)
+    return path
+
+
+@pytest.fixture
+def call(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    def run(*arguments: object) -> Outcome:
+        capfd.readouterr()
+        code = main([str(argument) for argument in arguments])
+        return Outcome(code, *capfd.readouterr())
+
+    return run

@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import sketchterrain.render
+from sketchterrain.compute import list_devices
+from sketchterrain.resources import preset_names
+from sketchterrain.sketch import load_sketch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+COMMANDS = ("new", "generate", "render", "bench", "devices", "presets")
+
+
+def test_help_loads_no_numbers_no_driver_and_no_picture() -> None:
+    heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib"]
+    code = (
+        "import sys\n"
+        "from sketchterrain.cli import main\n"
+        "codes = [main(['--help']), main(['generate', '--help']), main(['--version'])]\n"
+        f"sys.stderr.write(repr((codes, sorted(set({heavy}) & set(sys.modules)))))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "([0, 0, 0], [])"
+    assert all(command in done.stdout for command in COMMANDS)
+
+
+def test_the_module_and_its_version() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "sketchterrain", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"sketchterrain {version('sketchterrain')}\n"
+
+
+def test_new_is_a_sketch_that_loads(call: Callable[..., Any], tmp_path: Path) -> None:
+    done = call("new", tmp_path / "mine")
+    assert done.code == 0
+    assert str(tmp_path / "mine") in done.out
+    assert load_sketch(tmp_path / "mine").layers["mountain"].any()
+
+
+def test_new_leaves_a_folder_alone_that_holds_something(call: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("mine")
+    done = call("new", tmp_path)
+    assert done.code == 3
+    assert "not empty" in done.error
+    assert [entry.name for entry in tmp_path.iterdir()] == ["mine"]
+
+
+def test_devices_tells_each_and_which_is_taken(call: Callable[..., Any]) -> None:
+    told = json.loads(call("devices", "--json").out)
+    assert [entry["name"] for entry in told] == [device.name for device in list_devices()]
+    assert sum(entry["default"] for entry in told) == 1
+    text = call("devices").out
+    for device in list_devices():
+        assert all(part in text for part in (device.name, device.driver, device.version, device.type))
+
+
+def test_presets_tells_each(call: Callable[..., Any]) -> None:
+    told = json.loads(call("presets", "--json").out)
+    assert [entry["name"] for entry in told] == list(preset_names())
+    assert all(entry["layers"] and entry["extent"] > 0 for entry in told)
+    assert [line.split()[0] for line in call("presets").out.splitlines()] == list(preset_names())
+
+
+@pytest.fixture
+def shots(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """What the renderer was asked for, in place of a picture."""
+    asked: list[dict[str, Any]] = []
+
+    def picture(terrain: object, *, size: tuple[int, int], camera: object) -> NDArray[np.uint8]:
+        asked.append({"terrain": terrain, "size": size, "camera": camera})
+        return np.zeros((size[1], size[0], 3), np.uint8)
+
+    monkeypatch.setattr(sketchterrain.render, "render_picture", picture)
+    return asked
+
+
+def test_render_writes_the_picture_it_names(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, shots: list[dict[str, Any]]
+) -> None:
+    path = tmp_path / "made" / "a.png"
+    done = call("render", sketch, "-o", path, "--size", "64x48", "--seed", 9)
+    assert (done.code, done.out) == (0, f"{path}\n"), done.err
+    with Image.open(path) as image:
+        assert image.size == (64, 48)
+    assert (shots[0]["size"], shots[0]["camera"]) == ((64, 48), None)
+    assert shots[0]["terrain"].sketch.seed == 9
+
+
+def test_render_takes_a_camera(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, shots: list[dict[str, Any]]
+) -> None:
+    eye = ["--eye", "-10,20.5,900", "--look-at", "1e2,200,-30"]
+    assert call("render", sketch, "-o", tmp_path / "a.png", *eye).code == 0
+    assert (shots[0]["camera"].eye, shots[0]["camera"].target) == ((-10, 20.5, 900), (100, 200, -30))
+    assert shots[0]["size"] == (1280, 720)
+
+
+def test_an_eye_alone_looks_at_the_middle_and_from_the_middle_north(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, shots: list[dict[str, Any]]
+) -> None:
+    for eye in ("-100,-100,500", "256,192,500", "256,192,-500"):
+        done = call("render", sketch, "-o", tmp_path / "a.png", "--eye", eye)
+        assert done.code == 0, done.err
+    assert "under the ground" in done.err
+    outside, inside, _ = (shot["camera"] for shot in shots)
+    assert outside.target[:2] == (256, 192)
+    assert inside.target[:2] == (256, 192 + 256)
+
+
+@pytest.mark.gl
+def test_render_is_a_picture_of_its_camera(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    for name, eye in {"a": "-200,-200,300", "b": "700,600,300"}.items():
+        done = call("render", sketch, "-o", tmp_path / f"{name}.png", "--size", "96x64", "--eye", eye)
+        assert done.code == 0, done.err
+    first, second = (np.asarray(Image.open(tmp_path / f"{name}.png")).astype(int) for name in "ab")
+    assert first.shape == (64, 96, 3)
+    assert np.abs(first - second).mean() > 2
+
+
+def test_bench_is_called_with_what_was_asked(
+    call: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sketchterrain.benchmarks
+
+    asked: dict[str, Any] = {}
+
+    def run(names: list[str], **options: object) -> int:
+        asked.update(options, names=names)
+        return 0
+
+    monkeypatch.setattr(sketchterrain.benchmarks, "run", run)
+    assert call("bench", "noise", "tiles", "-o", tmp_path, "--quick", "--device", "0", "--json").code == 0
+    assert asked == {
+        "names": ["noise", "tiles"],
+        "output": tmp_path,
+        "quick": True,
+        "device": "0",
+        "as_json": True,
+    }

@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import rasterio
+from PIL import Image
+
+import sketchterrain as st
+import sketchterrain.export
+import sketchterrain.generate
+import sketchterrain.render
+from sketchterrain.cli import main
+from sketchterrain.errors import DeviceError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+FILES = {
+    "height.tif",
+    "height.png",
+    "height.json",
+    "normal.png",
+    "materials.png",
+    "materials-2.png",
+    "materials.json",
+    "foliage.csv",
+    "features.json",
+    "report.json",
+}
+SIZE = 65
+
+
+def names(folder: Path) -> set[str]:
+    return {entry.name for entry in folder.iterdir()}
+
+
+def heights(folder: Path) -> NDArray[np.float32]:
+    with rasterio.open(folder / "height.tif") as file:
+        return np.asarray(file.read(1))
+
+
+def report(folder: Path) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    return told
+
+
+@pytest.fixture(scope="module")
+def generated(sketch: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("generated")
+    assert main(["generate", str(sketch), "-o", str(folder), "--size", str(SIZE), "--no-preview"]) == 0
+    return folder
+
+
+def test_everything_but_the_preview_is_there(generated: Path) -> None:
+    assert names(generated) == FILES
+    assert set(report(generated)["files"]) == FILES
+
+
+def test_the_longer_side_has_so_many_vertices(generated: Path) -> None:
+    assert heights(generated).shape == (49, SIZE)
+    for name in ("height.png", "normal.png", "materials.png", "materials-2.png"):
+        with Image.open(generated / name) as image:
+            assert image.size == (SIZE, 49)
+
+
+def test_the_mountain_in_the_north_east_is_at_the_upper_right_of_every_image(generated: Path) -> None:
+    with Image.open(generated / "height.png") as image:
+        value = np.asarray(image)
+    np.testing.assert_array_equal(value.argmax(), heights(generated).argmax())
+    row, column = np.unravel_index(value.argmax(), value.shape)
+    assert row < 0.4 * value.shape[0]
+    assert column > 0.7 * value.shape[1]
+
+
+def test_the_report_says_what_was_made_with_what(generated: Path, sketch: Path) -> None:
+    told = report(generated)
+    terrain = st.build(st.load_sketch(sketch))
+    plants = (generated / "foliage.csv").read_text(encoding="ascii").count("\n") - 1
+    assert (told["sketch"], told["seed"], told["extent"]) == ("North-east", 5, 512.0)
+    assert told["size"] == {"columns": SIZE, "rows": 49}
+    assert told["device"]["name"] == terrain.context.device.name
+    assert told["device"]["driver"] == terrain.context.device.driver
+    assert sum(told["counts"]["plants"].values()) == plants > 0
+    assert sum(told["counts"]["features"].values()) == len(terrain.features.points)
+    assert told["counts"]["rivers"] == len(terrain.features.rivers) > 0
+    assert told["heights"]["maximum"] == heights(generated).max()
+    assert 10 << 20 < told["peak_memory"] < 1 << 36
+
+
+def test_the_report_says_where_the_time_went(generated: Path) -> None:
+    told = report(generated)
+    assert {"sketch", "device", "features", "ground", "plants", "files"} <= told["timings"].keys()
+    assert all(0 <= seconds < 600 for seconds in (told["timings"] | told["writing"]).values())
+
+
+def test_the_same_seed_gives_the_same_bytes(generated: Path, sketch: Path, tmp_path: Path) -> None:
+    assert main(["generate", str(sketch), "-o", str(tmp_path), "--size", str(SIZE), "--no-preview"]) == 0
+    for name in FILES - {"report.json"}:
+        assert (tmp_path / name).read_bytes() == (generated / name).read_bytes(), name
+
+
+def test_another_seed_is_another_terrain_of_the_same_sketch(
+    generated: Path, sketch: Path, tmp_path: Path
+) -> None:
+    before = (sketch / "sketch.toml").read_bytes()
+    size = ["--size", str(SIZE), "--no-preview"]
+    assert main(["generate", str(sketch), "-o", str(tmp_path), "--seed", "6", *size]) == 0
+    other, first = heights(tmp_path), heights(generated)
+    assert report(tmp_path)["seed"] == 6
+    assert (other != first).mean() > 0.5
+    row, column = np.unravel_index(other.argmax(), other.shape)
+    assert row < 0.4 * other.shape[0]
+    assert column > 0.7 * other.shape[1]
+    assert (sketch / "sketch.toml").read_bytes() == before
+
+
+def test_json_is_one_object_on_stdout(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview", "--json")
+    assert done.code == 0
+    told = json.loads(done.out)
+    assert told["folder"] == str(tmp_path)
+    assert set(told["files"]) == FILES
+    assert told["seconds"] > 0
+
+
+def test_a_person_reads_where_things_are_and_on_what_they_were_made(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    done = call("generate", sketch, "-o", tmp_path / "new" / "out", "--size", 9, "--no-preview")
+    assert done.code == 0
+    assert str(tmp_path / "new" / "out") in done.out
+    assert report(tmp_path / "new" / "out")["device"]["name"] in done.out
+    assert "preview:" not in done.out
+
+
+def test_two_vertices_are_a_terrain(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    assert call("generate", sketch, "-o", tmp_path, "--size", 2, "--no-preview").code == 0
+    assert heights(tmp_path).shape == (2, 2)
+
+
+def test_an_empty_sketch_and_a_full_one_are_terrains(call: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "sketch.toml").write_text("format = 1\nextent = 300.0\n[density]\nhill = 20.0\n")
+    full = {name: np.ones((32, 32), np.uint8) for name in st.Sketch().layers}
+    st.save_sketch(st.Sketch(extent=300.0, layers=full), tmp_path / "full")
+    for name in ("empty", "full"):
+        done = call("generate", tmp_path / name, "-o", tmp_path / "out", "--size", 33, "--no-preview")
+        assert done.code == 0, done.err
+        assert np.isfinite(heights(tmp_path / "out")).all()
+
+
+def test_without_opengl_all_but_the_preview_is_written(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise DeviceError("no OpenGL 4.3 through EGL")
+
+    monkeypatch.setattr(sketchterrain.render, "render_picture", refuse)
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9)
+    assert done.code == 5
+    assert done.error == "no preview, all other files are written: no OpenGL 4.3 through EGL"
+    assert names(tmp_path) == FILES
+
+
+def test_a_failing_writer_stops_the_rest_and_leaves_old_files_whole(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "report.json").write_text("old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "normal.png")
+
+    monkeypatch.setattr(sketchterrain.export, "write_normals", full)
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview")
+    assert (done.code, done.error) == (1, "normal.png: No space left on device")
+    assert (tmp_path / "report.json").read_text() == "old"
+    assert not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.gl
+def test_the_preview_is_a_picture(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9)
+    assert done.code == 0, done.err
+    assert str(tmp_path / "preview.png") in done.out
+    with Image.open(tmp_path / "preview.png") as image:
+        assert (image.size, image.mode) == ((1280, 720), "RGB")
+        assert np.asarray(image).std() > 10
+    assert names(tmp_path) == FILES | {"preview.png"}

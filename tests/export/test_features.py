@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sketchterrain.export import write_features
+from sketchterrain.features import FEATURE, FEATURE_TYPES
+from sketchterrain.terrain import TerrainFeatures
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import sketchterrain as st
+
+COMMON = {"id", "type", "x", "y", "radius", "strength", "painted"}
+
+
+@pytest.fixture
+def told(tmp_path: Path, terrain: st.Terrain) -> dict[str, Any]:
+    (path,) = write_features(tmp_path, terrain.features)
+    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return result
+
+
+def test_the_document_has_its_three_parts(told: dict[str, Any]) -> None:
+    assert list(told) == ["format", "features", "splines"]
+    assert told["format"] == 1
+
+
+def test_every_point_feature_comes_back_exactly(told: dict[str, Any], terrain: st.Terrain) -> None:
+    points = terrain.features.points
+    assert {"mountain", "hill", "forest"} <= {entry["type"] for entry in told["features"]}
+    assert [entry["id"] for entry in told["features"]] == points["id"].tolist()
+    for entry, point in zip(told["features"], points, strict=True):
+        assert entry["type"] == FEATURE_TYPES[point["type"]]
+        assert (entry["x"], entry["y"]) == (point["x"], point["y"])
+        for name in entry.keys() - {"id", "type", "x", "y", "painted"}:
+            assert np.float32(entry[name]) == point[name]
+        assert entry["painted"] is bool(point["painted"])
+
+
+def test_only_the_types_that_have_a_property_tell_it(tmp_path: Path) -> None:
+    points = np.zeros(len(FEATURE_TYPES), FEATURE)
+    points["type"] = np.arange(len(points))
+    (path,) = write_features(tmp_path, TerrainFeatures(points, ()))
+    told = json.loads(path.read_text(encoding="utf-8"))
+    own = {entry["type"]: entry.keys() - COMMON for entry in told["features"]}
+    assert own == {"mountain": {"peakiness"}, "hill": set(), "dune": {"wavelength", "wind"}, "forest": set()}
+    assert told["splines"] == []
+
+
+def test_rivers_are_splines_from_spring_to_mouth(told: dict[str, Any], terrain: st.Terrain) -> None:
+    rivers = terrain.features.rivers
+    assert len(told["splines"]) == len(rivers) > 0
+    for entry, river in zip(told["splines"], rivers, strict=True):
+        assert (entry["id"], entry["type"], entry["label"]) == (river.id, "river", river.label)
+        np.testing.assert_array_equal(entry["points"], river.points)
+        np.testing.assert_array_equal(entry["centreline"], river.centreline)
+        assert len(entry["width"]) == len(entry["depth"]) == len(entry["points"])
+        assert len(entry["centreline_width"]) == len(entry["centreline_depth"]) == len(entry["centreline"])
+        assert (np.diff(np.array(entry["centreline"])[:, 2]) <= 0).all()
+
+
+def test_nothing_placed_is_two_empty_lists(tmp_path: Path) -> None:
+    (path,) = write_features(tmp_path, TerrainFeatures(np.zeros(0, FEATURE), ()))
+    assert json.loads(path.read_text(encoding="utf-8")) == {"format": 1, "features": [], "splines": []}
+
+
+def test_numbers_are_written_as_short_as_they_are(tmp_path: Path) -> None:
+    point = np.zeros(1, FEATURE)
+    point["peakiness"], point["id"] = 0.6, 2**64 - 1
+    text = write_features(tmp_path, TerrainFeatures(point, ()))[0].read_text(encoding="utf-8")
+    assert '"peakiness": 0.6,' in text
+    assert '"id": 18446744073709551615,' in text

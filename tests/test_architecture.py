@@ -23,7 +23,7 @@ MAY_IMPORT = {
     "render": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
     "export": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
 }
-ANYTHING = {"__init__", "__main__", "cli", "generate", "benchmarks"}
+ANYTHING = {"__init__", "__main__", "arguments", "benchmarks", "cli", "generate", "listings", "progress"}
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}
 
 

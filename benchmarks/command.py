@@ -6,6 +6,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from sketchterrain.benchmarks.effort import FULL, QUICK
@@ -95,4 +96,7 @@ def _show(report: Report) -> None:
     for benchmark, outcome in report.outcomes:
         console.print(f"\n[bold]{benchmark.name}[/bold] on {benchmark.surface}", highlight=False)
         for table in outcome.tables:
-            console.print(terminal(table))
+            shown = terminal(table)
+            # A narrow terminal shall break lines rather than words and numbers.
+            needed = Measurement.get(console, console.options, shown).minimum
+            console.print(shown, width=max(needed, console.width), crop=False, soft_wrap=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,14 +86,14 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
             )
             yield _Case(("points",), name, level), _points(context, terrain, level, effort)
     bare, side = grounds[BARE], effort.foliage_side
-    yield _Case(("propose", "resolve")), lambda: context.lap(lambda: bare.foliage(0.0, 0.0, side, side))
+    yield (_Case(("propose", "resolve")), partial(context.lap, partial(bare.foliage, 0.0, 0.0, side, side)))
     grid = NoiseGrid(context, effort.noise_side)
-    yield _Case(("bench_fbm",)), lambda: context.lap(grid.launch)
+    yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
 
 
 def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
     keys = central_keys(level, count)
-    return lambda: context.lap(lambda: terrain.tiles(keys))
+    return partial(context.lap, partial(terrain.tiles, keys))
 
 
 def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort) -> Callable[[], Lap]:
@@ -101,7 +102,7 @@ def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort)
     side = int(np.sqrt(effort.kernel_points))
     step = np.arange(side) * (width * np.ceil(np.sqrt(effort.kernel_tiles)) / side)
     x, y = np.meshgrid(column * width + step, row * width + step)
-    return lambda: context.lap(lambda: terrain.heights(x, y, cell_size=width / QUADS))
+    return partial(context.lap, partial(terrain.heights, x, y, cell_size=width / QUADS))
 
 
 def _rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:

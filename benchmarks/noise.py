@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.benchmarks.outcome import Column, Outcome, Table
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.terrain.octaves import NoiseStack, octave_table
 from sketchterrain.terrain.reference import fbm
@@ -102,7 +102,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         "NumPy float64": [one.wall for one in laps["numpy"]],
     }
     numpy = spread(seconds["NumPy float64"]).median
-    rows = []
+    rows: list[Row] = []
     for method, samples in seconds.items():
         times = spread(samples)
         rows.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
@@ -52,9 +53,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     rows: list[Row] = []
     for name in effort.presets:
         stages = _stages(load_sketch(name))
-        laps = alternate(
-            {stage: lambda work=work: lap(work) for stage, (work, _) in stages.items()}, rounds=effort.rounds
-        )
+        works = {stage: partial(lap, work) for stage, (work, _) in stages.items()}
+        laps = alternate(works, rounds=effort.rounds)
         for stage, (_, found) in stages.items():
             samples = [one.wall for one in laps[stage]]
             times = spread(samples)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks.grounds import open_ground
@@ -55,11 +57,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     for name in effort.presets:
         terrain = open_ground(name, context)
         area = _square(terrain, effort.foliage_side)
-        works[name] = lambda terrain=terrain, area=area: context.lap(lambda: terrain.foliage(*area))
+        works[name] = partial(context.lap, partial(terrain.foliage, *area))
         plants[name] = len(terrain.foliage(*area))
-    side = 1024 * _RADIUS * 7 // 10  # about a thousand cells
-    points = lambda: poisson_disk(context, (0, 0, side, side), _RADIUS, seed=_POINT_SEED)  # noqa: E731
-    works[""] = lambda: context.lap(points)
+    side = int(effort.poisson_cells * _RADIUS / math.sqrt(2))
+    points = partial(poisson_disk, context, (0, 0, side, side), _RADIUS, seed=_POINT_SEED)
+    works[""] = partial(context.lap, points)
     laps = alternate(works, rounds=effort.rounds)
     rows = tuple(_plant_row(name, plants[name], effort.foliage_side, laps[name]) for name in effort.presets)
     point_row = _point_row(len(points()), side, laps[""])

@@ -51,10 +51,17 @@ def terminal(table: Table) -> RichTable:
     result = RichTable(title=table.title, title_justify="left", box=box.SIMPLE_HEAD)
     for column in table.columns:
         right = _is_numeric(table, column.key)
-        result.add_column(column.heading, justify="right" if right else "left", overflow="fold")
+        widest = max(
+            len(word) for row in [column.heading, *_texts(table, column.key)] for word in row.split()
+        )
+        result.add_column(column.heading, justify="right" if right else "left", min_width=widest)
     for row in table.rows:
         result.add_row(*(shown(row.get(column.key)) for column in table.columns))
     return result
+
+
+def _texts(table: Table, key: str) -> list[str]:
+    return [shown(row.get(key)) for row in table.rows]
 
 
 def _is_numeric(table: Table, key: str) -> bool:

@@ -17,6 +17,7 @@ TINY = Effort(
     tile_counts=(("bare", 4),),
     tile_batches=(1, 4, 16),
     foliage_side=60.0,
+    poisson_cells=32,
     accuracy_grounds=("valley_river",),
     accuracy_levels=(6, 9),
     accuracy_tiles=1,

@@ -96,7 +96,8 @@ def _told(error: Exception) -> tuple[str, int]:
     if isinstance(error, SketchterrainError):
         return str(error), error.exit_code
     if isinstance(error, OSError):
-        return (f"{error.filename}: {error.strerror}" if error.filename else str(error)), _FAILED
+        reason = error.strerror or str(error)
+        return (f"{error.filename}: {reason}" if error.filename else reason), _FAILED
     if isinstance(error, MemoryError):
         return "out of memory", _FAILED
     kind = type(error).__name__

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.terrain.culling import feature_lists, features_near, river_lists
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
 from sketchterrain.terrain.materials import MATERIALS
@@ -32,6 +33,7 @@ _PATCHES_PER_LAUNCH = 256
 _POINTS_PER_LAUNCH = 1 << 21
 # Points are culled in square blocks of this many along the sketch's longer side.
 _BLOCKS_PER_EXTENT_BITS = 5
+_MOST_BLOCKS = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,17 @@ class Evaluator:
             part = slice(first, first + _POINTS_PER_LAUNCH)
             height[part], masks[part] = self._points(x[part], y[part], cell_size)
         return height, masks
+
+    def may_hold(
+        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], kind: str
+    ) -> npt.NDArray[np.bool_]:
+        """Return which points lie in a block of ground that some feature of a type reaches, shape (n,)."""
+        blocks, block = _blocks_of(x, y)
+        near = features_near(self.recipe, blocks, min_radius=0.0)
+        packed = pack_features(self.recipe, near[near["type"] == FEATURE_TYPES.index(kind)], 0.0)
+        starts, _ = feature_lists(self.recipe, packed, blocks)
+        starts = starts.reshape(len(blocks), -1)
+        return np.asarray((starts[:, -1] > starts[:, 0])[block])
 
     def _points(
         self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], cell_size: float
@@ -258,6 +271,17 @@ def _blocks_of(
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the square blocks that the points lie in (west, south, east, north), and each point's block."""
     bits = LATTICE_BITS - _BLOCKS_PER_EXTENT_BITS
-    cells, block = np.unique(np.stack([x >> bits, y >> bits], axis=-1), axis=0, return_inverse=True)
+    column, row = x >> bits, y >> bits
+    west, south = int(column.min()), int(row.min())
+    width, height = int(column.max()) - west + 1, int(row.max()) - south + 1
+    if width * height > _MOST_BLOCKS:  # points far apart: only blocks that hold any
+        cells, block = np.unique(np.stack([column, row], axis=-1), axis=0, return_inverse=True)
+        block = block.reshape(-1)
+    else:
+        number = (row - south) * width + (column - west)
+        held = np.bincount(number, minlength=width * height) > 0
+        block = (np.cumsum(held) - 1)[number]
+        held_row, held_column = np.divmod(np.flatnonzero(held), width)
+        cells = np.stack([held_column + west, held_row + south], axis=-1)
     corner = cells << bits
-    return np.concatenate([corner, corner + (1 << bits)], axis=1), block.reshape(-1)
+    return np.concatenate([corner, corner + (1 << bits)], axis=1), block

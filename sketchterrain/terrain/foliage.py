@@ -59,8 +59,13 @@ class FoliageSampler:
             return np.zeros(0, PLANT)
         x, y = places.T
         # The draws first, against what there can be at most: most places bear nothing and cost no height.
+        draw = self._draw("presence", x, y)
+        kept = self._evaluator.may_hold(x, y, "forest") | (draw < self._lone_share)
+        x, y, draw = x[kept], y[kept], draw[kept]
+        if not x.size:
+            return np.zeros(0, PLANT)
         _, masks = self._evaluator.points(x, y, cell_size=_MASK_CELL)
-        kept = self._draw("presence", x, y) < self._most_plants(masks)
+        kept = draw < self._most_plants(masks)
         x, y, masks = x[kept], y[kept], masks[kept]
         step = max(round(metre), 1)
         z = self._heights(x, y)
@@ -72,11 +77,15 @@ class FoliageSampler:
         height, _ = self._evaluator.points(x, y, cell_size=0.0)
         return height.astype(np.float64)
 
+    @property
+    def _lone_share(self) -> float:
+        """Share of places outside forests that bear a plant."""
+        return _LONE_PLANTS * (1 - self._recipe.climate["aridity"])
+
     def _most_plants(self, masks: npt.NDArray[Any]) -> Reals:
         """Share of places, 0 … 1, that bear a plant on level ground in a mild climate."""
         _, dune, forest, _ = masks.T.astype(np.float64)
-        lone = _LONE_PLANTS * (1 - self._recipe.climate["aridity"]) * (1 - dune)
-        return np.asarray(np.maximum(forest, lone))
+        return np.asarray(np.maximum(forest, self._lone_share * (1 - dune)))
 
     def _hold(self, z: Reals, steepness: Reals, masks: npt.NDArray[Any]) -> Reals:
         """Share of those plants, 0 … 1, that the slope, the height and the water leave."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-import time
 import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -160,7 +159,6 @@ def generate(
     as_json: AsJson = False,
 ) -> None:
     """Write a terrain: heights, normals, materials, plants, features, a preview and a report."""
-    start = time.perf_counter()
     with Stages() as stages:
         with stages.stage("sketch", "Reading the sketch"):
             document = _load(sketch, seed)
@@ -174,11 +172,10 @@ def generate(
             context = ComputeContext(device)
         prepare_folder(output)
         done = whole.generate(document, output, context=context, size=size, preview=preview, stages=stages)
-    seconds = time.perf_counter() - start
     if as_json:
-        _say_json(done.report | {"folder": str(output), "seconds": round(seconds, 2)})
+        _say_json(done.report | {"folder": str(output)})
     else:
-        _say(*generated_lines(done.report, output, seconds))
+        _say(*generated_lines(done.report, output))
     if done.problem is not None:
         raise typer.Exit(_fail(f"no preview, all other files are written: {done.problem}", _PARTIAL))
 

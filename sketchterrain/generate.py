@@ -156,6 +156,10 @@ class _Writer:
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     def add(self, name: str, write: Callable[..., tuple[Path, ...]], *arguments: object) -> None:
+        """Queue one writer; an earlier one's failure is raised now, before more work is done for nothing."""
+        for job in self._jobs:
+            if job.done():
+                job.result()
         self._jobs.append(self._thread.submit(self._timed, name, write, *arguments))
 
     def finish(self) -> tuple[Path, ...]:
@@ -205,7 +209,7 @@ def _report(
         "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
         "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
         "device": device_entry(terrain.context.device),
-        "timings": _rounded(stages.seconds),
+        "timings": _rounded(stages.seconds | {"total": stages.elapsed}),
         "writing": _rounded(writing),
         "peak_memory": _peak_memory(),
         "counts": {

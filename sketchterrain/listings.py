@@ -67,15 +67,16 @@ def preset_lines(entries: list[dict[str, Any]]) -> list[str]:
     ]
 
 
-def generated_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
+def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     """Return what was made, how long it took, and where it lies."""
     size, heights, counts = report["size"], report["heights"], report["counts"]
+    device, seconds = report["device"], report["timings"]["total"]
     lines = [
         f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
         f"{sum(counts['features'].values())} features, {counts['rivers']} rivers, "
         f"{sum(counts['plants'].values())} plants",
-        f"in {seconds:.1f} s on {report['device']['name']} ({report['device']['platform']})",
+        f"in {seconds:.1f} s on {device['name']} ({device['platform']})",
         f"files: {folder}: {' '.join(report['files'])}",
     ]
     if "preview.png" in report["files"]:

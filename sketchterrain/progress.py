@@ -31,6 +31,7 @@ class Stages:
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
+        self._start = time.perf_counter()
         self._bars: Progress | None = _bars() if sys.stderr.isatty() else None
 
     def __enter__(self) -> Stages:
@@ -41,6 +42,11 @@ class Stages:
     def __exit__(self, *_: object) -> None:
         if self._bars is not None:
             self._bars.stop()
+
+    @property
+    def elapsed(self) -> float:
+        """Wall time since the first stage could begin, s."""
+        return time.perf_counter() - self._start
 
     @contextmanager
     def stage(self, name: str, title: str) -> Iterator[Callable[[float], None]]:

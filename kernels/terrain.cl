@@ -2,6 +2,9 @@
 #include "terrain.clh"
 #include "materials.clh"
 
+// Work items beyond the last vertex repeat it and store nothing: a return at the start would keep CPU drivers
+// from running the rest in vectors.
+
 // Same arguments in the same order for both kernels that evaluate terrain: see world.clh for their meaning.
 #define TERRAIN_ARGUMENTS                                                                                     \
     __global const World *world, __global const DuneStyle *styles, __global const int4 *octave_form,          \
@@ -25,14 +28,16 @@ __kernel void patches(TERRAIN_ARGUMENTS, __global const long *axis_x, __global c
                       __global REAL *height, __global REAL4 *masks)
 {
     COLLECT_ARGUMENTS
-    const int vertex = get_global_id(0);
+    const int count = side * side;
+    const int item = get_global_id(0);
+    const int vertex = min(item, count - 1);
     const int patch = get_global_id(1);
-    if (vertex >= side * side) return;
     const int row = vertex / side;
     const int column = vertex - row * side;
     const Ground g = terrain_at(octaves, features, rivers, styles, world, patch, axis_x[patch * side + column],
                                 axis_y[patch * side + row]);
-    const size_t at = (size_t)patch * side * side + vertex;
+    if (item >= count) return;
+    const size_t at = (size_t)patch * count + item;
     height[at] = g.height;
     masks[at] = (REAL4)(g.mountain, g.dune, g.forest, g.river);
 }
@@ -43,11 +48,12 @@ __kernel void points(TERRAIN_ARGUMENTS, __global const long *x, __global const l
                      __global const int *block, int count, __global REAL *height, __global REAL4 *masks)
 {
     COLLECT_ARGUMENTS
-    const int i = get_global_id(0);
-    if (i >= count) return;
+    const int item = get_global_id(0);
+    const int i = min(item, count - 1);
     const Ground g = terrain_at(octaves, features, rivers, styles, world, block[i], x[i], y[i]);
-    height[i] = g.height;
-    masks[i] = (REAL4)(g.mountain, g.dune, g.forest, g.river);
+    if (item >= count) return;
+    height[item] = g.height;
+    masks[item] = (REAL4)(g.mountain, g.dune, g.forest, g.river);
 }
 
 // Normals and material weights of patches whose heights have a border of one vertex on each side.
@@ -66,9 +72,9 @@ __kernel void surfaces(__global const World *world, __global const Climate *clim
 {
     const Octaves octaves = {octave_form, octave_offset, octave_scale};
     const int inner = side - 2;
-    const int vertex = get_global_id(0);
+    const int item = get_global_id(0);
+    const int vertex = min(item, inner * inner - 1);
     const int patch = get_global_id(1);
-    if (vertex >= inner * inner) return;
     const int row = vertex / inner + 1;
     const int column = vertex - (row - 1) * inner + 1;
     __global const REAL *z = height + (size_t)patch * side * side + row * side + column;
@@ -77,11 +83,6 @@ __kernel void surfaces(__global const World *world, __global const Climate *clim
     const REAL slope_y = (z[-side] - z[side]) * inverse_y[patch * side + row];
     const REAL steepness2 = slope_x * slope_x + slope_y * slope_y;
     const REAL nz = inverse_sqrt(R(1) + steepness2);
-    const size_t at = (size_t)patch * inner * inner + vertex;
-    normal[3 * at] = -slope_x * nz;
-    normal[3 * at + 1] = -slope_y * nz;
-    normal[3 * at + 2] = nz;
-
     const long x = axis_x[patch * side + column];
     const long y = axis_y[patch * side + row];
     const REAL mottle = MOTTLE_CONTRAST * fbm(octaves, world->mottle_first, world->mottle_last, skewed(x, y));
@@ -89,5 +90,10 @@ __kernel void surfaces(__global const World *world, __global const Climate *clim
     const REAL hollow = R(0.5) * ((z[1] + z[-1] - z[0] - z[0]) * inverse_x[patch * side + column]
                                   + (z[side] + z[-side] - z[0] - z[0]) * inverse_y[patch * side + row]);
     const REAL4 mask = masks[(size_t)patch * side * side + row * side + column];
+    if (item >= inner * inner) return;
+    const size_t at = (size_t)patch * inner * inner + item;
+    normal[3 * at] = -slope_x * nz;
+    normal[3 * at + 1] = -slope_y * nz;
+    normal[3 * at + 2] = nz;
     write_materials(*climate, z[0], square_root(steepness2), hollow, mask, mottle, material + MATERIALS * at);
 }

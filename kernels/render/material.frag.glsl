@@ -3,7 +3,7 @@
 // then the canopy of a forest seen from afar.
 #include "textures.glsl"
 
-uniform int layer;
+// LAYER is set by textures.py: one program a layer.
 in vec2 uv;
 out vec4 texel;
 
@@ -23,9 +23,10 @@ float stones(vec2 at, int cells, uint salt, out uint id)
     return sqrt(clamp(gap * 1.9, 0.0, 1.0)) * (0.6 + 0.4 * unit(scramble(c.id ^ 77u)));
 }
 
-Sample grass()
+#if LAYER == 0 // grass
+Sample material()
 {
-    vec2 warp = 0.012 * vec2(fbm(uv, 9, 3, 0.6, 11u), fbm(uv, 9, 3, 0.6, 12u));
+    vec2 warp = 0.012 * fbm4(uv, 9, 3, 0.6, 11u).xy;
     Cells tuft = worley(uv + warp, 26, 1.0, 13u);
     float blades = fbm(uv + 2.5 * warp, 90, 2, 0.7, 14u);
     float clump = fbm(uv, 5, 4, 0.55, 15u);
@@ -38,7 +39,8 @@ Sample grass()
     return Sample(mix(albedo, tip, rise(0.5, 0.85, height)), height);
 }
 
-Sample soil()
+#elif LAYER == 1 // soil
+Sample material()
 {
     float lumps = fbm(uv, 6, 6, 0.58, 21u);
     uint id;
@@ -50,9 +52,10 @@ Sample soil()
     return Sample(mix(earth, pebble, rise(0.2, 0.5, stone)), height);
 }
 
-Sample rock()
+#elif LAYER == 2 // rock
+Sample material()
 {
-    vec2 warp = 0.05 * vec2(fbm(uv, 4, 4, 0.5, 31u), fbm(uv, 4, 4, 0.5, 32u));
+    vec2 warp = 0.035 * fbm4(uv, 4, 4, 0.5, 31u).xy;
     float facets = ridged(uv + warp, 5, 6, 0.55, 33u);
     Cells crack = worley(uv + 1.6 * warp, 7, 0.9, 34u);
     Cells finer = worley(uv + 2.2 * warp, 19, 0.9, 35u);
@@ -68,10 +71,11 @@ Sample rock()
     return Sample(warm * (0.55 + 0.45 * open) * (0.85 + 0.15 * hair), height);
 }
 
-Sample scree()
+#elif LAYER == 3 // scree
+Sample material()
 {
     uint big_id, mid_id, small_id;
-    vec2 warp = 0.01 * vec2(fbm(uv, 20, 2, 0.5, 41u), fbm(uv, 20, 2, 0.5, 42u));
+    vec2 warp = 0.004 * fbm4(uv, 20, 2, 0.5, 41u).xy;
     float big = stones(uv + warp, 9, 43u, big_id);
     float mid = stones(uv + warp, 23, 44u, mid_id);
     float small = stones(uv, 60, 45u, small_id);
@@ -85,31 +89,34 @@ Sample scree()
     return Sample(stone * (0.42 + 0.58 * rise(0.05, 0.5, height)) * (1.0 + 0.15 * fbm(uv, 50, 2, 0.6, 46u)), height);
 }
 
-Sample sand()
+#elif LAYER == 4 // sand
+Sample material()
 {
-    float warp = fbm(uv, 2, 3, 0.4, 51u);
-    float phase = 18.0 * uv.x + 1.6 * warp;
-    float crest = fract(phase + 0.1 * fbm(uv, 16, 2, 0.5, 52u));
+    float warp = fbm(uv, 4, 2, 0.3, 51u);
+    float phase = 18.0 * uv.x + 1.5 * warp;
+    float crest = fract(phase + 0.05 * fbm(uv, 16, 2, 0.5, 52u));
     float ripple = crest < 0.68 ? crest / 0.68 : (1.0 - crest) / 0.32;
     ripple = ripple * ripple * (3.0 - 2.0 * ripple);
     float strength = 0.45 + 0.55 * rise(-0.5, 0.6, fbm(uv, 4, 3, 0.5, 53u));
-    float grain = gradient_noise(uv, 200, 54u);
+    float grain = noise(uv, 200, 54u).x;
     float height = 0.42 + 0.30 * (ripple - 0.5) * strength + 0.07 * fbm(uv, 5, 4, 0.5, 55u) + 0.02 * grain;
     vec3 colour = mix(vec3(0.40, 0.262, 0.142), vec3(0.56, 0.39, 0.225), rise(0.2, 0.65, height));
     return Sample(colour * (1.0 + 0.06 * grain), height);
 }
 
-Sample snow()
+#elif LAYER == 5 // snow
+Sample material()
 {
     float drift = fbm(uv, 3, 5, 0.48, 61u);
     float wind = ridged(uv * vec2(1.0, 1.0), 6, 4, 0.5, 62u);
     float height = 0.35 + 0.2 * drift + 0.28 * wind;
-    float sparkle = gradient_noise(uv, 160, 63u);
+    float sparkle = noise(uv, 160, 63u).x;
     return Sample(mix(vec3(0.76, 0.79, 0.84), vec3(0.90, 0.91, 0.92), rise(0.2, 0.7, height)) * (1.0 + 0.02 * sparkle),
         height);
 }
 
-Sample river_bed()
+#elif LAYER == 6 // river_bed
+Sample material()
 {
     uint big_id, small_id;
     float big = stones(uv, 15, 71u, big_id);
@@ -121,7 +128,8 @@ Sample river_bed()
     return Sample(stone * (0.5 + 0.5 * rise(0.1, 0.5, height)), height);
 }
 
-Sample forest_floor()
+#elif LAYER == 7 // forest_floor
+Sample material()
 {
     float litter = fbm(uv, 40, 3, 0.7, 81u);
     float moss = fbm(uv, 6, 5, 0.55, 82u);
@@ -131,9 +139,10 @@ Sample forest_floor()
     return Sample(mix(brown, green, rise(-0.25, 0.35, moss)), height);
 }
 
-Sample canopy()
+#elif LAYER == 8 // canopy
+Sample material()
 {
-    vec2 warp = 0.012 * vec2(fbm(uv, 12, 3, 0.6, 91u), fbm(uv, 12, 3, 0.6, 92u));
+    vec2 warp = 0.012 * fbm4(uv, 12, 3, 0.6, 91u).xy;
     Cells tree = worley(uv + warp, 15, 0.95, 93u);
     float size = 0.7 + 0.6 * unit(tree.id);
     float crown = clamp(1.0 - tree.first * tree.first * 1.5 / size, 0.0, 1.0);
@@ -143,18 +152,10 @@ Sample canopy()
     vec3 leaf = mix(vec3(0.026, 0.046, 0.014), vec3(0.074, 0.092, 0.022), hue * hue);
     return Sample(leaf * (0.22 + 0.95 * rise(0.0, 0.75, height)), height);
 }
+#endif
 
 void main()
 {
-    Sample s;
-    if (layer == 0) s = grass();
-    else if (layer == 1) s = soil();
-    else if (layer == 2) s = rock();
-    else if (layer == 3) s = scree();
-    else if (layer == 4) s = sand();
-    else if (layer == 5) s = snow();
-    else if (layer == 6) s = river_bed();
-    else if (layer == 7) s = forest_floor();
-    else s = canopy();
+    Sample s = material();
     texel = vec4(sqrt(clamp(s.albedo, 0.0, 1.0)), clamp(s.height, 0.0, 1.0));
 }

@@ -66,7 +66,7 @@ def _saved(figure: Any, kind: str) -> bytes:
     stream = io.BytesIO()
     # No date, so that the same numbers make the same file.
     metadata = {"Date": None} if kind == "svg" else {}
-    figure.savefig(stream, format=kind, dpi=150, metadata=metadata)
+    figure.savefig(stream, format=kind, dpi=120, metadata=metadata)
     return stream.getvalue()
 
 
@@ -104,7 +104,7 @@ def _number(row: Row, key: str) -> float:
 _MEASURES = (
     ("height_mm", "heights", "largest error, mm"),
     ("normal_deg", "normals", "largest error, degrees"),
-    ("material", "material weights", "largest error, share of 1"),
+    ("material", "weights", "largest error, share of 1"),
 )
 _METHODS = {FLOAT: (_BLUE, "o", -1), DOUBLE: (_VERMILION, "s", 1), NUMPY: (_PURPLE, "|", -1)}
 """Colour, marker, and the side of its points on which a method's labels stand."""
@@ -115,13 +115,13 @@ def _accuracy(rows: Sequence[Row]) -> Any:
     grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
     figure = _figure(11.0, 0.5 + 3.7 * len(grounds))
     panels = figure.subplots(len(grounds), len(_MEASURES), squeeze=False)
-    times = [_number(row, "ns_per_vertex") for row in rows]
     for ground, line in zip(grounds, panels, strict=True):
         of_ground = [row for row in rows if row["ground"] == ground]
+        times = [_number(row, "ns_per_vertex") for row in of_ground]
         for (key, title, unit), axes in zip(_MEASURES, line, strict=True):
             axes.set(ylabel=unit, title=f"{ground}: {title}", xlabel="ns a vertex")
             errors = [_number(row, key) for row in of_ground if _number(row, key) > 0] or [1.0]
-            _log_axis(axes.xaxis, (min(times) / 60, max(times) * 2))  # room for labels on both sides
+            _log_axis(axes.xaxis, (min(times) / 80, max(times) * 4))  # room for labels on both sides
             _log_axis(axes.yaxis, _decades(errors, below=1, above=1))
             for method in _METHODS:
                 _error_points(axes, of_ground, method, key)
@@ -164,7 +164,7 @@ def _references(axes: Any, rows: Sequence[Row], key: str) -> None:
 
 
 def _merged(rows: Sequence[Row], key: str, *, decades: float) -> list[tuple[float, str]]:
-    """Labels of cell sizes and their heights: points within 6 % of the axis share one."""
+    """Labels of cell sizes and their heights: points within 6 % of the axis share one, a range."""
     groups: list[list[Row]] = []
     for row in sorted(rows, key=lambda row: _number(row, key)):
         if groups and math.log10(_number(row, key) / _number(groups[-1][-1], key)) < 0.06 * decades:
@@ -175,7 +175,8 @@ def _merged(rows: Sequence[Row], key: str, *, decades: float) -> list[tuple[floa
     for group in groups:
         sizes = sorted((_number(row, "cell_size") for row in group), reverse=True)
         y = math.sqrt(_number(group[0], key) * _number(group[-1], key))
-        labels.append((y, ", ".join(f"{size:.2g}" for size in sizes)))
+        shown = [f"{size:.2g}" for size in sizes]
+        labels.append((y, ", ".join(shown) if len(shown) < 3 else f"{shown[0]} … {shown[-1]}"))
     return labels
 
 
@@ -249,7 +250,7 @@ def _tiles(rows: Sequence[Row]) -> Any:
     axes.set_xscale("log", base=2)
     axes.set_xticks(batches, [str(batch) for batch in batches])
     axes.set(
-        xlim=(batches[0] / 1.3, batches[-1] * 6), xlabel="tiles a launch", ylabel="million vertices a second"
+        xlim=(batches[0] / 1.3, batches[-1] * 7), xlabel="tiles a launch", ylabel="million vertices a second"
     )
     axes.set_ylim(bottom=0)
     figure.suptitle("Tiles of 64 quads with normals and materials", x=0.01, ha="left")

@@ -2,8 +2,8 @@
 #include "terrain.clh"
 #include "materials.clh"
 
-// Work items beyond the last vertex repeat it and store nothing: a return at the start would keep CPU drivers
-// from running the rest in vectors.
+// In kernels with loops over features, work items beyond the last vertex repeat it and store nothing: a return at
+// the start would keep CPU drivers from running those loops in vectors.
 
 // Same arguments in the same order for both kernels that evaluate terrain: see world.clh for their meaning.
 #define TERRAIN_ARGUMENTS                                                                                     \
@@ -72,9 +72,9 @@ __kernel void surfaces(__global const World *world, __global const Climate *clim
 {
     const Octaves octaves = {octave_form, octave_offset, octave_scale};
     const int inner = side - 2;
-    const int item = get_global_id(0);
-    const int vertex = min(item, inner * inner - 1);
+    const int vertex = get_global_id(0);
     const int patch = get_global_id(1);
+    if (vertex >= inner * inner) return;
     const int row = vertex / inner + 1;
     const int column = vertex - (row - 1) * inner + 1;
     __global const REAL *z = height + (size_t)patch * side * side + row * side + column;
@@ -90,8 +90,7 @@ __kernel void surfaces(__global const World *world, __global const Climate *clim
     const REAL hollow = R(0.5) * ((z[1] + z[-1] - z[0] - z[0]) * inverse_x[patch * side + column]
                                   + (z[side] + z[-side] - z[0] - z[0]) * inverse_y[patch * side + row]);
     const REAL4 mask = masks[(size_t)patch * side * side + row * side + column];
-    if (item >= inner * inner) return;
-    const size_t at = (size_t)patch * inner * inner + item;
+    const size_t at = (size_t)patch * inner * inner + vertex;
     normal[3 * at] = -slope_x * nz;
     normal[3 * at + 1] = -slope_y * nz;
     normal[3 * at + 2] = nz;

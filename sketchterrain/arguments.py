@@ -27,7 +27,7 @@ __all__ = [
 
 Point = tuple[float, float, float]
 
-_MOST_PIXELS = 8192
+_PIXELS = range(16, 8193)  # what the renderer can draw
 _FARTHEST = 1e9  # m
 
 
@@ -44,8 +44,9 @@ def _parse_point(text: str) -> Point:
 def _parse_picture_size(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d{1,6})[x×](\d{1,6})", text.strip())
     width, height = (int(match[1]), int(match[2])) if match else (0, 0)
-    if not (1 <= width <= _MOST_PIXELS and 1 <= height <= _MOST_PIXELS):
-        raise typer.BadParameter(f"expected WIDTHxHEIGHT, each 1 to {_MOST_PIXELS} pixels, got {text!r}")
+    if width not in _PIXELS or height not in _PIXELS:
+        bounds = f"{_PIXELS.start} to {_PIXELS.stop - 1}"
+        raise typer.BadParameter(f"expected WIDTHxHEIGHT, each {bounds} pixels, got {text!r}")
     return width, height
 
 

@@ -128,13 +128,17 @@ def generate(
         with stages.stage("plants", "Plants"):
             plants = terrain.foliage(0.0, 0.0, *terrain.size)
         writer.add("foliage.csv", export.write_foliage, folder, plants, terrain.species_names)
-        problem = None
+        problem, rendering = None, dict[str, float]()
         if preview:
             with stages.stage("preview", "Preview"):
-                problem = _add_preview(writer, folder, terrain)
+                problem = _add_preview(writer, folder, terrain, rendering)
         with stages.stage("files", "Writing files"):
             files = writer.finish()
-    told: dict[str, Any] = _report(terrain, raster, plants, stages=stages, writing=writer.seconds)
+    told = _report(terrain, raster, plants)
+    told["timings"] = _rounded(stages.seconds | {"total": stages.elapsed})
+    told["rendering"] = _rounded(rendering)
+    told["writing"] = _rounded(writer.seconds)
+    told["peak_memory"] = _peak_memory()
     told["files"] = [path.name for path in files] + ["report.json"]
     report = export.write_json(folder / "report.json", told)
     return Generated(told, (*files, report), problem)
@@ -175,26 +179,19 @@ class _Writer:
         return paths
 
 
-def _add_preview(writer: _Writer, folder: Path, terrain: Terrain) -> str | None:
+def _add_preview(writer: _Writer, folder: Path, terrain: Terrain, rendering: dict[str, float]) -> str | None:
     """Render the preview; a machine without OpenGL still gets all the rest."""
     from sketchterrain.render import render_picture
 
     try:
-        picture = render_picture(terrain)
+        picture = render_picture(terrain, timings=rendering)
     except SketchterrainError as error:
         return str(error)
     writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
     return None
 
 
-def _report(
-    terrain: Terrain,
-    raster: Raster,
-    plants: npt.NDArray[np.void],
-    *,
-    stages: Stages,
-    writing: dict[str, float],
-) -> dict[str, Any]:
+def _report(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) -> dict[str, Any]:
     rows, columns = raster.height.shape
     features = terrain.features
     kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
@@ -209,9 +206,6 @@ def _report(
         "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
         "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
         "device": device_entry(terrain.context.device),
-        "timings": _rounded(stages.seconds | {"total": stages.elapsed}),
-        "writing": _rounded(writing),
-        "peak_memory": _peak_memory(),
         "counts": {
             "features": {name: kinds[name] for name in FEATURE_TYPES},
             "rivers": len(features.rivers),

@@ -194,3 +194,6 @@ def test_the_preview_is_a_picture(call: Callable[..., Any], sketch: Path, tmp_pa
         assert (image.size, image.mode) == ((1280, 720), "RGB")
         assert np.asarray(image).std() > 10
     assert names(tmp_path) == FILES | {"preview.png"}
+    told = report(tmp_path)
+    assert set(told["files"]) == names(tmp_path)
+    assert 0 < sum(told["rendering"].values()) <= told["timings"]["preview"]

@@ -151,6 +151,8 @@ def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions:
         result["strength"][of_label] = np.minimum(strength, rule.most_slope * disc[of_label])
         for field in ("peakiness", "wavelength", "wind"):
             result[field][of_label] = properties.get(field, 0.0)
+    # A ridge between summits has no tips of its own.
+    result["peakiness"][~users["summit"]] = 0.0
     if name == "forest":
         result["strength"] = np.minimum(result["strength"], 1.0)
     return result

@@ -44,7 +44,7 @@ def _solved(features: Points, *, has_tip: bool) -> npt.NDArray[np.float64]:
     t = np.minimum(np.hypot(*(centre[at] - centre[of]).T) / radius[of], 1)
     profile = 2 * t**3 - 3 * t**2 + 1
     if has_tip:
-        share = 0.2 + 0.6 * features["peakiness"][of].astype(np.float64)
+        share = 0.1 + 0.6 * features["peakiness"][of].astype(np.float64)
         profile = (1 - share) * profile + share * (1 - t) ** 2
     strength = asked.copy()
     for _ in range(_ROUNDS):

@@ -187,7 +187,7 @@ def _mountains(packed: PackedFeatures, place: _Place, spur: Reals) -> Reals:
     for i in np.flatnonzero(packed.slot == 0):
         t = np.maximum(place.distance(packed, i) - spur, 0)
         tip = np.maximum(1 - t, 0) ** 2
-        share = 0.2 + 0.6 * packed.shape[i, 2]
+        share = 0.1 + 0.6 * packed.shape[i, 2]
         total += (packed.shape[i, 1] * ((1 - share) * _cubic(t) + share * tip)) ** 4
     return np.asarray(np.sqrt(np.sqrt(total)))
 

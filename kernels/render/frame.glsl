@@ -13,7 +13,7 @@ layout(std140) uniform Frame {
     vec4 near_map;     // xy: south-west corner relative to the eye, m; z: 1/width, 1/m; w: texel, m
     vec4 far_map;
     mat4 to_shade[2];  // relative position → clip space of the tree shadow maps, near and far
-    vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; zw: unused
+    vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; z: pixel, rad; w: unused
 };
 
 uniform sampler2D sky_view;    // sky radiance by direction (sky_view.frag.glsl)
@@ -62,7 +62,7 @@ vec4 ground_light(vec2 place)
     vec2 far_uv = (place - far_map.xy) * far_map.z;
     vec2 margin = abs(near_uv - 0.5);
     float outside = smoothstep(0.45, 0.49, max(margin.x, margin.y));
-    if (outside >= 1.0) return texture(far_light, far_uv);
-    if (outside <= 0.0) return texture(near_light, near_uv);
-    return mix(texture(near_light, near_uv), texture(far_light, far_uv), outside);
+    vec2 far_margin = abs(far_uv - 0.5);
+    vec4 wide = mix(textureLod(far_light, far_uv, 0.0), vec4(1.0), smoothstep(0.44, 0.49, max(far_margin.x, far_margin.y)));
+    return mix(textureLod(near_light, near_uv, 0.0), wide, outside);
 }

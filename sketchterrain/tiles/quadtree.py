@@ -1,10 +1,11 @@
 """Which tiles of the endless quadtree cover the world around an eye, and at what level.
 
-Tile (level, col, row) covers [col, col+1] × [row, row+1] · extent / 2^level metres. A tile is split while it
-is wider than ``split`` times its distance, so all tiles look about equally wide on the screen. For ``split`` up
-to 1/√2 this alone keeps neighbours within one level of each other. Proof: let a tile B of width w be a leaf and
-its neighbour P of width w/2 be split. P touches B, so d(B) ≤ d(P) + diagonal(P) = d(P) + w/√2. P is split, so
-split·d(P) < w/2. B is a leaf, so w ≤ split·d(B) < w/2 + split·w/√2 ≤ w for split ≤ 1/√2, a contradiction.
+Tile (level, col, row) covers [col, col+1] × [row, row+1] · extent / 2^level metres. A tile is split while
+it is wider than ``split`` times its distance, so all tiles look about equally wide on the screen. For
+``split`` up to 1/√2 this alone keeps neighbours within one level of each other. Proof: let a tile B of width
+w be a leaf and its neighbour P of width w/2 be split. P touches B, so d(B) ≤ d(P) + diagonal(P), that is
+d(B) ≤ d(P) + w/√2. P is split, so split·d(P) < w/2. B is a leaf, so w ≤ split·d(B) < w/2 + split·w/√2 ≤ w,
+a contradiction.
 """
 
 from __future__ import annotations

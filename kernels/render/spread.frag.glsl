@@ -1,0 +1,34 @@
+#version 430 core
+// From one shaded point a pixel to all its samples: each takes the shaded neighbour nearest to it in depth, or the sky.
+#include "render/frame.glsl"
+
+uniform sampler2D seen_depth;
+uniform sampler2D shaded; // shade_ground.frag.glsl
+uniform sampler2D sky;    // sky.frag.glsl, as large
+uniform int samples;
+
+out vec4 radiance;
+
+float reach_of(float depth) { return 1.0 / max(1.0 - depth, 1e-7); } // about proportional to the distance
+
+void main()
+{
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    float depth = texelFetch(seen_depth, at, 0).r;
+    float here = reach_of(depth);
+    ivec2 pixel = at / samples;
+    ivec2 corner = (at % samples) * 2 - 1; // towards which neighbours this sample lies
+    ivec2 last = textureSize(shaded, 0) - 1;
+    vec4 best = texelFetch(shaded, pixel, 0);
+    float gap = abs(reach_of(best.w) - here) * 0.5; // the pixel's own, unless another is much nearer
+    for (int k = 1; k < 4; ++k) {
+        ivec2 other = clamp(pixel + corner * ivec2(k & 1, k >> 1), ivec2(0), last);
+        vec4 candidate = texelFetch(shaded, other, 0);
+        float candidate_gap = abs(reach_of(candidate.w) - here);
+        bool better = candidate_gap < gap;
+        best = better ? candidate : best;
+        gap = min(gap, candidate_gap);
+    }
+    vec3 behind = texture(sky, (gl_FragCoord.xy) / vec2(textureSize(seen_depth, 0))).rgb;
+    radiance = vec4(depth >= 1.0 ? behind : best.rgb, 1.0);
+}

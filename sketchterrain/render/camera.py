@@ -1,0 +1,102 @@
+"""A pinhole camera in world coordinates, drawn relative to its eye."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.errors import InputError
+
+__all__ = ["Camera"]
+
+Floats = npt.NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Where the picture is taken from.
+
+    Everything is computed in float64; only positions relative to the eye ever go to the GPU as float32.
+
+    Attributes
+    ----------
+    eye, target : (x, y, z) in m
+        Position, and a point in the middle of the picture. They must differ.
+    fov : float
+        Vertical field of view, degrees, in (0, 170).
+    near, far : float
+        Clipping distances, m, 0 < near < far.
+    """
+
+    eye: Vector
+    target: Vector
+    fov: float = 38.0
+    near: float = 1.0
+    far: float = 60_000.0
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([*self.eye, *self.target]).all() or self.eye == self.target:
+            raise InputError(
+                f"expected a camera's eye and target to be two finite points, got {self.eye} and {self.target}"
+            )
+        if not 0 < self.fov < 170 or not 0 < self.near < self.far:
+            raise InputError(
+                "expected a field of view in (0, 170)° and 0 < near < far, "
+                f"got {self.fov:g}°, {self.near:g} m and {self.far:g} m"
+            )
+
+    @property
+    def forward(self) -> Floats:
+        """Unit vector from the eye to the target."""
+        along = np.subtract(self.target, self.eye)
+        return np.asarray(along / np.linalg.norm(along))
+
+    @property
+    def heading(self) -> float:
+        """Compass bearing of the view, degrees clockwise from north."""
+        east, north, _ = self.forward
+        return float(np.degrees(np.arctan2(east, north)) % 360.0)
+
+    def view(self) -> Floats:
+        """Return the (4, 4) rotation from positions relative to the eye to camera axes (right, up, back)."""
+        back = -self.forward
+        up = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 0.9999 else np.array([0.0, 1.0, 0.0])
+        right = np.cross(up, back)
+        right /= np.linalg.norm(right)
+        matrix = np.eye(4)
+        matrix[:3, :3] = right, np.cross(back, right), back
+        return matrix
+
+    def projection(self, aspect: float) -> Floats:
+        """Return the (4, 4) OpenGL projection matrix for a picture of this width over height."""
+        scale = 1.0 / np.tan(np.radians(self.fov) / 2.0)
+        depth = self.far - self.near
+        return np.array(
+            [
+                [scale / aspect, 0.0, 0.0, 0.0],
+                [0.0, scale, 0.0, 0.0],
+                [0.0, 0.0, -(self.far + self.near) / depth, -2.0 * self.far * self.near / depth],
+                [0.0, 0.0, -1.0, 0.0],
+            ]
+        )
+
+    def to_clip(self, aspect: float) -> Floats:
+        """Return the (4, 4) matrix from positions relative to the eye to clip space."""
+        return self.projection(aspect) @ self.view()
+
+    def frustum(self, aspect: float) -> Floats:
+        """Return the six planes of the view in world coordinates.
+
+        Returns
+        -------
+        (6, 4) float64
+            a·x + b·y + c·z + d ≥ 0 inside, with unit normals: left, right, bottom, top, near, far.
+        """
+        rows = self.to_clip(aspect)
+        planes = np.concatenate([rows[3] + rows[:3], rows[3] - rows[:3]])[[0, 3, 1, 4, 2, 5]]
+        planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+        planes[:, 3] -= planes[:, :3] @ np.asarray(self.eye)
+        return planes

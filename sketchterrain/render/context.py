@@ -1,0 +1,34 @@
+"""OpenGL without a window."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import moderngl
+
+from sketchterrain.errors import DeviceError
+
+__all__ = ["VERSION", "open_context"]
+
+VERSION = 430
+"""OpenGL 4.3 core: the ground is drawn by one indirect multi-draw."""
+
+
+def open_context() -> moderngl.Context:
+    """Open a standalone OpenGL context through EGL, which needs no screen.
+
+    Raises
+    ------
+    DeviceError
+        If this machine has no OpenGL of the needed version; one line says what to install.
+    """
+    try:
+        settings: dict[str, Any] = {"backend": "egl"}
+        context = moderngl.create_context(require=VERSION, standalone=True, **settings)
+    except Exception as error:  # noqa: BLE001 - glcontext raises bare Exception for every cause
+        raise DeviceError(
+            "no OpenGL 4.3 through EGL; on Debian or Ubuntu install it by: apt install libegl1 libgl1-mesa-dri "
+            f"({error})"
+        ) from error
+    context.gc_mode = "auto"
+    return context

@@ -1,0 +1,72 @@
+"""Build GLSL programs from the files in ``kernels/render``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import moderngl
+
+from sketchterrain.errors import BuildError
+from sketchterrain.resources import source
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["FRAME_BINDING", "build_program", "fill_screen", "set_uniforms"]
+
+FRAME_BINDING = 0
+"""Binding point of the uniform block ``Frame`` (kernels/render/frame.glsl)."""
+
+
+def build_program(
+    context: moderngl.Context, vertex: str, fragment: str, *, defines: Mapping[str, int] | None = None
+) -> moderngl.Program:
+    """Build a program from two files relative to ``kernels/render``.
+
+    Parameters
+    ----------
+    context
+        Where it is built.
+    vertex, fragment
+        File names.
+    defines
+        Integer macros, put after the ``#version`` line of both.
+
+    Raises
+    ------
+    BuildError
+        With both file names and the driver's log, when it does not compile or link.
+    """
+    try:
+        program = context.program(
+            vertex_shader=_with_defines(source(f"render/{vertex}"), defines),
+            fragment_shader=_with_defines(source(f"render/{fragment}"), defines),
+        )
+    except moderngl.Error as error:
+        raise BuildError(f"GLSL program of {vertex} and {fragment} did not build: {error}") from error
+    if "Frame" in program:
+        block = program["Frame"]
+        if isinstance(block, moderngl.UniformBlock):
+            block.binding = FRAME_BINDING
+    return program
+
+
+def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> None:
+    """Set those uniforms that the program has; compilers drop the ones a program does not use."""
+    for name, value in values.items():
+        member = program[name] if name in program else None
+        if isinstance(member, moderngl.Uniform):
+            member.value = value
+
+
+def fill_screen(
+    context: moderngl.Context, fragment: str, *, defines: Mapping[str, int] | None = None
+) -> moderngl.VertexArray:
+    """Make a pass that runs a fragment shader over the whole framebuffer: ``.render(vertices=3)``."""
+    return context.vertex_array(build_program(context, "screen.vert.glsl", fragment, defines=defines), [])
+
+
+def _with_defines(text: str, defines: Mapping[str, int] | None) -> str:
+    version, _, rest = text.partition("\n")
+    macros = "".join(f"#define {name} {value}\n" for name, value in (defines or {}).items())
+    return f"{version}\n{macros}#line 2\n{rest}"

@@ -1,0 +1,251 @@
+"""Draw a terrain: what is uploaded once, and what is drawn every frame."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import moderngl
+import numpy as np
+
+from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
+from sketchterrain.render.ground import OCTAVES, DrawnGround, texture_phases
+from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.relief import LitRelief, sample_heights
+from sketchterrain.render.sky import Sky, Sun
+from sketchterrain.render.textures import LAYERS, MaterialTextures, noise_texture
+from sketchterrain.render.targets import Targets
+from sketchterrain.render.water import Water
+from sketchterrain.tiles import select_tiles
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.scene import Terrain
+
+__all__ = ["Quality", "Renderer"]
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a picture may cost.
+
+    Attributes
+    ----------
+    samples : int
+        Samples a pixel along each axis at which edges are found; 2 smooths them. Shading takes one a pixel.
+    split : float
+        Tiles are split while wider than this share of their distance.
+    reach : float
+        Draw distance, in extents.
+    map_texels : int
+        Side of the height maps that shadows and sky visibility are computed on.
+    """
+
+    samples: int = 2
+    split: float = 0.5
+    reach: float = 7.0
+    map_texels: int = 768
+
+
+class Renderer:
+    """Draws one terrain into any framebuffer of one context.
+
+    `prepare` makes what a region needs and has to be called before `draw`, and again after the eye has moved far.
+
+    Parameters
+    ----------
+    context
+        OpenGL 4.3 core.
+    terrain
+        What to draw.
+    sun
+        Where the sun stands.
+    quality
+        What a picture may cost.
+
+    Attributes
+    ----------
+    timings : dict of str to float
+        Seconds that each stage took, summed up.
+    """
+
+    def __init__(
+        self, context: moderngl.Context, terrain: Terrain, *, sun: Sun, quality: Quality | None = None
+    ) -> None:
+        self.timings: dict[str, float] = {}
+        self._context = context
+        self._terrain = terrain
+        self._sun = sun
+        self._quality = quality or Quality()
+        self._targets: Targets | None = None
+        self._frame = FrameBlock(context)
+        self._aridity = float(terrain.sketch.climate.get("aridity", 0.2))
+        with self._timed("textures"):
+            self._materials = MaterialTextures(context)
+            self._noise = noise_texture(context)
+        self._shade = context.depth_texture((8, 8), np.ones((8, 8), np.float32).tobytes())
+        self._shade.compare_func = "<="
+        with self._timed("sky"):
+            self._sky = Sky(context, sun)
+            self._paint_sky = fill_screen(context, "sky.frag.glsl")
+            self._shade_ground = fill_screen(context, "shade_ground.frag.glsl", defines={"OCTAVES": OCTAVES})
+            self._spread = fill_screen(context, "spread.frag.glsl")
+            self._develop = fill_screen(context, "picture.frag.glsl")
+
+    def prepare(self, camera: Camera, aspect: float) -> None:
+        """Compute tiles and light for what a camera sees.
+
+        Parameters
+        ----------
+        camera
+            From where; tiles outside its view are left out.
+        aspect
+            Width over height of the picture.
+        """
+        extent, quality = self._terrain.extent, self._quality
+        self._reach = quality.reach * extent
+        eye = camera.eye
+        with self._timed("relief"):
+            ahead = camera.forward[:2] * 0.42 * extent
+            near = sample_heights(
+                self._terrain, (eye[0] + ahead[0], eye[1] + ahead[1]), 1.3 * extent, quality.map_texels
+            )
+            far = sample_heights(self._terrain, eye[:2], 5.0 * extent, quality.map_texels // 2)
+        with self._timed("light"):
+            self._relief = LitRelief(self._context, near, far, self._sun)
+        with self._timed("tiles"):
+            clearance = eye[2] - float(near.at(eye[0], eye[1]))
+            keys = select_tiles(
+                eye,
+                extent,
+                draw_distance=self._reach,
+                split=quality.split,
+                clearance=max(clearance, 0.5),
+                frustum=camera.frustum(aspect),
+                height_range=far.bounds,
+            )
+            tiles = self._terrain.tiles(keys)
+        with self._timed("upload"):
+            self._ground = DrawnGround(self._context, extent, keys, tiles)
+            self._water = Water(self._context, self._terrain.features.rivers, self._ground)
+
+    def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
+        """Draw what `camera` sees into a framebuffer.
+
+        Parameters
+        ----------
+        camera
+            Near the one that `prepare` was given.
+        framebuffer
+            At least 8 bits a channel; its size is the picture's.
+        clock
+            Seconds, moves the water.
+        """
+        with self._timed("draw"):
+            if self._targets is None or self._targets.size != framebuffer.size:
+                self._targets = Targets(self._context, framebuffer.size, self._quality.samples)
+            self._set_frame(camera, self._targets)
+            self._bind(self._targets)
+            self._draw_ground(camera, self._targets)
+            self._draw_upon_ground(camera, self._targets, clock)
+            framebuffer.use()
+            self._pass(self._develop, {"exposure": self._sky.exposure})
+
+    def _draw_ground(self, camera: Camera, targets: Targets) -> None:
+        targets.seen.use()
+        targets.seen.clear(depth=1.0)
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        self._ground.draw(camera.eye)
+        self._context.enable_only(moderngl.NOTHING)
+        targets.shaded.use()
+        phases = [tuple(phase) for phase in texture_phases(camera.eye).tolist()]
+        self._pass(self._shade_ground, self._climate_uniforms() | {"phases": phases})
+        targets.sky.use()
+        self._pass(self._paint_sky, {})
+        targets.spread.use()
+        self._pass(self._spread, {})
+
+    def _draw_upon_ground(self, camera: Camera, targets: Targets, clock: float) -> None:
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        if self._water:
+            self._context.copy_framebuffer(targets.copy, targets.scene)
+            targets.scene.use()
+            self._water.set_uniforms(self._units | {"clock": clock})
+            self._water.draw(camera.eye)
+        self._context.enable_only(moderngl.NOTHING)
+
+    def _pass(self, array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
+        set_uniforms(array.program, self._units | uniforms)
+        array.render(vertices=3)
+
+    def _set_frame(self, camera: Camera, targets: Targets) -> None:
+        width, height = targets.size
+        eye = camera.eye
+        to_clip = camera.to_clip(width / height)
+        near_map, far_map = self._relief.place(eye)
+        frame = self._frame
+        frame["to_clip"] = to_clip
+        frame["from_clip"] = np.linalg.inv(to_clip)
+        frame["eye"] = (eye[0] % NOISE_PERIOD, eye[1] % NOISE_PERIOD, eye[2])
+        frame["to_sun"] = self._sun.direction
+        frame["sun_light"] = (*self._sky.sunlight, self._sky.exposure)
+        frame["sky_light"] = self._sky.harmonics
+        lowest, highest = np.percentile(self._relief.far.heights, [5, 99])
+        rayleigh = np.array([0.20, 0.45, 1.00]) / self._reach
+        frame["haze"] = (*(rayleigh + 1.5 / self._reach), max(1.5 * (highest - lowest), 300.0))
+        frame["reach"] = (self._reach, lowest, *targets.inner)
+        frame["near_map"] = near_map
+        frame["far_map"] = far_map
+        pixel = 2.0 * np.tan(np.radians(camera.fov) / 2.0) / height
+        frame["trees"] = (0.35 * self._terrain.extent, self._aridity, pixel)
+        frame.upload()
+
+    def _bind(self, targets: Targets) -> None:
+        """Bind all textures that passes share, each to a unit of its own."""
+        textures: dict[str, moderngl.Texture | moderngl.TextureArray] = {
+            "sky_view": self._sky.view,
+            "near_light": self._relief.near_light,
+            "far_light": self._relief.far_light,
+            "near_heights": self._relief.near_heights,
+            "noise_field": self._noise,
+            "material_colour": self._materials.colour,
+            "material_relief": self._materials.relief,
+            "shade_near": self._shade,
+            "shade_far": self._shade,
+            "seen_depth": targets.depth,
+            "seen_normal": targets.normal,
+            "seen_low": targets.low_weights,
+            "seen_high": targets.high_weights,
+            "shaded": targets.shaded_colour,
+            "sky": targets.sky_colour,
+            "drawn": targets.colour,
+            "scene": targets.copy_colour,
+            "scene_depth": targets.copy_depth,
+        }
+        self._units: dict[str, object] = {"cloud_cover": 0.42, "samples": self._quality.samples}
+        for unit, (name, texture) in enumerate(textures.items(), start=1):
+            texture.use(unit)
+            self._units[name] = unit
+
+    def _climate_uniforms(self) -> dict[str, object]:
+        arid = self._aridity
+        tints = np.ones((len(LAYERS), 3))
+        red = np.array([1.35, 0.98, 0.72])
+        for layer in (1, 2, 3):
+            tints[layer] = 1.0 + (red - 1.0) * max(0.0, arid - 0.4) / 0.6
+        tints[0] = 1.0 + (np.array([1.5, 1.2, 1.0]) - 1.0) * arid
+        octaves = [(0, 4), (0, 3), (0, 5), (0, 1.5), (0, 1), (0, 4), (0, 1), (0, 3), (2, 2)]
+        return {"tints": [tuple(row) for row in tints], "octaves": octaves}
+
+    @contextmanager
+    def _timed(self, stage: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self._context.finish()
+            self.timings[stage] = self.timings.get(stage, 0.0) + time.perf_counter() - start

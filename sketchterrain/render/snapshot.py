@@ -1,0 +1,87 @@
+"""One picture of a terrain, without a window."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.render.context import open_context
+from sketchterrain.render.renderer import Quality, Renderer
+from sketchterrain.render.sky import Sun
+from sketchterrain.render.view import find_view
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.scene import Terrain
+
+__all__ = ["render_picture"]
+
+LARGEST = 8192
+"""Pixels along a side."""
+
+
+def render_picture(
+    terrain: Terrain,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    camera: Camera | None = None,
+    sun: Sun | None = None,
+    quality: Quality | None = None,
+    timings: dict[str, float] | None = None,
+) -> npt.NDArray[np.uint8]:
+    """Draw one picture of a terrain.
+
+    Parameters
+    ----------
+    terrain
+        What to draw.
+    size
+        Width and height in pixels, 16 to 8192 each.
+    camera
+        From where; by default `find_view` chooses.
+    sun
+        Where the sun stands; by default 32° high, over the photographer's left shoulder.
+    quality
+        What the picture may cost.
+    timings
+        If given, the seconds of each stage are put into it.
+
+    Returns
+    -------
+    (height, width, 3) uint8
+        sRGB, row 0 on top. The same input gives the same bytes on the same driver.
+
+    Raises
+    ------
+    InputError
+        If the size is out of range.
+    DeviceError
+        If there is no OpenGL.
+    """
+    width, height = size
+    if not (16 <= width <= LARGEST and 16 <= height <= LARGEST):
+        raise InputError(f"expected a picture of 16 to {LARGEST} pixels a side, got {width}×{height}")
+    start = time.perf_counter()
+    if camera is None:
+        camera = find_view(terrain)
+    spent = {"view": time.perf_counter() - start}
+    if sun is None:
+        sun = Sun((camera.heading - 112.0) % 360.0, 32.0)
+    context = open_context()
+    try:
+        renderer = Renderer(context, terrain, sun=sun, quality=quality)
+        renderer.prepare(camera, width / height)
+        texture = context.texture(size, 4)
+        framebuffer = context.framebuffer([texture])
+        renderer.draw(camera, framebuffer)
+        pixels = np.frombuffer(texture.read(), np.uint8).reshape(height, width, 4)
+        if timings is not None:
+            timings.update(spent | renderer.timings)
+        return np.ascontiguousarray(pixels[::-1, :, :3])
+    finally:
+        context.release()

@@ -31,9 +31,9 @@ _FILE = "terrain.cl"
 _GROUP = 64
 _PATCHES_PER_LAUNCH = 256
 _POINTS_PER_LAUNCH = 1 << 21
-# Points are culled in square blocks of this many along the sketch's longer side.
+# Points are culled in square blocks: 2^5 along the sketch's longer side, fewer where points lie far apart.
 _BLOCKS_PER_EXTENT_BITS = 5
-_MOST_BLOCKS = 1 << 20
+_MOST_BLOCKS_BITS = 6
 
 
 @dataclass(frozen=True)
@@ -270,18 +270,15 @@ def _blocks_of(
     x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the square blocks that the points lie in (west, south, east, north), and each point's block."""
-    bits = LATTICE_BITS - _BLOCKS_PER_EXTENT_BITS
+    span = int(max(np.ptp(x), np.ptp(y)))
+    bits = max(LATTICE_BITS - _BLOCKS_PER_EXTENT_BITS, span.bit_length() - _MOST_BLOCKS_BITS)
     column, row = x >> bits, y >> bits
     west, south = int(column.min()), int(row.min())
     width, height = int(column.max()) - west + 1, int(row.max()) - south + 1
-    if width * height > _MOST_BLOCKS:  # points far apart: only blocks that hold any
-        cells, block = np.unique(np.stack([column, row], axis=-1), axis=0, return_inverse=True)
-        block = block.reshape(-1)
-    else:
-        number = (row - south) * width + (column - west)
-        held = np.bincount(number, minlength=width * height) > 0
-        block = (np.cumsum(held) - 1)[number]
-        held_row, held_column = np.divmod(np.flatnonzero(held), width)
-        cells = np.stack([held_column + west, held_row + south], axis=-1)
+    number = (row - south) * width + (column - west)
+    held = np.bincount(number, minlength=width * height) > 0
+    block = (np.cumsum(held) - 1)[number]
+    held_row, held_column = np.divmod(np.flatnonzero(held), width)
+    cells = np.stack([held_column + west, held_row + south], axis=-1)
     corner = cells << bits
     return np.concatenate([corner, corner + (1 << bits)], axis=1), block

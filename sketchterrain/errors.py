@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-__all__ = ["BuildError", "DeviceError", "InputError", "SketchterrainError"]
+__all__ = ["BuildError", "DeviceError", "InputError", "SketchterrainError", "one_line"]
 
 
 class SketchterrainError(Exception):
@@ -25,3 +25,8 @@ class DeviceError(SketchterrainError):
 
 class BuildError(SketchterrainError):
     """An OpenCL or GLSL program did not build: a defect of ours or of the driver (exit code 1)."""
+
+
+def one_line(text: object) -> str:
+    """Return `text` with a replacement mark for each character that one line cannot show."""
+    return "".join(char if char.isprintable() else "\ufffd" for char in str(text))

@@ -15,13 +15,14 @@ ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
     "errors": set(),
     "resources": {"errors"},
-    "sketch": {"errors", "resources"},
+    "whole_files": {"errors"},
+    "sketch": {"errors", "resources", "whole_files"},
     "features": {"errors", "sketch"},
     "compute": {"errors", "resources"},
     "terrain": {"errors", "sketch", "features", "compute"},
     "tiles": {"errors"},
     "render": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
-    "export": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
+    "export": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
 }
 ANYTHING = {"__init__", "__main__", "arguments", "benchmarks", "cli", "generate", "listings", "progress"}
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}

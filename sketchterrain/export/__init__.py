@@ -6,7 +6,7 @@ Every writer takes the folder to write into and returns the paths of what it wro
 from __future__ import annotations
 
 from sketchterrain.export.features import write_features
-from sketchterrain.export.files import prepare_folder, write_json, write_whole
+from sketchterrain.export.files import prepare_folder, write_json
 from sketchterrain.export.geotiff import write_height_tif
 from sketchterrain.export.images import write_height_png, write_normals
 from sketchterrain.export.picture import write_picture
@@ -24,5 +24,4 @@ __all__ = [
     "write_materials",
     "write_normals",
     "write_picture",
-    "write_whole",
 ]

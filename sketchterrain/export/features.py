@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.export.files import write_whole
 from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -8,7 +8,7 @@ from rasterio import Affine
 from rasterio.crs import CRS
 from rasterio.io import MemoryFile
 
-from sketchterrain.export.files import write_whole
+from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.export.files import write_whole
+from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,9 +9,9 @@ import zipfile
 import zlib
 from typing import TYPE_CHECKING
 
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.contents import LARGEST_TOTAL, SETTINGS, file_limit, sketch_files, too_large
-from sketchterrain.sketch.wording import one_line, shown
+from sketchterrain.sketch.wording import shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.parameters import LAYERS
-from sketchterrain.sketch.wording import did_you_mean, one_line, shown
+from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.resources import preset, preset_names
 from sketchterrain.sketch.archive import pack_zip, read_zip
 from sketchterrain.sketch.contents import SETTINGS, read_folder
@@ -16,7 +14,8 @@ from sketchterrain.sketch.layer_images import decode_layer, encode_layer
 from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.starter import starter_sketch
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
-from sketchterrain.sketch.wording import did_you_mean, one_line, shown
+from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.whole_files import telling_failure, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -86,8 +85,7 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
     if target.is_dir() or target.suffix.lower() != _ZIP_SUFFIX:
         _save_folder(sketch, target)
     else:
-        with _telling_failure(target):
-            _write_whole(target, pack_zip(_encode(sketch)))
+        write_whole(target, pack_zip(_encode(sketch)))
 
 
 def new_sketch(folder: str | Path) -> None:
@@ -101,7 +99,7 @@ def new_sketch(folder: str | Path) -> None:
         If the system cannot write there.
     """
     target = Path(folder)
-    with _telling_failure(target):
+    with telling_failure(target):
         if target.is_dir() and any(target.iterdir()):
             raise InputError(f"{one_line(target)}: expected a new or an empty folder, this one is not empty")
     _save_folder(starter_sketch(), target)
@@ -134,26 +132,13 @@ def _encode(sketch: Sketch) -> dict[str, bytes]:
 
 
 def _save_folder(sketch: Sketch, folder: Path) -> None:
-    with _telling_failure(folder):
+    with telling_failure(folder):
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
         files = _encode(sketch)
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
-            _write_whole(folder / name, content)
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that whoever reads it, even after a crash, finds the old content or the new."""
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    try:
-        with temporary.open("xb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+            write_whole(folder / name, content)
 
 
 @contextmanager
@@ -163,14 +148,3 @@ def _telling(place: str) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
-
-
-@contextmanager
-def _telling_failure(path: Path) -> Iterator[None]:
-    """Let a failure to write say where, in one line."""
-    try:
-        yield
-    except OSError as error:
-        raise SketchterrainError(
-            f"{one_line(path)}: cannot be written ({one_line(error.strerror or error)})"
-        ) from error

@@ -6,10 +6,10 @@ import json
 import tomllib
 from typing import TYPE_CHECKING
 
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES, Parameter, Value
-from sketchterrain.sketch.wording import did_you_mean, one_line, shown
+from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

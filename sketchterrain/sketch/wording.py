@@ -5,17 +5,14 @@ from __future__ import annotations
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
+from sketchterrain.errors import one_line
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-__all__ = ["did_you_mean", "one_line", "shown"]
+__all__ = ["did_you_mean", "shown"]
 
 _LONGEST = 60
-
-
-def one_line(text: object) -> str:
-    """Return `text` with a replacement mark for each character that one line cannot show."""
-    return "".join(char if char.isprintable() else "\ufffd" for char in str(text))
 
 
 def shown(value: object) -> str:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export import prepare_folder, write_json, write_whole
+from sketchterrain.export import prepare_folder, write_json
+from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -59,7 +60,7 @@ def test_a_killed_process_leaves_the_old_file_whole(tmp_path: Path) -> None:
     write_whole(path, b"old")
     code = (
         "import os, pathlib, signal, sys\n"
-        "from sketchterrain.export import write_whole\n"
+        "from sketchterrain.whole_files import write_whole\n"
         "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
         "write_whole(pathlib.Path(sys.argv[1]), b'new')\n"
     )

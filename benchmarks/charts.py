@@ -77,15 +77,19 @@ def _figure(width: float, height: float) -> Any:
 
 
 def _log_axis(axis: Any, limits: tuple[float, float]) -> None:
-    """Make an axis logarithmic, with a plain number at each decade: 0.01, 1, 100."""
+    """Make an axis logarithmic, with a plain number at each decade: 0.01, 100, 10k."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     axis.axes.set(**{f"{axis.axis_name}scale": "log", f"{axis.axis_name}lim": limits})
     axis.set_major_locator(LogLocator(numticks=12))
-    axis.set_major_formatter(
-        FuncFormatter(lambda value, _: f"{value:,.10g}" if value >= 1e-4 else f"{value:.0e}")
-    )
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value)))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _tick(value: float) -> str:
+    if value >= 10_000:
+        return f"{value / 1000:g}k"
+    return f"{value:.10g}" if value > 0.9e-4 else f"{value:.0e}"
 
 
 def _decades(values: Iterable[float], *, below: int = 0, above: int = 0) -> tuple[float, float]:
@@ -148,7 +152,7 @@ def _error_points(axes: Any, rows: Sequence[Row], method: str, key: str) -> None
     for y, text in _merged(known, key, decades=math.log10(high / low)):
         axes.annotate(text, (x, y), (8 * side, 0), fontsize=_SMALL, **style)
     top = max(_number(row, key) for row in known)
-    axes.annotate(method, (x, top), (8 * side, 13), fontweight="bold", **style)
+    axes.annotate(method.removesuffix(" kernels"), (x, top), (8 * side, 13), fontweight="bold", **style)
 
 
 def _references(axes: Any, rows: Sequence[Row], key: str) -> None:

@@ -20,7 +20,7 @@ class TypeRule:
     ----------
     reach : float
         Ground radius over the radius of the painted disc. Mountains and hills fall to a quarter of their
-        height at two thirds of their ground radius (2t³ - 3t² + 1), so 1.5 puts that on the painted border.
+        height at two thirds of their ground radius (2t³ - 3t² + 1), so 1.5 puts that on the painted border; a mountain's tip makes it fall faster.
     support : (low, high)
         Strength of the features between the summits, as a share of a summit of the same size.
     size_power : float
@@ -52,7 +52,7 @@ _ANY = float("inf")
 
 TYPES: Final[dict[str, TypeRule]] = {
     #                    reach  support       size  var.  slope    fill: radius extent slope
-    "mountain": TypeRule(1.5, (0.55, 0.85), 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
+    "mountain": TypeRule(1.8, (0.55, 0.85), 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
     "hill": TypeRule(1.5, (0.40, 0.65), 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
     "dune": TypeRule(1.15, (0.85, 1.00), 0.25, 0.10, _TAN_70, 900.0, 0.20, 0.20),
     "forest": TypeRule(1.15, (0.90, 1.00), 0.00, 0.05, _ANY, 260.0, 0.10, _ANY),

@@ -24,11 +24,11 @@ __all__ = ["PackedFeatures", "PackedRivers", "PackedWorld", "pack_features", "pa
 
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
-_RIDGE_DEPTH = 0.8
+_RIDGE_DEPTH = 0.62
 _RIDGE_MEAN = 0.64
 _RIDGE_WARP = 0.3
 # Ridges push outlines further than the warp does; the noise stays within [-1, 1].
-_SPUR_WARPS = 2.0
+_SPUR_WARPS = 1.5
 _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
 _SLOTS = ("mountain", "hill", "forest")

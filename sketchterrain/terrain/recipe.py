@@ -94,7 +94,7 @@ class TerrainRecipe:
     def ridge_wavelength(self) -> float:
         """Wavelength of the mountains' main ridges, m: nearly the width of a typical mountain."""
         radii = self.painted["radius"][self.painted["type"] == FEATURE_TYPES.index("mountain")]
-        return 1.8 * float(np.median(radii)) if radii.size else _DEFAULT_RIDGE_WAVELENGTH
+        return 1.5 * float(np.median(radii)) if radii.size else _DEFAULT_RIDGE_WAVELENGTH
 
     @property
     def dune_styles(self) -> tuple[tuple[float, float], ...]:
@@ -116,7 +116,7 @@ class TerrainRecipe:
             NoiseStack("ground", self.ground["wavelength"], self.ground["roughness"]),
             NoiseStack("warp_u", outline, 0.55, most=6),
             NoiseStack("warp_v", outline, 0.55, most=6),
-            NoiseStack("ridge", self.ridge_wavelength, 0.46),
+            NoiseStack("ridge", self.ridge_wavelength, 0.42),
             NoiseStack("crest", crest, 0.42, most=4),
             NoiseStack("mottle", self.extent / 12, 0.62, most=8),
         )

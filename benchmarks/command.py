@@ -50,9 +50,11 @@ def run(names: Sequence[str], *, output: Path | None, quick: bool, device: str |
     Raises
     ------
     InputError
-        If there is no benchmark of a name, or the folder can't be written to.
+        If there is no benchmark of a name.
     DeviceError
         If there is no such device.
+    SketchterrainError
+        If the folder can't be written to.
     """
     chosen = choose(names)
     effort = QUICK if quick else FULL

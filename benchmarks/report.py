@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks import charts
 from sketchterrain.benchmarks.tables import markdown
-from sketchterrain.errors import InputError
+from sketchterrain.whole_files import telling_failure, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from sketchterrain.benchmarks.outcome import Cell, Outcome
     from sketchterrain.benchmarks.registry import Benchmark
@@ -104,20 +102,18 @@ class Report:
 
         Raises
         ------
-        InputError
+        SketchterrainError
             If the folder can't be made or written to.
         """
         pictures = {}
-        try:
+        with telling_failure(folder):
             folder.mkdir(parents=True, exist_ok=True)
-            for benchmark, outcome in self.outcomes:
-                for suffix, image in charts.draw(benchmark.name, outcome).items():
-                    _write(folder / f"{benchmark.name}{suffix}", image)
-                    pictures[benchmark.name] = f"{benchmark.name}.png"
-            _write(folder / "bench.json", (self.json() + "\n").encode())
-            _write(folder / "bench.md", self.page(pictures).encode())
-        except OSError as error:
-            raise InputError(f"expected a folder to write to, got {folder}: {error.strerror}") from error
+        for benchmark, outcome in self.outcomes:
+            for suffix, image in charts.draw(benchmark.name, outcome).items():
+                write_whole(folder / f"{benchmark.name}{suffix}", image)
+                pictures[benchmark.name] = f"{benchmark.name}.png"
+        write_whole(folder / "bench.json", (self.json() + "\n").encode())
+        write_whole(folder / "bench.md", self.page(pictures).encode())
         return charts.available()
 
 
@@ -127,17 +123,3 @@ def _rounded(cell: Cell) -> Cell:
     if isinstance(cell, (list, tuple)):
         return [float(f"{sample:.{_SIGNIFICANT}g}") for sample in cell]
     return cell
-
-
-def _write(path: Path, content: bytes) -> None:
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

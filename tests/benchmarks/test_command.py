@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sketchterrain.benchmarks import command, run
-from sketchterrain.errors import DeviceError, InputError
+from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,6 +89,6 @@ def test_unknown_device() -> None:
 def test_output_that_is_a_file(tmp_path: Path) -> None:
     target = tmp_path / "file"
     target.write_text("kept")
-    with pytest.raises(InputError, match="expected a folder"):
+    with pytest.raises(SketchterrainError, match="cannot be written"):
         run(["noise"], output=target, quick=True, device=None, as_json=False)
     assert target.read_text() == "kept"

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
 
+from sketchterrain.render.forest import Forest, shade_matrix, wedge
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
 from sketchterrain.render.ground import OCTAVES, DrawnGround, texture_phases
 from sketchterrain.render.programs import fill_screen, set_uniforms
@@ -23,10 +24,15 @@ from sketchterrain.tiles import select_tiles
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import numpy.typing as npt
+
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import Terrain
 
 __all__ = ["Quality", "Renderer"]
+
+SHADE_TEXELS: Final = 2048
+"""Side of the maps of the plants' shadows."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,8 @@ class Quality:
         Tiles are split while wider than this share of their distance.
     reach : float
         Draw distance, in extents.
+    woods : float
+        Distance up to which plants are drawn (m).
     map_texels : int
         Side of the height maps that shadows and sky visibility are computed on.
     """
@@ -48,6 +56,7 @@ class Quality:
     samples: int = 2
     split: float = 0.5
     reach: float = 7.0
+    woods: float = 2400.0
     map_texels: int = 768
 
 
@@ -87,8 +96,7 @@ class Renderer:
         with self._timed("textures"):
             self._materials = MaterialTextures(context)
             self._noise = noise_texture(context)
-        self._shade = context.depth_texture((8, 8), np.ones((8, 8), np.float32).tobytes())
-        self._shade.compare_func = "<="
+        self._shades = [context.framebuffer((), _shade_map(context, SHADE_TEXELS)) for _ in range(2)]
         with self._timed("sky"):
             self._sky = Sky(context, sun)
             self._paint_sky = fill_screen(context, "sky.frag.glsl")
@@ -96,16 +104,18 @@ class Renderer:
             self._spread = fill_screen(context, "spread.frag.glsl")
             self._develop = fill_screen(context, "picture.frag.glsl")
 
-    def prepare(self, camera: Camera, aspect: float) -> None:
+    def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
         """Compute tiles and light for what a camera sees.
 
         Parameters
         ----------
         camera
             From where; tiles outside its view are left out.
-        aspect
-            Width over height of the picture.
+        size
+            Width and height of the picture (px).
         """
+        height = size[1]
+        aspect = size[0] / height
         extent, quality = self._terrain.extent, self._quality
         self._reach = quality.reach * extent
         eye = camera.eye
@@ -132,6 +142,13 @@ class Renderer:
         with self._timed("upload"):
             self._ground = DrawnGround(self._context, extent, keys, tiles)
             self._water = Water(self._context, self._terrain.features.rivers, self._ground)
+        with self._timed("foliage"):
+            self._woods = min(quality.woods, 0.45 * extent)
+            plants = self._terrain.foliage(*wedge(camera, aspect, self._woods))
+        with self._timed("forest"):
+            self._forest = Forest(
+                self._context, plants, self._ground, camera, height=height, reach=self._woods
+            )
 
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
         """Draw what `camera` sees into a framebuffer.
@@ -150,10 +167,30 @@ class Renderer:
                 self._targets = Targets(self._context, framebuffer.size, self._quality.samples)
             self._set_frame(camera, self._targets)
             self._bind(self._targets)
+            self._cast_shadows(camera)
             self._draw_ground(camera, self._targets)
             self._draw_upon_ground(camera, self._targets, clock)
             framebuffer.use()
             self._pass(self._develop, {"exposure": self._sky.exposure})
+
+    def _cast_shadows(self, camera: Camera) -> None:
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        for index, target in enumerate(self._shades):
+            target.use()
+            target.clear(depth=1.0)
+            self._forest.cast_shadows(camera.eye, index)
+
+    def _shade_matrices(self, camera: Camera) -> list[npt.NDArray[np.float64]]:
+        """Place a small map over the foreground and a wide one over all plants."""
+        ahead = camera.forward * [1.0, 1.0, 0.0]
+        ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
+        matrices = []
+        for middle, half in ((0.06, 0.075), (0.45, 0.60)):
+            centre = ahead * middle * self._woods
+            ground = self._relief.near.at(camera.eye[0] + centre[0], camera.eye[1] + centre[1])
+            centre[2] = float(ground) - camera.eye[2]
+            matrices.append(shade_matrix(self._sun, centre, half * self._woods, 3000.0))
+        return matrices
 
     def _draw_ground(self, camera: Camera, targets: Targets) -> None:
         targets.seen.use()
@@ -171,6 +208,8 @@ class Renderer:
 
     def _draw_upon_ground(self, camera: Camera, targets: Targets, clock: float) -> None:
         self._context.enable_only(moderngl.DEPTH_TEST)
+        targets.scene.use()
+        self._forest.draw(camera.eye, self._units)
         if self._water:
             self._context.copy_framebuffer(targets.copy, targets.scene)
             targets.scene.use()
@@ -201,7 +240,8 @@ class Renderer:
         frame["near_map"] = near_map
         frame["far_map"] = far_map
         pixel = 2.0 * np.tan(np.radians(camera.fov) / 2.0) / height
-        frame["trees"] = (0.35 * self._terrain.extent, self._aridity, pixel)
+        frame["to_shade"] = self._shade_matrices(camera)
+        frame["trees"] = (self._woods, self._aridity, pixel)
         frame.upload()
 
     def _bind(self, targets: Targets) -> None:
@@ -214,8 +254,8 @@ class Renderer:
             "noise_field": self._noise,
             "material_colour": self._materials.colour,
             "material_relief": self._materials.relief,
-            "shade_near": self._shade,
-            "shade_far": self._shade,
+            "shade_near": self._shades[0].depth_attachment,
+            "shade_far": self._shades[1].depth_attachment,
             "seen_depth": targets.depth,
             "seen_normal": targets.normal,
             "seen_low": targets.low_weights,
@@ -249,3 +289,11 @@ class Renderer:
         finally:
             self._context.finish()
             self.timings[stage] = self.timings.get(stage, 0.0) + time.perf_counter() - start
+
+
+def _shade_map(context: moderngl.Context, texels: int) -> moderngl.Texture:
+    texture = context.depth_texture((texels, texels))
+    texture.compare_func = "<="
+    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    texture.repeat_x = texture.repeat_y = False
+    return texture

@@ -97,7 +97,7 @@ class Sky:
         self.sunlight = _sunlight(sun, altitude, dust)
         self.harmonics = irradiance_harmonics(radiance, sun, self.sunlight)
         up = float(np.mean(sky_irradiance(self.harmonics, np.array([0.0, 0.0, 1.0]))))
-        self.exposure = 3.3 / (float(np.mean(self.sunlight)) * (0.35 + 0.65 * sun.direction[2]) + up)
+        self.exposure = 6.2 / (float(np.mean(self.sunlight)) * (0.35 + 0.65 * sun.direction[2]) + up)
 
 
 def irradiance_harmonics(radiance: Floats, sun: Sun, sunlight: Floats) -> Floats:

@@ -75,7 +75,7 @@ def render_picture(
     context = open_context()
     try:
         renderer = Renderer(context, terrain, sun=sun, quality=quality)
-        renderer.prepare(camera, width / height)
+        renderer.prepare(camera, size)
         texture = context.texture(size, 4)
         framebuffer = context.framebuffer([texture])
         renderer.draw(camera, framebuffer)

@@ -1,0 +1,3 @@
+#version 430 core
+// Depth alone.
+void main() {}

@@ -102,7 +102,7 @@ class FoliageSampler:
         belt = _ramp(z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
         conifers = 0.22 + 0.78 * belt
         # Shrubs stand in the open, at forest edges and where it is dry.
-        shrubs = np.clip(0.08 + 0.5 * climate["aridity"] + 0.3 * (forest < 0.25), 0, 1)
+        shrubs = np.clip(0.08 + 1.25 * climate["aridity"] ** 2 + 0.3 * (forest < 0.25), 0, 1)
         tree = np.where(self._draw("conifer", x, y) < conifers, 0, 1)
         species = np.where(self._draw("shrub", x, y) < shrubs, 2, tree)
         plants = np.zeros(x.size, PLANT)

@@ -32,9 +32,9 @@ Sample material()
     float clump = fbm(uv, 5, 4, 0.55, 15u);
     float height = 0.48 + 0.22 * (0.62 - tuft.first) + 0.17 * blades + 0.14 * clump;
     float dry = rise(0.1, 0.9, 0.42 + 0.5 * fbm(uv, 7, 4, 0.6, 16u) + 0.25 * (unit(tuft.id) - 0.5));
-    vec3 deep = vec3(0.028, 0.042, 0.010);
-    vec3 leaf = mix(vec3(0.078, 0.112, 0.024), vec3(0.150, 0.142, 0.048), dry);
-    vec3 tip = mix(vec3(0.135, 0.170, 0.040), vec3(0.250, 0.215, 0.090), dry);
+    vec3 deep = vec3(0.024, 0.040, 0.010);
+    vec3 leaf = mix(vec3(0.064, 0.106, 0.022), vec3(0.128, 0.136, 0.042), dry);
+    vec3 tip = mix(vec3(0.112, 0.162, 0.036), vec3(0.215, 0.200, 0.078), dry);
     vec3 albedo = mix(deep, leaf, rise(0.2, 0.52, height));
     return Sample(mix(albedo, tip, rise(0.5, 0.85, height)), height);
 }
@@ -63,12 +63,12 @@ Sample material()
     float hair = rise(0.0, 0.16, finer.second - finer.first);
     float bed = fbm(vec2(uv.x, uv.y) + warp, 3, 5, 0.5, 36u);
     float step_ = unit(crack.id) * 0.35 + unit(finer.id) * 0.12;
-    float height = clamp(0.05 + 0.55 * facets + step_ * 0.8 - 0.22 * (1.0 - open) - 0.08 * (1.0 - hair), 0.0, 1.0);
+    float height = clamp(0.02 + 0.70 * facets + step_ * 0.55 - 0.10 * (1.0 - open) - 0.05 * (1.0 - hair), 0.0, 1.0);
     vec3 grey = mix(vec3(0.115, 0.108, 0.102), vec3(0.315, 0.295, 0.268), rise(0.25, 0.85, height));
     vec3 warm = grey * mix(vec3(1.12, 1.0, 0.86), vec3(0.93, 0.99, 1.06), rise(-0.5, 0.5, bed));
     float lichen = rise(0.35, 0.75, fbm(uv, 12, 5, 0.65, 37u)) * rise(0.4, 0.6, height);
     warm = mix(warm, vec3(0.20, 0.205, 0.135), 0.35 * lichen);
-    return Sample(warm * (0.55 + 0.45 * open) * (0.85 + 0.15 * hair), height);
+    return Sample(warm * (0.80 + 0.20 * open) * (0.92 + 0.08 * hair), height);
 }
 
 #elif LAYER == 3 // scree

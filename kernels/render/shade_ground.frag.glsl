@@ -90,6 +90,14 @@ vec3 turned(vec3 n, vec2 slope, int axis)
     return vec3(-slope, 0.0);
 }
 
+// Colour of the beds that a rock face cuts through: bands by height, bent a little.
+vec3 beds(float bend)
+{
+    float at = (position.z + eye.z + 14.0 * bend) / 700.0;
+    float band = texture(noise_field, vec2(0.37, at)).z + 0.6 * texture(noise_field, vec2(0.71, at * 3.7)).z;
+    return mix(vec3(0.70, 0.66, 0.64), vec3(1.22, 1.16, 1.06), smoothstep(-0.8, 0.8, band));
+}
+
 // The two strongest materials so far, strongest first.
 struct Strongest {
     vec2 weight;
@@ -164,9 +172,10 @@ void main()
         matter.albedo *= tints[layer];
         if (layer == 0 || layer == 7) {
             float dry = smoothstep(-0.7, 0.8, wide.x + 0.55 * middle.y + 0.25 * small.z);
-            matter.albedo *= mix(vec3(0.80, 0.94, 0.82), vec3(1.42, 1.12, 0.95), dry);
+            matter.albedo *= mix(vec3(0.62, 0.82, 0.70), vec3(1.38, 1.16, 0.98), dry);
         }
         if (layer == CANOPY) matter.albedo *= mix(vec3(0.75, 0.85, 0.85), vec3(1.25, 1.12, 0.9), smoothstep(-0.6, 0.6, middle.x));
+        if (layer == 2) matter.albedo *= mix(vec3(1.0), beds(wide.w + 0.5 * middle.x), 0.35 + 0.45 * trees.y);
         if (layer == 2 || layer == 3) matter.albedo *= mix(vec3(0.86, 0.90, 0.96), vec3(1.10, 1.02, 0.92), smoothstep(-0.7, 0.7, wide.y + 0.5 * middle.z));
         matter.albedo *= 1.0 + 0.16 * middle.w + 0.10 * small.w;
         float height = chosen.weight[k] + matter.height;

@@ -17,8 +17,8 @@ vec3 with_clouds(vec3 sky, vec3 direction)
     float ahead = 0.5 * cloud_density(place + sunward * 350.0) + 0.5 * cloud_density(place + sunward * 900.0);
     float cosine = dot(direction, to_sun.xyz);
     float forward = 0.6 + 1.6 * pow(max(cosine, 0.0), 8.0);
-    vec3 lit = sun_light.rgb * (0.17 * forward) * exp(-2.2 * ahead - 0.9 * density) ;
-    vec3 body = lit + sky_irradiance(vec3(0.0, 0.0, -0.2)) * 0.16 + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.10;
+    vec3 lit = sun_light.rgb * (0.26 * forward) * exp(-1.5 * ahead - 0.35 * density) ;
+    vec3 body = lit + sky_irradiance(vec3(0.0, 0.0, -0.2)) * 0.16 + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.20;
     float cover = density * (0.55 + 0.45 * density);
     cover *= exp(-distance / 26000.0) * smoothstep(0.0, 0.06, direction.z);
 
@@ -26,7 +26,7 @@ vec3 with_clouds(vec3 sky, vec3 direction)
     wisp_at = mat2(0.8, 0.6, -0.6, 0.8) * wisp_at;
     float veil = texture(noise_field, wisp_at * vec2(1.2, 4.5)).w + 0.5 * texture(noise_field, wisp_at * vec2(4.0, 11.0) + 0.5).x;
     float wisps = smoothstep(0.0, 1.5, veil) * 0.30 * smoothstep(0.02, 0.25, direction.z);
-    sky = mix(sky, sun_light.rgb * 0.13 * (0.8 + forward * 0.4) + sky * 0.5, wisps);
+    sky = mix(sky, sun_light.rgb * 0.19 * (0.8 + forward * 0.4) + sky * 0.5, wisps);
     return mix(sky, body, cover);
 }
 

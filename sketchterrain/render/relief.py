@@ -11,6 +11,9 @@ import numpy as np
 from sketchterrain.render.programs import fill_screen, set_uniforms
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
     import numpy.typing as npt
 
     from sketchterrain.render.scene import Terrain
@@ -59,6 +62,30 @@ class HeightMap:
         south = h[j, i] * (1 - u) + h[j, i + 1] * u
         north = h[j + 1, i] * (1 - u) + h[j + 1, i + 1] * u
         return np.asarray(south * (1 - v) + north * v)
+
+    def marks_at(
+        self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]
+    ) -> HeightMap:
+        """Make a map of the same square that is 1 around the given places and 0 elsewhere.
+
+        Parameters
+        ----------
+        places
+            Arrays (n, 2 or more) of x, y in m.
+        widths
+            Arrays (n,), m, of the squares around the places; those narrower than a texel count for their share
+            of it, but for a third at least.
+        """
+        n = len(self.heights)
+        marks = np.zeros((n, n), np.float32)
+        for place, width in zip(places, widths, strict=True):
+            cell = np.floor((place[:, :2] - [self.west, self.south]) / self.texel).astype(np.intp)
+            reach = (width / self.texel / 2).astype(np.intp)
+            value = np.clip(width / self.texel, 1 / 3, 1.0)
+            for (i, j), r, v in zip(cell.tolist(), reach.tolist(), value.tolist(), strict=True):
+                window = marks[max(j - r, 0) : max(j + r + 1, 0), max(i - r, 0) : max(i + r + 1, 0)]
+                np.maximum(window, v, out=window)
+        return HeightMap(self.west, self.south, self.width, marks)
 
     def bounds(self, west: Floats, south: Floats, east: Floats, north: Floats) -> tuple[Floats, Floats]:
         """Return generous bounds of the ground's height in rectangles, see `tiles.quadtree.HeightRange`."""

@@ -234,8 +234,8 @@ class Renderer:
         frame["sun_light"] = (*self._sky.sunlight, self._sky.exposure)
         frame["sky_light"] = self._sky.harmonics
         lowest, highest = np.percentile(self._relief.far.heights, [5, 99])
-        rayleigh = np.array([0.20, 0.45, 1.00]) / self._reach
-        frame["haze"] = (*(rayleigh + 1.5 / self._reach), max(1.5 * (highest - lowest), 300.0))
+        rayleigh = np.array([0.25, 0.58, 1.30]) / self._reach
+        frame["haze"] = (*(rayleigh + 2.1 / self._reach), max(1.5 * (highest - lowest), 300.0))
         frame["reach"] = (self._reach, lowest, *targets.inner)
         frame["near_map"] = near_map
         frame["far_map"] = far_map

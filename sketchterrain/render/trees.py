@@ -54,7 +54,7 @@ def plant_mesh(species: str, detail: int) -> npt.NDArray[np.void]:
         leaves = _conifer(rng, tiers=(13, 7, 4)[detail], branches=(9, 6, 4)[detail])
         wood = _trunk(0.030, 0.92, 5 if detail == 0 else 3)
     elif species == "broadleaf":
-        leaves = _crown(rng, clumps=(420, 110, 26)[detail], centre=(0.0, 0.0, 0.62), radii=(0.33, 0.33, 0.38))
+        leaves = _crown(rng, clumps=(620, 150, 34)[detail], centre=(0.0, 0.0, 0.57), radii=(0.40, 0.40, 0.43))
         wood = _trunk(0.035, 0.5, 5 if detail == 0 else 3)
     else:
         leaves = _crown(rng, clumps=(120, 36, 12)[detail], centre=(0.0, 0.0, 0.42), radii=(0.62, 0.62, 0.52))
@@ -88,7 +88,7 @@ def _conifer(rng: np.random.Generator, *, tiers: int, branches: int) -> _Leaves:
     outward = _unit(radial / 0.2 + [0.0, 0.0, 0.45] + 0.25 * rng.standard_normal(place.shape))
     away = np.linalg.norm(radial, axis=-1) / np.repeat(np.maximum(reach.ravel(), 1e-3), 2)[:, None]
     shade = np.clip(0.25 + 0.75 * away, 0.0, 1.0)
-    green = np.array([0.036, 0.062, 0.022]) * rng.uniform(0.8, 1.25, (len(place), 1, 1))
+    green = np.array([0.050, 0.080, 0.030]) * rng.uniform(0.8, 1.25, (len(place), 1, 1))
     fresh = np.array([0.030, 0.034, 0.006])
     albedo = green * (0.55 + 0.6 * shade[..., None]) + fresh * np.clip(away - 0.6, 0.0, 1.0)[..., None]
     return _Leaves(place, outward, albedo, 0.25 + 0.75 * shade * np.clip(0.5 + 0.6 * place[..., 2], 0, 1))
@@ -110,7 +110,7 @@ def _crown(
     swell = 0.70 + 0.34 * np.max(near, axis=1) ** 6 + 0.05 * rng.standard_normal(clumps)
     depth = rng.uniform(0.72, 1.0, clumps) if clumps > 60 else np.full(clumps, 0.9)
     middle = np.asarray(centre) + direction * np.asarray(radii) * (swell * depth)[:, None]
-    size = 1.9 * np.mean(radii) / np.sqrt(clumps) * rng.uniform(0.8, 1.35, clumps)
+    size = 2.1 * np.mean(radii) / np.sqrt(clumps) * rng.uniform(0.8, 1.35, clumps)
     facing = _unit(direction + 0.55 * rng.standard_normal((clumps, 3)))
     first = _unit(np.cross(facing, _unit(rng.standard_normal((clumps, 3)))))
     second = np.cross(facing, first)
@@ -126,7 +126,7 @@ def _crown(
     )
     height = (place[..., 2] - centre[2]) / radii[2]
     shade = np.clip(0.62 + 0.34 * height, 0.22, 1.0) * (0.55 + 0.45 * depth**2)[:, None]
-    leaf = np.array([0.066, 0.096, 0.022]) * rng.uniform(0.72, 1.3, (clumps, 1, 1))
+    leaf = np.array([0.082, 0.118, 0.028]) * rng.uniform(0.72, 1.3, (clumps, 1, 1))
     leaf = leaf * (1.0 + [0.22, 0.0, -0.1] * rng.uniform(-0.5, 1.0, (clumps, 1, 1)))
     return _Leaves(place, outward, leaf * np.ones_like(place), shade)
 

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.relief import HeightMap, sample_heights
+from sketchterrain.render.relief import sample_heights
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import Terrain
 
     Floats = npt.NDArray[np.float64]
@@ -19,27 +20,36 @@ if TYPE_CHECKING:
 __all__ = ["find_view"]
 
 FOV: Final = 36.0
-ASPECT: Final = 16.0 / 9.0
 STANDS: Final = 14
 """Candidate stands along each side of the sketch."""
-RISES: Final = (0.008, 0.018)
-"""Heights of the eye above the ground, in extents; 16 m at least, over the trees."""
+RISES: Final = (0.010, 0.022, 0.038)
+"""Heights of the eye above the ground, in extents; 20 m at least, over the trees."""
 BEARINGS: Final = 60
+IN_VIEW: Final = 9
+"""Neighbouring bearings that a picture shows: 54°."""
 DISTANCES: Final = 56
-HORIZON_AT: Final = 0.30
+TYPES: Final = 4
+"""Of point features: mountain, hill, dune, forest."""
+HORIZON_AT: Final = 0.34
 """Where the horizon should lie, in half heights above the picture's middle."""
 
 
 class _Panorama(NamedTuple):
     """What is seen all around from many stands, by stand, bearing and distance.
 
-    Shares are tangents of the angle by which ground at a distance rises over all that is nearer.
+    A share is the tangent of the angle by which ground at a distance rises over all that is nearer.
     """
 
     horizon: Floats  # (stands, bearings) tangent of the skyline's elevation
     share: Floats  # (stands, bearings, distances)
+    layers: Floats  # (stands, bearings) ridges one behind the other
     water: Floats  # (stands, bearings) apparent size of the visible water
-    interest: Floats  # (stands, bearings) share of what was painted
+    painted: Floats  # (types, stands, bearings) share of what is seen that was painted so
+    inside: Floats  # (stands, bearings) share of what is seen that lies in the sketch
+
+    def horizon_of(self, distances: npt.NDArray[np.bool_]) -> Floats:
+        """Return the tangent of the skyline's elevation that ground at the nearest distances makes."""
+        return np.asarray(self.share[..., distances].sum(axis=-1) - 1.0)
 
 
 def find_view(terrain: Terrain) -> Camera:
@@ -54,7 +64,7 @@ def find_view(terrain: Terrain) -> Camera:
     along = (np.arange(STANDS) + 0.5) / STANDS * 1.1 - 0.05
     x, y = (grid.ravel() for grid in np.meshgrid(along * size[0], along * size[1]))
     x, y = np.tile(x, len(RISES)), np.tile(y, len(RISES))
-    rise = np.repeat(np.maximum(np.array(RISES) * extent, 16.0), len(x) // len(RISES))
+    rise = np.repeat(np.maximum(np.array(RISES) * extent, 20.0), len(x) // len(RISES))
     z = relief.at(x, y) + rise
     bearings = np.arange(BEARINGS) * (2.0 * np.pi / BEARINGS)
     distances = np.asarray(extent * np.geomspace(0.012, 1.6, DISTANCES), dtype=np.float64)
@@ -62,12 +72,8 @@ def find_view(terrain: Terrain) -> Camera:
     score = _score(seen, distances / extent)
     stand, bearing = np.unravel_index(int(np.argmax(score)), score.shape)
     eye_z = float(terrain.heights(x[stand], y[stand])) + float(rise[stand])
-    return _aim(
-        (float(x[stand]), float(y[stand]), eye_z),
-        float(bearings[bearing]),
-        _window(seen.horizon, 9)[:, stand, bearing],
-        extent,
-    )
+    place = (float(x[stand]), float(y[stand]), eye_z)
+    return _aim(place, float(bearings[bearing]), _window(seen.horizon, IN_VIEW)[:, stand, bearing], extent)
 
 
 def _look_around(
@@ -79,44 +85,40 @@ def _look_around(
     skyline = np.maximum.accumulate(slope, axis=-1)
     below = np.concatenate([np.full_like(skyline[..., :1], -1.0), skyline[..., :-1]], axis=-1)
     share = np.maximum(slope - below, 0.0)
-    seen = (share > 0.0) & (distances > 0)
-    water, interest = _subjects(terrain, relief)
-    step = np.gradient(distances)
-    on_water = water.at(east, north) * seen
-    apparent = on_water * step / distances * np.minimum(-slope, 0.25).clip(0.0) * (distances > distances[4])
-    painted = interest.at(east, north) * share
-    return _Panorama(skyline[..., -1], share, apparent.sum(axis=-1), painted.sum(axis=-1))
-
-
-def _subjects(terrain: Terrain, relief: HeightMap) -> tuple[HeightMap, HeightMap]:
-    """Draw where water is (0..1) and how near painted features are (0..1) on the relief's grid."""
-    n = len(relief.heights)
-    water = np.zeros((n, n), np.float32)
-    for river in terrain.features.rivers:
-        place = np.floor((river.centreline[:, :2] - [relief.west, relief.south]) / relief.texel).astype(
-            np.intp
-        )
-        inside = ((place >= 0) & (place < n)).all(axis=1)
-        share = np.minimum(river.centreline_width / relief.texel, 1.0)
-        water[place[inside, 1], place[inside, 0]] = np.maximum(share[inside], 0.35)
-    interest = np.zeros((n, n), np.float32)
-    middles = (
-        relief.west + (np.arange(n) + 0.5) * relief.texel,
-        relief.south + (np.arange(n) + 0.5) * relief.texel,
+    seen = share > 0.0
+    far = distances > 0.06 * terrain.extent
+    appears = np.diff(seen[..., far].astype(np.int8), axis=-1) > 0
+    rivers = terrain.features.rivers
+    water = relief.marks_at(
+        [river.centreline for river in rivers], [river.centreline_width for river in rivers]
     )
-    inside_x = (middles[0] > 0) & (middles[0] < terrain.size[0])
-    inside_y = (middles[1] > 0) & (middles[1] < terrain.size[1])
-    interest[np.ix_(inside_y, inside_x)] = 0.25
+    on_water = water.at(east, north) * seen * far
+    apparent = on_water * np.gradient(distances) / distances * np.clip(-slope, 0.0, 0.25)
+    middle = far & (distances < terrain.extent)
+    shown = seen & middle
+    count = np.maximum(shown.sum(axis=-1), 1.0)
+    painted = [(mask.at(east, north) * shown).sum(axis=-1) / count for mask in _painted(terrain, relief)]
+    inside = (east > 0) & (east < terrain.size[0]) & (north > 0) & (north < terrain.size[1])
+    return _Panorama(
+        skyline[..., -1],
+        share,
+        appears.sum(axis=-1).astype(np.float64),
+        apparent.sum(axis=-1),
+        np.stack(painted),
+        (inside * share * middle).sum(axis=-1),
+    )
+
+
+def _painted(terrain: Terrain, relief: HeightMap) -> list[HeightMap]:
+    """Draw, for each type of point feature, where painted ones are: 1 there, 0 elsewhere."""
     points = terrain.features.points
-    if points.dtype.names and "painted" in points.dtype.names:
-        for x, y, radius in points[points["painted"]][["x", "y", "radius"]].tolist():
-            i, j = ((np.array([x, y]) - [relief.west, relief.south]) / relief.texel).astype(np.intp)
-            reach = int(np.clip(0.6 * radius / relief.texel, 1, 40))
-            interest[max(j - reach, 0) : j + reach + 1, max(i - reach, 0) : i + reach + 1] = 1.0
-    return (
-        HeightMap(relief.west, relief.south, relief.width, water),
-        HeightMap(relief.west, relief.south, relief.width, interest),
-    )
+    points = points[points["painted"]]
+    masks = []
+    for code in range(TYPES):
+        of_type = points[points["type"] == code]
+        places = np.stack([of_type["x"], of_type["y"]], axis=1)
+        masks.append(relief.marks_at([places], [0.9 * of_type["radius"]]))
+    return masks
 
 
 def _window(values: Floats, width: int) -> Floats:
@@ -126,18 +128,22 @@ def _window(values: Floats, width: int) -> Floats:
 
 def _score(seen: _Panorama, distance: Floats) -> Floats:
     """Rate each stand and bearing; distances are in extents."""
-    horizon = _window(seen.horizon, 9)
-    middle = _window(seen.share[..., (distance > 0.12) & (distance < 1.2)].sum(axis=-1), 9).mean(axis=0)
-    near = _window(seen.share[..., distance < 0.05].sum(axis=-1) > 1.0, 9).mean(axis=0)
+    horizon = _window(seen.horizon, IN_VIEW)
     peak = horizon.max(axis=0)
+    middle = _window(seen.share[..., (distance > 0.10) & (distance < 1.2)].sum(axis=-1), IN_VIEW)
+    # Ground that rises before the camera hides the rest.
+    near = _window(seen.horizon_of(distance < 0.10), IN_VIEW)
+    wall = np.maximum(near + 0.06, 0.0).mean(axis=0)
+    painted = np.stack([_window(share, IN_VIEW).mean(axis=0) for share in seen.painted])
     return np.asarray(
-        1.6 * np.tanh(peak / 0.16)
-        + 0.9 * np.tanh(horizon.std(axis=0) / 0.05)
-        + 1.2 * np.tanh(middle / 0.12)
-        + 1.8 * np.tanh(_window(seen.water, 7).mean(axis=0) / 0.010)
-        + 1.5 * np.tanh(_window(seen.interest, 7).mean(axis=0) / 0.06)
-        - 3.0 * near
-        - 6.0 * np.maximum(peak - 0.30, 0.0)
+        1.8 * np.exp(-(((peak - 0.15) / 0.10) ** 2))
+        + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
+        + 0.9 * np.tanh(middle.mean(axis=0) / 0.15)
+        + 1.0 * np.tanh(_window(seen.layers, IN_VIEW).mean(axis=0) / 3.0)
+        + 2.4 * np.tanh(_window(seen.water, 7).mean(axis=0) / 0.012)
+        + 1.0 * np.tanh(painted / 0.10).sum(axis=0)
+        + 0.8 * np.tanh(_window(seen.inside, IN_VIEW).mean(axis=0) / 0.15)
+        - 14.0 * wall
     )
 
 

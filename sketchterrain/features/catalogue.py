@@ -62,3 +62,48 @@ class River:
     centreline: npt.NDArray[np.float64]
     centreline_width: npt.NDArray[np.float32]
     centreline_depth: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeField:
+    """How deep inside a painted shape each place lies: samples of a signed distance.
+
+    Attributes
+    ----------
+    west, south : float
+        Position of the sample [0, 0] (m); rows run northward, columns eastward.
+    spacing : float
+        Metres between samples.
+    inside : (rows, columns) float32
+        Distance to the shape's border (m): positive inside, negative outside. The outermost samples are
+        all outside by at least the margin that whoever reads the field needs.
+    """
+
+    west: float
+    south: float
+    spacing: float
+    inside: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Lake:
+    """A lake.
+
+    Attributes
+    ----------
+    id : int
+        Stable name: the layer's code and a pixel of the shape.
+    label : int
+        Label in the lake layer that painted it.
+    shape : ShapeField
+    level : float
+        Height of the water's surface (m): what the rim can hold.
+    depth : float
+        Greatest depth (m).
+    """
+
+    id: int
+    label: int
+    shape: ShapeField
+    level: float
+    depth: float

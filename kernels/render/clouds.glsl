@@ -17,5 +17,5 @@ float cloud_shadow(vec3 place)
 {
     float up = CLOUD_BASE + reach.y - eye.z - place.z;
     vec2 above = place.xy + to_sun.xy / max(to_sun.z, 0.05) * max(up, 0.0);
-    return 1.0 - 0.72 * cloud_density(above);
+    return 1.0 - 0.42 * cloud_density(above);
 }

@@ -93,7 +93,7 @@ Sample material()
 Sample material()
 {
     float warp = fbm(uv, 4, 2, 0.3, 51u);
-    float phase = 18.0 * uv.x + 1.5 * warp;
+    float phase = 18.0 * uv.x + 0.9 * warp;
     float crest = fract(phase + 0.05 * fbm(uv, 16, 2, 0.5, 52u));
     float ripple = crest < 0.68 ? crest / 0.68 : (1.0 - crest) / 0.32;
     ripple = ripple * ripple * (3.0 - 2.0 * ripple);

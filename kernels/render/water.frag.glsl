@@ -40,10 +40,10 @@ vec2 ripples(float distance)
         float e = 0.006;
         float h = texture(noise_field, at).x;
         vec2 d = vec2(texture(noise_field, at + vec2(e, 0.0)).x - h, texture(noise_field, at + vec2(0.0, e)).x - h) / e;
-        sum += 0.0042 * (across * d.x + flow.zw * d.y);
+        sum += 0.0030 * (across * d.x + flow.zw * d.y);
         size *= 2.9;
     }
-    return sum / (1.0 + distance * 0.0012);
+    return sum / (1.0 + distance * 0.0035);
 }
 
 // Radiance that comes from a direction above the water: banks and mountains where the height map is hit, else sky.

@@ -40,7 +40,7 @@ class Camera:
     def __post_init__(self) -> None:
         if not np.isfinite([*self.eye, *self.target]).all() or self.eye == self.target:
             raise InputError(
-                f"expected a camera's eye and target to be two finite points, got {self.eye} and {self.target}"
+                f"expected a finite eye and another finite target, got {self.eye} and {self.target}"
             )
         if not 0 < self.fov < 170 or not 0 < self.near < self.far:
             raise InputError(

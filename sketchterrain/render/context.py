@@ -25,10 +25,9 @@ def open_context() -> moderngl.Context:
     try:
         settings: dict[str, Any] = {"backend": "egl"}
         context = moderngl.create_context(require=VERSION, standalone=True, **settings)
-    except Exception as error:  # noqa: BLE001 - glcontext raises bare Exception for every cause
+    except Exception as error:
         raise DeviceError(
-            "no OpenGL 4.3 through EGL; on Debian or Ubuntu install it by: apt install libegl1 libgl1-mesa-dri "
-            f"({error})"
+            f"no OpenGL 4.3 through EGL; on Debian or Ubuntu: apt install libegl1 libgl1-mesa-dri ({error})"
         ) from error
     context.gc_mode = "auto"
     return context

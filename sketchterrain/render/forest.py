@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Forest", "shade_matrix", "wedge"]
 
-PIXELS: Final = (64.0, 20.0)
+PIXELS: Final = (72.0, 20.0)
 """Height of a plant in pixels under which the next coarser detail does."""
 FADE: Final = 0.55
 """Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
@@ -150,7 +150,9 @@ def shade_matrix(sun: Sun, centre: Floats, half_width: float, half_depth: float)
 
 def _whims(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
     """Return two numbers for each plant from its place alone: tint in -1..1 and one in 0..1."""
-    seed = (plants["x"] * 8.0).astype(np.int64) * 73_856_093 ^ (plants["y"] * 8.0).astype(np.int64) * 19_349_663
+    seed = (plants["x"] * 8.0).astype(np.int64) * 73_856_093 ^ (plants["y"] * 8.0).astype(
+        np.int64
+    ) * 19_349_663
     bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)
     first = (bits & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
     second = ((bits >> np.uint64(16)) & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF

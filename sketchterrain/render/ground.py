@@ -110,7 +110,7 @@ class DrawnGround:
 
 
 def tile_indices() -> npt.NDArray[np.uint32]:
-    """Return the triangles of a tile, counter-clockwise from above; quads are cut from north-west to south-east."""
+    """Return a tile's triangles, counter-clockwise from above, quads cut from north-west to south-east."""
     index = np.arange(SIDE * SIDE, dtype=np.uint32).reshape(SIDE, SIDE)
     nw, ne, sw, se = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     grid = np.stack([nw, sw, se, nw, se, ne], axis=-1).reshape(-1)

@@ -43,7 +43,8 @@ def build_program(
             fragment_shader=_with_defines(source(f"render/{fragment}"), defines),
         )
     except moderngl.Error as error:
-        raise BuildError(f"GLSL program of {vertex} and {fragment} did not build: {error}") from error
+        log = " ".join(str(error).split())
+        raise BuildError(f"GLSL program of {vertex} and {fragment} did not build: {log}") from error
     if "Frame" in program:
         block = program["Frame"]
         if isinstance(block, moderngl.UniformBlock):
@@ -54,7 +55,7 @@ def build_program(
 def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> None:
     """Set those uniforms that the program has; compilers drop the ones a program does not use."""
     for name, value in values.items():
-        member = program[name] if name in program else None
+        member = program.get(name, None)
         if isinstance(member, moderngl.Uniform):
             member.value = value
 

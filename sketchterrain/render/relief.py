@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["HeightMap", "LitRelief", "sample_heights"]
 
 PENUMBRA: Final = 0.022
-"""Tangent of half the angle over which the sun sets behind a ridge; wider than the real sun's, which aliases."""
+"""Tangent of half the angle over which the sun sets behind a ridge; the real sun's would alias."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +63,7 @@ class HeightMap:
         north = h[j + 1, i] * (1 - u) + h[j + 1, i + 1] * u
         return np.asarray(south * (1 - v) + north * v)
 
-    def marks_at(
-        self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]
-    ) -> HeightMap:
+    def marks_at(self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]) -> HeightMap:
         """Make a map of the same square that is 1 around the given places and 0 elsewhere.
 
         Parameters
@@ -73,8 +71,8 @@ class HeightMap:
         places
             Arrays (n, 2 or more) of x, y in m.
         widths
-            Arrays (n,), m, of the squares around the places; those narrower than a texel count for their share
-            of it, but for a third at least.
+            Arrays (n,), m, of the squares around the places; those narrower than a texel count for their
+            share of it, but for a third at least.
         """
         n = len(self.heights)
         marks = np.zeros((n, n), np.float32)

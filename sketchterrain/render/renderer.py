@@ -16,8 +16,8 @@ from sketchterrain.render.ground import OCTAVES, DrawnGround, texture_phases
 from sketchterrain.render.programs import fill_screen, set_uniforms
 from sketchterrain.render.relief import LitRelief, sample_heights
 from sketchterrain.render.sky import Sky, Sun
-from sketchterrain.render.textures import LAYERS, MaterialTextures, noise_texture
 from sketchterrain.render.targets import Targets
+from sketchterrain.render.textures import LAYERS, MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
 from sketchterrain.tiles import select_tiles
 
@@ -63,7 +63,7 @@ class Quality:
 class Renderer:
     """Draws one terrain into any framebuffer of one context.
 
-    `prepare` makes what a region needs and has to be called before `draw`, and again after the eye has moved far.
+    `prepare` makes what a region needs: call it before `draw`, and again when the eye has moved far.
 
     Parameters
     ----------
@@ -96,7 +96,8 @@ class Renderer:
         with self._timed("textures"):
             self._materials = MaterialTextures(context)
             self._noise = noise_texture(context)
-        self._shades = [context.framebuffer((), _shade_map(context, SHADE_TEXELS)) for _ in range(2)]
+        self._shade_maps = [_shade_map(context, SHADE_TEXELS) for _ in range(2)]
+        self._shades = [context.framebuffer((), shade_map) for shade_map in self._shade_maps]
         with self._timed("sky"):
             self._sky = Sky(context, sun)
             self._paint_sky = fill_screen(context, "sky.frag.glsl")
@@ -254,8 +255,8 @@ class Renderer:
             "noise_field": self._noise,
             "material_colour": self._materials.colour,
             "material_relief": self._materials.relief,
-            "shade_near": self._shades[0].depth_attachment,
-            "shade_far": self._shades[1].depth_attachment,
+            "shade_near": self._shade_maps[0],
+            "shade_far": self._shade_maps[1],
             "seen_depth": targets.depth,
             "seen_normal": targets.normal,
             "seen_low": targets.low_weights,

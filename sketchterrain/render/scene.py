@@ -17,54 +17,91 @@ class Surface(Protocol):
     """A tile: heights (m), unit normals and material weights at its vertices, row 0 north."""
 
     @property
-    def height(self) -> npt.NDArray[np.float32]: ...
+    def height(self) -> npt.NDArray[np.float32]:
+        """Heights (m)."""
+        ...
+
     @property
-    def normal(self) -> npt.NDArray[np.float32]: ...
+    def normal(self) -> npt.NDArray[np.float32]:
+        """Unit normals, x east, y north, z up."""
+        ...
+
     @property
-    def materials(self) -> npt.NDArray[np.float32]: ...
+    def materials(self) -> npt.NDArray[np.float32]:
+        """Material weights, sum 1."""
+        ...
 
 
 class Reach(Protocol):
     """A river's centreline: x, y and water surface z (m), springs first, and its width (m)."""
 
     @property
-    def centreline(self) -> npt.NDArray[np.float64]: ...
+    def centreline(self) -> npt.NDArray[np.float64]:
+        """(m, 3) x, y, z (m)."""
+        ...
+
     @property
-    def centreline_width(self) -> npt.NDArray[np.float32]: ...
+    def centreline_width(self) -> npt.NDArray[np.float32]:
+        """(m,) m."""
+        ...
 
 
 class Features(Protocol):
     """Placed features."""
 
     @property
-    def points(self) -> npt.NDArray[np.void]: ...
+    def points(self) -> npt.NDArray[np.void]:
+        """Placed point features."""
+        ...
+
     @property
-    def rivers(self) -> Sequence[Reach]: ...
+    def rivers(self) -> Sequence[Reach]:
+        """Placed rivers."""
+        ...
 
 
 class Sketch(Protocol):
     """The document that the terrain was built from."""
 
     @property
-    def climate(self) -> Mapping[str, float]: ...
+    def climate(self) -> Mapping[str, float]:
+        """Climate parameters by name."""
+        ...
 
 
 class Terrain(Protocol):
     """An endless terrain, see `sketchterrain.terrain`."""
 
     @property
-    def extent(self) -> float: ...
+    def extent(self) -> float:
+        """Width of a level-0 tile (m)."""
+        ...
+
     @property
-    def size(self) -> tuple[float, float]: ...
+    def size(self) -> tuple[float, float]:
+        """East and north size of the sketch (m)."""
+        ...
+
     @property
-    def sketch(self) -> Sketch: ...
+    def sketch(self) -> Sketch:
+        """The document."""
+        ...
+
     @property
-    def features(self) -> Features: ...
+    def features(self) -> Features:
+        """What the terrain is evaluated from."""
+        ...
 
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
-    ) -> npt.NDArray[np.float32]: ...
+    ) -> npt.NDArray[np.float32]:
+        """Heights (m) at places (m), band-limited to a cell size (m)."""
+        ...
 
-    def tiles(self, keys: Sequence[tuple[int, int, int]]) -> Sequence[Surface]: ...
+    def tiles(self, keys: Sequence[tuple[int, int, int]]) -> Sequence[Surface]:
+        """Tiles by (level, col, row)."""
+        ...
 
-    def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]: ...
+    def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
+        """Plants in a rectangle (m): x, y, z, species, scale, rotation."""
+        ...

@@ -158,7 +158,7 @@ _LOBE: Final = _NORM**2 * np.array([np.pi] + [2 * np.pi / 3] * 3 + [np.pi / 4] *
 
 
 def _sunlight(sun: Sun, altitude: float, dust: float) -> Floats:
-    """Attenuate the sunlight through the same air as sky_view.frag.glsl (plane-parallel, Kasten's air mass)."""
+    """Attenuate sunlight through the air of sky_view.frag.glsl (plane-parallel, Kasten's air mass)."""
     elevation = sun.elevation
     mass = 1.0 / (np.sin(np.radians(elevation)) + 0.50572 * (elevation + 6.07995) ** -1.6364)
     rayleigh = np.array([5.802e-6, 13.558e-6, 33.1e-6]) * 8000.0 * np.exp(-altitude / 8000.0)

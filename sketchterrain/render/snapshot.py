@@ -10,7 +10,7 @@ import numpy as np
 from sketchterrain.errors import InputError
 from sketchterrain.render.context import open_context
 from sketchterrain.render.renderer import Quality, Renderer
-from sketchterrain.render.sky import Sun
+from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.sky import Sun
 
 __all__ = ["render_picture"]
 
@@ -45,7 +46,7 @@ def render_picture(
     camera
         From where; by default `find_view` chooses.
     sun
-        Where the sun stands; by default 32° high, over the photographer's left shoulder.
+        Where the sun stands; by default `find_sun` chooses.
     quality
         What the picture may cost.
     timings
@@ -69,9 +70,9 @@ def render_picture(
     start = time.perf_counter()
     if camera is None:
         camera = find_view(terrain)
-    spent = {"view": time.perf_counter() - start}
     if sun is None:
-        sun = Sun((camera.heading - 112.0) % 360.0, 32.0)
+        sun = find_sun(terrain, camera)
+    spent = {"view": time.perf_counter() - start}
     context = open_context()
     try:
         renderer = Renderer(context, terrain, sun=sun, quality=quality)

@@ -31,9 +31,9 @@ class _Relief:
 LAYERS: Final[dict[str, _Relief]] = {
     "grass": _Relief(0.016, 0.95, 0.75),
     "soil": _Relief(0.022, 0.95, 0.85),
-    "rock": _Relief(0.050, 0.92, 0.70),
+    "rock": _Relief(0.080, 0.92, 0.70),
     "scree": _Relief(0.034, 0.95, 0.80),
-    "sand": _Relief(0.010, 0.85, 0.70),
+    "sand": _Relief(0.007, 0.85, 0.70),
     "snow": _Relief(0.012, 0.70, 0.50),
     "river_bed": _Relief(0.026, 0.45, 0.55),
     "forest_floor": _Relief(0.020, 0.95, 0.85),

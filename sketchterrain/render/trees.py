@@ -1,4 +1,4 @@
-"""Plants as triangles: one unit high, foot at the origin, made of leaf clumps on a few rules and a fixed seed."""
+"""Plants as triangles: one unit high, foot at the origin, leaf clumps by a few rules and a fixed seed."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def plant_mesh(species: str, detail: int) -> npt.NDArray[np.void]:
     """
     rng = np.random.default_rng([SPECIES.index(species), detail])
     if species == "conifer":
-        leaves = _conifer(rng, tiers=(13, 7, 4)[detail], branches=(9, 6, 4)[detail])
+        leaves = _conifer(rng, tiers=(21, 9, 5)[detail], branches=(14, 7, 4)[detail])
         wood = _trunk(0.030, 0.92, 5 if detail == 0 else 3)
     elif species == "broadleaf":
-        leaves = _crown(rng, clumps=(620, 150, 34)[detail], centre=(0.0, 0.0, 0.57), radii=(0.40, 0.40, 0.43))
+        leaves = _crown(rng, clumps=(760, 170, 36)[detail], centre=(0.0, 0.0, 0.54), radii=(0.40, 0.40, 0.45))
         wood = _trunk(0.035, 0.5, 5 if detail == 0 else 3)
     else:
         leaves = _crown(rng, clumps=(120, 36, 12)[detail], centre=(0.0, 0.0, 0.42), radii=(0.62, 0.62, 0.52))
@@ -103,8 +103,8 @@ def _crown(
 ) -> _Leaves:
     """Leaf clumps scattered over a lumpy ball, lit like the lumps that they cover."""
     direction = _unit(rng.standard_normal((clumps, 3)))
-    direction[:, 2] = np.where(direction[:, 2] < -0.55, -direction[:, 2], direction[:, 2])
-    lumps = _unit(rng.standard_normal((9, 3)) + [0.0, 0.0, 0.35])
+    direction[:, 2] = np.where(direction[:, 2] < -0.85, -direction[:, 2], direction[:, 2])
+    lumps = _unit(rng.standard_normal((9, 3)) + np.array([0.0, 0.0, 0.35]))
     near = direction @ lumps.T
     lump = lumps[np.argmax(near, axis=1)]
     swell = 0.70 + 0.34 * np.max(near, axis=1) ** 6 + 0.05 * rng.standard_normal(clumps)
@@ -118,6 +118,7 @@ def _crown(
     spokes = first[:, None] * np.cos(corners)[:, None] + second[:, None] * np.sin(corners)[:, None]
     stretch = rng.uniform(0.8, 1.5, (clumps, 3, 1))
     place = middle[:, None] + spokes * stretch * size[:, None, None]
+    place[..., 2] = np.maximum(place[..., 2], 0.02)
     outward = _unit(
         0.55 * direction[:, None]
         + 0.45 * _unit(direction + 0.9 * (direction - lump))[:, None]
@@ -127,7 +128,7 @@ def _crown(
     height = (place[..., 2] - centre[2]) / radii[2]
     shade = np.clip(0.62 + 0.34 * height, 0.22, 1.0) * (0.55 + 0.45 * depth**2)[:, None]
     leaf = np.array([0.082, 0.118, 0.028]) * rng.uniform(0.72, 1.3, (clumps, 1, 1))
-    leaf = leaf * (1.0 + [0.22, 0.0, -0.1] * rng.uniform(-0.5, 1.0, (clumps, 1, 1)))
+    leaf = leaf * (1.0 + np.array([0.22, 0.0, -0.1]) * rng.uniform(-0.5, 1.0, (clumps, 1, 1)))
     return _Leaves(place, outward, leaf * np.ones_like(place), shade)
 
 

@@ -23,7 +23,9 @@ FOV: Final = 36.0
 STANDS: Final = 14
 """Candidate stands along each side of the sketch."""
 RISES: Final = (0.010, 0.022, 0.038)
-"""Heights of the eye above the ground, in extents; 20 m at least, over the trees."""
+"""Heights of the eye above the ground, in extents."""
+RISE_LIMITS: Final = (20.0, 190.0)
+"""m; over the trees, and not so high that they look like moss."""
 BEARINGS: Final = 60
 IN_VIEW: Final = 9
 """Neighbouring bearings that a picture shows: 54°."""
@@ -64,9 +66,9 @@ def find_view(terrain: Terrain) -> Camera:
     along = (np.arange(STANDS) + 0.5) / STANDS * 1.1 - 0.05
     x, y = (grid.ravel() for grid in np.meshgrid(along * size[0], along * size[1]))
     x, y = np.tile(x, len(RISES)), np.tile(y, len(RISES))
-    rise = np.repeat(np.maximum(np.array(RISES) * extent, 20.0), len(x) // len(RISES))
+    rise = np.repeat(np.clip(np.array(RISES) * extent, *RISE_LIMITS), len(x) // len(RISES))
     z = relief.at(x, y) + rise
-    bearings = np.arange(BEARINGS) * (2.0 * np.pi / BEARINGS)
+    bearings = np.linspace(0.0, 2.0 * np.pi, BEARINGS, endpoint=False)
     distances = np.asarray(extent * np.geomspace(0.012, 1.6, DISTANCES), dtype=np.float64)
     seen = _look_around(terrain, relief, np.stack([x, y, z], axis=1), bearings, distances)
     score = _score(seen, distances / extent)
@@ -136,7 +138,7 @@ def _score(seen: _Panorama, distance: Floats) -> Floats:
     wall = np.maximum(near + 0.06, 0.0).mean(axis=0)
     painted = np.stack([_window(share, IN_VIEW).mean(axis=0) for share in seen.painted])
     return np.asarray(
-        1.8 * np.exp(-(((peak - 0.15) / 0.10) ** 2))
+        2.2 * np.exp(-(((peak - 0.18) / 0.10) ** 2))
         + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
         + 0.9 * np.tanh(middle.mean(axis=0) / 0.15)
         + 1.0 * np.tanh(_window(seen.layers, IN_VIEW).mean(axis=0) / 3.0)

@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import DeviceError
+from sketchterrain.features.catalogue import FEATURE
+from sketchterrain.render import open_context
+
+PLANT = np.dtype(
+    [("x", "f8"), ("y", "f8"), ("z", "f4"), ("species", "u1"), ("scale", "f4"), ("rotation", "f4")]
+)
+
+
+@dataclass
+class Surface:
+    height: np.ndarray
+    normal: np.ndarray
+    materials: np.ndarray
+
+
+class Waves:
+    """A terrain of two long waves, with a straight river along y = 500 and a row of trees."""
+
+    extent = 1000.0
+    size = (1000.0, 1000.0)
+    sketch = SimpleNamespace(climate={"aridity": 0.2})
+
+    def __init__(self, *, rivers=True, plants=True):
+        t = np.linspace(-200.0, 1200.0, 60)
+        line = np.stack([t, np.full(60, 500.0), np.linspace(2.0, 0.0, 60)], axis=1)
+        river = SimpleNamespace(centreline=line, centreline_width=np.full(60, 24.0, np.float32))
+        self.features = SimpleNamespace(points=np.zeros(0, FEATURE), rivers=(river,) if rivers else ())
+        self.plants = plants
+
+    def heights(self, x, y, *, cell_size=0.0):
+        x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+        hills = 30.0 * np.sin(x / 190.0) + 40.0 * np.cos(y / 260.0) + 35.0
+        return (hills - 60.0 * np.exp(-(((y - 500.0) / 30.0) ** 2))).astype(np.float32)
+
+    def tiles(self, keys):
+        tiles = []
+        for level, col, row in keys:
+            width = self.extent * 2.0**-level
+            x = (col + np.arange(65) / 64) * width
+            y = (row + 1 - np.arange(65) / 64)[:, None] * width
+            d = 0.01 * width
+            dx = (self.heights(x + d, y) - self.heights(x - d, y)) / (2 * d)
+            dy = (self.heights(x, y + d) - self.heights(x, y - d)) / (2 * d)
+            normal = np.stack([-dx, -dy, np.ones_like(dx)], axis=-1)
+            normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+            materials = np.zeros((65, 65, 8), np.float32)
+            materials[..., 0], materials[..., 2] = 0.75, 0.25
+            tiles.append(Surface(self.heights(x, y), normal.astype(np.float32), materials))
+        return tiles
+
+    def foliage(self, west, south, east, north):
+        n = 40 if self.plants else 0
+        plants = np.zeros(n, PLANT)
+        plants["x"], plants["y"] = np.linspace(0.0, 1000.0, n), 300.0
+        plants["z"] = self.heights(plants["x"], plants["y"])
+        plants["scale"], plants["species"] = 1.0, np.arange(n) % 3
+        inside = (plants["x"] >= west) & (plants["x"] < east) & (plants["y"] >= south) & (plants["y"] < north)
+        return plants[inside]
+
+
+@pytest.fixture(scope="session")
+def gl():
+    try:
+        context = open_context()
+    except DeviceError as error:
+        pytest.skip(str(error))
+    yield context
+    context.release()
+
+
+@pytest.fixture
+def waves():
+    return Waves()

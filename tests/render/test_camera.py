@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.render import Camera
+
+ASPECT = 16 / 9
+
+
+def to_picture(camera, point):
+    clip = camera.to_clip(ASPECT) @ np.append(np.subtract(point, camera.eye), 1.0)
+    return clip[:3] / clip[3]
+
+
+@pytest.mark.parametrize("eye", [(0.0, 0.0, 10.0), (1e7, -3e6, 250.0)])
+@pytest.mark.parametrize("ahead", [(0.0, 90.0, 0.0), (40.0, -30.0, -12.0), (-1.0, 0.0, 3.0)])
+def test_target_lies_in_the_middle_of_the_picture(eye, ahead):
+    camera = Camera(eye, tuple(np.add(eye, ahead)))
+    assert np.allclose(to_picture(camera, camera.target)[:2], 0.0, atol=1e-7)
+
+
+def test_north_up_and_east_right():
+    camera = Camera((0.0, 0.0, 0.0), (0.0, 100.0, 0.0), fov=90.0)
+    assert np.allclose(to_picture(camera, (10.0, 100.0, 0.0))[:2], [0.1 / ASPECT, 0.0])
+    assert np.allclose(to_picture(camera, (0.0, 100.0, 100.0))[:2], [0.0, 1.0])
+
+
+def test_depth_runs_from_minus_one_to_one():
+    camera = Camera((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), near=2.0, far=500.0)
+    assert to_picture(camera, (0.0, 2.0, 0.0))[2] == pytest.approx(-1.0)
+    assert to_picture(camera, (0.0, 500.0, 0.0))[2] == pytest.approx(1.0)
+
+
+def test_frustum_agrees_with_the_projection():
+    camera = Camera((5000.0, -300.0, 70.0), (5400.0, 100.0, 40.0), near=1.0, far=2000.0)
+    rng = np.random.default_rng(3)
+    points = np.asarray(camera.eye) + rng.uniform(-900, 900, (500, 3))
+    clip = (points - camera.eye) @ camera.to_clip(ASPECT)[:, :3].T + camera.to_clip(ASPECT)[:, 3]
+    visible = (np.abs(clip[:, :3]) <= clip[:, 3:]).all(axis=1)
+    planes = camera.frustum(ASPECT)
+    assert visible.any()
+    assert (((points @ planes[:, :3].T + planes[:, 3]) >= 0).all(axis=1) == visible).all()
+
+
+def test_heading_is_a_compass_bearing():
+    assert Camera((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)).heading == pytest.approx(90.0)
+    assert Camera((0.0, 0.0, 0.0), (-1.0, 1.0, 0.0)).heading == pytest.approx(315.0)
+
+
+def test_looking_straight_down_has_an_up():
+    camera = Camera((0.0, 0.0, 50.0), (0.0, 0.0, 0.0))
+    assert np.isfinite(camera.to_clip(1.0)).all()
+    assert to_picture(camera, (0.0, 10.0, 0.0))[1] > 0
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"target": (0.0, 0.0, 0.0)},
+        {"target": (0.0, np.nan, 0.0)},
+        {"fov": 180.0},
+        {"near": 0.0},
+        {"near": 10.0, "far": 5.0},
+    ],
+)
+def test_impossible_cameras_are_refused(bad):
+    values = {"eye": (0.0, 0.0, 0.0), "target": (0.0, 1.0, 0.0)} | bad
+    with pytest.raises(InputError, match="expected"):
+        Camera(**values)

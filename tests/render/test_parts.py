@@ -1,0 +1,124 @@
+"""Geometry and light that need no GPU."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.render import Sun
+from sketchterrain.render.forest import shade_matrix
+from sketchterrain.render.ground import OCTAVES, SIDE, VERTICES, texture_phases, tile_indices
+from sketchterrain.render.relief import HeightMap
+from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
+from sketchterrain.render.textures import tileable_noise
+from sketchterrain.render.trees import DETAILS, SPECIES, plant_mesh
+from sketchterrain.render.water import ACROSS, strip
+
+
+def test_tile_triangles_cover_each_quad_once_and_face_up():
+    triangles = tile_indices()[: 6 * 64 * 64].reshape(-1, 3)
+    x, y = triangles % SIDE, -(triangles // SIDE).astype(np.int64)
+    x = x.astype(np.int64)
+    area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    assert (area == 1).all()
+    assert len(np.unique(np.sort(triangles, axis=1), axis=0)) == 2 * 64 * 64
+
+
+def test_skirts_hang_from_every_border_edge():
+    skirts = tile_indices()[6 * 64 * 64 :].reshape(-1, 3)
+    assert skirts.max() == VERTICES - 1
+    assert len(skirts) == 4 * 64 * 2
+
+
+def test_texture_phases_move_with_the_eye_by_whole_textures():
+    here, there = texture_phases((0.0, 0.0, 0.0)), texture_phases((6.0, -12.0, 0.0))
+    xy = slice(2 * OCTAVES, 2 * OCTAVES + 1)
+    gap = np.abs(here[xy] - there[xy])
+    assert np.minimum(gap, 1 - gap).max() < 1e-6
+    assert ((texture_phases((1e9, 1e9, 10.0)) >= 0) & (texture_phases((1e9, 1e9, 10.0)) <= 1)).all()
+
+
+def test_irradiance_of_a_uniform_sphere_is_pi_everywhere():
+    sun = Sun(40.0, 30.0)
+    harmonics = irradiance_harmonics(np.ones((64, 64, 3)), sun, np.zeros(3))
+    # Overhead sky of radiance 1 over ground that returns its albedo of it.
+    assert np.allclose(sky_irradiance(harmonics, np.array([0.0, 0.0, 1.0])), np.pi, rtol=0.04)
+    east, west = (sky_irradiance(harmonics, np.array([x, 0.0, 0.0])) for x in (1.0, -1.0))
+    assert np.allclose(east, west)
+    assert (sky_irradiance(harmonics, np.array([0.0, 0.0, -1.0])) < east).all()
+
+
+def test_brighter_side_of_the_sky_lies_towards_the_sun():
+    radiance = np.repeat(np.linspace(2.0, 0.0, 64)[None, :, None], 64, axis=0).repeat(3, axis=2)
+    sun = Sun(90.0, 20.0)
+    harmonics = irradiance_harmonics(radiance, sun, np.zeros(3))
+    east, west = (sky_irradiance(harmonics, np.array([x, 0.0, 0.0])) for x in (1.0, -1.0))
+    assert (east > 1.5 * west).all()
+
+
+@pytest.mark.parametrize("elevation", [0.0, -10.0, 91.0, np.nan])
+def test_a_sun_below_the_horizon_is_refused(elevation):
+    with pytest.raises(InputError, match="elevation"):
+        Sun(0.0, elevation)
+
+
+def test_height_map_interpolates_a_plane_exactly():
+    along = np.arange(32) + 0.5
+    plane = HeightMap(100.0, -50.0, 32.0, (along[None, :] + 2 * along[:, None]).astype(np.float32))
+    x, y = np.array([110.3, 120.0]), np.array([-40.2, -30.7])
+    assert np.allclose(plane.at(x, y), (x - 100.0) + 2 * (y + 50.0))
+
+
+def test_height_bounds_hold_the_ground():
+    rng = np.random.default_rng(2)
+    relief = HeightMap(0.0, 0.0, 320.0, np.cumsum(rng.uniform(-1, 1, (32, 32)), axis=0).astype(np.float32))
+    west, south = rng.uniform(-50, 330, (2, 200))
+    low, high = relief.bounds(west, south, west + 15.0, south + 15.0)
+    for dx in (0.0, 7.0, 15.0):
+        height = relief.at(west + dx, south + dx)
+        assert ((low <= height) & (height <= high)).all()
+
+
+def test_river_strip_is_as_wide_as_told_and_faces_up():
+    line = np.stack([np.linspace(0, 100, 11), np.zeros(11), np.linspace(5, 4, 11)], axis=1)
+    place, course, triangles = strip(line, np.full(11, 10.0, np.float32))
+    assert place[:, 1].max() == pytest.approx(9.0)
+    assert np.allclose(course[:, 2:], [1.0, 0.0])
+    assert course[-1, 1] == pytest.approx(np.linalg.norm(np.diff(line[:, :2], axis=0), axis=1).sum())
+    a, b, c = (place[triangles[k::3], :2] for k in range(3))
+    turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    assert (turn > 0).all()
+    assert len(triangles) == 10 * (ACROSS - 1) * 6
+
+
+@pytest.mark.parametrize("species", SPECIES)
+def test_plants_stand_on_the_ground_one_unit_high_and_get_simpler(species):
+    meshes = [plant_mesh(species, detail) for detail in range(DETAILS)]
+    counts = [len(mesh) for mesh in meshes]
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] <= 150
+    for mesh in meshes:
+        assert -0.2 < mesh["place"][:, 2].min() < 0.4
+        assert 0.8 < mesh["place"][:, 2].max() < 1.3
+        assert np.allclose(np.linalg.norm(mesh["outward"], axis=1), 1.0, atol=1e-5)
+
+
+def test_plants_are_the_same_every_time():
+    assert plant_mesh("conifer", 0).tobytes() == plant_mesh("conifer", 0).tobytes()
+
+
+def test_noise_is_tileable():
+    field = tileable_noise(64)
+    inner = np.abs(np.diff(field, axis=0)).max(axis=(0, 1))
+    seam = np.abs(field[0] - field[-1]).max(axis=0)
+    assert (seam <= 1.5 * inner).all()
+    assert np.allclose(field.mean(axis=(0, 1)), 0, atol=1e-6)
+
+
+def test_shade_matrix_looks_along_the_light():
+    sun = Sun(210.0, 35.0)
+    centre = np.array([10.0, 20.0, -3.0])
+    matrix = shade_matrix(sun, centre, 50.0, 400.0)
+    along = matrix @ np.append(centre + 100.0 * sun.direction, 1.0)
+    assert np.allclose(along, [0.0, 0.0, -0.25, 1.0])

@@ -1,0 +1,83 @@
+"""GLSL functions against plain NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import BuildError
+from sketchterrain.render.programs import build_program
+from sketchterrain.resources import source
+
+pytestmark = pytest.mark.gl
+
+HEADER = "#version 430 core\n"
+WEIGHTS = "vec4(triplanar_weights(a.xyz), 0.0)"
+
+
+def evaluate(gl, includes, call, inputs):
+    """Run a GLSL expression of `a` (vec4) for each row of `inputs`, through transform feedback."""
+    text = HEADER + "".join(source(name) for name in includes)
+    text += f"in vec4 a; out vec4 result; void main() {{ result = {call}; }}"
+    program = gl.program(vertex_shader=text, varyings=["result"])
+    rows = np.ascontiguousarray(inputs, dtype=np.float32)
+    output = gl.buffer(reserve=rows.nbytes)
+    gl.vertex_array(program, [(gl.buffer(rows.tobytes()), "4f4", "a")]).transform(output, vertices=len(rows))
+    return np.frombuffer(output.read(), np.float32).reshape(-1, 4)
+
+
+def unit_vectors(count, seed=1):
+    v = np.random.default_rng(seed).standard_normal((count, 3))
+    return v / np.linalg.norm(v, axis=1, keepdims=True)
+
+
+def smoothstep(low, high, x):
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return t * t * (3 - 2 * t)
+
+
+def test_triplanar_weights_are_those_of_the_formula(gl):
+    n = unit_vectors(400)
+    got = evaluate(gl, ["render/triplanar.glsl"], WEIGHTS, np.c_[n, n[:, 0]])
+    raw = smoothstep(0.57357644, 0.81915204, np.abs(n))
+    expected = raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-4)
+    assert np.allclose(got[:, :3], expected, atol=2e-5)
+
+
+def test_flat_ground_is_textured_from_above_alone(gl):
+    got = evaluate(
+        gl, ["render/triplanar.glsl"], "vec4(triplanar_weights(a.xyz), 0.0)", [[0.1, -0.1, 0.99, 0]]
+    )
+    assert np.allclose(got[0, :3], [0, 0, 1])
+
+
+@pytest.mark.parametrize("roughness", [0.2, 0.5, 1.0])
+def test_facets_cover_the_surface_once(gl, roughness):
+    theta = (np.arange(20_000) + 0.5) / 20_000 * np.pi / 2
+    rows = np.c_[np.cos(theta), np.full_like(theta, roughness), theta, theta]
+    density = evaluate(gl, ["render/surface.glsl"], "vec4(trowbridge_reitz(a.x, a.y))", rows)[:, 0]
+    projected = 2 * np.pi * np.sum(density * np.cos(theta) * np.sin(theta)) * (theta[1] - theta[0])
+    assert projected == pytest.approx(1.0, abs=2e-3)
+
+
+def test_schlick_is_its_formula(gl):
+    cosine = np.linspace(0, 1, 50)
+    got = evaluate(gl, ["render/surface.glsl"], "vec4(schlick(vec3(0.04), a.x), 0.0)", np.c_[[cosine] * 4].T)
+    assert np.allclose(got[:, 0], 0.04 + 0.96 * (1 - cosine) ** 5, atol=1e-6)
+
+
+def test_a_white_surface_reflects_no_more_than_it_receives(gl):
+    light = unit_vectors(40_000, seed=5)
+    light[:, 2] = np.abs(light[:, 2])
+    to_eye = "normalize(vec3(0.6, 0, 0.8))"
+    call = f"vec4(reflectance(vec3(1.0), vec3(0.04), 0.6, vec3(0, 0, 1), {to_eye}, a.xyz), 0.0)"
+    got = evaluate(gl, ["render/surface.glsl"], call, np.c_[light, light[:, 0]])[:, 0]
+    assert 2 * np.pi * got.mean() <= 1.02
+
+
+def test_a_broken_program_names_its_files(gl, monkeypatch):
+    monkeypatch.setattr(
+        "sketchterrain.render.programs.source", lambda name: HEADER + "void main() { nonsense; }"
+    )
+    with pytest.raises(BuildError, match=r"screen\.vert\.glsl and sky\.frag\.glsl.*nonsense"):
+        build_program(gl, "screen.vert.glsl", "sky.frag.glsl")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-LAYER_CODES: Final = {"mountain": 0, "hill": 1, "dune": 2, "forest": 3, "river": 4}
+LAYER_CODES: Final = {"mountain": 0, "hill": 1, "dune": 2, "forest": 3, "river": 4, "lake": 5, "material": 6}
 """Codes that ids and hashes carry. Never renumber: every terrain would change."""
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer, Parameter, named
+from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer, Parameter, Properties, Value, named
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ class Sketch:
     ground: Mapping[str, float] = field(default_factory=dict)
     climate: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
-    labels: Mapping[tuple[str, int], Mapping[str, float]] = field(default_factory=dict)
+    labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         checked: dict[str, object] = {
@@ -109,7 +109,7 @@ class Sketch:
         """Metres (eastward, northward) that the sketch covers from the origin."""
         return self.width_px * self.pixel_size, self.height_px * self.pixel_size
 
-    def properties(self, layer: str, label: int) -> Mapping[str, float]:
+    def properties(self, layer: str, label: int) -> Properties:
         """Return every property of a label: what is declared, and the defaults for the rest.
 
         Parameters
@@ -150,15 +150,15 @@ def _layer(name: str) -> Layer:
     return LAYERS[name]
 
 
-def _defaults(table: Mapping[str, Parameter]) -> dict[str, float]:
-    return {name: cast(float, parameter.default) for name, parameter in table.items()}
+def _defaults(table: Mapping[str, Parameter]) -> dict[str, Value]:
+    return {name: parameter.default for name, parameter in table.items()}
 
 
 def _check_table(
     values: Mapping[str, object], table: Mapping[str, Parameter], where: str, prefix: str
-) -> dict[str, float]:
+) -> dict[str, Value]:
     return {
-        name: cast(float, named(table, name, value, where).check(value, f"{prefix}{name}"))
+        name: named(table, name, value, where).check(value, f"{prefix}{name}")
         for name, value in values.items()
     }
 
@@ -171,8 +171,8 @@ def _check_label(layer: str, label: object) -> int:
 
 
 def _check_labels(
-    labels: Mapping[tuple[str, int], Mapping[str, float]],
-) -> Mapping[tuple[str, int], Mapping[str, float]]:
+    labels: Mapping[tuple[str, int], Properties],
+) -> Mapping[tuple[str, int], Properties]:
     checked = {}
     order = {name: rank for rank, name in enumerate(LAYERS)}
     for (name, given), values in labels.items():

@@ -7,16 +7,14 @@ tables below; whoever adds a parameter adds it here and nowhere else.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Integral, Real
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Any, TypeAlias
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.wording import did_you_mean, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 __all__ = [
     "CLIMATE",
@@ -24,10 +22,12 @@ __all__ = [
     "FORMAT",
     "GROUND",
     "LAYERS",
+    "MATERIALS",
     "SKETCH",
     "TABLES",
     "Layer",
     "Parameter",
+    "Properties",
     "Value",
     "named",
     "reference_table",
@@ -35,8 +35,14 @@ __all__ = [
 
 Value: TypeAlias = int | float | str
 
+Properties: TypeAlias = Mapping[str, Any]
+"""Values by the names of their parameters, each of the kind that its parameter declares."""
+
 FORMAT = 1
 """The format of the sketch file that this program reads and writes."""
+
+MATERIALS = ("grass", "soil", "rock", "scree", "sand", "snow", "river_bed", "forest_floor")
+"""What can cover the ground."""
 
 
 @dataclass(frozen=True)
@@ -241,6 +247,15 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 _table(
                     Parameter("width", float, 12.0, 0.5, 2000.0, "m", "from bank to bank"),
                     Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
+                    Parameter(
+                        "flow",
+                        float,
+                        -1.0,
+                        -1.0,
+                        360.0,
+                        "°",
+                        "where it runs to: 0 north; -1 downhill",
+                    ),
                 ),
             ),
             Layer(
@@ -266,7 +281,35 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                     Parameter(
                         "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
                     ),
+                    Parameter(
+                        "conifers",
+                        float,
+                        -1.0,
+                        -1.0,
+                        1.0,
+                        "",
+                        "share of conifers; -1 is by elevation",
+                    ),
                     _multitude(20, "groves"),
+                ),
+            ),
+            Layer(
+                "lake",
+                "Lakes",
+                (98, 178, 214),
+                "where water stands",
+                _table(Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")),
+            ),
+            Layer(
+                "material",
+                "Materials",
+                (168, 160, 150),
+                "what covers the ground, whatever else would lie there",
+                _table(
+                    Parameter(
+                        "material", str, "rock", 0, 40, "", "what lies on the ground", choices=MATERIALS
+                    ),
+                    Parameter("strength", float, 1.0, 0.0, 1.0, "", "0 is no cover, 1 hides all else"),
                 ),
             ),
         )

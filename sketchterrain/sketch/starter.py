@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,9 +46,7 @@ def starter_sketch() -> Sketch:
         density={"hill": 0.5, "forest": 0.5},
         layers={"mountain": _stroke(_MOUNTAIN), "river": _stroke(_RIVER)},
         labels={
-            (layer.name, 1): {
-                name: cast(float, parameter.default) for name, parameter in layer.parameters.items()
-            }
+            (layer.name, 1): {name: parameter.default for name, parameter in layer.parameters.items()}
             for layer in LAYERS.values()
         },
     )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.document import Sketch
-from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES, Parameter, Value
+from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES, Parameter, Properties, Value
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ def _label_tables(layer: str, value: object) -> list[tuple[int, Mapping[str, obj
     return tables
 
 
-def _lines(values: Mapping[str, Value] | Mapping[str, float], table: Mapping[str, Parameter]) -> list[str]:
+def _lines(values: Properties, table: Mapping[str, Parameter]) -> list[str]:
     return [
         f"{name} = {_written(values[name])}".ljust(_COMMENT_COLUMN)
         + f" # {parameter.help} ({parameter.range} {parameter.unit}".rstrip()

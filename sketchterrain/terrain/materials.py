@@ -1,8 +1,7 @@
-"""The materials the ground is covered with."""
+"""The materials the ground is covered with, in the order of ``kernels/materials.clh``."""
 
 from __future__ import annotations
 
-__all__ = ["MATERIALS"]
+from sketchterrain.sketch import MATERIALS
 
-MATERIALS = ("grass", "soil", "rock", "scree", "sand", "snow", "river_bed", "forest_floor")
-"""Names of the material weights, in the order of ``kernels/materials.clh``."""
+__all__ = ["MATERIALS"]

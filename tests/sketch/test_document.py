@@ -69,6 +69,14 @@ def test_properties_are_the_declared_ones_over_the_defaults() -> None:
             sketch.properties("mountain", label)  # type: ignore[arg-type]
 
 
+def test_a_material_is_one_of_those_there_are() -> None:
+    sketch = Sketch(labels={("material", 2): {"material": "snow"}})
+    assert sketch.properties("material", 2) == {"material": "snow", "strength": 1.0}
+    assert sketch.properties("material", 1)["material"] == "rock"
+    with pytest.raises(InputError, match=r"material\.1\.material = 'mud': expected 'grass' or 'soil'"):
+        Sketch(labels={("material", 1): {"material": "mud"}})
+
+
 def test_labels_are_ordered_by_layer_and_number() -> None:
     sketch = Sketch(labels={("river", 2): {}, ("mountain", 9): {}, ("river", 1): {}})
     assert list(sketch.labels) == [("mountain", 9), ("river", 1), ("river", 2)]
@@ -83,7 +91,7 @@ def test_labels_are_ordered_by_layer_and_number() -> None:
         ({"density": {"hil": 1}}, "unknown key 'hil' = 1 in .density.: .*did you mean 'hill'"),
         ({"ground": {"relief": -1}}, "ground.relief = -1: expected a number from 0 to 2000 m"),
         ({"labels": {("hill", 0): {}}}, "expected a label from 1 to 255"),
-        ({"labels": {("lake", 1): {}}}, "unknown layer 'lake'"),
+        ({"labels": {("pond", 1): {}}}, "unknown layer 'pond'"),
         ({"labels": {("hill", 1): {"wind": 1}}}, r"unknown key 'wind' = 1 in \[hill.1\]"),
         ({"layers": {"hill": [[0]]}}, "expected a uint8 array .height, width., got list"),
         ({"layers": {"hill": np.zeros((2, 2))}}, "got float64"),

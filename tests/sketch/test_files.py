@@ -166,7 +166,10 @@ def test_layers_of_two_sizes_are_refused(
     [
         ("mountains.png", "did you mean 'mountain.png'"),
         ("Mountain.PNG", "did you mean 'mountain.png'"),
-        ("lake.png", "expected mountain.png, hill.png, river.png, dune.png, forest.png"),
+        (
+            "pond.png",
+            "expected mountain.png, hill.png, river.png, dune.png, forest.png, lake.png, material.png",
+        ),
         ("hill.jpg", "'hill.jpg': expected a PNG file, hill.png"),
         ("River.TIFF", "expected a PNG file, river.png"),
         ("two\nlines.png", r"unknown layer image 'two\\nlines.png'"),

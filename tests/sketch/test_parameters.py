@@ -80,7 +80,7 @@ def test_a_text_that_no_file_can_hold_is_refused() -> None:
 
 
 def test_layers_are_keyed_by_their_names_and_differ_in_colour() -> None:
-    assert list(LAYERS) == ["mountain", "hill", "river", "dune", "forest"]
+    assert list(LAYERS) == ["mountain", "hill", "river", "dune", "forest", "lake", "material"]
     assert all(name == layer.name for name, layer in LAYERS.items())
     assert len({layer.colour for layer in LAYERS.values()}) == len(LAYERS)
     assert all(0 <= channel <= 255 for layer in LAYERS.values() for channel in layer.colour)

@@ -24,9 +24,13 @@ def _values(table: Mapping[str, Parameter]) -> SearchStrategy[dict[str, object]]
     def of(parameter: Parameter) -> SearchStrategy[object]:
         if parameter.kind is int:
             return st.integers(int(parameter.low), int(parameter.high))
+        if parameter.choices:
+            return st.sampled_from(parameter.choices)
         return st.floats(parameter.low, parameter.high)
 
-    return st.fixed_dictionaries({}, optional={name: of(p) for name, p in table.items() if p.kind is not str})
+    return st.fixed_dictionaries(
+        {}, optional={name: of(p) for name, p in table.items() if p.kind is not str or p.choices}
+    )
 
 
 _LABELS = st.fixed_dictionaries(
@@ -194,7 +198,8 @@ def test_no_bytes_do_worse_than_an_input_error(data: bytes) -> None:
 def test_the_largest_settings_fit_the_limits() -> None:
     labels = {
         (name, label): {
-            key: p.high - 1 / 3 if p.kind is float else p.high for key, p in layer.parameters.items()
+            key: p.high - 1 / 3 if p.kind is float else p.choices[-1] if p.choices else p.high
+            for key, p in layer.parameters.items()
         }
         for name, layer in LAYERS.items()
         for label in range(1, 256)

@@ -22,7 +22,7 @@ __all__ = ["find_view"]
 FOV: Final = 36.0
 STANDS: Final = 14
 """Candidate stands along each side of the sketch."""
-RISES: Final = (0.010, 0.022, 0.038)
+RISES: Final = (0.010, 0.022, 0.038, 0.032)
 """Heights of the eye above the ground, in extents."""
 RISE_LIMITS: Final = (20.0, 190.0)
 """m; over the trees, and not so high that they look like moss."""
@@ -32,6 +32,8 @@ IN_VIEW: Final = 9
 DISTANCES: Final = 56
 TYPES: Final = 4
 """Of point features: mountain, hill, dune, forest."""
+_TYPE_WEIGHTS: Final = np.array([1.0, 1.0, 2.2, 1.0])
+"""How much each type of point feature adds to a view; what lies flat needs more weight to be seen at all."""
 HORIZON_AT: Final = 0.34
 """Where the horizon should lie, in half heights above the picture's middle."""
 
@@ -143,7 +145,7 @@ def _score(seen: _Panorama, distance: Floats) -> Floats:
         + 0.9 * np.tanh(middle.mean(axis=0) / 0.15)
         + 1.0 * np.tanh(_window(seen.layers, IN_VIEW).mean(axis=0) / 3.0)
         + 2.4 * np.tanh(_window(seen.water, 7).mean(axis=0) / 0.012)
-        + 1.0 * np.tanh(painted / 0.10).sum(axis=0)
+        + np.tensordot(_TYPE_WEIGHTS, np.tanh(painted / 0.10), axes=1)
         + 0.8 * np.tanh(_window(seen.inside, IN_VIEW).mean(axis=0) / 0.15)
         - 14.0 * wall
     )

@@ -20,7 +20,8 @@ class TypeRule:
     ----------
     reach : float
         Ground radius over the radius of the painted disc. Mountains and hills fall to a quarter of their
-        height at two thirds of their ground radius (2t³ - 3t² + 1), so 1.5 puts that on the painted border; a mountain's tip makes it fall faster.
+        height at two thirds of their ground radius (2t³ - 3t² + 1), so 1.5 puts that on the painted border;
+        a mountain's tip makes it fall faster.
     support : (low, high)
         Strength of the features between the summits, as a share of a summit of the same size.
     size_power : float

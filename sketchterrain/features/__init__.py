@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, River
+from sketchterrain.features.catalogue import (
+    FEATURE,
+    FEATURE_TYPES,
+    FILL_BIT,
+    Cover,
+    Lake,
+    River,
+    ShapeField,
+)
 from sketchterrain.features.fill import Fill
 from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.placement import place
@@ -14,10 +22,13 @@ __all__ = [
     "FEATURE",
     "FEATURE_TYPES",
     "FILL_BIT",
+    "Cover",
     "Fill",
+    "Lake",
     "PaintedDistance",
     "River",
     "Shape",
+    "ShapeField",
     "label_shapes",
     "place",
     "sample_catmull_rom",

@@ -107,3 +107,27 @@ class Lake:
     shape: ShapeField
     level: float
     depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class Cover:
+    """A painted surface: one material laid over those that the rules choose.
+
+    Attributes
+    ----------
+    id : int
+        Stable name: the layer's code and a pixel of the shape.
+    label : int
+        Label in the material layer that painted it.
+    shape : ShapeField
+    material : int
+        Index into the materials.
+    strength : float
+        0 … 1: how much of the ground it takes where it is painted.
+    """
+
+    id: int
+    label: int
+    shape: ShapeField
+    material: int
+    strength: float

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sketchterrain.features import River
-    from sketchterrain.features.catalogue import Points
+    from sketchterrain.features.catalogue import Cover, Lake, Points
 
 __all__ = ["FeatureSource", "NoFill", "TerrainRecipe"]
 
@@ -73,6 +73,11 @@ class TerrainRecipe:
     rivers : tuple of River
     river_reach : tuple of ndarray
         For each river how far its valley reaches from the centreline at each of its points, m.
+    lakes : tuple of Lake
+    covers : tuple of Cover
+        Painted materials, in the order in which each lies over the ones before it.
+    resolutions : tuple of str
+        What was decided where layers contradict each other, one line each.
     """
 
     extent: float
@@ -84,6 +89,9 @@ class TerrainRecipe:
     fill: FeatureSource
     rivers: tuple[River, ...] = ()
     river_reach: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()
+    lakes: tuple[Lake, ...] = ()
+    covers: tuple[Cover, ...] = ()
+    resolutions: tuple[str, ...] = ()
 
     @property
     def warp(self) -> float:

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from sketchterrain.features import Fill, label_shapes, place, trace_rivers
-from sketchterrain.features.rules import LAYER_CODES
+from sketchterrain.features import FEATURE_TYPES, Fill, label_shapes, place, trace_rivers
+from sketchterrain.features.rules import LAYER_CODES, TYPES
 from sketchterrain.features.shapes import EDGE_OVERHANG
 from sketchterrain.sketch.document import Sketch
 
@@ -35,9 +35,8 @@ def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 @given(sketches(), st.integers(0, 2**63 - 1))
 def test_any_sketch(sketch: Sketch, seed: int) -> None:
     placed = place(sketch, seed=seed)
-    for name, code in LAYER_CODES.items():
-        if name == "river":
-            continue
+    for name in TYPES:
+        code = FEATURE_TYPES.index(name)
         own = placed[placed["type"] == code]
         pixels = (own["id"] & np.uint64(2**48 - 1)).astype(int)
         stands_on = np.zeros(sketch.layers[name].size, bool)
@@ -48,8 +47,9 @@ def test_any_sketch(sketch: Sketch, seed: int) -> None:
     for field in ("x", "y", "radius", "strength"):
         assert np.isfinite(placed[field]).all()
     assert np.all(placed["strength"] > 0)
+    widest = max(rule.reach for rule in TYPES.values())
     longer = max(sketch.width_px, sketch.height_px)
-    assert np.all(placed["radius"] <= 1.5 * sketch.pixel_size * longer * (0.5 + EDGE_OVERHANG + 1))
+    assert np.all(placed["radius"] <= widest * sketch.pixel_size * longer * (0.5 + EDGE_OVERHANG + 1))
 
     rivers = trace_rivers(sketch, seed=seed, ground=rolling)
     assert len({river.id for river in rivers}) == len(rivers)

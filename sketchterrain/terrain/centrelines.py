@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +19,9 @@ __all__ = ["simplified", "valley_reach"]
 # Straight pieces stay within this share of the width of the curve, and of the depth of its surface.
 _TOLERANCE = 0.01
 _SMALLEST_TOLERANCE = 0.02  # m
+_BED_TOLERANCE = 0.004  # m
 _FLOODPLAIN_WIDTHS = 4.0
+_LEAST_WIDTHS = 3.0  # whatever the largest reach
 _SMALLEST_REACH = 30.0  # m
 _VALLEY_RUN_PER_DEPTH = 1.7  # about 30° for the steepest part of a valley's side
 _LARGEST_REACH = 900.0  # m
@@ -43,11 +47,22 @@ def valley_reach(river: River, ground: npt.NDArray[np.float64]) -> npt.NDArray[n
     reach = np.maximum(_FLOODPLAIN_WIDTHS * width, _SMALLEST_REACH) + _VALLEY_RUN_PER_DEPTH * cut
     step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
     smooth = gaussian_filter1d(reach, sigma=max(float(np.median(reach)) / max(step, 1e-3) / 2, 1.0))
-    return np.minimum(smooth, _LARGEST_REACH)
+    return np.maximum(np.minimum(smooth, _LARGEST_REACH), _LEAST_WIDTHS * width)
 
 
-def simplified(river: River, reach: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def simplified(
+    river: River, reach: npt.NDArray[np.float64], meeting: npt.NDArray[np.float64] | None = None
+) -> npt.NDArray[np.float64]:
     """Return the points of the centreline that straight pieces need (Douglas & Peucker 1973).
+
+    Parameters
+    ----------
+    river
+    reach
+        As `valley_reach` returns it.
+    meeting
+        Positions (m) where rivers end, shape (n, 2): those on this centreline are kept, so that where
+        two rivers meet both have one level.
 
     Returns
     -------
@@ -57,17 +72,30 @@ def simplified(river: River, reach: npt.NDArray[np.float64]) -> npt.NDArray[np.f
     line = np.column_stack(
         [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), reach]
     )
-    tolerance = max(_TOLERANCE * float(river.centreline_width.min()), _SMALLEST_TOLERANCE)
+    width, depth = float(river.centreline_width.min()), float(river.centreline_depth.max())
+    # Half a width is one in the bed's parabola: off its line it is shallower by depth * (2 off / width)^2.
+    tolerance = min(_TOLERANCE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
+    tolerance = max(tolerance, _SMALLEST_TOLERANCE)
     # The reach only widens a blend: a tenth of the care for position will do.
     weighted = line * np.array([1, 1, 1, 1, 1, 0.02])
-    return line[_douglas_peucker(weighted, tolerance)]
+    return line[_douglas_peucker(weighted, tolerance, _met(river, meeting))]
 
 
-def _douglas_peucker(line: npt.NDArray[np.float64], tolerance: float) -> npt.NDArray[np.bool_]:
+def _met(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[np.intp]:
+    """Indices of the centreline's ends and of its points where another river ends, ascending."""
+    line = river.centreline[:, 0] + 1j * river.centreline[:, 1]
+    at = np.zeros(len(line), dtype=bool) if meeting is None else np.isin(line, meeting @ np.array([1, 1j]))
+    at[[0, -1]] = True
+    return np.flatnonzero(at)
+
+
+def _douglas_peucker(
+    line: npt.NDArray[np.float64], tolerance: float, kept: npt.NDArray[np.intp]
+) -> npt.NDArray[np.bool_]:
     """Which points to keep so that every other one is within the tolerance of the piece that replaces it."""
     keep = np.zeros(len(line), dtype=bool)
-    keep[[0, -1]] = True
-    ranges = [(0, len(line) - 1)]
+    keep[kept] = True
+    ranges = list(itertools.pairwise(kept.tolist()))
     while ranges:
         first, last = ranges.pop()
         if last - first < 2:

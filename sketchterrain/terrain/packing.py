@@ -189,9 +189,15 @@ def _slots(recipe: TerrainRecipe, features: Points) -> npt.NDArray[np.int64]:
 
 
 def pack_rivers(recipe: TerrainRecipe) -> PackedRivers:
-    """Return the rivers' centrelines as few straight pieces, within a hundredth of the width of the curve."""
+    """Return the rivers' centrelines as few straight pieces, within a hundredth of the width of the curve.
+
+    Where rivers meet, both keep the point. A piece's say in a blend is its length, but a long one has no more
+    than one of half a width: a straight river would shout down a winding one beside it.
+    """
+    meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
     pieces = [
-        simplified(river, reach) for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True)
+        simplified(river, reach, meeting)
+        for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True)
     ]
     if not pieces:
         return PackedRivers(np.zeros((0, 2), np.int64), *(np.zeros((0, 4)) for _ in range(3)))
@@ -200,5 +206,6 @@ def pack_rivers(recipe: TerrainRecipe) -> PackedRivers:
     vector = (end - start) * metres_per_unit(recipe.extent)
     length2 = np.sum(vector**2, axis=1)
     kept = length2 > 0
-    along = np.column_stack([vector, 1 / np.where(kept, length2, 1), np.sqrt(length2)])
+    say = np.minimum(np.sqrt(length2), 0.5 * (starts[:, 3] + ends[:, 3]))
+    along = np.column_stack([vector, 1 / np.where(kept, length2, 1), say])
     return PackedRivers(start[kept], along[kept], starts[kept, 2:], ends[kept, 2:])

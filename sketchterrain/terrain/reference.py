@@ -215,23 +215,24 @@ def _dune_pattern(style: np.void, x: Lattice, y: Lattice, crest: Reals) -> Reals
 
 
 def _carved(height: Reals, rivers: PackedRivers, place: _Place, *, cell: float) -> tuple[Reals, Reals]:
-    weights, nearest = np.zeros(height.shape), np.ones(height.shape)
+    weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
     for i in range(len(rivers.start)):
-        vx, vy, inverse_length2, length = rivers.along[i]
+        vx, vy, inverse_length2, say = rivers.along[i]
         dx = (place.x - rivers.start[i, 0]) * place.unit
         dy = (place.y - rivers.start[i, 1]) * place.unit
         t = np.clip((dx * vx + dy * vy) * inverse_length2, 0, 1)
         d2 = (dx - t * vx) ** 2 + (dy - t * vy) ** 2
         here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
-        inside = np.maximum(1 - d2 / here[3] ** 2, 0)
-        weight = length * inside**2 / (d2 + here[1] ** 2 / 16) ** 2
+        share2 = d2 / here[3] ** 2
+        inside = np.maximum(1 - share2, 0)
+        weight = say * inside**2 * (32 * here[1] / (d2 + here[1] ** 2 / 64)) ** 4
         weights += weight
         sums += weight * here
-        nearest = np.minimum(nearest, d2 / here[3] ** 2)
+        nearest = np.minimum(nearest, d2 / (here[1] * np.maximum(inside * (1 + share2), 1e-6)))
     near = weights > 1e-30
     surface, half_width, depth, reach = sums[:, near] / weights[near]
-    d = np.sqrt(nearest[near]) * reach
+    d = np.sqrt(nearest[near] * half_width)
     ground = height[near]
 
     channel = _smooth(2 * half_width / cell, 1, 2)

@@ -74,11 +74,15 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     lines = [
         f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
-        f"{sum(counts['features'].values())} features, {counts['rivers']} rivers, "
-        f"{sum(counts['plants'].values())} plants",
+        f"{_counted(sum(counts['features'].values()), 'feature')}, {_counted(counts['rivers'], 'river')}, "
+        f"{_counted(sum(counts['plants'].values()), 'plant')}",
         f"in {seconds:.1f} s on {device['name']} ({device['platform']})",
         f"files: {folder}: {' '.join(report['files'])}",
     ]
     if "preview.png" in report["files"]:
         lines.append(f"preview: {folder / 'preview.png'}")
     return lines
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

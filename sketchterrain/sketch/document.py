@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
+from sketchterrain.sketch.edits import Edit, checked_edits
 from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer, Parameter, Properties, Value, named
 from sketchterrain.sketch.wording import did_you_mean, shown
 
@@ -59,6 +60,8 @@ class Sketch:
         arrays of a sketch are read-only; a writeable array is copied.
     labels
         The declared properties by (layer name, label); a label may declare only some.
+    edits
+        What a person changed of what was generated, in the order in which it is done.
 
     Raises
     ------
@@ -76,6 +79,7 @@ class Sketch:
     climate: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
+    edits: tuple[Edit, ...] = ()
 
     def __post_init__(self) -> None:
         checked: dict[str, object] = {
@@ -86,6 +90,7 @@ class Sketch:
             checked[key] = MappingProxyType(_defaults(table) | given)
         checked["layers"] = _check_layers(self.layers)
         checked["labels"] = _check_labels(self.labels)
+        checked["edits"] = checked_edits(self.edits)
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 
@@ -131,6 +136,23 @@ class Sketch:
     def replace(self, **changes: Any) -> Sketch:
         """Return a sketch in which the named fields are others, each as a whole."""
         return dataclasses.replace(self, **changes)
+
+    def with_edit(self, edit: Edit) -> Sketch:
+        """Return a sketch with one more edit, in place of those that it makes pointless.
+
+        These are an earlier edit with the same target, and, for a ``delete``, every other one of the feature;
+        what a person had added needs no ``delete`` then.
+        """
+        if edit.action != "delete":
+            kept = [each for each in self.edits if each.target != edit.target]
+            return self.replace(edits=(*kept, edit))
+        kept = [each for each in self.edits if each.feature != edit.feature]
+        was_added = any(each.action == "add" and each.feature == edit.feature for each in self.edits)
+        return self.replace(edits=tuple(kept) if was_added else (*kept, edit))
+
+    def without_edits(self, feature: int) -> Sketch:
+        """Return a sketch in which a feature is again as it was generated, or, if it was added, is gone."""
+        return self.replace(edits=tuple(edit for edit in self.edits if edit.feature != feature))
 
 
 def labels_in(image: LabelImage) -> tuple[int, ...]:

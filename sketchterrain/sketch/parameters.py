@@ -30,7 +30,8 @@ __all__ = [
     "Properties",
     "Value",
     "named",
-    "reference_table",
+    "number_text",
+    "table_of",
 ]
 
 Value: TypeAlias = int | float | str
@@ -81,7 +82,7 @@ class Parameter:
         """The allowed values in words, for example ``"0 to 1"``."""
         if self.choices:
             return " or ".join(repr(choice) for choice in self.choices)
-        return f"{_number(self.low)} to {_number(self.high)}"
+        return f"{number_text(self.low)} to {number_text(self.high)}"
 
     @property
     def expected(self) -> str:
@@ -136,11 +137,13 @@ def _real(value: object, *, whole: bool) -> float | None:
     return int(value) if isinstance(value, Integral) else float(value)
 
 
-def _number(value: float) -> str:
+def number_text(value: float) -> str:
+    """Return a number as a person writes it: 600, not 600.0."""
     return str(int(value)) if math.isfinite(value) and value == int(value) else repr(value)
 
 
-def _table(*parameters: Parameter) -> Mapping[str, Parameter]:
+def table_of(*parameters: Parameter) -> Mapping[str, Parameter]:
+    """Return parameters by their names."""
     return MappingProxyType({parameter.name: parameter for parameter in parameters})
 
 
@@ -177,7 +180,7 @@ def _density(name: str, what: str) -> Parameter:
     return Parameter(name, float, 0.0, 0.0, 100.0, "1/km²", f"{what} per km² where nothing is painted")
 
 
-SKETCH: Mapping[str, Parameter] = _table(
+SKETCH: Mapping[str, Parameter] = table_of(
     Parameter("name", str, "Untitled", 0, 200, "characters", "what the sketch is called"),
     Parameter("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
     Parameter("seed", int, 0, 0, 2**63 - 1, "", "another seed gives another terrain of the same sketch"),
@@ -187,7 +190,7 @@ SKETCH: Mapping[str, Parameter] = _table(
 )
 """Keys at the top of the file."""
 
-DENSITY: Mapping[str, Parameter] = _table(
+DENSITY: Mapping[str, Parameter] = table_of(
     _density("mountain", "mountains"),
     _density("hill", "hills"),
     _density("dune", "dunes"),
@@ -195,14 +198,14 @@ DENSITY: Mapping[str, Parameter] = _table(
 )
 """Keys of ``[density]``: what fills the world where nothing is painted."""
 
-GROUND: Mapping[str, Parameter] = _table(
+GROUND: Mapping[str, Parameter] = table_of(
     Parameter("relief", float, 40.0, 0.0, 2000.0, "m", "range of heights of the ground between features"),
     Parameter("wavelength", float, 1600.0, 50.0, 20000.0, "m", "length of the ground's widest waves"),
     Parameter("roughness", float, 0.45, 0.2, 0.7, "", "share of height that each finer octave keeps"),
 )
 """Keys of ``[ground]``: the plain under and between the features."""
 
-CLIMATE: Mapping[str, Parameter] = _table(
+CLIMATE: Mapping[str, Parameter] = table_of(
     Parameter("snow_line", float, 1e4, -1e4, 1e4, "m", "elevation above which snow lies"),
     Parameter("tree_line", float, 1e4, -1e4, 1e4, "m", "elevation above which no tree stands"),
     Parameter("aridity", float, 0.2, 0.0, 1.0, "", "0 is lush, 1 is a desert"),
@@ -223,7 +226,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Mountains",
                 (140, 92, 70),
                 "where mountains rise",
-                _table(
+                table_of(
                     Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
                     Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
                     _multitude(1, "mountains"),
@@ -234,7 +237,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Hills",
                 (122, 160, 72),
                 "where hills roll",
-                _table(
+                table_of(
                     Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
                     _multitude(6, "hills"),
                 ),
@@ -244,7 +247,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Rivers",
                 (56, 116, 196),
                 "where rivers flow: paint strokes along their courses",
-                _table(
+                table_of(
                     Parameter("width", float, 12.0, 0.5, 2000.0, "m", "from bank to bank"),
                     Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
                     Parameter(
@@ -263,7 +266,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Dunes",
                 (222, 186, 108),
                 "where the ground is a desert of dunes",
-                _table(
+                table_of(
                     Parameter("height", float, 14.0, 0.5, 300.0, "m", "from trough to crest"),
                     Parameter("wavelength", float, 140.0, 5.0, 2000.0, "m", "from crest to crest"),
                     Parameter(
@@ -277,7 +280,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Forests",
                 (38, 104, 58),
                 "where trees may stand",
-                _table(
+                table_of(
                     Parameter(
                         "density", float, 0.8, 0.0, 1.0, "", "share of the trees that the ground can carry"
                     ),
@@ -298,14 +301,14 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "Lakes",
                 (98, 178, 214),
                 "where water stands",
-                _table(Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")),
+                table_of(Parameter("depth", float, 6.0, 0.5, 200.0, "m", "greatest depth of the water")),
             ),
             Layer(
                 "material",
                 "Materials",
                 (168, 160, 150),
                 "what covers the ground, whatever else would lie there",
-                _table(
+                table_of(
                     Parameter(
                         "material", str, "rock", 0, 40, "", "what lies on the ground", choices=MATERIALS
                     ),
@@ -332,30 +335,3 @@ def named(table: Mapping[str, Parameter], name: str, value: object, where: str) 
             f"{did_you_mean(name, table)}"
         )
     return table[name]
-
-
-def reference_table() -> str:
-    """Return every parameter as Markdown: one section a table of the sketch file."""
-    sections = [_section("The sketch", f"`format = {FORMAT}` comes first.", SKETCH)]
-    about = {
-        "density": "What fills the world where nothing is painted.",
-        "ground": "The ground under and between the features.",
-        "climate": "What lies and grows on the ground.",
-    }
-    sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
-    for layer in LAYERS.values():
-        text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
-        sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
-    return "\n".join(sections)
-
-
-def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
-    rows = [
-        f"| `{p.name}` | {_toml_like(p.default)} | {p.range} | {p.unit} | {p.help} |" for p in table.values()
-    ]
-    head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
-    return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
-
-
-def _toml_like(value: Value) -> str:
-    return f'"{value}"' if isinstance(value, str) else _number(value)

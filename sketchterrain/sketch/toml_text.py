@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.document import Sketch
+from sketchterrain.sketch.edits import ACTIONS, Edit, edit_of
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES, Parameter, Properties, Value
 from sketchterrain.sketch.wording import did_you_mean, shown
 
@@ -49,8 +50,10 @@ def parse_settings(data: bytes) -> Sketch:
             fields[key] = _as_table(f"[{key}]", value)
         elif key in SKETCH:
             fields[key] = value
+        elif key == "edit":
+            fields["edits"] = _edits(value)
         else:
-            known = ["format", *SKETCH, *TABLES, *LAYERS]
+            known = ["format", *SKETCH, *TABLES, *LAYERS, "edit"]
             raise InputError(
                 f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
                 f"{did_you_mean(key, known)}"
@@ -71,7 +74,32 @@ def settings_text(sketch: Sketch) -> str:
             lines.append(f"# {name}.png: {LAYERS[name].help}")
             explained.add(name)
         lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
+    if sketch.edits:
+        lines += ["", f"# Changed by hand: {', '.join(ACTIONS)}."]
+    for edit in sketch.edits:
+        lines += [
+            "",
+            "[[edit]]",
+            *(f"{key} = {_written(value)}" for key, value in _edit_entries(edit).items()),
+        ]
     return "\n".join(lines) + "\n"
+
+
+def _edits(value: object) -> tuple[Edit, ...]:
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+        raise InputError(f"edit = {shown(value)}: expected tables, each with [[edit]] on a line of its own")
+    edits = []
+    for number, table in enumerate(value, 1):
+        try:
+            edits.append(edit_of(table))
+        except InputError as error:
+            raise InputError(f"[[edit]] number {number}: {error}") from None
+    return tuple(edits)
+
+
+def _edit_entries(edit: Edit) -> dict[str, Value]:
+    feature = {} if edit.action == "add" or edit.feature is None else {"feature": edit.feature}
+    return {"action": edit.action, **feature, **edit.values}
 
 
 def _load(data: bytes) -> dict[str, object]:

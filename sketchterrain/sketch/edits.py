@@ -1,0 +1,197 @@
+"""Edits: what a person changed of what was generated, kept with the sketch and done again each time.
+
+`ACTIONS` declares them as `parameters` declares the rest: their keys in ``[[edit]]``, their validation and
+the reference page are made from it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch.parameters import LAYERS, Parameter, Value, named, table_of
+from sketchterrain.sketch.wording import did_you_mean, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+__all__ = ["ACTIONS", "ADDED_BIT", "MOST_EDITS", "POINT_TYPES", "Action", "Edit", "checked_edits", "edit_of"]
+
+POINT_TYPES = ("mountain", "hill", "dune", "forest")
+"""What can be added and locked; rivers are changed by their control points."""
+
+ADDED_BIT = 1 << 62
+"""Set in the id of every feature that a person added."""
+
+MOST_EDITS = 2000
+"""The most edits of one sketch."""
+
+_FARTHEST = 1e7  # m
+
+
+@dataclass(frozen=True)
+class Action:
+    """A kind of edit: what it does, and the values that it needs and that it may have."""
+
+    help: str
+    needs: Mapping[str, Parameter] = field(hash=False)
+    takes: Mapping[str, Parameter] = field(default_factory=dict, hash=False)
+
+    @property
+    def values(self) -> Mapping[str, Parameter]:
+        """Everything that can be given, the feature apart."""
+        return {**self.needs, **self.takes}
+
+
+def _position(name: str, way: str) -> Parameter:
+    return Parameter(name, float, 0.0, -_FARTHEST, _FARTHEST, "m", f"{way} of the sketch's south-west corner")
+
+
+_X, _Y = _position("x", "east"), _position("y", "north")
+_RADIUS = Parameter("radius", float, 100.0, 0.1, 1e5, "m", "ground radius of its support")
+_STRENGTH = Parameter("strength", float, 1.0, 0.0, 9000.0, "", "height in m; of a forest the share of trees")
+_TYPE = Parameter("type", str, "mountain", 0, 10, "", "what it is", choices=POINT_TYPES)
+_INDEX = Parameter("index", int, 0, 0, 100_000, "", "which control point, 0 at the spring")
+_FEATURE = Parameter("feature", int, 0, 0, 2**64 - 1, "", "id of the feature, as in features.json")
+_SHAPE = (_TYPE, _X, _Y, _RADIUS, _STRENGTH)
+_STYLE = table_of(
+    LAYERS["mountain"].parameters["peakiness"],
+    LAYERS["dune"].parameters["wavelength"],
+    LAYERS["dune"].parameters["wind"],
+)
+
+ACTIONS: Mapping[str, Action] = {
+    "move": Action("puts a feature somewhere else", table_of(_X, _Y)),
+    "resize": Action("gives a feature another radius", table_of(_RADIUS)),
+    "strength": Action("gives a feature another strength", table_of(_STRENGTH)),
+    "delete": Action("takes a feature or a river away", table_of()),
+    "lock": Action("keeps a feature as it is, whatever is painted", table_of(*_SHAPE), _STYLE),
+    "add": Action("adds a feature; its id is made from its values", table_of(*_SHAPE), _STYLE),
+    "move_point": Action("puts a control point of a river somewhere else", table_of(_INDEX, _X, _Y)),
+    "width": Action("gives a river another width", table_of(LAYERS["river"].parameters["width"])),
+}
+"""What can be changed, by name."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One change of what was generated.
+
+    Parameters
+    ----------
+    action
+        A name in `ACTIONS`; it says which of the values below are given.
+    feature
+        Id of the feature or river that it changes. That of an ``add`` is made from its values, whatever is
+        given here.
+    type, x, y, radius, strength, peakiness, wavelength, wind, index, width
+        Values by the names in `ACTIONS`, None where there is none.
+
+    Raises
+    ------
+    InputError
+        If there is no such action, or a value is missing, unknown to the action or out of range.
+    """
+
+    action: str
+    feature: int | None = None
+    type: str | None = None
+    x: float | None = None
+    y: float | None = None
+    radius: float | None = None
+    strength: float | None = None
+    peakiness: float | None = None
+    wavelength: float | None = None
+    wind: float | None = None
+    index: int | None = None
+    width: float | None = None
+
+    def __post_init__(self) -> None:
+        action = _action(self.action)
+        for name, value in self._given().items():
+            parameter = named(action.values, name, value, f"edit {self.action}")
+            object.__setattr__(self, name, parameter.check(value, f"edit {self.action}.{name}"))
+        missing = [name for name in action.needs if getattr(self, name) is None]
+        if missing:
+            raise InputError(f"edit {self.action}: expected {', '.join(action.needs)}, no {missing[0]} given")
+        if self.type == "forest" and (self.strength or 0.0) > 1.0:
+            raise InputError(f"edit {self.action}.strength = {self.strength}: expected a share from 0 to 1")
+        if self.action == "add":
+            object.__setattr__(self, "feature", _id_of(self.values))
+        else:
+            object.__setattr__(self, "feature", _FEATURE.check(self.feature, f"edit {self.action}.feature"))
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """What is given, by name, without action and feature; in the order of the declaration."""
+        return {
+            name: value for name in ACTIONS[self.action].values if (value := getattr(self, name)) is not None
+        }
+
+    @property
+    def target(self) -> tuple[str, int | None, int | None]:
+        """What it decides; of two edits with one target the later one counts."""
+        return self.action, self.feature, self.index
+
+    def _given(self) -> dict[str, Any]:
+        fields = [each.name for each in dataclasses.fields(self) if each.name not in ("action", "feature")]
+        return {name: value for name in fields if (value := getattr(self, name)) is not None}
+
+
+def edit_of(table: Mapping[str, object]) -> Edit:
+    """Return the edit that one ``[[edit]]`` table says.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    name = table.get("action")
+    if name is None:
+        raise InputError(f"no action: expected {', '.join(ACTIONS)}")
+    action = _action(name)
+    first = ("action",) if name == "add" else ("action", "feature")
+    known = [*first, *action.values]
+    for key, value in table.items():
+        if key not in known:
+            raise InputError(
+                f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
+                f"{did_you_mean(key, known)}"
+            )
+    if "feature" in first and "feature" not in table:
+        raise InputError(f"no feature: expected {', '.join(known)}")
+    return Edit(**table)  # type: ignore[arg-type] # Edit checks every value
+
+
+def checked_edits(edits: Iterable[Edit]) -> tuple[Edit, ...]:
+    """Return edits as a sketch keeps them.
+
+    Raises
+    ------
+    InputError
+        If one is no `Edit`, or there are more than `MOST_EDITS`.
+    """
+    kept = tuple(edits)
+    for edit in kept:
+        if not isinstance(edit, Edit):
+            raise InputError(f"edits: expected Edit values, got {shown(edit)}")
+    if len(kept) > MOST_EDITS:
+        raise InputError(f"{len(kept)} edits: expected at most {MOST_EDITS}")
+    return kept
+
+
+def _action(name: object) -> Action:
+    if not isinstance(name, str) or name not in ACTIONS:
+        raise InputError(
+            f"action = {shown(name)}: expected {', '.join(ACTIONS)}{did_you_mean(str(name), ACTIONS)}"
+        )
+    return ACTIONS[name]
+
+
+def _id_of(values: Mapping[str, Value]) -> int:
+    text = "\n".join(f"{name} = {value!r}" for name, value in sorted(values.items()))
+    word = int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
+    return ADDED_BIT | (word >> 2)

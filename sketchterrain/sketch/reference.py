@@ -1,0 +1,62 @@
+"""The reference page of everything that can be set and changed, made from the declarations."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sketchterrain.sketch.edits import ACTIONS
+from sketchterrain.sketch.parameters import (
+    FORMAT,
+    LAYERS,
+    SKETCH,
+    TABLES,
+    Parameter,
+    Value,
+    number_text,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["reference_table"]
+
+
+def reference_table() -> str:
+    """Return every parameter as Markdown: one section a table of the sketch file."""
+    sections = [_section("The sketch", f"`format = {FORMAT}` comes first.", SKETCH)]
+    about = {
+        "density": "What fills the world where nothing is painted.",
+        "ground": "The ground under and between the features.",
+        "climate": "What lies and grows on the ground.",
+    }
+    sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
+    for layer in LAYERS.values():
+        text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
+        sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
+    return "\n".join([*sections, _edits()])
+
+
+def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
+    rows = [
+        f"| `{p.name}` | {_toml_like(p.default)} | {p.range} | {p.unit} | {p.help} |" for p in table.values()
+    ]
+    head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
+    return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
+
+
+def _edits() -> str:
+    text = (
+        "What was changed by hand after it was generated: one table an edit, done in this order. "
+        "`action` says what, `feature` is an id as in `features.json`."
+    )
+    head = ["| action | what it does | needs | may have |", "|---|---|---|---|"]
+    rows = [
+        f"| {name} | {action.help} | {', '.join([*([] if name == 'add' else ['feature']), *action.needs])} "
+        f"| {', '.join(action.takes)} |"
+        for name, action in ACTIONS.items()
+    ]
+    return "\n".join(["### `[[edit]]`", "", text, "", *head, *rows, ""])
+
+
+def _toml_like(value: Value) -> str:
+    return f'"{value}"' if isinstance(value, str) else number_text(value)

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch import ACTIONS, ADDED_BIT, Edit, Sketch, load_sketch, save_sketch
+from sketchterrain.sketch.contents import SETTINGS, file_limit
+from sketchterrain.sketch.edits import MOST_EDITS
+from sketchterrain.sketch.toml_text import parse_settings, settings_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from hypothesis.strategies import SearchStrategy
+
+    from sketchterrain.sketch import Parameter
+
+HILL = Edit("add", type="hill", x=10.0, y=20.0, radius=30.0, strength=5.0)
+
+
+def _value(parameter: Parameter) -> SearchStrategy[object]:
+    if parameter.choices:
+        return st.sampled_from(parameter.choices)
+    if parameter.name == "strength":
+        return st.floats(0.0, 1.0)  # what a forest can have too
+    if parameter.kind is int:
+        return st.integers(int(parameter.low), int(parameter.high))
+    return st.floats(parameter.low, parameter.high)
+
+
+def _edits(action: str) -> SearchStrategy[Edit]:
+    declared = ACTIONS[action]
+    values = st.fixed_dictionaries(
+        {name: _value(parameter) for name, parameter in declared.needs.items()},
+        optional={name: _value(parameter) for name, parameter in declared.takes.items()},
+    )
+    return st.builds(lambda feature, given: Edit(action, feature, **given), st.integers(0, 2**64 - 1), values)
+
+
+@given(st.lists(st.sampled_from(list(ACTIONS)).flatmap(_edits), max_size=6))
+def test_edits_round_trip_through_the_settings(edits: list[Edit]) -> None:
+    sketch = Sketch(edits=tuple(edits))
+    again = parse_settings(settings_text(sketch).encode())
+    assert again.edits == sketch.edits
+    assert settings_text(again) == settings_text(sketch)
+
+
+def test_edits_are_saved_with_the_sketch(tmp_path: Path, same: Callable[..., None]) -> None:
+    sketch = Sketch(edits=(HILL, Edit("move", 7, x=1.0, y=2.0), Edit("delete", 2**63 + 5)))
+    for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
+        save_sketch(sketch, path)
+        same(load_sketch(path), sketch)
+
+
+def test_an_edit_in_the_file_is_what_it_looks_like() -> None:
+    text = b'format = 1\n[[edit]]\naction = "move_point"\nfeature = 12\nindex = 3\nx = 5\ny = -2.5\n'
+    assert parse_settings(text).edits == (Edit("move_point", 12, index=3, x=5.0, y=-2.5),)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("edit = 3", "edit = 3: expected tables, each with"),
+        ("edit = [3]", "expected tables"),
+        ("[edit]\nx = 1", "expected tables"),
+        ("[[edit]]", "number 1: no action: expected move, resize"),
+        ("[[edit]]\naction = 'mov'", "number 1: action = 'mov': expected .*did you mean 'move'"),
+        ("[[edit]]\naction = 3", "action = 3: expected move"),
+        ("[[edit]]\naction = ['move']", "action = ..move..: expected move"),
+        ("[[edit]]\naction = 'delete'", "no feature: expected action, feature"),
+        ("[[edit]]\naction = 'delete'\nfeature = -1", "feature = -1: expected a whole number from 0"),
+        ("[[edit]]\naction = 'delete'\nfeature = 1.5", "feature = 1.5: expected a whole number"),
+        ("[[edit]]\naction = 'move'\nfeature = 1\nx = 2", "edit move: expected x, y, no y given"),
+        ("[[edit]]\naction = 'move'\nfeature = 1\nx = nan\ny = 0", "edit move.x = nan: expected a number"),
+        ("[[edit]]\naction = 'move'\nfeature = 1\nx = '2'\ny = 0", "edit move.x = '2': expected a number"),
+        ("[[edit]]\naction = 'move'\nfeature = 1\nwidht = 2", "unknown key 'widht' = 2: expected action"),
+        ("[[edit]]\naction = 'resize'\nfeature = 1\nradius = 0", "resize.radius = 0: expected a number"),
+        ("[[edit]]\naction = 'add'\nfeature = 1", "unknown key 'feature' = 1: expected action, type"),
+        (
+            "[[edit]]\naction='add'\ntype='lake'\nx=0\ny=0\nradius=1\nstrength=1",
+            "add.type = 'lake': expected 'mountain'",
+        ),
+        (
+            "[[edit]]\naction='add'\ntype='forest'\nx=0\ny=0\nradius=1\nstrength=5",
+            "add.strength = 5.0: expected a share",
+        ),
+        ("[[edit]]\naction='delete'\nfeature=1\n[[edit]]\naction='x'", "number 2: action = 'x'"),
+    ],
+)
+def test_what_is_no_edit_is_refused_in_one_line(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as caught:
+        parse_settings(f"format = 1\n{text}\n".encode())
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+def test_only_edits_are_edits_and_not_too_many() -> None:
+    with pytest.raises(InputError, match="edits: expected Edit values, got 'move'"):
+        Sketch(edits=("move",))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=f"expected at most {MOST_EDITS}"):
+        Sketch(edits=(HILL,) * (MOST_EDITS + 1))
+
+
+def test_the_most_edits_fit_the_file() -> None:
+    third = {name: parameter.high / 3 for name, parameter in ACTIONS["lock"].values.items()}
+    lock = Edit("lock", 2**64 - 1, **(third | {"type": "mountain"}))  # type: ignore[arg-type]
+    text = settings_text(Sketch(edits=(lock,) * MOST_EDITS)).encode()
+    assert len(text) < 0.6 * file_limit(SETTINGS)
+
+
+def test_what_was_added_has_a_name_made_from_its_values() -> None:
+    again = Edit("add", type="hill", x=10, y=20, radius=30, strength=5)
+    assert again == HILL
+    assert HILL.feature == 8863291655238906495  # for ever
+    assert HILL.feature & ADDED_BIT
+    assert HILL.feature < 2**63
+    assert dataclasses.replace(HILL, x=11.0).feature != HILL.feature
+
+
+def test_a_later_edit_replaces_an_earlier_one_of_the_same_target() -> None:
+    sketch = Sketch().with_edit(Edit("move", 1, x=0.0, y=0.0)).with_edit(Edit("resize", 1, radius=5.0))
+    sketch = sketch.with_edit(Edit("move", 1, x=9.0, y=9.0)).with_edit(Edit("move", 2, x=1.0, y=1.0))
+    assert [(e.action, e.feature) for e in sketch.edits] == [("resize", 1), ("move", 1), ("move", 2)]
+    points = Sketch()
+    for index in (0, 1, 0):
+        points = points.with_edit(Edit("move_point", 4, index=index, x=0.0, y=0.0))
+    assert [edit.index for edit in points.edits] == [1, 0]
+
+
+def test_what_is_deleted_needs_no_other_edit() -> None:
+    sketch = Sketch().with_edit(Edit("move", 1, x=0.0, y=0.0)).with_edit(Edit("delete", 1))
+    assert sketch.edits == (Edit("delete", 1),)
+    assert HILL.feature is not None
+    added = sketch.with_edit(HILL).with_edit(Edit("resize", HILL.feature, radius=5.0))
+    assert added.with_edit(Edit("delete", HILL.feature)).edits == sketch.edits
+    assert added.without_edits(HILL.feature).edits == sketch.edits
+
+
+def test_edits_stay_when_something_is_painted() -> None:
+    sketch = Sketch(edits=(HILL,))
+    assert sketch.replace(layers={"hill": np.ones((9, 9), np.uint8)}).edits == (HILL,)

@@ -17,6 +17,7 @@ __all__ = [
     "Eye",
     "Folder",
     "LookAt",
+    "OptionalPictureFile",
     "PictureFile",
     "PictureSize",
     "Point",
@@ -50,7 +51,9 @@ def _parse_picture_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def _check_picture_file(path: Path) -> Path:
+def _check_picture_file(path: Path | None) -> Path | None:
+    if path is None:
+        return None
     if path.suffix.lower() != ".png" or path.is_dir():
         raise typer.BadParameter(f"expected the name of a .png file, got {str(path)!r}")
     return path
@@ -77,6 +80,12 @@ PictureFile = Annotated[
     Path,
     typer.Option(
         "--output", "-o", metavar="FILE.png", callback=_check_picture_file, help="Picture to write."
+    ),
+]
+OptionalPictureFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--output", "-o", metavar="FILE.png", callback=_check_picture_file, help="Picture to write too."
     ),
 ]
 PictureSize = Annotated[

@@ -22,6 +22,7 @@ from sketchterrain.arguments import (
     Eye,
     Folder,
     LookAt,
+    OptionalPictureFile,
     PictureFile,
     PictureSize,
     Point,
@@ -31,6 +32,7 @@ from sketchterrain.arguments import (
 )
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.listings import (
+    adherence_lines,
     device_entry,
     device_lines,
     generated_lines,
@@ -207,6 +209,36 @@ def render(
             prepare_folder(output.parent)
             write_picture(output, render_picture(terrain, size=size, camera=_camera(terrain, eye, look_at)))
     _say(str(output))
+
+
+@app.command()
+def adherence(
+    sketch: SketchName,
+    output: OptionalPictureFile = None,
+    seed: Seed = None,
+    device: DeviceName = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure how far the terrain does what its sketch says; with -o, show where it does not."""
+    with Stages() as stages:
+        with stages.stage("sketch", "Reading the sketch"):
+            document = _load(sketch, seed)
+        with stages.stage("features", "Placing features"):
+            from sketchterrain.terrain import build, measure_adherence
+
+            terrain = build(document, device=device)
+        with stages.stage("adherence", "Comparing with the sketch"):
+            found = measure_adherence(terrain)
+        if output is not None:
+            from sketchterrain.export import prepare_folder, write_agreement
+
+            prepare_folder(output.parent)
+            write_agreement(output, terrain, found)
+    told = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity, **found.as_dict()}
+    if as_json:
+        _say_json(told)
+    else:
+        _say(*adherence_lines(told), *([f"picture: {output}"] if output is not None else []))
 
 
 @app.command()

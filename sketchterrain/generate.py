@@ -19,7 +19,7 @@ from sketchterrain import export
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.listings import device_entry
-from sketchterrain.terrain import build
+from sketchterrain.terrain import build, measure_adherence
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -107,7 +107,7 @@ def generate(
     preview
         Whether to render ``preview.png`` too.
     stages
-        Told and timed: ``features``, ``ground``, ``plants``, ``preview``, ``files``.
+        Told and timed: ``features``, ``ground``, ``plants``, ``adherence``, ``preview``, ``files``.
 
     Raises
     ------
@@ -128,6 +128,8 @@ def generate(
         with stages.stage("plants", "Plants"):
             plants = terrain.foliage(0.0, 0.0, *terrain.size)
         writer.add("foliage.csv", export.write_foliage, folder, plants, terrain.species_names)
+        with stages.stage("adherence", "Comparing with the sketch"):
+            adherence = measure_adherence(terrain)
         problem, rendering = None, dict[str, float]()
         if preview:
             with stages.stage("preview", "Preview"):
@@ -135,6 +137,7 @@ def generate(
         with stages.stage("files", "Writing files"):
             files = writer.finish()
     told = _report(terrain, raster, plants)
+    told["adherence"] = adherence.as_dict()
     told["timings"] = _rounded(stages.seconds | {"total": stages.elapsed})
     told["rendering"] = _rounded(rendering)
     told["writing"] = _rounded(writer.seconds)

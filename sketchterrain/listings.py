@@ -10,7 +10,14 @@ if TYPE_CHECKING:
     from sketchterrain.compute import Device
     from sketchterrain.sketch import Sketch
 
-__all__ = ["device_entry", "device_lines", "generated_lines", "preset_entry", "preset_lines"]
+__all__ = [
+    "adherence_lines",
+    "device_entry",
+    "device_lines",
+    "generated_lines",
+    "preset_entry",
+    "preset_lines",
+]
 
 _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
@@ -86,3 +93,32 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
 
 def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
+def adherence_lines(told: dict[str, Any]) -> list[str]:
+    """Return how far a terrain does what its sketch says, a line a layer and a river."""
+    lines = [
+        f"{told['sketch']}, seed {told['seed']}, fidelity {told['fidelity']:g}: {told['lost']} shapes lost"
+    ]
+    for name, layer in told["layers"].items():
+        line = f"{name:<9} {layer['shapes']} shapes, {layer['lost']} lost"
+        if layer["measured"]:
+            line += (
+                f"; overlap (IoU) of {layer['measured']}: mean {layer['iou_mean']:.2f}, median "
+                f"{layer['iou_median']:.2f}, 10 % below {layer['iou_p10']:.2f}; spill {layer['spill']:.1%}"
+            )
+        lines.append(line)
+    peaks = told["peaks"]
+    if peaks["measured"]:
+        lines.append(
+            f"peaks     {peaks['measured']}: reached over asked {peaks['least']:.2f} to {peaks['most']:.2f}, "
+            f"mean {peaks['mean']:.2f}; {peaks['capped']} too small for their height, capped at 70°"
+        )
+    lines += [
+        f"river {river['label']}   centreline {river['mean_distance']:.2f} px from what was painted, at most "
+        f"{river['greatest_distance']:.2f} px; {river['descending']:.1%} descends, deepest pit "
+        f"{river['deepest_pit']:.2f} m"
+        for river in told["rivers"]
+        if not river["lost"]
+    ]
+    return lines

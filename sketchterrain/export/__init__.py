@@ -5,6 +5,7 @@ Every writer takes the folder to write into and returns the paths of what it wro
 
 from __future__ import annotations
 
+from sketchterrain.export.agreement import agreement_picture, write_agreement
 from sketchterrain.export.features import write_features
 from sketchterrain.export.files import prepare_folder, write_json
 from sketchterrain.export.geotiff import write_height_tif
@@ -14,8 +15,10 @@ from sketchterrain.export.plants import write_foliage
 from sketchterrain.export.weights import quantised_weights, write_materials
 
 __all__ = [
+    "agreement_picture",
     "prepare_folder",
     "quantised_weights",
+    "write_agreement",
     "write_features",
     "write_foliage",
     "write_height_png",

@@ -1,5 +1,6 @@
 """From a recipe to heights, normals, materials and plants, on the device and in float64."""
 
+from sketchterrain.terrain.adherence import Adherence, measure_adherence
 from sketchterrain.terrain.foliage import SPECIES
 from sketchterrain.terrain.from_sketch import build, make_recipe
 from sketchterrain.terrain.materials import MATERIALS
@@ -9,6 +10,7 @@ from sketchterrain.terrain.terrain import Raster, Terrain, TerrainFeatures, Tile
 __all__ = [
     "MATERIALS",
     "SPECIES",
+    "Adherence",
     "Raster",
     "Terrain",
     "TerrainFeatures",
@@ -16,4 +18,5 @@ __all__ = [
     "Tile",
     "build",
     "make_recipe",
+    "measure_adherence",
 ]

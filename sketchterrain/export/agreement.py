@@ -1,0 +1,121 @@
+"""A picture of how far a terrain does what its sketch says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from sketchterrain.export.files import write_png
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.adherence import Adherence
+
+    Pixels = npt.NDArray[np.uint8]
+
+__all__ = ["agreement_picture", "write_agreement"]
+
+# Okabe and Ito's palette, which colour-blind people can tell apart.
+_COLOURS = {"both": (0, 158, 115), "painted only": (230, 130, 0), "terrain only": (204, 70, 150)}
+_MEANINGS = {"both": "both", "painted only": "lost: painted only", "terrain only": "spill: terrain only"}
+_TINT = 0.55  # share of the colour over the hillshade
+_SHORTER_SIDE = 480  # px of a panel
+_GAP = 14
+_TEXT = (40, 40, 40)
+_PAPER = (255, 255, 255)
+_SUN = np.array([-0.5, 0.5, 0.7]) / np.linalg.norm([-0.5, 0.5, 0.7])
+
+
+def write_agreement(path: Path, terrain: Terrain, adherence: Adherence) -> tuple[Path, ...]:
+    """Write :func:`agreement_picture` as a PNG at `path`."""
+    return (write_png(path, agreement_picture(terrain, adherence)),)
+
+
+def agreement_picture(terrain: Terrain, adherence: Adherence) -> Pixels:
+    """Return a panel for each painted layer, over the terrain's hillshade, and a legend.
+
+    Parameters
+    ----------
+    terrain : Terrain
+    adherence : Adherence
+        As measured on this terrain.
+
+    Returns
+    -------
+    (height, width, 3) uint8
+    """
+    shade = _hillshade(terrain)
+    panels = [
+        _panel(shade, images.painted, images.shown, _title(adherence, name))
+        for name, images in adherence.images.items()
+    ]
+    panels = panels or [
+        _panel(shade, np.zeros(shade.shape, bool), np.zeros(shade.shape, bool), "not painted")
+    ]
+    columns = min(len(panels), 3)
+    rows = -(-len(panels) // columns)
+    width, height = panels[0].size
+    legend = 34
+    sheet = Image.new(
+        "RGB", (columns * (width + _GAP) + _GAP, rows * (height + _GAP) + _GAP + legend), _PAPER
+    )
+    for index, panel in enumerate(panels):
+        row, column = divmod(index, columns)
+        sheet.paste(panel, (_GAP + column * (width + _GAP), _GAP + row * (height + _GAP)))
+    _draw_legend(sheet, sheet.height - legend)
+    return np.asarray(sheet, np.uint8)
+
+
+def _panel(
+    shade: npt.NDArray[np.float32], painted: npt.NDArray[np.bool_], shown: npt.NDArray[np.bool_], title: str
+) -> Image.Image:
+    pixels = np.repeat(shade[..., None], 3, axis=-1)
+    areas = {"both": painted & shown, "painted only": painted & ~shown, "terrain only": shown & ~painted}
+    for name, area in areas.items():
+        colour = np.array(_COLOURS[name], np.float32)
+        pixels[area] = (1.0 - _TINT) * pixels[area] + _TINT * colour * (pixels[area] / 200.0)
+    image = Image.fromarray(np.clip(pixels, 0, 255).astype(np.uint8))
+    scale = _SHORTER_SIDE / min(image.size)
+    size = (max(round(image.width * scale), 1), max(round(image.height * scale), 1))
+    how = Image.Resampling.NEAREST if scale > 1.0 else Image.Resampling.BOX
+    panel = Image.new("RGB", (size[0], size[1] + 24), _PAPER)
+    panel.paste(image.resize(size, how), (0, 24))
+    ImageDraw.Draw(panel).text((0, 3), title, fill=_TEXT, font=ImageFont.load_default(14))
+    return panel
+
+
+def _title(adherence: Adherence, name: str) -> str:
+    layer = adherence.layers[name]
+    shapes = f"{layer.shapes} shape" + ("" if layer.shapes == 1 else "s")
+    parts = [f"{name}: {shapes}", f"{layer.lost} lost"]
+    if layer.iou_mean is not None:
+        parts.append(f"overlap {layer.iou_mean:.2f}")
+    return ", ".join(parts)
+
+
+def _draw_legend(sheet: Image.Image, top: int) -> None:
+    draw = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(14)
+    left = float(_GAP)
+    for name, colour in _COLOURS.items():
+        draw.rectangle((left, top + 4, left + 18, top + 20), fill=colour)
+        draw.text((left + 26, top + 4), _MEANINGS[name], fill=_TEXT, font=font)
+        left += 26 + draw.textlength(_MEANINGS[name], font=font) + 26
+
+
+def _hillshade(terrain: Terrain) -> npt.NDArray[np.float32]:
+    """Grey from 60 to 245 at each pixel of the sketch, lit from the north-west."""
+    sketch, step = terrain.sketch, terrain.sketch.pixel_size
+    x = (np.arange(-1, sketch.width_px + 1) + 0.5) * step
+    y = (sketch.height_px - np.arange(-1, sketch.height_px + 1) - 0.5) * step
+    height = terrain.heights(x[None, :], y[:, None], cell_size=step)
+    east = (height[1:-1, 2:] - height[1:-1, :-2]) / (2.0 * step)
+    north = (height[:-2, 1:-1] - height[2:, 1:-1]) / (2.0 * step)
+    light = (_SUN[2] - east * _SUN[0] - north * _SUN[1]) / np.sqrt(1.0 + east**2 + north**2)
+    return np.asarray(60.0 + 185.0 * np.clip(light, 0.0, 1.0), np.float32)

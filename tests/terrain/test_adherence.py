@@ -1,0 +1,111 @@
+"""The measure on cases whose answer is known, and the bounds that the terrain must keep."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.features import label_shapes
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import build, measure_adherence
+from sketchterrain.terrain.adherence_areas import agreement
+from sketchterrain.terrain.adherence_rivers import along
+
+if TYPE_CHECKING:
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain import Terrain
+
+SIDE = 128
+HEIGHT = 100.0
+
+
+def disc(row: float, column: float, radius: float, side: int = SIDE) -> np.ndarray:
+    rows, columns = np.mgrid[:side, :side]
+    return np.hypot(rows - row, columns - column) < radius
+
+
+def measured(painted: np.ndarray, effect: np.ndarray, *, height: float = HEIGHT, pixel: float = 10.0):
+    image = painted.astype(np.uint8)
+    sketch = Sketch(extent=pixel * SIDE, layers={"mountain": image})
+    shapes = label_shapes("mountain", image)
+    asked = np.full(len(shapes), height)
+    return agreement(sketch, shapes, effect.astype(np.float32), asked, has_height=True)[0]
+
+
+def test_a_shape_that_is_all_there_agrees_wholly() -> None:
+    painted = disc(60, 60, 20)
+    (shape,) = measured(painted, HEIGHT * painted)
+    assert (shape.iou, shape.spill, shape.lost, shape.capped) == (1.0, 0, False, False)
+    assert shape.reached == shape.asked == HEIGHT
+
+
+def test_a_quarter_of_the_height_is_the_border() -> None:
+    painted = disc(60, 60, 20)
+    assert measured(painted, 0.24 * HEIGHT * painted)[0].lost
+    assert measured(painted, 0.26 * HEIGHT * painted)[0].iou == 1.0
+
+
+def test_a_shape_that_is_not_there_is_lost() -> None:
+    painted = disc(30, 30, 12) | disc(90, 90, 12)
+    first, second = measured(painted, HEIGHT * disc(30, 30, 12))
+    assert (first.lost, first.iou) == (False, 1.0)
+    assert (second.lost, second.iou, second.reached) == (True, 0.0, 0.0)
+
+
+def test_a_shifted_square_overlaps_as_computed_by_hand() -> None:
+    painted, there = np.zeros((SIDE, SIDE), bool), np.zeros((SIDE, SIDE), bool)
+    painted[40:60, 40:60] = True
+    there[40:60, 45:65] = True
+    (shape,) = measured(painted, HEIGHT * there)
+    assert shape.iou == pytest.approx(15 / 25)
+    assert shape.spill == 5 * 20
+
+
+def test_a_shape_too_small_for_its_height_is_capped_at_70_degrees() -> None:
+    painted = disc(60, 60, 10)
+    (shape,) = measured(painted, 5000.0 * painted, height=5000.0)
+    inradius = label_shapes("mountain", painted.astype(np.uint8))[0].depth.max()
+    assert shape.capped
+    assert shape.asked == pytest.approx(inradius * 10.0 * math.tan(math.radians(70.0)))
+
+
+def test_narrow_shapes_are_counted_but_not_measured() -> None:
+    painted = np.zeros((SIDE, SIDE), bool)
+    painted[20:25, 20:100] = True  # five pixels wide
+    painted[60, 60] = True
+    narrow, speck = measured(painted, 0.0 * painted)
+    assert narrow.lost
+    assert speck.lost
+    assert narrow.iou is speck.iou is narrow.reached is None
+
+
+def test_even_steps_along_a_line_keep_its_ends() -> None:
+    line = along(np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 40.0]]))
+    assert line[0].tolist() == [0.0, 0.0]
+    assert line[-1].tolist() == [30.0, 40.0]
+    steps = np.hypot(*np.diff(line, axis=0).T)
+    assert steps.max() <= 1.0 + 1e-9
+
+
+def test_a_preset_as_json_says_all(valley: Terrain) -> None:
+    found = measure_adherence(valley)
+    told = json.loads(json.dumps(found.as_dict()))
+    assert told["lost"] == 0
+    painted = {name for name, image in valley.sketch.layers.items() if image.any()}
+    assert painted - {"material"} == set(told["layers"])
+    for name, layer in told["layers"].items():
+        assert layer["shapes"] == len(label_shapes(name, valley.sketch.layers[name]))
+    assert all(river["descending"] > 0.99 for river in told["rivers"])
+
+
+def test_every_speck_shows(context: ComputeContext) -> None:
+    mountain, hill, forest = (np.zeros((SIDE, SIDE), np.uint8) for _ in range(3))
+    mountain[10:120:12, 10:120:12] = 1
+    hill[16:120:12, 16:120:12] = 1
+    forest[10:120:12, 16:120:12] = 1
+    sketch = Sketch(extent=2048.0, layers={"mountain": mountain, "hill": hill, "forest": forest})
+    assert measure_adherence(build(sketch, device=context)).lost == 0

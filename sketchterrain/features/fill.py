@@ -84,6 +84,15 @@ class Fill:
         self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
         self._painted = _Painted(sketch, painted, river_distance, fills=tuple(self._proposals))
 
+    @property
+    def dune_styles(self) -> frozenset[tuple[float, float]]:
+        """Distinct (wavelength in m, wind in degrees) of its dunes, rounded as they are in ``FEATURE``."""
+        if "dune" not in self._proposals:
+            return frozenset()
+        properties = self._sketch.properties("dune", 1)
+        style = (float(np.float32(properties["wavelength"])), float(np.float32(properties["wind"])))
+        return frozenset([style])
+
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> Points:

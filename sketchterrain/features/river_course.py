@@ -88,7 +88,7 @@ def reach_course(
             points[::-1], out, length=beyond, interval=interval, seed=seed, name=2 * name + 1
         )
         points, taper = upstream[::-1], beyond
-    return _drawn(points, name, label, parent=parent, joint=joint, taper=taper)
+    return drawn_course(points, name, label, parent=parent, joint=joint, taper=taper)
 
 
 def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -> Course:
@@ -105,7 +105,7 @@ def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -
     half += 0.5 * float(arc_length(path)[-1])
     positions = 0.5 * (path[0] + path[-1]) + np.array([[-half], [0.0], [half]]) * heading
     sizes = np.broadcast_to([widths.mean(), depths.mean()], (3, 2))
-    return _drawn(np.column_stack([positions, sizes]), name, label, parent=None, joint=-1, taper=half)
+    return drawn_course(np.column_stack([positions, sizes]), name, label, parent=None, joint=-1, taper=half)
 
 
 def turned(course: Course) -> Course:
@@ -150,7 +150,7 @@ def _lengthened(
     return np.concatenate([points, np.column_stack([more, sizes])])
 
 
-def _drawn(
+def drawn_course(
     points: Floats, name: int, label: int, *, parent: Course | None, joint: int, taper: float
 ) -> Course:
     """Sample the spline through points of x, y, width and depth."""

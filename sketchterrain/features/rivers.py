@@ -11,6 +11,7 @@ import numpy.typing as npt
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import River
 from sketchterrain.features.river_course import Course, dab_course, pixel_positions, reach_course, turned
+from sketchterrain.features.river_edits import edited_courses
 from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
 from sketchterrain.features.river_path import arc_length
 from sketchterrain.features.river_profile import joined_to, surface_along, width_along
@@ -59,9 +60,16 @@ def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, .
     InputError
         If `ground` returns something of another shape, or not finite.
     """
+    return trace_edited_rivers(sketch, seed=seed, ground=ground)[0]
+
+
+def trace_edited_rivers(
+    sketch: Sketch, *, seed: int, ground: Ground
+) -> tuple[tuple[River, ...], tuple[str, ...]]:
+    """Do what `trace_rivers` does, and tell in one line each which edits found nothing to change."""
     found = skeletons(sketch.layers["river"] > 0, _label_widths(sketch))
     if not found:
-        return ()
+        return (), edited_courses([], sketch.edits)[1]
     outlines = [_dab_or_ends(sketch, skeleton, seed) for skeleton in found]
     positions = [_end_positions(sketch, *each) for each in zip(found, outlines, strict=True)]
     courses: list[Course] = []
@@ -70,7 +78,10 @@ def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, .
             courses.append(outline if heights[0] >= heights[1] else turned(outline))
         else:
             courses.extend(_courses(sketch, skeleton, _mouth(sketch, skeleton, outline, heights), seed))
-    return tuple(sorted(_with_water(courses, ground), key=lambda river: river.id))
+    courses, orphans = edited_courses(courses, sketch.edits)
+    if not courses:
+        return (), orphans
+    return tuple(sorted(_with_water(courses, ground), key=lambda river: river.id)), orphans
 
 
 def _label_widths(sketch: Sketch) -> Floats:

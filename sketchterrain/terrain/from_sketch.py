@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sketchterrain.compute import ComputeContext
-from sketchterrain.features import Fill, place, trace_rivers
+from sketchterrain.features import Fill, place
+from sketchterrain.features.edits import EditedFill, edited_fill, edited_painted
+from sketchterrain.features.rivers import trace_edited_rivers
 from sketchterrain.terrain.balance import balanced
 from sketchterrain.terrain.centrelines import valley_reach
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -14,7 +18,6 @@ from sketchterrain.terrain.reference import reference_heights
 from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     from sketchterrain.sketch import Sketch
@@ -51,23 +54,27 @@ def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeConte
 def make_recipe(sketch: Sketch) -> TerrainRecipe:
     """Place the features of a sketch; plain NumPy, no device is needed.
 
+    A person's edits come between placing and filling, so that the fill keeps clear of what they moved.
     Rivers come last: they run down the ground that the other features make.
     """
-    painted = place(sketch, seed=sketch.seed)
+    painted = edited_painted(place(sketch, seed=sketch.seed), sketch.edits)
+    fill = Fill(sketch, painted.points, seed=sketch.seed)
+    adopted = edited_fill(fill, sketch.edits, size=sketch.size)
     dry = TerrainRecipe(
         extent=sketch.extent,
         seed=sketch.seed,
         fidelity=sketch.fidelity,
         ground=sketch.ground,
         climate=sketch.climate,
-        painted=balanced(painted),
-        fill=Fill(sketch, painted, seed=sketch.seed),
+        painted=np.concatenate([balanced(painted.points, locked=painted.locked), adopted.points]),
+        fill=EditedFill(fill, adopted.hidden) if adopted.hidden.size else fill,
     )
     cell = sketch.extent / _RIVER_CELLS_PER_EXTENT
 
     def ground(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return reference_heights(dry, x, y, cell_size=cell)
 
-    rivers = trace_rivers(sketch, seed=sketch.seed, ground=ground)
+    rivers, orphans = trace_edited_rivers(sketch, seed=sketch.seed, ground=ground)
     reach = tuple(valley_reach(river, ground(*river.centreline[:, :2].T)) for river in rivers)
-    return replace(dry, rivers=rivers, river_reach=reach)
+    orphans = (*painted.orphans, *adopted.orphans, *orphans)
+    return replace(dry, rivers=rivers, river_reach=reach, orphans=orphans)

@@ -78,6 +78,8 @@ class TerrainRecipe:
         Painted materials, in the order in which each lies over the ones before it.
     resolutions : tuple of str
         What was decided where layers contradict each other, one line each.
+    orphans : tuple of str
+        Edits whose feature is not there any more, one line each.
     """
 
     extent: float
@@ -92,6 +94,7 @@ class TerrainRecipe:
     lakes: tuple[Lake, ...] = ()
     covers: tuple[Cover, ...] = ()
     resolutions: tuple[str, ...] = ()
+    orphans: tuple[str, ...] = ()
 
     @property
     def warp(self) -> float:

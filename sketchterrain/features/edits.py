@@ -1,0 +1,171 @@
+"""What a person changed of point features: moved, resized, strengthened, deleted, added, locked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points
+from sketchterrain.features.river_edits import concerns_river
+from sketchterrain.sketch import ACTIONS, Edit
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sketchterrain.features.fill import Fill
+
+_STYLE = {"mountain": ("peakiness",), "dune": ("wavelength", "wind")}
+
+
+@dataclass(frozen=True, eq=False)
+class EditedPoints:
+    """Point features after a person's edits.
+
+    Attributes
+    ----------
+    points : array of FEATURE
+        Sorted by id.
+    locked : (n,) bool
+        Which ones keep every value as it is, their strength too.
+    hidden : array of FEATURE
+        Those that were there before and are not any more, or are not as they were.
+    orphans : tuple of str
+        One line for each edit whose feature is not there.
+    """
+
+    points: Points
+    locked: npt.NDArray[np.bool_]
+    hidden: Points
+    orphans: tuple[str, ...]
+
+
+class EditedFill:
+    """The fill of unpainted ground without those features that a person changed.
+
+    Parameters
+    ----------
+    fill : Fill
+    hidden : array of FEATURE
+        Some of its features.
+    """
+
+    def __init__(self, fill: Fill, hidden: Points) -> None:
+        self.fill = fill
+        self.hidden = hidden
+        self.max_radius = fill.max_radius
+
+    @property
+    def dune_styles(self) -> frozenset[tuple[float, float]]:
+        """Distinct (wavelength in m, wind in degrees) of its dunes."""
+        return self.fill.dune_styles
+
+    def within(
+        self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
+    ) -> Points:
+        """Find the features whose centre lies in a rectangle, as `Fill.within` does."""
+        found = self.fill.within(west, south, east, north, min_radius=min_radius)
+        kept: Points = found[~np.isin(found["id"], self.hidden["id"])]
+        return kept
+
+
+def edited_painted(painted: Points, edits: Iterable[Edit]) -> EditedPoints:
+    """Do a person's edits to what was painted, and add what they added.
+
+    Parameters
+    ----------
+    painted : array of FEATURE
+        As `place` returns it.
+    edits
+        In the order in which they are done; those of rivers and of the fill are passed over.
+    """
+    return _edited(painted, [edit for edit in edits if not _of_fill(edit) and not concerns_river(edit)])
+
+
+def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
+    """Do a person's edits to features of unpainted ground.
+
+    Parameters
+    ----------
+    fill : Fill
+    edits
+        In the order in which they are done; those of other features are passed over.
+    size
+        Metres (eastward, northward) of the sketch, within which the features are looked for.
+
+    Returns
+    -------
+    EditedPoints
+        Only of the features that were changed; `EditedFill` takes its `hidden` ones out of the fill.
+    """
+    own = [edit for edit in edits if _of_fill(edit) and not concerns_river(edit)]
+    found = np.zeros(0, dtype=FEATURE)
+    if own:
+        found = fill.within(0.0, 0.0, *size)
+        found = found[np.isin(found["id"], np.array([edit.feature for edit in own], dtype=np.uint64))]
+    return _edited(found, own)
+
+
+def lock_of(point: np.void) -> Edit:
+    """Return the edit that keeps a placed feature exactly as it is."""
+    name = FEATURE_TYPES[int(point["type"])]
+    values: dict[str, Any] = {
+        key: float(point[key]) for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
+    }
+    return Edit("lock", int(point["id"]), type=name, **values)
+
+
+def _of_fill(edit: Edit) -> bool:
+    return (edit.feature or 0) >= int(FILL_BIT)
+
+
+def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
+    changed: dict[int, Points | None] = {}
+    locked: set[int] = set()
+    orphans = []
+    for edit in edits:
+        name = cast(int, edit.feature)
+        row = changed[name] if name in changed else _row(before, name)
+        if edit.action in ("lock", "add"):
+            changed[name] = _stored(edit)
+            if edit.action == "lock":
+                locked.add(name)
+        elif row is None:
+            orphans.append(f"{edit.action} of feature {name}: there is no such feature any more")
+        else:
+            changed[name] = None if edit.action == "delete" else _with_values(row, edit)
+    hidden = before[np.isin(before["id"], np.array(list(changed), dtype=np.uint64))]
+    rest = before[~np.isin(before["id"], hidden["id"])]
+    points = np.concatenate([rest, *(row for row in changed.values() if row is not None)])
+    points = points[np.argsort(points["id"], kind="stable")]
+    is_locked = np.isin(points["id"], np.array(list(locked), dtype=np.uint64))
+    return EditedPoints(points, is_locked, hidden, tuple(orphans))
+
+
+def _row(points: Points, name: int) -> Points | None:
+    at = int(np.searchsorted(points["id"], np.uint64(name)))
+    found = at < len(points) and int(points["id"][at]) == name
+    return points[at : at + 1].copy() if found else None
+
+
+def _stored(edit: Edit) -> Points:
+    """Return the feature that a lock or an addition holds."""
+    row = np.zeros(1, dtype=FEATURE)
+    row["id"], row["painted"] = edit.feature, not _of_fill(edit)
+    row["type"] = FEATURE_TYPES.index(cast(str, edit.type))
+    table = ACTIONS[edit.action].values
+    for key in ("x", "y", "radius", "strength", *_STYLE.get(cast(str, edit.type), ())):
+        row[key] = edit.values.get(key, table[key].default)
+    return row
+
+
+def _with_values(row: Points, edit: Edit) -> Points:
+    row = row.copy()
+    for key in ("x", "y", "radius", "strength"):
+        if key in edit.values:
+            row[key] = edit.values[key]
+    if FEATURE_TYPES[int(row["type"][0])] == "forest":
+        row["strength"] = np.minimum(row["strength"], 1.0)
+    return row

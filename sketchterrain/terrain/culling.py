@@ -1,4 +1,4 @@
-"""Which features and which pieces of river reach which block of ground."""
+"""Which features, lakes, covers and pieces of river reach which block of ground."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.features.catalogue import Points
+    from sketchterrain.terrain.field_packing import PackedFields
     from sketchterrain.terrain.packing import PackedFeatures, PackedRivers
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["feature_lists", "features_near", "river_lists"]
+__all__ = ["feature_lists", "features_near", "field_lists", "river_lists"]
 
 # Blocks times features that one comparison may hold at a time.
 _CHUNK = 4_000_000
@@ -80,6 +81,17 @@ def river_lists(
     counts = np.bincount(block, minlength=len(blocks))
     starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
     return starts, position.astype(np.int32)
+
+
+def field_lists(
+    fields: PackedFields, shown: npt.NDArray[np.bool_], blocks: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Return ``starts`` (blocks + 1) and ``list`` of ``Fields`` in ``kernels/fields.clh``, of those shown."""
+    chosen = np.flatnonzero(shown)
+    block, position = _touching(blocks, fields.at[chosen], fields.far[chosen], np.full(chosen.size, 2.0))
+    counts = np.bincount(block, minlength=len(blocks))
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+    return starts, chosen[position].astype(np.int32)
 
 
 def _touching(

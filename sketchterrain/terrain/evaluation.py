@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.terrain.culling import feature_lists, features_near, river_lists
+from sketchterrain.terrain.culling import feature_lists, features_near, field_lists, river_lists
+from sketchterrain.terrain.field_packing import pack_covers, pack_fields, pack_lakes
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.packing import effective_cell, pack_features, pack_rivers, pack_world
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["MASKS", "Evaluator", "Surface"]
 
-MASKS = ("mountain", "dune", "forest", "river")
+MASKS = ("mountain", "dune", "forest", "water")
 """What the four masks of a point say: see ``Ground`` in ``kernels/world.clh``."""
 
 _FILE = "terrain.cl"
@@ -70,6 +71,10 @@ class Evaluator:
         self.context = context
         self._rivers = pack_rivers(recipe)
         self._river_buffers = self._upload_rivers()
+        self._lakes = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
+        self._lake_samples = context.upload(self._lakes.samples.astype(context.real_dtype))
+        self._covers = pack_fields(recipe, [cover.shape for cover in recipe.covers])
+        self._cover_buffers = self._upload_covers()
         self._world = lru_cache(maxsize=64)(self._upload_world)
 
     def surface(
@@ -205,6 +210,7 @@ class Evaluator:
             np.int32(side),
             height,
             masks,
+            *self._cover_arguments(blocks),
             normal,
             materials,
             group=(_GROUP, 1),
@@ -221,6 +227,7 @@ class Evaluator:
         near = features_near(self.recipe, blocks, min_radius=effective_cell(cell_size))
         packed = pack_features(self.recipe, near, cell_size)
         starts, members = feature_lists(self.recipe, packed, blocks)
+        lake_starts, lake_members = field_lists(self._lakes, world["lakes_shown"], blocks)
         river_starts, river_members = river_lists(self.recipe, self._rivers, blocks)
         return [
             world["scalars"],
@@ -230,6 +237,10 @@ class Evaluator:
             context.upload(packed.shape.astype(real)),
             context.upload(starts),
             context.upload(members),
+            *world["lakes"],
+            self._lake_samples,
+            context.upload(lake_starts),
+            context.upload(lake_members),
             *self._river_buffers,
             context.upload(river_starts),
             context.upload(river_members),
@@ -238,13 +249,36 @@ class Evaluator:
     def _upload_world(self, cell: float) -> dict[str, Any]:
         upload, real = self.context.upload, self.context.real_dtype
         packed = pack_world(self.recipe, cell, real=real)
+        lakes = pack_lakes(self.recipe, self._lakes, cell)
         octaves = packed.octaves
         return {
             "scalars": upload(packed.scalars),
             "styles": upload(packed.styles),
             "climate": upload(packed.climate),
+            "lakes_shown": lakes.shown,
+            "lakes": [
+                upload(self._lakes.at),
+                upload(self._lakes.form),
+                upload(lakes.shape.astype(real)),
+                upload(lakes.profile.astype(real)),
+            ],
             "octaves": [upload(octaves.form), upload(octaves.offset), upload(octaves.scale.astype(real))],
         }
+
+    def _cover_arguments(self, blocks: npt.NDArray[np.int64]) -> list[Any]:
+        everywhere = np.ones(len(self.recipe.covers), np.bool_)
+        starts, members = field_lists(self._covers, everywhere, blocks)
+        return [*self._cover_buffers, self.context.upload(starts), self.context.upload(members)]
+
+    def _upload_covers(self) -> list[Any]:
+        upload, real = self.context.upload, self.context.real_dtype
+        covers = pack_covers(self.recipe, self._covers)
+        return [
+            upload(self._covers.at),
+            upload(covers.form),
+            upload(covers.shape.astype(real)),
+            upload(self._covers.samples.astype(real)),
+        ]
 
     def _upload_rivers(self) -> list[Any]:
         upload, real, rivers = self.context.upload, self.context.real_dtype, self._rivers

@@ -31,7 +31,7 @@ PLANT = np.dtype(
 _SPACING = 5.0  # m between plants, at least
 _LONE_PLANTS = 0.014  # share of places outside forests that bear a plant where it is not dry
 _STEEPEST = 1.0  # rise over run on which trees hold
-_WATERSIDE = 0.7  # river mask from which on it is too wet
+_WATERSIDE = 0.7  # water mask from which on it is too wet
 _MASK_CELL = 2.0  # m: how finely forests and banks are told apart
 _CONIFER_BELT = 450.0  # m below the tree line in which conifers take over
 

@@ -14,6 +14,7 @@ import numpy as np
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import pack_features, pack_rivers, pack_world
+from sketchterrain.terrain.reference_lakes import lay_lakes
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -38,7 +39,8 @@ class ReferenceGround:
     mountain: Reals
     dune: Reals
     forest: Reals
-    river: Reals
+    water: Reals
+    lake: Reals
 
 
 def reference_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: float = 0.0) -> Reals:
@@ -86,11 +88,16 @@ def reference_ground(
         height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
         dune = np.maximum(dune, cover)
     mountain = _smooth(massif, 20, 100)
-    river = np.zeros(x.shape)
+    cell = 1 / float(w["inverse_cell"])
+    water, lake = np.zeros((2, *x.shape))
+    if recipe.lakes:
+        height, water, lake = lay_lakes(recipe, height, x, y, cell=cell)
     rivers = pack_rivers(recipe)
     if len(rivers.start):
-        height, river = _carved(height, rivers, place, cell=1 / float(w["inverse_cell"]))
-    return ReferenceGround(height, mountain, dune, forest, river)
+        carved, river = _carved(height, rivers, place, cell=cell)
+        height = carved + (np.minimum(carved, height) - carved) * lake
+        water = np.maximum(water, river)
+    return ReferenceGround(height, mountain, dune, forest, water, lake)
 
 
 def simplex(u: Lattice, v: Lattice, shift: int, seed: int) -> Reals:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.features import FEATURE, FEATURE_TYPES, River
+from sketchterrain.features import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import Terrain, TerrainRecipe, build
 from sketchterrain.terrain.recipe import NoFill
@@ -62,6 +62,26 @@ def straight_river(y: float = 2048.0, *, width: float = 20.0, fall: float = 0.00
     )
 
 
+def round_field(
+    x: float, y: float, radius: float, *, spacing: float = 8.0, margin: float = 80.0
+) -> ShapeField:
+    """The field of a disc."""
+    count = int(np.ceil((radius + margin) / spacing)) + 1
+    step = np.arange(-count, count + 1) * spacing
+    inside = radius - np.hypot(step, step[:, None])
+    return ShapeField(x - count * spacing, y - count * spacing, spacing, inside.astype(np.float32))
+
+
+def lake(x: float, y: float, radius: float, level: float, *, depth: float = 8.0, **more: float) -> Lake:
+    """A round lake."""
+    return Lake(1, 1, round_field(x, y, radius, **more), level, depth)
+
+
+def cover(x: float, y: float, radius: float, material: int, strength: float = 1.0) -> Cover:
+    """A round patch of one material."""
+    return Cover(1, 1, round_field(x, y, radius), material, strength)
+
+
 @pytest.fixture(scope="session")
 def make_recipe() -> Callable[..., TerrainRecipe]:
     """Make a 4096 m recipe of just the given features and rivers."""
@@ -100,7 +120,13 @@ CASES = {
     ],
     "forest": [feature("forest", 2500, 1200, 800, 0.8)],
     "river": [],
+    "lake": [],
 }
+LAKES = (
+    lake(1800, 1900, 420, 3.0),
+    lake(2270, 2300, 150, 9.0, margin=60.0, spacing=5.0),
+    lake(900, 700, 30, -4.0),
+)
 
 
 @pytest.fixture(params=list(CASES))
@@ -110,4 +136,5 @@ def case(
     """One kind of feature alone on the ground."""
     name = request.param
     rivers = (straight_river(), straight_river(900, width=6)) if name == "river" else ()
-    return name, make_recipe(*CASES[name], rivers=rivers)
+    lakes = LAKES if name == "lake" else ()
+    return name, make_recipe(*CASES[name], rivers=rivers, lakes=lakes)

@@ -1,0 +1,154 @@
+"""Lakes and covers as the arrays the kernels read (``kernels/fields.clh``)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.ndimage import spline_filter
+
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.features import ShapeField
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+__all__ = ["PackedCovers", "PackedFields", "PackedLakes", "pack_covers", "pack_fields", "pack_lakes"]
+
+# Samples repeated around a field, so that a spline at its rim reads nothing but the rim.
+_PAD = 2
+# The margin's end stands a little within the field's rim, so that rounding leaves no effect there.
+_WITHIN = 0.999
+# Metres of shelf for each metre of depth, where there is room; slopes of the shore.
+_SHELF_RUN = 8.0
+_SHORE_SHARE = 0.5
+_STEEPEST_SHORE = 0.2
+_STEEPEST_BED = 1.0
+# Half the width of a cover's border, in samples, at fidelity 1 and at 0.
+_BORDER = (0.35, 1.0)
+
+
+@dataclass(frozen=True)
+class PackedFields:
+    """Fields of distance (``Fields`` of ``kernels/fields.clh``), whatever they stand for.
+
+    Attributes
+    ----------
+    at : ndarray of int64, shape (n, 2)
+        First samples, lattice units.
+    far : ndarray of int64, shape (n, 2)
+        Last samples, lattice units, rounded up.
+    form : ndarray of int32, shape (n, 4)
+        Index of the first sample, columns, rows, 0.
+    scale : ndarray of float64, shape (n,)
+        Samples a lattice unit.
+    margin, depth : ndarray of float64, shape (n,)
+        How far the outermost samples lie outside the shape, and the deepest one inside (m).
+    samples : ndarray of float64
+        Spline coefficients of all fields (m).
+    """
+
+    at: npt.NDArray[np.int64]
+    far: npt.NDArray[np.int64]
+    form: npt.NDArray[np.int32]
+    scale: npt.NDArray[np.float64]
+    margin: npt.NDArray[np.float64]
+    depth: npt.NDArray[np.float64]
+    samples: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PackedLakes:
+    """What ``Lakes`` of ``kernels/lakes.clh`` adds to the fields, for one cell size.
+
+    Attributes
+    ----------
+    shape, profile : ndarray of float64, shape (n, 4)
+    shown : ndarray of bool, shape (n,)
+        Whether anything of a lake is left at the cell size.
+    """
+
+    shape: npt.NDArray[np.float64]
+    profile: npt.NDArray[np.float64]
+    shown: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PackedCovers:
+    """What ``lay_covers`` in ``kernels/materials.clh`` adds to the fields.
+
+    Attributes
+    ----------
+    form : ndarray of int32, shape (n, 4)
+        The fields' form with the material's index in the last place.
+    shape : ndarray of float64, shape (n, 4)
+    """
+
+    form: npt.NDArray[np.int32]
+    shape: npt.NDArray[np.float64]
+
+
+def pack_fields(recipe: TerrainRecipe, fields: Sequence[ShapeField]) -> PackedFields:
+    """Return the spline coefficients that make each field pass through its samples."""
+    unit = metres_per_unit(recipe.extent)
+    count = len(fields)
+    at, far = np.zeros((2, count, 2), np.int64)
+    form = np.zeros((count, 4), np.int32)
+    scale, margin, depth = np.zeros((3, count))
+    samples, first = [np.zeros(0)], 0
+    for i, field in enumerate(fields):
+        coefficients = np.pad(_coefficients(field), _PAD, mode="edge")
+        rows, columns = coefficients.shape
+        corner = np.array([field.west, field.south]) - _PAD * field.spacing
+        at[i] = to_lattice(corner, recipe.extent)
+        far[i] = at[i] + np.ceil(np.array([columns, rows]) * field.spacing / unit).astype(np.int64)
+        form[i] = first, columns, rows, 0
+        scale[i] = unit / field.spacing
+        rim = np.concatenate([coefficients[[0, -1]].ravel(), coefficients[:, [0, -1]].ravel()])
+        margin[i] = max(-_WITHIN * float(rim.max()), 1e-3)
+        depth[i] = max(float(field.inside.max()), 0.25 * field.spacing)
+        samples.append(coefficients.ravel())
+        first += coefficients.size
+    return PackedFields(at, far, form, scale, margin, depth, np.concatenate(samples))
+
+
+def _coefficients(field: ShapeField) -> npt.NDArray[np.float64]:
+    return np.asarray(spline_filter(field.inside.astype(np.float64), order=2, mode="mirror"))
+
+
+def pack_lakes(recipe: TerrainRecipe, fields: PackedFields, cell: float) -> PackedLakes:
+    """Return the lakes' profiles; lakes narrower than two cells fade out and are gone at one.
+
+    A lake is no deeper than its greatest distance from the shore, so that its bed can be reached at 45°.
+    """
+    level = np.array([lake.level for lake in recipe.lakes], dtype=np.float64)
+    asked = np.array([lake.depth for lake in recipe.lakes], dtype=np.float64)
+    deep = np.minimum(asked, _STEEPEST_BED * fields.depth)
+    shelf = np.minimum(0.9 * fields.depth, _SHELF_RUN * deep)
+    shore = np.minimum(_SHORE_SHARE * deep / shelf, _STEEPEST_SHORE)
+    # The beach is a parabola over half the margin that starts with the shore's slope.
+    rise = shore * fields.margin / 4
+    fade = np.clip(2 * fields.depth / cell - 1, 0, 1)
+    fade = fade * fade * (3 - 2 * fade)
+    shape = np.stack([fields.scale, 1 / fields.margin, level, fade], axis=-1)
+    profile = np.stack([deep, 1 / shelf, shore * shelf, rise], axis=-1)
+    return PackedLakes(shape, profile, fade > 0)
+
+
+def pack_covers(recipe: TerrainRecipe, fields: PackedFields) -> PackedCovers:
+    """Return the covers' borders: wider the lower the fidelity, and never wider than the fields' margins."""
+    spacing = np.array([cover.shape.spacing for cover in recipe.covers], dtype=np.float64)
+    sharp, loose = _BORDER
+    half = spacing * (loose + (sharp - loose) * recipe.fidelity)
+    # Noise moves the border by as much again as it is wide (``kernels/materials.clh``).
+    half = np.minimum(half, fields.margin / 2)
+    strength = np.array([cover.strength for cover in recipe.covers], dtype=np.float64)
+    form = fields.form.copy()
+    form[:, 3] = [cover.material for cover in recipe.covers]
+    shape = np.stack([fields.scale, 0.5 / half, strength, np.zeros(len(half))], axis=-1)
+    return PackedCovers(form, shape)

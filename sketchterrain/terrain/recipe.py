@@ -21,10 +21,10 @@ __all__ = ["FeatureSource", "NoFill", "TerrainRecipe"]
 FINEST_CELL = FINEST_WAVELENGTH / 4
 """Cell size that shows every octave, m: finer ones see the same terrain."""
 
-_DEFAULT_RIDGE_WAVELENGTH = 700.0
-# Dunes' crests wander over some lengths of a wave.
-_CRESTS_PER_WAVELENGTH = 4.5
-_DEFAULT_DUNE_WAVELENGTH = 140.0
+# Noises must not depend on what is placed: an edit in one corner would reshape the whole world.
+_RIDGE_SHARE = 1 / 8  # of the extent: nearly the width of a typical mountain
+_CREST_SHARE = 1 / 8  # of the extent: dunes' crests wander over some lengths of a wave
+_LONGEST_CREST = 1260.0  # m
 
 
 class FeatureSource(Protocol):
@@ -103,9 +103,8 @@ class TerrainRecipe:
 
     @property
     def ridge_wavelength(self) -> float:
-        """Wavelength of the mountains' main ridges, m: nearly the width of a typical mountain."""
-        radii = self.painted["radius"][self.painted["type"] == FEATURE_TYPES.index("mountain")]
-        return 1.5 * float(np.median(radii)) if radii.size else _DEFAULT_RIDGE_WAVELENGTH
+        """Wavelength of the mountains' main ridges, m."""
+        return self.extent * _RIDGE_SHARE
 
     @property
     def dune_styles(self) -> tuple[tuple[float, float], ...]:
@@ -121,8 +120,7 @@ class TerrainRecipe:
     def stacks(self) -> tuple[NoiseStack, ...]:
         """The noises the terrain is made of."""
         outline = self.extent / 5
-        dunes = [wavelength for wavelength, _ in self.dune_styles]
-        crest = _CRESTS_PER_WAVELENGTH * (dunes[0] if dunes else _DEFAULT_DUNE_WAVELENGTH)
+        crest = min(self.extent * _CREST_SHARE, _LONGEST_CREST)
         return (
             NoiseStack("ground", self.ground["wavelength"], self.ground["roughness"]),
             NoiseStack("warp_u", outline, 0.55, most=6),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -74,7 +75,7 @@ def reach_course(
     if parent is not None:
         joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
         path[-1] = parent.line[joint]
-    widths, depths, label = _painted_sizes(sketch, skeleton, pixels)
+    widths, depths, label = _painted_sizes(sketch, skeleton, pixels, joins=parent is not None)
     points = spaced(np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths]), interval)
 
     name = _id(sketch, skeleton, int(pixels[0]))
@@ -128,9 +129,17 @@ def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
     return int(pixel_id("river", skeleton.rows[at], skeleton.columns[at], sketch.width_px)[0])
 
 
-def _painted_sizes(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> tuple[Floats, Floats, int]:
-    """Width and depth (m) that the labels along a path say, smoothed; and the label of most of it."""
+def _painted_sizes(
+    sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, joins: bool = False
+) -> tuple[Floats, Floats, int]:
+    """Width and depth (m) that the labels along a path say, smoothed; and the label of most of it.
+
+    `joins`: the path ends on another river's middle, so that its last pixels are that river's.
+    """
     labels = sketch.layers["river"][skeleton.rows[pixels], skeleton.columns[pixels]]
+    within = math.ceil(float(skeleton.depth[pixels[-1]])) + 1
+    if joins and within < len(labels):
+        labels[-within:] = labels[-within - 1]
     main = int(np.argmax(np.bincount(labels, minlength=256)))
     widths, depths = np.zeros(len(pixels)), np.zeros(len(pixels))
     for label in np.unique(labels):

@@ -13,9 +13,8 @@ LEAST_FALL = 1e-4
 """Metres that water falls on every metre of its way."""
 
 _SPRING_WIDTH = 0.4  # of the label's width
-_CONFLUENCE_GROWTH = (
-    0.15  # the first tributary widens a river by this share, each further one by half as much
-)
+_BEND_ROUNDS = 60
+_WIDEST = 2.0  # times what the label says: confluences widen a river no further
 
 
 def smoothstep(t: Floats) -> Floats:
@@ -27,6 +26,9 @@ def smoothstep(t: Floats) -> Floats:
 def width_along(base: Floats, arc: Floats, taper: float, tributaries: list[tuple[int, float]]) -> Floats:
     """Width of a river along its centreline.
 
+    At a confluence the squares of the widths add up, as drained areas do (Leopold & Maddock 1953: width goes
+    with the root of the discharge), up to twice what the label says.
+
     Parameters
     ----------
     base : (m,) float64
@@ -34,17 +36,17 @@ def width_along(base: Floats, arc: Floats, taper: float, tributaries: list[tuple
     arc : (m,) float64
         Length from its spring (m).
     taper : float
-        Length (m) over which it grows from 0.4 of its width.
+        Length (m) over which it grows from 0.4 of its width; 0 for a river that has its width from the start.
     tributaries : list of (index, width)
         Where on the centreline they join, and how wide they are there (m).
     """
-    width = base * (_SPRING_WIDTH + (1.0 - _SPRING_WIDTH) * smoothstep(arc / max(taper, 1e-9)))
-    growth = _CONFLUENCE_GROWTH
+    grown = smoothstep(arc / taper) if taper > 0.0 else np.ones(len(arc))
+    width = base * (_SPRING_WIDTH + (1.0 - _SPRING_WIDTH) * grown)
     for index, joining in sorted(tributaries):
         joined = smoothstep((arc - arc[index]) / (3.0 * max(joining, float(width[index]))))
-        wider = np.maximum(width * (1.0 + growth), joining * (1.0 + growth))
+        # A tributary wider than its stem is the river from here on.
+        wider = np.maximum(np.minimum(np.hypot(width, joining), _WIDEST * base), np.maximum(width, joining))
         width = width + (wider - width) * joined
-        growth *= 0.5
     return width
 
 
@@ -86,6 +88,45 @@ def joined_to(level: Floats, arc: Floats, *, end: float, width: float) -> Floats
     level = level - (level[-1] - end) * approach
     level[-1] = end
     return np.asarray(np.minimum.accumulate(level))
+
+
+def pooled(level: Floats, arc: Floats, first: float, last: float) -> Floats:
+    """Make the water from `first` to `last` (m along the river) a pool at the level that it had at its end.
+
+    Upstream of the pool, over four times its length, the river falls as much as before and that much earlier.
+    """
+    first, last = max(first, 0.0), min(last, float(arc[-1]))
+    if not first < last:
+        return level
+    start = max(first - 4.0 * (last - first), 0.0)
+    earlier = last - (first - np.clip(arc, start, first)) * (last - start) / max(first - start, 1e-9)
+    moved = np.interp(np.where(arc < first, earlier, last), arc, level)
+    pool = float(np.interp(last, arc, level)) + LEAST_FALL * (last - arc)
+    inside = (arc >= start) & (arc <= last)
+    return np.asarray(np.where(inside, np.minimum(level, np.maximum(moved, pool)), level))
+
+
+def level_in_bends(level: Floats, arc: Floats, bends: npt.NDArray[np.int64], depth: Floats) -> Floats:
+    """Lower the water above sharp bends, so that it does not stand above its own bank further down.
+
+    Parameters
+    ----------
+    level, arc : (m,) float64
+        Water level and length from the spring (m).
+    bends : (k, 2) int64
+        Pairs of points: the bank of the second stands beside the first, and is a third of a depth high.
+    depth : (m,) float64
+        Metres.
+    """
+    upper, lower = bends[:, 0], bends[:, 1]
+    for _ in range(_BEND_ROUNDS if len(bends) else 0):
+        lowered = level + LEAST_FALL * arc
+        most = level[lower] + depth[lower] / 3.0 + LEAST_FALL * arc[lower]
+        if (lowered[upper] <= most).all():
+            break
+        np.minimum.at(lowered, upper, most)
+        level = np.minimum.accumulate(lowered) - LEAST_FALL * arc
+    return level
 
 
 def _blurred(values: Floats, sigma: float) -> Floats:

@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import River
+from sketchterrain.features.river_beyond import kept_apart
 from sketchterrain.features.river_course import Course, dab_course, pixel_positions, reach_course, turned
 from sketchterrain.features.river_edits import edited_courses
 from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
-from sketchterrain.features.river_path import arc_length
-from sketchterrain.features.river_profile import joined_to, surface_along, width_along
+from sketchterrain.features.river_water import levels_of, network_of, rivers_of
 from sketchterrain.features.skeleton import skeletons
 
 if TYPE_CHECKING:
+    from sketchterrain.features.catalogue import River
     from sketchterrain.features.river_network import RiverEnd
     from sketchterrain.features.skeleton import Skeleton
     from sketchterrain.sketch.document import Sketch
@@ -29,7 +29,6 @@ _EDGE_BONUS = (10.0, 0.02)
 """A mouth at the sketch's edge may lie this much higher: metres, and metres for each metre of river."""
 
 _LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
-_DEPTH_POWER = 0.6  # how depth follows width along a river
 
 
 def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, ...]:
@@ -81,6 +80,7 @@ def trace_edited_rivers(
     courses, orphans = edited_courses(courses, sketch.edits)
     if not courses:
         return (), orphans
+    courses = kept_apart(courses, sketch.size)
     return tuple(sorted(_with_water(courses, ground), key=lambda river: river.id)), orphans
 
 
@@ -135,52 +135,6 @@ def _courses(sketch: Sketch, skeleton: Skeleton, mouth: int, seed: int) -> list[
 
 
 def _with_water(courses: list[Course], ground: Ground) -> list[River]:
-    """Widths and levels, tributaries first; then down from each stem so that levels meet at confluences."""
     grounds = _heights(ground, [course.line for course in courses])
-    arcs = [arc_length(course.line) for course in courses]
-    number_of = {id(course): number for number, course in enumerate(courses)}
-    parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
-    joining: list[list[int]] = [[] for _ in courses]
-    for number, parent in enumerate(parents):
-        if parent >= 0:
-            joining[parent].append(number)
-    widths: list[Floats] = [course.width for course in courses]
-    levels: list[Floats] = list(grounds)
-    for number in reversed(range(len(courses))):
-        course, joints = courses[number], [courses[other].joint for other in joining[number]]
-        joining_widths = [float(widths[other][-1]) for other in joining[number]]
-        joining_levels = [float(levels[other][-1]) for other in joining[number]]
-        tributaries = list(zip(joints, joining_widths, strict=True))
-        widths[number] = width_along(course.width, arcs[number], course.taper, tributaries)
-        levels[number] = surface_along(
-            grounds[number],
-            arcs[number],
-            width=float(course.width.mean()),
-            depth=float(course.depth.mean()),
-            ceilings=list(zip(joints, joining_levels, strict=True)),
-        )
-    for number, course in enumerate(courses):
-        if parents[number] >= 0:
-            levels[number] = joined_to(
-                levels[number],
-                arcs[number],
-                end=float(levels[parents[number]][course.joint]),
-                width=float(course.width.mean()),
-            )
-    return [_river(*each) for each in zip(courses, widths, levels, strict=True)]
-
-
-def _river(course: Course, width: Floats, level: Floats) -> River:
-    depth = course.depth * (width / course.width) ** _DEPTH_POWER
-    line = np.column_stack([course.line, level])
-    widths, depths = width.astype(np.float32), depth.astype(np.float32)
-    return River(
-        id=course.id,
-        label=course.label,
-        points=line[course.controls],
-        width=widths[course.controls],
-        depth=depths[course.controls],
-        centreline=line,
-        centreline_width=widths,
-        centreline_depth=depths,
-    )
+    network = network_of(courses)
+    return rivers_of(network, levels_of(network, grounds, [()] * len(courses)))

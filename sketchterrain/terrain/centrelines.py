@@ -76,13 +76,13 @@ def simplified(
     # Half a width is one in the bed's parabola: off its line it is shallower by depth * (2 off / width)^2.
     tolerance = min(_TOLERANCE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
     tolerance = max(tolerance, _SMALLEST_TOLERANCE)
-    # The reach only widens a blend: a tenth of the care for position will do.
-    weighted = line * np.array([1, 1, 1, 1, 1, 0.02])
+    # Levels must agree where waters meet; the reach only widens a blend.
+    weighted = line * np.array([1, 1, 5, 1, 5, 0.02])
     return line[_douglas_peucker(weighted, tolerance, _met(river, meeting))]
 
 
 def _met(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[np.intp]:
-    """Indices of the centreline's ends and of its points where another river ends, ascending."""
+    """Find the indices of the centreline's ends and of its points where another river ends, ascending."""
     line = river.centreline[:, 0] + 1j * river.centreline[:, 1]
     at = np.zeros(len(line), dtype=bool) if meeting is None else np.isin(line, meeting @ np.array([1, 1j]))
     at[[0, -1]] = True

@@ -1,0 +1,320 @@
+"""The water of a river network: widths, levels and beds that agree wherever two reaches meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from sketchterrain.features.catalogue import River
+from sketchterrain.features.river_path import arc_length
+from sketchterrain.features.river_profile import (
+    joined_to,
+    level_in_bends,
+    pooled,
+    smoothstep,
+    surface_along,
+    width_along,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.features.river_course import Course
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_DEPTH_POWER = 0.6  # how depth follows width along a river
+_LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
+
+
+@dataclass(frozen=True, eq=False)
+class StillWater:
+    """A run of a course over which the level is given: a lake.
+
+    Attributes
+    ----------
+    first, last : int
+        Points of the centreline, both inside.
+    level : float
+        Metres.
+    """
+
+    first: int
+    last: int
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Meeting:
+    """Where a tributary's water overlaps the stem's: one pool of one level.
+
+    Attributes
+    ----------
+    length : float
+        Metres of the tributary above its end.
+    above, below : float
+        Metres of the stem above and below the joint.
+    """
+
+    length: float
+    above: float
+    below: float
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """Courses with what follows from their shapes alone.
+
+    Attributes
+    ----------
+    courses : sequence of Course
+        Parents before the courses that join them.
+    parents : sequence of int
+        Index of the course that each joins; -1 for none.
+    arcs : sequence of (m,) float64
+        Metres from each spring.
+    widths : sequence of (m,) float64
+        Metres, with tributaries counted and neighbours heeded.
+    meetings : sequence of _Meeting or None
+    bends : sequence of (k, 2) int64
+        Pairs of points of one centreline, upstream first: the bank beside the first is the second's.
+    """
+
+    courses: Sequence[Course]
+    parents: Sequence[int]
+    arcs: Sequence[Floats]
+    widths: Sequence[Floats]
+    meetings: Sequence[_Meeting | None]
+    bends: Sequence[Ints]
+
+    def joining(self, number: int) -> list[int]:
+        """Return the indices of the courses that join one."""
+        return [other for other, parent in enumerate(self.parents) if parent == number]
+
+
+def network_of(courses: Sequence[Course]) -> Network:
+    """Work out how wide rivers are, and where their waters overlap.
+
+    Parameters
+    ----------
+    courses : sequence of Course
+        Of any number of networks; parents before the courses that join them.
+    """
+    number_of = {id(course): number for number, course in enumerate(courses)}
+    parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
+    arcs = [arc_length(course.line) for course in courses]
+    widths: list[Floats] = [course.width for course in courses]
+    for number in reversed(range(len(courses))):
+        course = courses[number]
+        tributaries = [
+            (courses[other].joint, float(widths[other][-1]))
+            for other, parent in enumerate(parents)
+            if parent == number
+        ]
+        widths[number] = width_along(course.width, arcs[number], course.taper, tributaries)
+    meetings: list[_Meeting | None] = [
+        None
+        if parent < 0
+        else _meeting(course, courses[parent], arcs[n], arcs[parent], widths[n], widths[parent])
+        for n, (course, parent) in enumerate(zip(courses, parents, strict=True))
+    ]
+    widths = _beside_neighbours(courses, parents, arcs, widths, meetings)
+    bends = [
+        _bends(course.line, arc, width) for course, arc, width in zip(courses, arcs, widths, strict=True)
+    ]
+    return Network(courses, parents, arcs, widths, meetings, bends)
+
+
+def _bends(line: Floats, arc: Floats, width: Floats) -> Ints:
+    """Find where the ground beside a river, up to 1.6 widths away, is nearer to a point further down."""
+    along = np.gradient(line, axis=0)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
+    tree, number = cKDTree(line), np.arange(len(line))
+    pairs = []
+    for widths in (-1.6, -1.0, 1.0, 1.6):
+        _, nearest = tree.query(line + widths * width[:, None] * across)
+        nearest = np.minimum(nearest + 1, len(line) - 1)
+        below = (nearest > number + 1) & (arc[nearest] - arc < 4.0 * width)
+        pairs.append(np.stack([number[below], nearest[below]], axis=-1))
+    return np.concatenate(pairs).astype(np.int64)
+
+
+def _meeting(
+    course: Course, parent: Course, arc: Floats, parent_arc: Floats, width: Floats, parent_width: Floats
+) -> _Meeting:
+    """Find the tributary's last run in which its water overlaps its parent's."""
+    distance, found = cKDTree(parent.line).query(course.line)
+    nearest = np.asarray(found)
+    overlap = distance < 0.55 * (width + parent_width[nearest])
+    apart = np.flatnonzero(~overlap)
+    first = int(apart[-1]) + 1 if len(apart) else 0
+    along = parent_arc[nearest[first:]] - parent_arc[course.joint]
+    margin = 0.5 * float(parent_width[course.joint]) + 0.5 * float(width[-1])
+    return _Meeting(
+        length=max(float(arc[-1] - arc[min(first, len(arc) - 1)]), margin),
+        above=max(-float(along.min(initial=0.0)), 0.0) + margin,
+        below=max(float(along.max(initial=0.0)), 0.0) + margin,
+    )
+
+
+def _beside_neighbours(
+    courses: Sequence[Course],
+    parents: Sequence[int],
+    arcs: Sequence[Floats],
+    widths: Sequence[Floats],
+    meetings: Sequence[_Meeting | None],
+) -> list[Floats]:
+    """Narrow rivers where their waters would overlap elsewhere than where they meet."""
+    boxes = [
+        (course.line.min(axis=0) - width.max(), course.line.max(axis=0) + width.max())
+        for course, width in zip(courses, widths, strict=True)
+    ]
+    trees = [cKDTree(course.line) for course in courses]
+    scales: list[Floats] = [np.ones(len(course.line)) for course in courses]
+    for number, course in enumerate(courses):
+        for other, tree in enumerate(trees):
+            if other == number or (boxes[number][0] > boxes[other][1]).any():
+                continue
+            if (boxes[number][1] < boxes[other][0]).any():
+                continue
+            asked = _apart(number, other, parents, arcs, courses, meetings)
+            distance, nearest = tree.query(course.line[asked])
+            total = 0.5 * (widths[number][asked] + widths[other][nearest])
+            counts = _apart(other, number, parents, arcs, courses, meetings)[np.asarray(nearest)]
+            scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)
+            scales[number][asked] = np.minimum(scales[number][asked], scale)
+    return [
+        width * _softened(scale, arc, float(width.max()))
+        for width, scale, arc in zip(widths, scales, arcs, strict=True)
+    ]
+
+
+def _apart(
+    number: int,
+    other: int,
+    parents: Sequence[int],
+    arcs: Sequence[Floats],
+    courses: Sequence[Course],
+    meetings: Sequence[_Meeting | None],
+) -> npt.NDArray[np.bool_]:
+    """Points of a course that lie outside every confluence that it shares with the other one's family."""
+    arc, away = arcs[number], np.ones(len(arcs[number]), dtype=np.bool_)
+    own = meetings[number]
+    if own is not None and (parents[number] == other or parents[other] == parents[number]):
+        away &= arc < arc[-1] - own.length
+    met = meetings[other]
+    if met is not None and parents[other] == number:
+        joint = arc[courses[other].joint]
+        away &= (arc < joint - met.above) | (arc > joint + met.below)
+    return away
+
+
+def _softened(scale: Floats, arc: Floats, width: float) -> Floats:
+    """Let a narrow place begin some widths before it and end some widths after it."""
+    narrow = np.flatnonzero(scale < 1.0)
+    if not len(narrow):
+        return scale
+    slope = 0.15 / width
+    fore = np.minimum.accumulate(scale - slope * arc) + slope * arc
+    back = np.minimum.accumulate((scale + slope * arc)[::-1])[::-1] - slope * arc
+    return np.asarray(np.minimum(np.minimum(fore, back), 1.0))
+
+
+def levels_of(
+    network: Network, grounds: Sequence[Floats], still: Sequence[Sequence[StillWater]]
+) -> list[Floats]:
+    """Find each reach's water level: falling all the way, one level where waters meet, flat in lakes.
+
+    Parameters
+    ----------
+    network : Network
+    grounds : sequence of (m,) float64
+        Height of the ground along each centreline (m).
+    still : sequence of sequences of StillWater
+        What each course runs through, upstream first; its level is not above the water that comes to it.
+    """
+    courses, arcs = network.courses, network.arcs
+    levels: list[Floats] = list(grounds)
+    for number in reversed(range(len(courses))):
+        course, joining = courses[number], network.joining(number)
+        level = surface_along(
+            grounds[number],
+            arcs[number],
+            width=float(course.width.mean()),
+            depth=float(course.depth.mean()),
+            ceilings=[(courses[other].joint, float(levels[other][-1])) for other in joining],
+        )
+        levels[number] = _through_lakes(level, arcs[number], still[number], float(course.width.mean()))
+    for number, course in enumerate(courses):
+        arc, parent, meeting = arcs[number], network.parents[number], network.meetings[number]
+        level = levels[number]
+        if parent >= 0 and meeting is not None:
+            width = float(course.width.mean())
+            level = joined_to(level, arc, end=float(levels[parent][course.joint]), width=width)
+            level = pooled(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
+        level = level_in_bends(level, arc, network.bends[number], course.depth)
+        for other in network.joining(number):
+            met = network.meetings[other]
+            if met is not None:
+                joint = float(arc[courses[other].joint])
+                level = pooled(level, arc, joint - met.above, joint + met.below)
+        levels[number] = level_in_bends(level, arc, network.bends[number], course.depth)
+    return levels
+
+
+def _through_lakes(level: Floats, arc: Floats, still: Sequence[StillWater], width: float) -> Floats:
+    for lake in still:
+        last, arrives = lake.last + 1, lake.last == len(level) - 1
+        if arrives and lake.first > 0:
+            level = level.copy()
+            level[: lake.first] = np.maximum(level[: lake.first], lake.level)
+            above = joined_to(level[: lake.first + 1], arc[: lake.first + 1], end=lake.level, width=width)
+            level[: lake.first + 1] = above
+        level = np.concatenate(
+            [
+                np.maximum(level[: lake.first], lake.level),
+                np.full(last - lake.first, lake.level),
+                np.minimum(level[last:], lake.level),
+            ]
+        )
+    return level
+
+
+def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
+    """Give every reach its bed: never rising, and the stem's own where a tributary ends."""
+    beds: list[Floats] = []
+    rivers = []
+    for number, (course, width, level) in enumerate(
+        zip(network.courses, network.widths, levels, strict=True)
+    ):
+        depth = course.depth * (width / course.width) ** _DEPTH_POWER
+        bed = np.minimum.accumulate(level - depth)
+        parent, meeting = network.parents[number], network.meetings[number]
+        if parent >= 0 and meeting is not None:
+            end, arc = float(beds[parent][course.joint]), network.arcs[number]
+            bed = np.maximum(bed, end)
+            bed += (end - bed) * smoothstep((arc - arc[-1] + 2.0 * meeting.length) / meeting.length)
+        bed = np.minimum.accumulate(np.minimum(bed, level - _LEAST_DEPTH))
+        beds.append(bed)
+        rivers.append(_river(course, width, level, level - bed))
+    return rivers
+
+
+def _river(course: Course, width: Floats, level: Floats, depth: Floats) -> River:
+    line = np.column_stack([course.line, level])
+    widths, depths = width.astype(np.float32), depth.astype(np.float32)
+    return River(
+        id=course.id,
+        label=course.label,
+        points=line[course.controls],
+        width=widths[course.controls],
+        depth=depths[course.controls],
+        centreline=line,
+        centreline_width=widths,
+        centreline_depth=depths,
+    )

@@ -9,6 +9,7 @@ import numpy as np
 
 from sketchterrain.compute import ComputeContext
 from sketchterrain.features import Fill, place
+from sketchterrain.features.covers import lay_covers
 from sketchterrain.features.edits import EditedFill, edited_fill, edited_painted
 from sketchterrain.features.rivers import trace_edited_rivers
 from sketchterrain.terrain.balance import balanced
@@ -68,6 +69,7 @@ def make_recipe(sketch: Sketch) -> TerrainRecipe:
         climate=sketch.climate,
         painted=np.concatenate([balanced(painted.points, locked=painted.locked), adopted.points]),
         fill=EditedFill(fill, adopted.hidden) if adopted.hidden.size else fill,
+        covers=lay_covers(sketch),
     )
     cell = sketch.extent / _RIVER_CELLS_PER_EXTENT
 

@@ -28,8 +28,13 @@ class EditedPoints:
     ----------
     points : array of FEATURE
         Sorted by id.
+    asked : array of FEATURE
+        The same, but each one that is locked as it would be without its lock, if it would be at all: what
+        the others' strengths are solved with, so that locking alone changes nothing.
     locked : (n,) bool
         Which ones keep every value as it is, their strength too.
+    held : (n,) bool
+        Which of these would not be there without their lock.
     hidden : array of FEATURE
         Those that were there before and are not any more, or are not as they were.
     orphans : tuple of str
@@ -37,7 +42,9 @@ class EditedPoints:
     """
 
     points: Points
+    asked: Points
     locked: npt.NDArray[np.bool_]
+    held: npt.NDArray[np.bool_]
     hidden: Points
     orphans: tuple[str, ...]
 
@@ -104,7 +111,7 @@ def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float])
     found = np.zeros(0, dtype=FEATURE)
     if own:
         found = fill.within(0.0, 0.0, *size)
-        found = found[np.isin(found["id"], np.array([edit.feature for edit in own], dtype=np.uint64))]
+        found = found[_among(found, [edit.feature or 0 for edit in own])]
     return _edited(found, own)
 
 
@@ -123,7 +130,7 @@ def _of_fill(edit: Edit) -> bool:
 
 def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
     changed: dict[int, Points | None] = {}
-    locked: set[int] = set()
+    unlocked: dict[int, Points | None] = {}
     orphans = []
     for edit in edits:
         name = cast(int, edit.feature)
@@ -131,17 +138,30 @@ def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
         if edit.action in ("lock", "add"):
             changed[name] = _stored(edit)
             if edit.action == "lock":
-                locked.add(name)
+                unlocked.setdefault(name, row)
         elif row is None:
             orphans.append(f"{edit.action} of feature {name}: there is no such feature any more")
         else:
             changed[name] = None if edit.action == "delete" else _with_values(row, edit)
-    hidden = before[np.isin(before["id"], np.array(list(changed), dtype=np.uint64))]
-    rest = before[~np.isin(before["id"], hidden["id"])]
-    points = np.concatenate([rest, *(row for row in changed.values() if row is not None)])
-    points = points[np.argsort(points["id"], kind="stable")]
-    is_locked = np.isin(points["id"], np.array(list(locked), dtype=np.uint64))
-    return EditedPoints(points, is_locked, hidden, tuple(orphans))
+    hidden = before[_among(before, changed)]
+    points = _sorted(
+        [before[~_among(before, changed)], *(row for row in changed.values() if row is not None)]
+    )
+    originals = _sorted([before[:0], *(row for row in unlocked.values() if row is not None)])
+    asked = _sorted([points[~_among(points, originals["id"])], originals[_among(originals, points["id"])]])
+    locked = _among(points, unlocked)
+    held = locked & ~_among(points, originals["id"])
+    return EditedPoints(points, asked, locked, held, hidden, tuple(orphans))
+
+
+def _sorted(parts: list[Points]) -> Points:
+    together = np.concatenate(parts)
+    ordered: Points = together[np.argsort(together["id"], kind="stable")]
+    return ordered
+
+
+def _among(points: Points, ids: Iterable[int]) -> npt.NDArray[np.bool_]:
+    return np.isin(points["id"], np.array(list(ids), dtype=np.uint64))
 
 
 def _row(points: Points, name: int) -> Points | None:

@@ -66,6 +66,8 @@ class Fill:
     ----------
     max_radius : float
         Radius (m) that no feature of the fill exceeds; 0 when every density is 0.
+    sketch, painted, seed
+        What it was made from.
     """
 
     max_radius: float
@@ -78,18 +80,38 @@ class Fill:
         seed: int,
         river_distance: Callable[[Floats, Floats], Floats] | None = None,
     ) -> None:
-        self._sketch = sketch
-        self._seed = seed
+        self.sketch = sketch
+        self.seed = seed
         self._proposals = _proposals(sketch)
         self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
+        self.painted = painted
         self._painted = _Painted(sketch, painted, river_distance, fills=tuple(self._proposals))
+
+    @property
+    def rules(self) -> tuple[object, ...]:
+        """Everything that it depends on everywhere: two fills differ only near where paint does if equal."""
+        own = [tuple(self.sketch.properties(name, 1).items()) for name in self._proposals]
+        size = (self.sketch.extent, self.sketch.width_px, self.sketch.height_px)
+        return self.seed, size, tuple(self._proposals.values()), tuple(own)
+
+    def influence(self, radius: float) -> float:
+        """How far (m) from a painted pixel, or from a placed feature of this radius (m), the fill heeds it.
+
+        What stands too near gives way, and then what had given way to that may stand.
+        """
+        most, names = self.max_radius, tuple(self._proposals)
+        # Beyond the sketch's edge a distance may be told too short by a factor of up to √2.
+        clearance = max((factor for (name, _), factor in CLEARANCE.items() if name in names), default=0.0)
+        spacing = max((factor for (_, name), factor in SPACING.items() if name in names), default=0.0)
+        direct = max(math.sqrt(2.0) * clearance * most, spacing * (radius + most))
+        return direct + 2.0 * spacing * most + 2.0 * self.sketch.pixel_size
 
     @property
     def dune_styles(self) -> frozenset[tuple[float, float]]:
         """Distinct (wavelength in m, wind in degrees) of its dunes, rounded as they are in ``FEATURE``."""
         if "dune" not in self._proposals:
             return frozenset()
-        properties = self._sketch.properties("dune", 1)
+        properties = self.sketch.properties("dune", 1)
         style = (float(np.float32(properties["wavelength"])), float(np.float32(properties["wind"])))
         return frozenset([style])
 
@@ -149,25 +171,25 @@ class Fill:
         column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
         row = np.arange(math.floor(box[1] / cell), math.floor(box[3] / cell) + 1)[:, None, None]
         number = np.arange(most)[None, None, :]
-        wanted = np.floor(proposal.per_cell + unit(self._seed, f"{name} count", column, row))
+        wanted = np.floor(proposal.per_cell + unit(self.seed, f"{name} count", column, row))
         rows, columns, numbers = np.nonzero(number < wanted)
         keys = (column[0, columns, 0], row[rows, 0, 0], numbers)
 
-        x = (keys[0] + unit(self._seed, f"{name} x", *keys)) * cell
-        y = (keys[1] + unit(self._seed, f"{name} y", *keys)) * cell
+        x = (keys[0] + unit(self.seed, f"{name} x", *keys)) * cell
+        y = (keys[1] + unit(self.seed, f"{name} y", *keys)) * cell
         inside = (box[0] <= x) & (x < box[2]) & (box[1] <= y) & (y < box[3])
         keys = (keys[0][inside], keys[1][inside], keys[2][inside])
         result = np.zeros(int(inside.sum()), dtype=FEATURE)
-        result["id"] = FILL_BIT | np.uint64(code << 60) | (hashed(self._seed, name, *keys) >> np.uint64(4))
+        result["id"] = FILL_BIT | np.uint64(code << 60) | (hashed(self.seed, name, *keys) >> np.uint64(4))
         result["type"], result["x"], result["y"] = code, x[inside], y[inside]
-        size = unit(self._seed, f"{name} size", *keys)
+        size = unit(self.seed, f"{name} size", *keys)
         result["radius"] = proposal.low * (proposal.high / proposal.low) ** size
-        self._dress(result, proposal, unit(self._seed, f"{name} strength", *keys))
+        self._dress(result, proposal, unit(self.seed, f"{name} strength", *keys))
         return result[self._painted.leaves_room(name, result)]
 
     def _dress(self, features: Points, proposal: _Proposal, chance: Floats) -> None:
         """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""
-        properties = self._sketch.properties(proposal.name, 1)
+        properties = self.sketch.properties(proposal.name, 1)
         radius = features["radius"].astype(np.float64)
         if proposal.name == "forest":
             strength = properties["density"] * (0.7 + 0.3 * chance)

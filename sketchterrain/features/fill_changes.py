@@ -1,0 +1,112 @@
+"""What differs between the fills of two sketches, found without looking at the whole world."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import ndimage
+
+from sketchterrain.features.catalogue import FEATURE, Points
+from sketchterrain.features.edits import EditedFill
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sketchterrain.features.fill import Fill
+    from sketchterrain.sketch import Sketch
+
+Box = tuple[float, float, float, float]
+
+_MOST_REGIONS = 64  # changed regions that are looked at one by one
+
+
+def fill_difference(old: Fill | EditedFill, new: Fill | EditedFill) -> tuple[Points, Points] | None:
+    """Find the features that only one of two fills has.
+
+    Returns
+    -------
+    Those of the old one and those of the new one, arrays of ``FEATURE``; None if they may differ anywhere.
+    """
+    (old, old_hidden), (new, new_hidden) = _parts(old), _parts(new)
+    if old is new:
+        return only_in(new_hidden, old_hidden), only_in(old_hidden, new_hidden)
+    if old.rules != new.rules:
+        return None
+    gone, come = [only_in(new_hidden, old_hidden)], [only_in(old_hidden, new_hidden)]
+    if new.max_radius > 0:
+        for area in _affected(old, new):
+            before, after = old.within(*area), new.within(*area)
+            gone.append(only_in(before, after))
+            come.append(only_in(after, before))
+    return np.unique(np.concatenate(gone)), np.unique(np.concatenate(come))
+
+
+def only_in(one: Points, other: Points) -> Points:
+    """Return the rows of one array that the other does not have, bit for bit."""
+    there = set(_rows(other))
+    found: Points = one[np.array([row not in there for row in _rows(one)], dtype=np.bool_)]
+    return found
+
+
+def _rows(points: Points) -> list[bytes]:
+    data, size = np.ascontiguousarray(points).tobytes(), points.dtype.itemsize
+    return [data[start : start + size] for start in range(0, len(data), size)]
+
+
+def _parts(fill: Fill | EditedFill) -> tuple[Fill, Points]:
+    return (fill.fill, fill.hidden) if isinstance(fill, EditedFill) else (fill, np.zeros(0, dtype=FEATURE))
+
+
+def _affected(old: Fill, new: Fill) -> list[Box]:
+    """Rectangles outside of which the two fills are the same."""
+    found = []
+    points = np.concatenate([only_in(old.painted, new.painted), only_in(new.painted, old.painted)])
+    for x, y, radius in zip(points["x"], points["y"], points["radius"], strict=True):
+        reach = new.influence(float(radius))
+        found.append((x - reach, y - reach, x + reach, y + reach))
+    reach = new.influence(0.0)
+    found += [
+        (west - reach, south - reach, east + reach, north + reach)
+        for west, south, east, north in repainted(old.sketch, new.sketch)
+    ]
+    return joined_boxes(found)
+
+
+def repainted(old: Sketch, new: Sketch) -> list[Box]:
+    """Return rectangles (m) around the pixels that are painted in only one of two sketches of one size."""
+    boxes = []
+    for name, image in new.layers.items():
+        if image is old.layers[name]:
+            continue
+        changed = (image > 0) != (old.layers[name] > 0)
+        regions, count = ndimage.label(changed, structure=np.ones((3, 3)))
+        if count > _MOST_REGIONS:
+            regions = changed.astype(np.int32)
+        for rows, columns in ndimage.find_objects(regions):
+            south, north = (new.height_px - row for row in (rows.stop, rows.start))
+            pixels = np.array([columns.start, south, columns.stop, north]) * new.pixel_size
+            boxes.append((float(pixels[0]), float(pixels[1]), float(pixels[2]), float(pixels[3])))
+    return boxes
+
+
+def joined_boxes(boxes: Iterable[Box]) -> list[Box]:
+    """Join rectangles where one around both is no larger than the two of them together."""
+    kept = np.zeros((0, 4))
+    for each in boxes:
+        box, again = np.array(each, dtype=np.float64), True
+        while again and len(kept):
+            around = np.column_stack([np.minimum(kept[:, :2], box[:2]), np.maximum(kept[:, 2:], box[2:])])
+            growth = _area(around) - _area(kept) - _area(box[None])
+            best = int(np.argmin(growth))
+            again = bool(growth[best] <= 0)
+            if again:
+                box, kept = around[best], np.delete(kept, best, axis=0)
+        kept = np.concatenate([kept, box[None]])
+    return [(float(w), float(s), float(e), float(n)) for w, s, e, n in kept]
+
+
+def _area(
+    boxes: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])

@@ -1,0 +1,171 @@
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.features import FEATURE_TYPES, FILL_BIT
+from sketchterrain.features.edits import lock_of
+from sketchterrain.sketch import Edit, Sketch
+from sketchterrain.terrain import Terrain, build
+from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, influence
+
+if TYPE_CHECKING:
+    from sketchterrain.compute import ComputeContext
+
+SIDE, EXTENT = 160, 32_000.0
+SEEDS = range(20)
+
+
+def _disc(image: np.ndarray, row: float, column: float, radius: float, label: int = 1) -> None:
+    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = label
+
+
+def _sketch() -> Sketch:
+    """Small shapes far from each other, and two rivers, with a fill between."""
+    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in (*FEATURE_TYPES, "river")}
+    for row, column in ((25, 25), (25, 125), (80, 70), (130, 30), (135, 130)):
+        _disc(layers["mountain"], row, column, 7)
+        _disc(layers["hill"], row + 14, column - 4, 4)
+        _disc(layers["forest"], row - 10, column + 10, 4)
+    _disc(layers["dune"], 60, 110, 8)
+    for step in range(40):
+        _disc(layers["river"], 50 + 8 * np.sin(step / 7), 10 + step, 1.0)
+        _disc(layers["river"], 100 + step, 100 + 6 * np.sin(step / 9), 1.0)
+    return Sketch(
+        extent=EXTENT,
+        seed=4,
+        layers=layers,
+        density={"mountain": 0.004, "hill": 0.05, "forest": 0.1, "dune": 0.004},
+        labels={("mountain", 1): {"height": 900.0, "multitude": 3}, ("river", 1): {"width": 40.0}},
+    )
+
+
+@pytest.fixture(scope="module")
+def plain(context: ComputeContext) -> Terrain:
+    return build(_sketch(), device=context)
+
+
+def _edited(sketch: Sketch, terrain: Terrain, seed: int) -> Sketch:
+    """One edit of a kind that the seed chooses."""
+    rng = np.random.default_rng(seed)
+    x, y = (float(v) for v in rng.uniform(1000, 31_000, 2))
+    points, rivers = terrain.features.points, terrain.features.rivers
+    own = points[points["painted"]]
+    point, river = rng.choice(own), rivers[int(rng.integers(len(rivers)))]
+    fill = points[points["id"] >= FILL_BIT]
+    name = int(point["id"])
+    edits = [
+        Edit("move", name, x=float(point["x"]) + 900, y=float(point["y"]) - 500),
+        Edit("resize", name, radius=1.4 * float(point["radius"])),
+        Edit("strength", name, strength=0.5 * float(point["strength"])),
+        Edit("delete", name),
+        Edit("add", type="mountain", x=x, y=y, radius=900.0, strength=400.0),
+        Edit("add", type="dune", x=x, y=y, radius=900.0, strength=20.0, wavelength=60.0, wind=10.0),
+        Edit("move_point", river.id, index=3, x=float(river.points[3, 0]) + 300, y=float(river.points[3, 1])),
+        Edit("width", river.id, width=90.0),
+        Edit("delete", river.id),
+        Edit("delete", int(rng.choice(fill)["id"])),
+        Edit("move", int(rng.choice(fill)["id"]), x=x, y=y),
+    ]
+    kind = seed % (len(edits) + 3)
+    if kind < len(edits):
+        return sketch.with_edit(edits[kind])
+    layer = ("mountain", "river", "hill")[kind - len(edits)]
+    image = np.array(sketch.layers[layer])
+    _disc(image, SIDE - y / EXTENT * SIDE, x / EXTENT * SIDE, 4)
+    return sketch.replace(layers={**sketch.layers, layer: image})
+
+
+def _samples() -> tuple[np.ndarray, np.ndarray]:
+    line = np.linspace(-6000, EXTENT + 6000, 230)
+    x, y = np.meshgrid(line, line)
+    return x.ravel(), y.ravel()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_everything_that_changed_lies_in_the_changed_areas(
+    plain: Terrain, context: ComputeContext, seed: int
+) -> None:
+    after = build(_edited(plain.sketch, plain, seed), device=context)
+    areas = changed_areas(plain.recipe, after.recipe)
+    assert areas
+    assert EVERYWHERE not in areas
+    x, y = _samples()
+    told = np.zeros(x.shape, dtype=bool)
+    for west, south, east, north in areas:
+        told |= (west <= x) & (x <= east) & (south <= y) & (y <= north)
+    for cell in (0.0, 40.0):
+        changed = plain.heights(x, y, cell_size=cell) != after.heights(x, y, cell_size=cell)
+        assert not (changed & ~told).any()
+    assert told.mean() < 0.35  # most of the world is not built again
+
+
+def test_nothing_changed_where_nothing_was_edited(plain: Terrain, context: ComputeContext) -> None:
+    again = build(plain.sketch.replace(name="Another name"), device=context)
+    assert changed_areas(plain.recipe, again.recipe) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 5},
+        {"fidelity": 0.5},
+        {"ground": {"relief": 41.0}},
+        {"climate": {"aridity": 0.3}},
+        {"extent": 3e4},
+    ],
+)
+def test_settings_of_the_world_change_it_everywhere(
+    plain: Terrain, context: ComputeContext, change: dict[str, object]
+) -> None:
+    after = build(plain.sketch.replace(**change), device=context)
+    assert changed_areas(plain.recipe, after.recipe) == [EVERYWHERE]
+    density = build(plain.sketch.replace(density={"hill": 0.4}), device=context)
+    assert changed_areas(plain.recipe, density.recipe) == [EVERYWHERE]
+
+
+def test_locking_changes_nothing(plain: Terrain, context: ComputeContext) -> None:
+    points = plain.features.points
+    locked = plain.sketch
+    for point in points[::3]:
+        locked = locked.with_edit(lock_of(point))
+    after = build(locked, device=context)
+    assert changed_areas(plain.recipe, after.recipe) == []
+    x, y = _samples()
+    np.testing.assert_array_equal(plain.heights(x, y), after.heights(x, y))
+
+
+def test_an_edit_matters_no_farther_than_the_stated_distance(context: ComputeContext) -> None:
+    bare = _sketch().replace(density={"hill": 0.8, "forest": 0.5}, extent=64_000.0)
+    before = build(bare, device=context)
+    point, river = before.recipe.painted[0], before.features.rivers[0]
+    image = np.array(bare.layers["hill"])
+    _disc(image, 150, 8, 3)
+    edits = [
+        (bare.with_edit(Edit("delete", int(point["id"]))), point["x"], point["y"]),
+        (bare.replace(layers={**bare.layers, "hill": image}), 8.5 * 400, 9.5 * 400),
+        (
+            bare.with_edit(
+                Edit("move_point", river.id, index=2, x=river.points[2, 0] + 500, y=river.points[2, 1])
+            ),
+            river.centreline[:, 0],
+            river.centreline[:, 1],
+        ),
+    ]
+    line = np.linspace(0, 64_000, 200)
+    x, y = (each.ravel() for each in np.meshgrid(line, line))
+    for sketch, at_x, at_y in edits:
+        after = build(sketch, device=context)
+        near = np.zeros(x.shape, dtype=bool)
+        # What was edited is itself up to a shape wide, and moved by 500 m.
+        far = influence(before.recipe) + 3500
+        assert far < 32_000
+        for px, py in zip(np.atleast_1d(at_x)[::20], np.atleast_1d(at_y)[::20], strict=True):
+            near |= np.hypot(x - px, y - py) <= far
+        assert not near.all()
+        same = before.heights(x, y) == after.heights(x, y)
+        assert same[~near].all()
+        assert not same.all()

@@ -1,9 +1,12 @@
-"""Placed features and rivers as JSON."""
+"""Placed features, rivers and lakes as JSON."""
 
 from __future__ import annotations
 
 import json
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from skimage.measure import find_contours
 
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.whole_files import write_whole
@@ -12,19 +15,20 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    import numpy as np
+    import numpy.typing as npt
 
-    from sketchterrain.features import River
+    from sketchterrain.features import Lake, River, ShapeField
     from sketchterrain.terrain import TerrainFeatures
 
 __all__ = ["write_features"]
 
+_CENTIMETRES = 2  # decimals of an outline
 # What only some types have; for the others the field says nothing.
 _ONLY = {"mountain": ("peakiness",), "dune": ("wavelength", "wind")}
 
 
 def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
-    """Write ``features.json``: point features sorted by id, and rivers as splines.
+    """Write ``features.json``: point features sorted by id, rivers as splines, lakes as outlines.
 
     Ids are 64-bit unsigned integers. Lengths are metres, angles degrees.
     """
@@ -33,6 +37,8 @@ def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:
         + _lines(_feature(point) for point in features.points)
         + '],\n"splines": [\n'
         + _lines(_spline(river) for river in features.rivers)
+        + '],\n"lakes": [\n'
+        + _lines(_lake(lake) for lake in features.lakes)
         + "]}\n"
     )
     return (write_whole(folder / "features.json", text.encode()),)
@@ -73,6 +79,24 @@ def _spline(river: River) -> dict[str, Any]:
         "centreline_width": [_shortest(width) for width in river.centreline_width],
         "centreline_depth": [_shortest(depth) for depth in river.centreline_depth],
     }
+
+
+def _lake(lake: Lake) -> dict[str, Any]:
+    return {
+        "id": lake.id,
+        "type": "lake",
+        "label": lake.label,
+        "level": lake.level,
+        "depth": lake.depth,
+        "outline": [ring.tolist() for ring in _outline(lake.shape)],
+    }
+
+
+def _outline(shape: ShapeField) -> list[npt.NDArray[np.float64]]:
+    """Return closed rings of x, y (m) along the shore, islands included."""
+    rings = find_contours(shape.inside.astype(np.float64), 0.0, positive_orientation="high")
+    corner = np.array([shape.west, shape.south])
+    return [np.round(ring[:, ::-1] * shape.spacing + corner, _CENTIMETRES) for ring in rings]
 
 
 def _shortest(value: np.float32) -> float:

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["lay_covers"]
 
-# Pixels around a cover: its border is at most two wide on each side.
-_MARGIN = 2.0
+# Pixels around a cover that its border may take, at fidelity 1 and at 0 (``terrain/field_packing.py``).
+_MARGIN = (1.0, 7.0)
 
 
 def lay_covers(sketch: Sketch) -> tuple[Cover, ...]:
@@ -24,13 +24,15 @@ def lay_covers(sketch: Sketch) -> tuple[Cover, ...]:
 
     Shapes of one layer do not overlap; where two borders meet, the later one lies on top.
     """
+    sharp, loose = _MARGIN
+    margin = (loose + (sharp - loose) * sketch.fidelity) * sketch.pixel_size
     covers = []
     for shape in label_shapes("material", sketch.layers["material"]):
         properties = sketch.properties("material", shape.label)
         strength = float(properties["strength"])
         if strength <= 0:
             continue
-        field = shape_field(sketch, shape, margin=_MARGIN * sketch.pixel_size)
+        field = shape_field(sketch, shape, margin=margin)
         material = MATERIALS.index(str(properties["material"]))
         name = LAYER_CODES["material"] << 48 | shape.id
         covers.append(Cover(name, shape.label, field, material, strength))

@@ -142,7 +142,7 @@ class Renderer:
             tiles = self._terrain.tiles(keys)
         with self._timed("upload"):
             self._ground = DrawnGround(self._context, extent, keys, tiles)
-            self._water = Water(self._context, self._terrain.features.rivers, self._ground)
+            self._water = Water(self._context, self._terrain.features, self._ground)
         with self._timed("foliage"):
             self._woods = min(quality.woods, 0.45 * extent)
             plants = self._terrain.foliage(*wedge(camera, aspect, self._woods))

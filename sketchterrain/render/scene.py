@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["Features", "Reach", "Sketch", "Surface", "Terrain"]
+__all__ = ["Features", "Field", "Pool", "Reach", "Sketch", "Surface", "Terrain"]
 
 
 class Surface(Protocol):
@@ -46,6 +46,44 @@ class Reach(Protocol):
         ...
 
 
+class Field(Protocol):
+    """Samples of the distance inside a shape's border (m), rows northward, and where they lie (m)."""
+
+    @property
+    def west(self) -> float:
+        """Of the first sample (m)."""
+        ...
+
+    @property
+    def south(self) -> float:
+        """Of the first sample (m)."""
+        ...
+
+    @property
+    def spacing(self) -> float:
+        """Between samples (m)."""
+        ...
+
+    @property
+    def inside(self) -> npt.NDArray[np.float32]:
+        """(rows, columns) m, negative outside."""
+        ...
+
+
+class Pool(Protocol):
+    """A lake: its shape and the height of its water (m)."""
+
+    @property
+    def shape(self) -> Field:
+        """Where it is."""
+        ...
+
+    @property
+    def level(self) -> float:
+        """Height of the water (m)."""
+        ...
+
+
 class Features(Protocol):
     """Placed features."""
 
@@ -57,6 +95,11 @@ class Features(Protocol):
     @property
     def rivers(self) -> Sequence[Reach]:
         """Placed rivers."""
+        ...
+
+    @property
+    def lakes(self) -> Sequence[Pool]:
+        """Placed lakes."""
         ...
 
 

@@ -92,10 +92,7 @@ def _look_around(
     seen = share > 0.0
     far = distances > 0.06 * terrain.extent
     appears = np.diff(seen[..., far].astype(np.int8), axis=-1) > 0
-    rivers = terrain.features.rivers
-    water = relief.marks_at(
-        [river.centreline for river in rivers], [river.centreline_width for river in rivers]
-    )
+    water = _water(terrain, relief)
     on_water = water.at(east, north) * seen * far
     apparent = on_water * np.gradient(distances) / distances * np.clip(-slope, 0.0, 0.25)
     middle = far & (distances < terrain.extent)
@@ -111,6 +108,17 @@ def _look_around(
         np.stack(painted),
         (inside * share * middle).sum(axis=-1),
     )
+
+
+def _water(terrain: Terrain, relief: HeightMap) -> HeightMap:
+    """Draw where rivers and lakes are: 1 there, 0 elsewhere."""
+    rivers, lakes = terrain.features.rivers, [lake.shape for lake in terrain.features.lakes]
+    places, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
+    for lake in lakes:
+        row, column = np.nonzero(lake.inside > 0)
+        places.append(np.stack([column, row], axis=-1) * lake.spacing + [lake.west, lake.south])
+        widths.append(np.full(len(row), lake.spacing, np.float32))
+    return relief.marks_at(places, widths)
 
 
 def _painted(terrain: Terrain, relief: HeightMap) -> list[HeightMap]:

@@ -1,4 +1,4 @@
-"""Rivers as strips of water."""
+"""Rivers as strips of water, lakes as sheets."""
 
 from __future__ import annotations
 
@@ -9,39 +9,45 @@ import numpy as np
 from sketchterrain.render.programs import build_program, set_uniforms
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import moderngl
     import numpy.typing as npt
 
     from sketchterrain.render.ground import DrawnGround
-    from sketchterrain.render.scene import Reach
+    from sketchterrain.render.scene import Features, Field
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Water", "strip"]
+__all__ = ["Water", "sheet", "strip"]
 
 ACROSS: Final = 9
 """Vertices from bank to bank."""
 OVERLAP: Final = 1.7
 """Width of the strip in widths of the water, so that it ends inside the banks."""
+SHEET_CELLS: Final = 400
+"""Quads along a lake's longer side, at most."""
+WIND: Final = (0.6, 0.8)
+"""Unit vector in which waves run on lakes."""
 
 
 class Water:
-    """The surfaces of all rivers, as one list of triangles."""
+    """The surfaces of all rivers and lakes, as one list of triangles."""
 
-    def __init__(self, context: moderngl.Context, rivers: Sequence[Reach], ground: DrawnGround) -> None:
-        strips = [
+    def __init__(self, context: moderngl.Context, features: Features, ground: DrawnGround) -> None:
+        parts = [
             strip(_on_ground(river.centreline, river.centreline_width, ground), river.centreline_width)
-            for river in rivers
+            for river in features.rivers
             if len(river.centreline) > 1
         ]
+        for lake in features.lakes:
+            place, course, triangles = sheet(lake.shape, lake.level)
+            width = np.full(len(place), 2.0 * lake.shape.inside.max(), np.float32)
+            parts.append((_on_ground(place, width, ground), course, triangles))
         self._array = None
-        if not strips:
+        if not parts:
             return
-        self._anchor = strips[0][0][0].copy()
+        self._anchor = parts[0][0][0].copy()
         vertices, indices, base = [], [], 0
-        for place, course, triangles in strips:
+        for place, course, triangles in parts:
             vertices.append(np.concatenate([place - self._anchor, course], axis=1).astype(np.float32))
             indices.append(triangles + np.uint32(base))
             base += len(place)
@@ -105,6 +111,42 @@ def strip(
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     triangles = np.stack([a, b, d, a, d, c], axis=-1).reshape(-1)
     return place.reshape(-1, 3), course.reshape(-1, 4), triangles
+
+
+def sheet(shape: Field, level: float) -> tuple[Floats, Floats, npt.NDArray[np.uint32]]:
+    """Cover a lake with a flat grid that ends inside its banks.
+
+    Parameters
+    ----------
+    shape
+        Where the lake is.
+    level
+        Height of the water, m.
+
+    Returns
+    -------
+    place, course, triangles
+        As of :func:`strip`; across and along are those of the wind.
+    """
+    rows, columns = shape.inside.shape
+    step = -(-max(rows, columns) // SHEET_CELLS)
+    # The last row and column once more, so that a coarse grid reaches the rim.
+    row = np.minimum(np.arange(0, rows + step - 1, step), rows - 1)
+    column = np.minimum(np.arange(0, columns + step - 1, step), columns - 1)
+    inside = shape.inside[np.ix_(row, column)]
+    x, y = np.meshgrid(column * shape.spacing, row * shape.spacing)
+    place = np.stack([x + shape.west, y + shape.south, np.full(x.shape, level)], axis=-1)
+    course = np.empty((*x.shape, 4))
+    course[..., 0] = x * WIND[1] - y * WIND[0]
+    course[..., 1] = x * WIND[0] + y * WIND[1]
+    course[..., 2:] = WIND
+    index = np.arange(x.size, dtype=np.uint32).reshape(x.shape)
+    sw, se, nw, ne = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    wet = np.maximum.reduce([inside[:-1, :-1], inside[:-1, 1:], inside[1:, :-1], inside[1:, 1:]])
+    quads = np.stack([sw, se, ne, sw, ne, nw], axis=-1)[wet > -0.25 * shape.spacing]
+    used, triangles = np.unique(quads, return_inverse=True)
+    triangles = triangles.reshape(-1).astype(np.uint32)
+    return place.reshape(-1, 3)[used], course.reshape(-1, 4)[used], triangles
 
 
 def _on_ground(centreline: Floats, width: npt.NDArray[np.float32], ground: DrawnGround) -> Floats:

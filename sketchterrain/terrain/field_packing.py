@@ -29,8 +29,9 @@ _SHELF_RUN = 8.0
 _SHORE_SHARE = 0.5
 _STEEPEST_SHORE = 0.2
 _STEEPEST_BED = 1.0
-# Half the width of a cover's border, in samples, at fidelity 1 and at 0.
-_BORDER = (0.35, 1.0)
+# Half the width of a cover's border, in samples, at fidelity 1 and at 0; small shapes have narrower ones.
+_BORDER = (0.35, 3.0)
+_BORDER_DEPTHS = 0.5
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,7 @@ def pack_covers(recipe: TerrainRecipe, fields: PackedFields) -> PackedCovers:
     spacing = np.array([cover.shape.spacing for cover in recipe.covers], dtype=np.float64)
     sharp, loose = _BORDER
     half = spacing * (loose + (sharp - loose) * recipe.fidelity)
+    half = np.minimum(half, np.maximum(_BORDER_DEPTHS * fields.depth, sharp * spacing))
     # Noise moves the border by as much again as it is wide (``kernels/materials.clh``).
     half = np.minimum(half, fields.margin / 2)
     strength = np.array([cover.strength for cover in recipe.covers], dtype=np.float64)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.features import River
+    from sketchterrain.features import Lake, River
     from sketchterrain.features.catalogue import Points
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.recipe import TerrainRecipe
@@ -84,10 +84,12 @@ class TerrainFeatures:
     points : structured ndarray
         Mountains, hills, dunes and forests (dtype ``FEATURE``) in and near the sketch, sorted by id.
     rivers : tuple of River
+    lakes : tuple of Lake
     """
 
     points: Points
     rivers: tuple[River, ...]
+    lakes: tuple[Lake, ...] = ()
 
 
 class Terrain:
@@ -119,11 +121,12 @@ class Terrain:
 
     @property
     def features(self) -> TerrainFeatures:
-        """Painted features, those that fill the sketch's unpainted ground, and rivers."""
+        """Painted features, those that fill the sketch's unpainted ground, rivers and lakes."""
         east, north = self.size
         fill = self.recipe.fill.within(0.0, 0.0, east, north)
         points = np.concatenate([self.recipe.painted, fill])
-        return TerrainFeatures(points[np.argsort(points["id"], kind="stable")], self.recipe.rivers)
+        points = points[np.argsort(points["id"], kind="stable")]
+        return TerrainFeatures(points, self.recipe.rivers, self.recipe.lakes)
 
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.export import write_features
-from sketchterrain.features import FEATURE, FEATURE_TYPES
+from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
 from sketchterrain.terrain import TerrainFeatures
 
 if TYPE_CHECKING:
@@ -25,8 +25,8 @@ def told(tmp_path: Path, terrain: st.Terrain) -> dict[str, Any]:
     return result
 
 
-def test_the_document_has_its_three_parts(told: dict[str, Any]) -> None:
-    assert list(told) == ["format", "features", "splines"]
+def test_the_document_has_its_parts(told: dict[str, Any]) -> None:
+    assert list(told) == ["format", "features", "splines", "lakes"]
     assert told["format"] == 1
 
 
@@ -64,9 +64,22 @@ def test_rivers_are_splines_from_spring_to_mouth(told: dict[str, Any], terrain: 
         assert (np.diff(np.array(entry["centreline"])[:, 2]) <= 0).all()
 
 
-def test_nothing_placed_is_two_empty_lists(tmp_path: Path) -> None:
+def test_nothing_placed_is_empty_lists(tmp_path: Path) -> None:
     (path,) = write_features(tmp_path, TerrainFeatures(np.zeros(0, FEATURE), ()))
-    assert json.loads(path.read_text(encoding="utf-8")) == {"format": 1, "features": [], "splines": []}
+    nothing = {"format": 1, "features": [], "splines": [], "lakes": []}
+    assert json.loads(path.read_text(encoding="utf-8")) == nothing
+
+
+def test_a_lake_is_its_outline(tmp_path: Path) -> None:
+    step = np.arange(-30, 31)
+    ring = 60 - np.abs(np.hypot(step, step[:, None]) * 5 - 80)  # an island of 20 m in a lake of 140 m
+    lake = Lake(77, 3, ShapeField(350.0, 850.0, 5.0, ring.astype(np.float32)), 12.5, 6.0)
+    (path,) = write_features(tmp_path, TerrainFeatures(np.zeros(0, FEATURE), (), (lake,)))
+    (told,) = json.loads(path.read_text(encoding="utf-8"))["lakes"]
+    assert (told["id"], told["label"], told["level"], told["depth"]) == (77, 3, 12.5, 6.0)
+    radii = sorted(float(np.hypot(*(np.array(r) - (500, 1000)).T).mean()) for r in told["outline"])
+    np.testing.assert_allclose(radii, [20, 140], atol=0.6)
+    assert all(outline[0] == outline[-1] for outline in told["outline"])
 
 
 def test_numbers_are_written_as_short_as_they_are(tmp_path: Path) -> None:

@@ -33,7 +33,9 @@ class Waves:
         t = np.linspace(-200.0, 1200.0, 60)
         line = np.stack([t, np.full(60, 500.0), np.linspace(2.0, 0.0, 60)], axis=1)
         river = SimpleNamespace(centreline=line, centreline_width=np.full(60, 24.0, np.float32))
-        self.features = SimpleNamespace(points=np.zeros(0, FEATURE), rivers=(river,) if rivers else ())
+        self.features = SimpleNamespace(
+            points=np.zeros(0, FEATURE), rivers=(river,) if rivers else (), lakes=()
+        )
         self.plants = plants
 
     def heights(self, x, y, *, cell_size=0.0):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from sketchterrain.render.relief import HeightMap
 from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.textures import tileable_noise
 from sketchterrain.render.trees import DETAILS, SPECIES, plant_mesh
-from sketchterrain.render.water import ACROSS, strip
+from sketchterrain.render.water import ACROSS, sheet, strip
 
 
 def test_tile_triangles_cover_each_quad_once_and_face_up():
@@ -78,6 +80,23 @@ def test_height_bounds_hold_the_ground():
     for dx in (0.0, 7.0, 15.0):
         height = relief.at(west + dx, south + dx)
         assert ((low <= height) & (height <= high)).all()
+
+
+@pytest.mark.parametrize("side", [60, 1001])
+def test_lake_sheet_covers_the_lake_and_faces_up(side):
+    step = np.arange(side) - side // 2
+    inside = (0.3 * side - np.hypot(step, step[:, None])) * 4.0
+    field = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
+    place, course, triangles = sheet(field, 7.5)
+    assert (place[:, 2] == 7.5).all()
+    np.testing.assert_allclose(np.hypot(course[:, 2], course[:, 3]), 1.0)
+    a, b, c = (place[triangles[i::3], :2] for i in range(3))
+    area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    assert (area > 0.0).all()
+    lake = np.pi * (0.3 * side * 4.0) ** 2
+    assert lake < area.sum() < lake * (1.0 + 20.0 / side)
+    middle = np.array([100.0, -50.0]) + 4.0 * (side // 2)
+    assert np.hypot(*(place[:, :2] - middle).T).max() < 0.3 * side * 4.0 + 30.0
 
 
 def test_river_strip_is_as_wide_as_told_and_faces_up():

@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.features import FEATURE_TYPES, FILL_BIT, Fill, River, place
+from sketchterrain.features.edits import EditedFill, edited_fill, edited_painted, lock_of
+from sketchterrain.sketch import Edit, Sketch
+from sketchterrain.terrain.from_sketch import make_recipe
+
+SIDE = 128
+
+
+def _image(*discs: tuple[float, float, float]) -> np.ndarray:
+    rows, columns = np.ogrid[:SIDE, :SIDE]
+    image = np.zeros((SIDE, SIDE), np.uint8)
+    for row, column, radius in discs:
+        image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = 1
+    return image
+
+
+def _sketch(**changes: object) -> Sketch:
+    """Two mountains, a hill, a forest, and a river with a tributary."""
+    river = _image(*[(100 - 0.2 * step, 10.0 + step, 1.2) for step in range(110)])
+    river |= _image(*[(58.0 + step, 60.0, 1.2) for step in range(34)])
+    layers = {
+        "mountain": _image((30, 30, 12), (30, 95, 10)),
+        "hill": _image((60, 20, 8)),
+        "forest": _image((60, 110, 8)),
+        "river": river,
+    }
+    values = {"extent": 4096.0, "seed": 3, "layers": layers, "density": {"hill": 2.0, "mountain": 0.1}}
+    return Sketch(**(values | changes))  # type: ignore[arg-type]
+
+
+def _of(points: np.ndarray, name: int | None) -> np.void:
+    found = points[points["id"] == name]
+    assert len(found) == 1
+    return found[0]
+
+
+@pytest.fixture(scope="module")
+def sketch() -> Sketch:
+    return _sketch()
+
+
+@pytest.fixture(scope="module")
+def painted(sketch: Sketch) -> np.ndarray:
+    return place(sketch, seed=sketch.seed)
+
+
+def test_without_edits_nothing_changes(painted: np.ndarray) -> None:
+    edited = edited_painted(painted, ())
+    assert edited.points.tobytes() == edited.asked.tobytes() == painted.tobytes()
+    assert not edited.locked.any()
+    assert edited.hidden.size == 0
+    assert edited.orphans == ()
+
+
+def test_each_edit_does_what_it_says_and_nothing_else(painted: np.ndarray) -> None:
+    first, second, third, fourth = (int(name) for name in painted["id"][:4])
+    edits = [
+        Edit("move", first, x=-50.0, y=9000.0),
+        Edit("resize", second, radius=77.0),
+        Edit("strength", third, strength=12.0),
+        Edit("delete", fourth),
+    ]
+    points = edited_painted(painted, edits).points
+    assert (_of(points, first)["x"], _of(points, first)["y"]) == (-50.0, 9000.0)
+    assert _of(points, first)["radius"] == painted["radius"][0]
+    assert _of(points, second)["radius"] == 77.0
+    assert _of(points, third)["strength"] == 12.0
+    assert fourth not in points["id"]
+    assert points[3:].tobytes() == painted[4:].tobytes()
+    assert (np.diff(points["id"].astype(object)) > 0).all()
+
+
+def test_a_forest_is_never_denser_than_full(painted: np.ndarray) -> None:
+    forest = painted[painted["type"] == FEATURE_TYPES.index("forest")][0]
+    points = edited_painted(painted, [Edit("strength", int(forest["id"]), strength=40.0)]).points
+    assert _of(points, int(forest["id"]))["strength"] == 1.0
+
+
+def test_what_is_added_can_be_changed_too(painted: np.ndarray) -> None:
+    dune = Edit("add", type="dune", x=5.0, y=6.0, radius=70.0, strength=3.0, wavelength=20.0)
+    points = edited_painted(painted, [dune, Edit("move", dune.feature, x=1.0, y=2.0)]).points
+    added = _of(points, dune.feature)
+    assert FEATURE_TYPES[added["type"]] == "dune"
+    assert (added["x"], added["y"], added["wavelength"], added["wind"]) == (1.0, 2.0, 20.0, 270.0)
+    assert added["painted"]
+    assert points["id"][-1] == dune.feature
+
+
+def test_what_is_gone_is_told_in_one_line(painted: np.ndarray) -> None:
+    edited = edited_painted(painted, [Edit("move", 5, x=1.0, y=2.0), Edit("delete", int(painted["id"][0]))])
+    assert edited.orphans == ("move of feature 5: there is no such feature any more",)
+    again = edited_painted(painted[1:], [Edit("delete", int(painted["id"][0]))])
+    assert len(again.orphans) == 1
+
+
+def test_a_lock_keeps_a_feature_whatever_is_painted(sketch: Sketch) -> None:
+    recipe = make_recipe(sketch)
+    mountain = recipe.painted[recipe.painted["type"] == 0][0]
+    locked = sketch.with_edit(lock_of(mountain))
+    assert make_recipe(locked).painted.tobytes() == recipe.painted.tobytes()
+    for image in (np.zeros((SIDE, SIDE), np.uint8), _image((34, 34, 20)), _image((110, 110, 10))):
+        repainted = make_recipe(locked.replace(layers={**sketch.layers, "mountain": image}))
+        assert _of(repainted.painted, int(mountain["id"])).tobytes() == mountain.tobytes()
+        assert repainted.orphans == ()
+
+
+def test_edits_survive_painting_elsewhere_and_another_seed_tells_what_is_gone(sketch: Sketch) -> None:
+    recipe = make_recipe(sketch)
+    name = int(recipe.painted["id"][0])
+    edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
+    more = edited.replace(layers={**sketch.layers, "hill": _image((60, 20, 8), (120, 120, 6))})
+    moved = _of(make_recipe(more).painted, name)
+    assert (moved["x"], moved["y"]) == (500.0, 700.0)
+    erased = make_recipe(edited.replace(layers={"river": sketch.layers["river"]}))
+    assert erased.orphans == (f"move of feature {name}: there is no such feature any more",)
+
+
+def test_the_fill_keeps_clear_of_what_was_moved(sketch: Sketch, painted: np.ndarray) -> None:
+    mountain = painted[painted["type"] == 0][0]
+    east, north = sketch.size
+    moved = make_recipe(sketch.with_edit(Edit("move", int(mountain["id"]), x=0.6 * east, y=0.1 * north)))
+    fill = moved.fill.within(0, 0, east, north)
+    hills = fill[fill["type"] == 1]
+    distance = np.hypot(hills["x"] - 0.6 * east, hills["y"] - 0.1 * north)
+    assert (distance >= 0.5 * (hills["radius"] + mountain["radius"]) - 0.01).all()
+
+
+def test_features_of_the_fill_are_edited_too(sketch: Sketch, painted: np.ndarray) -> None:
+    fill = Fill(sketch, painted, seed=sketch.seed)
+    there = fill.within(0, 0, *sketch.size)
+    first, second, third = (int(name) for name in there["id"][:3])
+    edits = [
+        Edit("delete", first),
+        Edit("move", second, x=10.0, y=10.0),
+        lock_of(there[2]),
+        Edit("delete", int(FILL_BIT) + 1),
+    ]
+    edited = edited_fill(fill, edits, size=sketch.size)
+    assert edited.points["id"].tolist() == [second, third]
+    assert edited.points[1].tobytes() == there[2].tobytes()
+    assert len(edited.orphans) == 1
+    rest = EditedFill(fill, edited.hidden).within(0, 0, *sketch.size)
+    assert rest.tobytes() == there[3:].tobytes()
+
+
+def _rivers(sketch: Sketch) -> tuple[dict[int, River], tuple[str, ...]]:
+    recipe = make_recipe(sketch)
+    return {river.id: river for river in recipe.rivers}, recipe.orphans
+
+
+def _stem_and_tributary(rivers: dict[int, River]) -> tuple[River, River]:
+    assert len(rivers) == 2
+    stem, tributary = sorted(rivers.values(), key=lambda river: -len(river.centreline))
+    return stem, tributary
+
+
+def test_a_moved_control_point_bends_the_river_and_the_water_still_falls(sketch: Sketch) -> None:
+    before, _ = _rivers(sketch)
+    stem, tributary = _stem_and_tributary(before)
+    index = len(stem.points) // 3
+    x, y = stem.points[index, 0] + 30.0, stem.points[index, 1] + 160.0
+    after, orphans = _rivers(sketch.with_edit(Edit("move_point", stem.id, index=index, x=x, y=y)))
+    assert orphans == ()
+    assert set(after) == set(before)
+    line = after[stem.id].centreline
+    assert np.hypot(line[:, 0] - x, line[:, 1] - y).min() < 1e-6
+    for river in after.values():
+        assert (np.diff(river.centreline[:, 2]) <= 1e-9).all()
+    # The tributary still ends on the stem.
+    end = after[tributary.id].centreline[-1]
+    assert np.hypot(*(line[:, :2] - end[:2]).T).min() < 1e-9
+
+
+def test_a_tributary_follows_the_river_that_moved(sketch: Sketch) -> None:
+    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
+    joint = tributary.points[-1]
+    index = int(np.argmin(np.hypot(*(stem.points[:, :2] - joint[:2]).T)))
+    edit = Edit("move_point", stem.id, index=index, x=stem.points[index, 0], y=stem.points[index, 1] - 150.0)
+    after, _ = _rivers(sketch.with_edit(edit))
+    end, line = after[tributary.id].centreline[-1], after[stem.id].centreline
+    nearest = int(np.argmin(np.hypot(*(line[:, :2] - end[:2]).T)))
+    np.testing.assert_allclose(end[:2], line[nearest, :2], atol=1e-9)
+    assert np.hypot(*(end[:2] - joint[:2])) > 20.0
+
+
+def test_a_river_gets_the_width_that_it_is_given(sketch: Sketch) -> None:
+    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
+    after, _ = _rivers(sketch.with_edit(Edit("width", stem.id, width=60.0)))
+    middle = len(stem.centreline) // 2
+    assert after[stem.id].centreline_width[middle] > 3 * stem.centreline_width[middle]
+    np.testing.assert_array_equal(after[stem.id].centreline[:, :2], stem.centreline[:, :2])
+    np.testing.assert_array_equal(after[tributary.id].centreline[:, :2], tributary.centreline[:, :2])
+
+
+def test_without_the_stem_a_tributary_is_a_river_of_its_own(sketch: Sketch) -> None:
+    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
+    after, orphans = _rivers(sketch.with_edit(Edit("delete", stem.id)))
+    assert set(after) == {tributary.id}
+    assert orphans == ()
+    both = sketch.with_edit(Edit("delete", stem.id)).with_edit(Edit("delete", tributary.id))
+    assert _rivers(both) == ({}, ())
+
+
+@pytest.mark.parametrize(
+    ("edit", "problem"),
+    [
+        (Edit("width", (4 << 48) + 1, width=5.0), "there is no such river any more"),
+        (Edit("delete", (4 << 48) + 1), "there is no such river any more"),
+        (Edit("width", 7, width=5.0), "there is no such river any more"),
+    ],
+)
+def test_an_edit_of_no_river_is_told(sketch: Sketch, edit: Edit, problem: str) -> None:
+    recipe = make_recipe(sketch.with_edit(edit))
+    assert recipe.orphans == (f"{edit.action} of river {edit.feature}: {problem}",)
+
+
+def test_an_edit_that_a_river_cannot_have_is_told(sketch: Sketch) -> None:
+    stem, _ = _stem_and_tributary(_rivers(sketch)[0])
+    edited = sketch.with_edit(Edit("resize", stem.id, radius=5.0))
+    edited = edited.with_edit(Edit("move_point", stem.id, index=99_999, x=0.0, y=0.0))
+    orphans = make_recipe(edited).orphans
+    assert len(orphans) == 2
+    assert "a river has only delete, move_point, width" in orphans[0]
+    assert f"there is no control point 99999, only {len(stem.points)} of them" in orphans[1]

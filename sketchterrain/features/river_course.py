@@ -17,12 +17,17 @@ from sketchterrain.features.splines import sample_catmull_rom, without_repeats
 from sketchterrain.features.user_features import pixel_id
 
 if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
+
     from sketchterrain.features.river_network import Reach
     from sketchterrain.features.skeleton import Skeleton
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+LAKE_GAP = 3.0
+"""Pixels between a river's painted end and a lake that a person does not mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +71,18 @@ def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> Floats:
 
 
 def reach_course(
-    sketch: Sketch, skeleton: Skeleton, reach: Reach, parent: Course | None, *, seed: int
+    sketch: Sketch,
+    skeleton: Skeleton,
+    reach: Reach,
+    parent: Course | None,
+    *,
+    seed: int,
+    lake: cKDTree | None = None,
 ) -> Course:
-    """Draw a reach as a spline, on beyond the sketch's edge where it leaves the sketch."""
+    """Draw a reach as a spline, on beyond the sketch's edge where it leaves the sketch.
+
+    An end painted up to a lake (its pixels' rows and columns: `lake`) is carried on into it.
+    """
     pixels, loose = reach.pixels, 1.0 - sketch.fidelity
     interval = (4.0 + 4.0 * loose) * sketch.pixel_size
     path, joint = pixel_positions(sketch, skeleton, pixels), -1
@@ -76,7 +90,12 @@ def reach_course(
         joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
         path[-1] = parent.line[joint]
     widths, depths, label = _painted_sizes(sketch, skeleton, pixels, joins=parent is not None)
-    points = spaced(np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths]), interval)
+    drawn = np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths])
+    if lake is not None:
+        drawn = _into_lake(drawn[::-1], sketch, skeleton, int(pixels[0]), lake)[::-1]
+        if parent is None:
+            drawn = _into_lake(drawn, sketch, skeleton, int(pixels[-1]), lake)
+    points = spaced(drawn, interval)
 
     name = _id(sketch, skeleton, int(pixels[0]))
     size = (sketch.height_px, sketch.width_px)
@@ -122,6 +141,17 @@ def turned(course: Course) -> Course:
         depth=course.depth[::-1],
         taper=course.taper,
     )
+
+
+def _into_lake(drawn: Floats, sketch: Sketch, skeleton: Skeleton, end: int, lake: cKDTree) -> Floats:
+    """Carry a path on from its last point to a little within the shore, if that is as near as meant."""
+    at = np.array([skeleton.rows[end], skeleton.columns[end]], dtype=np.float64)
+    gap, nearest = lake.query(at)
+    if not 0.0 < gap <= float(skeleton.depth[end]) + LAKE_GAP:
+        return drawn
+    step = (np.asarray(lake.data)[int(nearest)] - at) * (1.0 + 2.0 / gap) * sketch.pixel_size
+    more = np.array([step[1], -step[0], 0.0, 0.0])
+    return np.concatenate([drawn, drawn[-1:] + more])
 
 
 def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:

@@ -83,6 +83,9 @@ class Network:
     meetings : sequence of _Meeting or None
     bends : sequence of (k, 2) int64
         Pairs of points of one centreline, upstream first: the bank beside the first is the second's.
+    cuts : sequence of sequences of (first, last)
+        Runs of points in which neither water nor bed may lie above the straight line from the point before
+        to the point after: valleys through mountains.
     """
 
     courses: Sequence[Course]
@@ -91,19 +94,22 @@ class Network:
     widths: Sequence[Floats]
     meetings: Sequence[_Meeting | None]
     bends: Sequence[Ints]
+    cuts: Sequence[Sequence[tuple[int, int]]]
 
     def joining(self, number: int) -> list[int]:
         """Return the indices of the courses that join one."""
         return [other for other, parent in enumerate(self.parents) if parent == number]
 
 
-def network_of(courses: Sequence[Course]) -> Network:
+def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int]]]) -> Network:
     """Work out how wide rivers are, and where their waters overlap.
 
     Parameters
     ----------
     courses : sequence of Course
         Of any number of networks; parents before the courses that join them.
+    cuts : sequence of sequences of (first, last)
+        As in `Network`.
     """
     number_of = {id(course): number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
@@ -127,7 +133,7 @@ def network_of(courses: Sequence[Course]) -> Network:
     bends = [
         _bends(course.line, arc, width) for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
-    return Network(courses, parents, arcs, widths, meetings, bends)
+    return Network(courses, parents, arcs, widths, meetings, bends, cuts)
 
 
 def _bends(line: Floats, arc: Floats, width: Floats) -> Ints:
@@ -263,26 +269,33 @@ def levels_of(
             if met is not None:
                 joint = float(arc[courses[other].joint])
                 level = pooled(level, arc, joint - met.above, joint + met.below)
-        levels[number] = level_in_bends(level, arc, network.bends[number], course.depth)
+        level = level_in_bends(level, arc, network.bends[number], course.depth)
+        levels[number] = _below_chord(level, arc, network.cuts[number])
     return levels
 
 
 def _through_lakes(level: Floats, arc: Floats, still: Sequence[StillWater], width: float) -> Floats:
     for lake in still:
-        last, arrives = lake.last + 1, lake.last == len(level) - 1
-        if arrives and lake.first > 0:
-            level = level.copy()
-            level[: lake.first] = np.maximum(level[: lake.first], lake.level)
-            above = joined_to(level[: lake.first + 1], arc[: lake.first + 1], end=lake.level, width=width)
-            level[: lake.first + 1] = above
-        level = np.concatenate(
-            [
-                np.maximum(level[: lake.first], lake.level),
-                np.full(last - lake.first, lake.level),
-                np.minimum(level[last:], lake.level),
-            ]
-        )
+        level = level.copy()
+        if lake.last == len(level) - 1 and lake.first > 0 and level[lake.first - 1] > lake.level:
+            shore = slice(0, lake.first + 1)
+            level[lake.first] = lake.level
+            level[shore] = joined_to(level[shore], arc[shore], end=lake.level, width=width)
+        level[lake.first : lake.last + 1] = lake.level
+        level[lake.last + 1 :] = np.minimum(level[lake.last + 1 :], lake.level)
     return level
+
+
+def _below_chord(values: Floats, arc: Floats, runs: Sequence[tuple[int, int]]) -> Floats:
+    """Lower what falls downstream to the straight line between the points before and after each run."""
+    for first, last in runs:
+        if first > 0 and last < len(values) - 1:
+            ends = [first - 1, last + 1]
+            inside = slice(first, last + 1)
+            chord = np.interp(arc[inside], arc[ends], values[ends])
+            values = values.copy()
+            values[inside] = np.minimum(values[inside], chord)
+    return values
 
 
 def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
@@ -299,7 +312,8 @@ def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
             end, arc = float(beds[parent][course.joint]), network.arcs[number]
             bed = np.maximum(bed, end)
             bed += (end - bed) * smoothstep((arc - arc[-1] + 2.0 * meeting.length) / meeting.length)
-        bed = np.minimum.accumulate(np.minimum(bed, level - _LEAST_DEPTH))
+        bed = _below_chord(np.minimum.accumulate(bed), network.arcs[number], network.cuts[number])
+        bed = np.minimum(bed, level - _LEAST_DEPTH)
         beds.append(bed)
         rivers.append(_river(course, width, level, level - bed))
     return rivers

@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
+from sketchterrain.features.contradictions import crossings, mountain_numbers, resolutions
+from sketchterrain.features.lakes import lake_pixels, mouth_lakes, painted_lakes, settled
 from sketchterrain.features.river_beyond import kept_apart
-from sketchterrain.features.river_course import Course, dab_course, pixel_positions, reach_course, turned
+from sketchterrain.features.river_course import (
+    LAKE_GAP,
+    Course,
+    dab_course,
+    pixel_positions,
+    reach_course,
+    turned,
+)
 from sketchterrain.features.river_edits import edited_courses
 from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
-from sketchterrain.features.river_water import levels_of, network_of, rivers_of
+from sketchterrain.features.river_water import network_of, rivers_of
 from sketchterrain.features.skeleton import skeletons
 
 if TYPE_CHECKING:
-    from sketchterrain.features.catalogue import River
+    from scipy.spatial import cKDTree
+
+    from sketchterrain.features.catalogue import Lake, River
     from sketchterrain.features.river_network import RiverEnd
     from sketchterrain.features.skeleton import Skeleton
     from sketchterrain.sketch.document import Sketch
@@ -59,16 +71,52 @@ def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, .
     InputError
         If `ground` returns something of another shape, or not finite.
     """
-    return trace_edited_rivers(sketch, seed=seed, ground=ground)[0]
+    return trace_waters(sketch, seed=seed, ground=ground).rivers
 
 
-def trace_edited_rivers(
-    sketch: Sketch, *, seed: int, ground: Ground
-) -> tuple[tuple[River, ...], tuple[str, ...]]:
-    """Do what `trace_rivers` does, and tell in one line each which edits found nothing to change."""
+@dataclass(frozen=True, eq=False)
+class Waters:
+    """Rivers, lakes, and what was decided about them.
+
+    Attributes
+    ----------
+    rivers : tuple of River
+        Sorted by id.
+    lakes : tuple of Lake
+        Painted ones in reading order, then those in which rivers end beyond the sketch.
+    resolutions : tuple of str
+        One line for each contradiction between layers; see `contradictions`.
+    orphans : tuple of str
+        One line for each edit that found nothing to change.
+    """
+
+    rivers: tuple[River, ...]
+    lakes: tuple[Lake, ...]
+    resolutions: tuple[str, ...]
+    orphans: tuple[str, ...]
+
+
+def trace_waters(sketch: Sketch, *, seed: int, ground: Ground) -> Waters:
+    """Trace rivers as `trace_rivers` does, and lay out the lakes that they run through and end in.
+
+    `ground` is called once more for each lake's shore.
+    """
+    lakes = painted_lakes(sketch, ground)
+    courses = _laid_out(sketch, seed, ground)
+    courses, orphans = edited_courses(courses, sketch.edits)
+    courses = kept_apart(courses, sketch.size)
+    lakes += mouth_lakes(sketch, courses, seed=seed)
+    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground)
+    decided = resolutions(sketch, mountain_numbers(sketch), rivers, grounds, lakes)
+    return Waters(tuple(rivers), tuple(lakes), decided, orphans)
+
+
+def _laid_out(sketch: Sketch, seed: int, ground: Ground) -> list[Course]:
+    """Draw the courses of all networks, parents first, before a person's edits."""
     found = skeletons(sketch.layers["river"] > 0, _label_widths(sketch))
     if not found:
-        return (), edited_courses([], sketch.edits)[1]
+        return []
+    lake = lake_pixels(sketch)
     outlines = [_dab_or_ends(sketch, skeleton, seed) for skeleton in found]
     positions = [_end_positions(sketch, *each) for each in zip(found, outlines, strict=True)]
     courses: list[Course] = []
@@ -76,12 +124,9 @@ def trace_edited_rivers(
         if isinstance(outline, Course):
             courses.append(outline if heights[0] >= heights[1] else turned(outline))
         else:
-            courses.extend(_courses(sketch, skeleton, _mouth(sketch, skeleton, outline, heights), seed))
-    courses, orphans = edited_courses(courses, sketch.edits)
-    if not courses:
-        return (), orphans
-    courses = kept_apart(courses, sketch.size)
-    return tuple(sorted(_with_water(courses, ground), key=lambda river: river.id)), orphans
+            mouth = _mouth(sketch, skeleton, outline, heights, lake)
+            courses.extend(_courses(sketch, skeleton, mouth, seed, lake))
+    return courses
 
 
 def _label_widths(sketch: Sketch) -> Floats:
@@ -116,25 +161,54 @@ def _end_positions(sketch: Sketch, skeleton: Skeleton, outline: Course | tuple[R
     return pixel_positions(sketch, skeleton, np.array([end.pixel for end in outline]))
 
 
-def _mouth(sketch: Sketch, skeleton: Skeleton, ends: tuple[RiverEnd, ...], heights: Floats) -> int:
-    """Choose the lowest end, with a bonus for those at the sketch's edge."""
+def _mouth(
+    sketch: Sketch, skeleton: Skeleton, ends: tuple[RiverEnd, ...], heights: Floats, lake: cKDTree | None
+) -> int:
+    """Choose the end farthest along the label's flow; or the lowest, rather in a lake or at the edge."""
+    flow = _flow(sketch, skeleton)
+    at = np.array([end.pixel for end in ends])
+    if flow is not None:
+        return ends[int(np.argmax(pixel_positions(sketch, skeleton, at) @ flow))].pixel
     length = max(end.length for end in ends) * sketch.pixel_size
     bonus = _EDGE_BONUS[0] + _EDGE_BONUS[1] * length
     size = (sketch.height_px, sketch.width_px)
-    at_edge = np.array([exit_normal(skeleton, end.lead, size) is not None for end in ends])
-    return ends[int(np.argmin(heights - bonus * at_edge))].pixel
+    favoured = np.array([exit_normal(skeleton, end.lead, size) is not None for end in ends])
+    if lake is not None:
+        places = np.stack([skeleton.rows[at], skeleton.columns[at]], axis=-1)
+        favoured |= lake.query(places)[0] <= skeleton.depth[at] + LAKE_GAP
+    return ends[int(np.argmin(heights - bonus * favoured))].pixel
 
 
-def _courses(sketch: Sketch, skeleton: Skeleton, mouth: int, seed: int) -> list[Course]:
+def _flow(sketch: Sketch, skeleton: Skeleton) -> Floats | None:
+    """Direction (east, north) in which the label of most of a network says it runs; None: downhill."""
+    labels = sketch.layers["river"][skeleton.rows, skeleton.columns]
+    said = float(sketch.properties("river", int(np.argmax(np.bincount(labels))))["flow"])
+    towards = np.deg2rad(said)
+    return None if said < 0.0 else np.array([np.sin(towards), np.cos(towards)])
+
+
+def _courses(sketch: Sketch, skeleton: Skeleton, mouth: int, seed: int, lake: cKDTree | None) -> list[Course]:
     """Lay out one network, parents first."""
     courses: list[Course] = []
     for reach in reaches_to(skeleton, mouth):
         parent = courses[reach.parent] if reach.parent >= 0 else None
-        courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed))
+        courses.append(reach_course(sketch, skeleton, reach, parent, seed=seed, lake=lake))
     return courses
 
 
-def _with_water(courses: list[Course], ground: Ground) -> list[River]:
+def _with_water(
+    sketch: Sketch, courses: list[Course], lakes: list[Lake], ground: Ground
+) -> tuple[list[River], list[Lake], list[Floats]]:
+    """Let water flow: rivers sorted by id, lakes at their levels, and the ground along each river."""
+    if not courses:
+        return [], lakes, []
     grounds = _heights(ground, [course.line for course in courses])
-    network = network_of(courses)
-    return rivers_of(network, levels_of(network, grounds, [()] * len(courses)))
+    mountains = mountain_numbers(sketch)
+    cuts = [
+        [(run.first, run.last) for run in crossings(sketch, mountains, course.line)] for course in courses
+    ]
+    network = network_of(courses, cuts)
+    filled, levels = settled(lakes, network, grounds)
+    rivers = rivers_of(network, levels)
+    order = sorted(range(len(rivers)), key=lambda number: rivers[number].id)
+    return [rivers[number] for number in order], filled, [grounds[number] for number in order]

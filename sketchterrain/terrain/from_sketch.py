@@ -11,7 +11,7 @@ from sketchterrain.compute import ComputeContext
 from sketchterrain.features import Fill, place
 from sketchterrain.features.covers import lay_covers
 from sketchterrain.features.edits import EditedFill, EditedPoints, edited_fill, edited_painted
-from sketchterrain.features.rivers import trace_edited_rivers
+from sketchterrain.features.rivers import trace_waters
 from sketchterrain.terrain.balance import balanced
 from sketchterrain.terrain.centrelines import valley_reach
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -77,10 +77,15 @@ def make_recipe(sketch: Sketch) -> TerrainRecipe:
     def ground(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return reference_heights(dry, x, y, cell_size=cell)
 
-    rivers, orphans = trace_edited_rivers(sketch, seed=sketch.seed, ground=ground)
-    reach = tuple(valley_reach(river, ground(*river.centreline[:, :2].T)) for river in rivers)
-    orphans = (*painted.orphans, *adopted.orphans, *orphans)
-    return replace(dry, rivers=rivers, river_reach=reach, orphans=orphans)
+    waters = trace_waters(sketch, seed=sketch.seed, ground=ground)
+    return replace(
+        dry,
+        rivers=waters.rivers,
+        river_reach=tuple(valley_reach(river, ground(*river.centreline[:, :2].T)) for river in waters.rivers),
+        lakes=waters.lakes,
+        resolutions=waters.resolutions,
+        orphans=(*painted.orphans, *adopted.orphans, *waters.orphans),
+    )
 
 
 def _with_strengths(edited: EditedPoints) -> Points:

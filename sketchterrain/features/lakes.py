@@ -1,0 +1,202 @@
+"""Lakes: where they lie, how high their water stands, and which rivers run through them."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from sketchterrain.features.catalogue import Lake, ShapeField
+from sketchterrain.features.hashing import smooth_noise
+from sketchterrain.features.river_path import arc_length
+from sketchterrain.features.river_water import StillWater, levels_of
+from sketchterrain.features.rules import LAYER_CODES
+from sketchterrain.features.shape_fields import shape_field
+from sketchterrain.features.shapes import label_shapes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sketchterrain.features.river_course import Course
+    from sketchterrain.features.river_water import Network
+    from sketchterrain.sketch.document import Sketch
+
+Floats = npt.NDArray[np.float64]
+Runs: TypeAlias = list[tuple[int, int, int]]
+"""First point, last point and lake (an index) of each run of a course inside a lake, upstream first."""
+
+_MARGIN_PIXELS, _MARGIN = 6.0, 60.0  # px, m; the larger counts
+_LOW_SHORE = 10.0  # percentile of the heights along the shore that the water may reach
+_SHORE_POINTS = 4096
+_FREEBOARD = 0.25  # m between the water and that height
+_ROUNDS = 16
+_MOUTH_WIDTHS = 5.0  # of the river: radius of the lake in which it ends
+_MOUTH_EXTENT = (0.012, 0.05)  # … between these shares of the sketch's extent
+_MOUTH_DEPTHS = 3.0  # of the river: depth of that lake
+_BEYOND_BIT = 1 << 47  # in the id of a lake that was not painted
+
+
+def painted_lakes(sketch: Sketch, ground: Callable[[Floats, Floats], npt.NDArray[np.floating]]) -> list[Lake]:
+    """Lay out what the lake layer paints; each as high as the low parts of its shore allow.
+
+    Parameters
+    ----------
+    sketch : Sketch
+    ground : callable
+        As for `trace_rivers`.
+
+    Returns
+    -------
+    list of Lake, in reading order of their first pixels; rivers may still lower them.
+    """
+    margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
+    lakes = []
+    for shape in label_shapes("lake", sketch.layers["lake"]):
+        field = shape_field(sketch, shape, margin=margin)
+        shore = _shore(field)
+        heights = np.asarray(ground(shore[:, 0], shore[:, 1]), dtype=np.float64)
+        lakes.append(
+            Lake(
+                id=LAYER_CODES["lake"] << 48 | shape.id,
+                label=shape.label,
+                shape=field,
+                level=float(np.percentile(heights, _LOW_SHORE)) - _FREEBOARD,
+                depth=float(sketch.properties("lake", shape.label)["depth"]),
+            )
+        )
+    return lakes
+
+
+def mouth_lakes(sketch: Sketch, courses: Sequence[Course], *, seed: int) -> list[Lake]:
+    """Make the lakes in which rivers end that ran on beyond the sketch.
+
+    Their level is still infinite: it is that of the river. There is none where another river is too near.
+    """
+    lakes: list[Lake] = []
+    for course in courses:
+        end = course.line[-1]
+        outside = float(np.hypot(*(end - np.clip(end, 0.0, np.array(sketch.size)))))
+        if course.parent is not None or outside <= 0.0:
+            continue
+        low, high = (share * sketch.extent for share in _MOUTH_EXTENT)
+        radius = float(np.clip(_MOUTH_WIDTHS * course.width[-1], low, high))
+        margin = max(_MARGIN, 0.5 * radius)
+        clear = min(
+            [
+                outside - margin,
+                *(_distance(end, other.line) - margin for other in courses if other is not course),
+            ]
+        )
+        radius = min(radius, clear / 1.4, 0.3 * float(arc_length(course.line)[-1]))
+        if radius < 1.5 * course.width[-1] or any(
+            _distance(end, lake_centre(x)[None]) < 4 * radius for x in lakes
+        ):
+            continue
+        lakes.append(
+            Lake(
+                id=LAYER_CODES["lake"] << 48 | _BEYOND_BIT | (course.id & (_BEYOND_BIT - 1)),
+                label=0,
+                shape=_blob(end, radius, margin, seed=seed, name=course.id),
+                level=float("inf"),
+                depth=_MOUTH_DEPTHS * float(course.depth[-1]),
+            )
+        )
+    return lakes
+
+
+def lake_centre(lake: Lake) -> Floats:
+    """Return the middle (m) of the rectangle that a lake's field covers."""
+    field = lake.shape
+    size = np.array(field.inside.shape[::-1]) - 1
+    return np.asarray(np.array([field.west, field.south]) + 0.5 * field.spacing * size)
+
+
+def within(field: ShapeField, at: Floats) -> Floats:
+    """Return the distance inside a shape (m) at positions (n, 2); far outside it, what its rim says."""
+    column = (at[:, 0] - field.west) / field.spacing
+    row = (at[:, 1] - field.south) / field.spacing
+    return np.asarray(
+        ndimage.map_coordinates(field.inside.astype(np.float64), [row, column], order=1, mode="nearest")
+    )
+
+
+def runs_inside(lakes: Sequence[Lake], line: Floats) -> Runs:
+    """Find the runs of a centreline that lie in lakes."""
+    runs: Runs = []
+    for number, lake in enumerate(lakes):
+        inside = np.concatenate([[False], within(lake.shape, line) > 0.0, [False]])
+        turns = np.flatnonzero(inside[1:] != inside[:-1])
+        runs += [(int(a), int(b) - 1, number) for a, b in zip(turns[::2], turns[1::2], strict=True)]
+    return sorted(runs)
+
+
+def settled(
+    lakes: Sequence[Lake], network: Network, grounds: Sequence[Floats]
+) -> tuple[list[Lake], list[Floats]]:
+    """Lower lakes until no river runs up into one, and let rivers run through them.
+
+    Returns
+    -------
+    lakes : list of Lake
+    levels : list of (m,) float64
+        Water levels along each course.
+    """
+    runs = [runs_inside(lakes, course.line) for course in network.courses]
+    water = np.array([lake.level for lake in lakes])
+    levels = levels_of(network, grounds, [()] * len(runs))
+    for _ in range(_ROUNDS):
+        before = water.copy()
+        for own, level in zip(runs, levels, strict=True):
+            for first, last, lake in own:
+                comes = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
+                water[lake] = min(water[lake], comes)
+        still = [[StillWater(a, b, float(water[lake])) for a, b, lake in own] for own in runs]
+        levels = levels_of(network, grounds, still)
+        if (water == before).all():
+            break
+    return [
+        dataclasses.replace(lake, level=float(level))
+        for lake, level in zip(lakes, water, strict=True)
+        if np.isfinite(level)
+    ], levels
+
+
+def lake_pixels(sketch: Sketch) -> cKDTree | None:
+    """Return the painted lakes' pixels (row, column) to look for the nearest one; None without a lake."""
+    painted = np.argwhere(sketch.layers["lake"] > 0)
+    return cKDTree(painted) if len(painted) else None
+
+
+def _distance(place: Floats, line: Floats) -> float:
+    return float(np.sqrt(((line - place) ** 2).sum(axis=1)).min())
+
+
+def _shore(field: ShapeField) -> Floats:
+    """Positions (m) of samples just outside a shape; of its least outside ones if there are none."""
+    row, column = np.nonzero((field.inside <= 0.0) & (field.inside > -1.5 * field.spacing))
+    thin = max(len(row) // _SHORE_POINTS, 1)
+    at = np.stack([column[::thin], row[::thin]], axis=-1) * field.spacing
+    return np.asarray(at + np.array([field.west, field.south]))
+
+
+def _blob(centre: Floats, radius: float, margin: float, *, seed: int, name: int) -> ShapeField:
+    """Make a rounded shape of hashed outline around a place."""
+    spacing = radius / 12.0
+    half = int(np.ceil((1.4 * radius + margin) / spacing)) + 1
+    steps = spacing * np.arange(-half, half + 1)
+    east, north = np.meshgrid(steps, steps)
+    distance = np.hypot(east, north)
+    scale = 1.2 / np.maximum(distance, 1e-9)
+    key = float(name % 2**20)
+    swing = smooth_noise(seed, "lake beyond the edge", key + 10.0 + scale * east, key + 10.0 + scale * north)
+    inside = radius * (0.75 + 0.6 * swing) - distance
+    return ShapeField(
+        west=float(centre[0] - spacing * half),
+        south=float(centre[1] - spacing * half),
+        spacing=spacing,
+        inside=inside.astype(np.float32),
+    )

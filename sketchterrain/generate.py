@@ -214,6 +214,8 @@ def _report(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) -> d
             "rivers": len(features.rivers),
             "plants": dict(zip(terrain.species_names, species, strict=True)),
         },
+        "resolutions": list(terrain.recipe.resolutions),
+        "edits": {"count": len(terrain.sketch.edits), "orphans": list(terrain.recipe.orphans)},
     }
 
 

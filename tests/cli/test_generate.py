@@ -89,6 +89,8 @@ def test_the_report_says_what_was_made_with_what(generated: Path, sketch: Path) 
     assert sum(told["counts"]["plants"].values()) == plants > 0
     assert sum(told["counts"]["features"].values()) == len(terrain.features.points)
     assert told["counts"]["rivers"] == len(terrain.features.rivers) > 0
+    assert told["resolutions"] == list(terrain.recipe.resolutions)
+    assert told["edits"] == {"count": 0, "orphans": []}
     assert told["heights"]["maximum"] == heights(generated).max()
     assert 10 << 20 < told["peak_memory"] < 1 << 36
 

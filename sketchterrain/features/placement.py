@@ -14,6 +14,7 @@ from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points
 from sketchterrain.features.density import DensityField, cubic
 from sketchterrain.features.hashing import unit
 from sketchterrain.features.painted_distance import PaintedDistance
+from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import PREFERENCES, SUMMIT_SHUNS_SUMMIT, TYPES, Preference
 from sketchterrain.features.shapes import label_shapes
 from sketchterrain.features.user_features import USER_FEATURE, user_features
@@ -26,6 +27,7 @@ LOOSENESS = 0.5
 
 _PLACES = 8  # places that a feature compares; the first is where it was painted
 _LEAST_RADIUS = 1.5  # px
+_LEAST_SHARE = 0.4  # of its label's strength: a lower feature does not reach farther for being low
 
 Floats = npt.NDArray[np.float64]
 
@@ -143,7 +145,6 @@ def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions:
     result = np.zeros(len(users), dtype=FEATURE)
     result["id"], result["type"], result["painted"] = users["id"], users["type"], True
     result["x"], result["y"] = positions[:, 0], positions[:, 1]
-    result["radius"] = np.maximum(disc * rule.reach, _LEAST_RADIUS * sketch.pixel_size)
     for label in np.unique(users["label"]):
         of_label = users["label"] == label
         properties = sketch.properties(name, int(label))
@@ -153,6 +154,9 @@ def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions:
             result[field][of_label] = properties.get(field, 0.0)
     # A ridge between summits has no tips of its own.
     result["peakiness"][~users["summit"]] = 0.0
+    share = np.maximum(users["share"], _LEAST_SHARE)
+    shown = shown_at(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
+    result["radius"] = np.maximum(disc * rule.reach / shown, _LEAST_RADIUS * sketch.pixel_size)
     if name == "forest":
         result["strength"] = np.minimum(result["strength"], 1.0)
     return result

@@ -19,11 +19,12 @@ class TypeRule:
     Attributes
     ----------
     reach : float
-        Ground radius over the radius of the painted disc. Mountains and hills fall to a quarter of their
-        height at two thirds of their ground radius (2t³ - 3t² + 1), so 1.5 puts that on the painted border;
-        a mountain's tip makes it fall faster.
+        Where the ground shows a quarter of the label's strength, over the radius of the painted disc: 1 puts
+        that on the painted border, if nothing else stands there.
     support : (low, high)
         Strength of the features between the summits, as a share of a summit of the same size.
+    held : float
+        Least share of the label's strength that a feature has at fidelity 1, so that all of the shape shows.
     size_power : float
         A smaller disc's strength goes with (its radius / the shape's largest) to this power.
     variation : float
@@ -40,6 +41,7 @@ class TypeRule:
 
     reach: float
     support: tuple[float, float]
+    held: float
     size_power: float
     variation: float
     most_slope: float
@@ -52,11 +54,11 @@ _TAN_70 = 2.7474774194546216
 _ANY = float("inf")
 
 TYPES: Final[dict[str, TypeRule]] = {
-    #                    reach  support       size  var.  slope    fill: radius extent slope
-    "mountain": TypeRule(1.8, (0.55, 0.85), 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
-    "hill": TypeRule(1.5, (0.40, 0.65), 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
-    "dune": TypeRule(1.15, (0.85, 1.00), 0.25, 0.10, _TAN_70, 900.0, 0.20, 0.20),
-    "forest": TypeRule(1.15, (0.90, 1.00), 0.00, 0.05, _ANY, 260.0, 0.10, _ANY),
+    #                    reach  support      held  size  var.  slope    fill: radius extent slope
+    "mountain": TypeRule(1.14, (0.55, 0.85), 0.50, 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
+    "hill": TypeRule(1.10, (0.45, 0.70), 0.60, 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
+    "dune": TypeRule(1.03, (0.85, 1.00), 0.85, 0.25, 0.10, _TAN_70, 900.0, 0.20, 0.20),
+    "forest": TypeRule(1.14, (0.90, 1.00), 0.90, 0.00, 0.05, _ANY, 260.0, 0.10, _ANY),
 }
 """In the order in which they are placed: earlier types do not give way to later ones."""
 

@@ -75,7 +75,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     multitude : int
         How many summits to aim for, 1 or more. Fewer come where the shape has no room; never none.
     fidelity : float
-        0 … 1: how much of the shape the union of the discs shall cover, from 55 % to 97 %.
+        0 … 1: how much of the shape the union of the discs shall cover, from 60 % to 99 %.
     seed : int
         Seed of the terrain.
 
@@ -97,7 +97,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     result["type"], result["label"] = LAYER_CODES[shape.layer], shape.label
     result["disc"] = pixels.disc[chosen]
     result["summit"][: len(summits)] = True
-    result["share"] = _shares(shape, result, seed)
+    result["share"] = _shares(shape, result, fidelity, seed)
     return result
 
 
@@ -188,7 +188,7 @@ def _support(shape: Shape, pixels: _Pixels, chosen: Ints, fidelity: float) -> In
     cover = _Cover(shape, pixels)
     for index in chosen:
         cover.add(int(index))
-    bare_at_most = (1.0 - (0.55 + 0.42 * fidelity**3)) * shape.area
+    bare_at_most = (1.0 - (0.6 + 0.39 * fidelity**2)) * shape.area
     least = max(_LEAST_HOLE, 0.35 * math.sqrt(1.0 - fidelity) * float(pixels.disc.max()))
     accepted: list[int] = []
     for _ in range(_ROUNDS):
@@ -260,7 +260,7 @@ class _Cover:
         return near, np.hypot(self._pixels.row[near] - row, self._pixels.column[near] - column)
 
 
-def _shares(shape: Shape, features: npt.NDArray[np.void], seed: int) -> Floats:
+def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed: int) -> Floats:
     """Strength relative to the label's: the largest summit has it whole."""
     rule = TYPES[shape.layer]
     disc, summit = features["disc"], features["summit"]
@@ -273,4 +273,4 @@ def _shares(shape: Shape, features: npt.NDArray[np.void], seed: int) -> Floats:
     pixel = features["id"].astype(np.uint64)
     # Only summits differ at random: neighbouring discs of a ridge would look like a string of pearls.
     swing = np.where(summit, rule.variation * (2.0 * unit(seed, "strength", pixel) - 1.0), 0.0)
-    return np.asarray(share * (1.0 + swing))
+    return np.asarray(np.maximum(share * (1.0 + swing), rule.held * fidelity**4))

@@ -68,10 +68,11 @@ def make_recipe(sketch: Sketch) -> TerrainRecipe:
         fidelity=sketch.fidelity,
         ground=sketch.ground,
         climate=sketch.climate,
-        painted=np.concatenate([_with_strengths(painted), adopted.points]),
+        painted=painted.points,
         fill=EditedFill(fill, adopted.hidden) if adopted.hidden.size else fill,
         covers=lay_covers(sketch),
     )
+    dry = replace(dry, painted=np.concatenate([_with_strengths(dry, painted), adopted.points]))
     cell = sketch.extent / _RIVER_CELLS_PER_EXTENT
 
     def ground(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -88,9 +89,9 @@ def make_recipe(sketch: Sketch) -> TerrainRecipe:
     )
 
 
-def _with_strengths(edited: EditedPoints) -> Points:
+def _with_strengths(dry: TerrainRecipe, edited: EditedPoints) -> Points:
     """Return the features with their strengths solved for, the locked ones with their own."""
-    solved = balanced(edited.asked, locked=edited.held)
+    solved = balanced(replace(dry, painted=edited.asked), locked=edited.held)
     points = edited.points.copy()
     points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])
     return points

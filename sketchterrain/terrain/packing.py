@@ -64,7 +64,7 @@ class PackedFeatures:
     at : ndarray of int64, shape (n, 2)
         Centres, lattice units.
     shape : ndarray of float64, shape (n, 4)
-        1/radius (1/m), strength, peakiness, 0.
+        1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``).
     support : ndarray of float64, shape (n,)
         Metres from the centre beyond which there is no effect.
     slot : ndarray of int64, shape (n,)
@@ -171,6 +171,7 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     shape[:, 0] = 1 / radius
     shape[:, 1] = features["strength"] * fade
     shape[:, 2] = features["peakiness"]
+    shape[:, 3] = np.where(features["painted"], recipe.flank, 1.0)
     at = to_lattice(np.stack([features["x"], features["y"]], axis=-1), recipe.extent)
     # A little more for rounding.
     support = radius * support_radii(recipe) * (1 + 1e-5) + 2 * metres_per_unit(recipe.extent)

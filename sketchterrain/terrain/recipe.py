@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.features.profiles import flank
 from sketchterrain.terrain.octaves import FINEST_WAVELENGTH, NoiseStack
 
 if TYPE_CHECKING:
@@ -99,7 +100,12 @@ class TerrainRecipe:
     @property
     def warp(self) -> float:
         """How far outlines of features wander, in radii."""
-        return 0.34 - 0.2 * self.fidelity
+        return 0.34 - 0.2 * self.fidelity - 0.5 * max(self.fidelity - 0.8, 0.0)
+
+    @property
+    def flank(self) -> float:
+        """How much steeper than at a loose fidelity mountains and hills fall to their feet."""
+        return flank(self.fidelity)
 
     @property
     def ridge_wavelength(self) -> float:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.features.profiles import area_profile, cubic, hill_profile, mountain_profile
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import pack_features, pack_rivers, pack_world
@@ -55,6 +56,46 @@ def reference_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: f
     return ground.height.reshape(x.shape)
 
 
+@dataclass(frozen=True)
+class Relief:
+    """What noise makes of mountains and hills at points.
+
+    Attributes
+    ----------
+    bend : (n, 2) float64
+        How far outlines are bent, in radii.
+    swell, ridges : (n,) float64
+        What the heights of hills and of mountains are multiplied by.
+    spur : (n,) float64
+        How far ridges carry the mountains' flanks outward, in radii.
+    """
+
+    bend: Reals
+    swell: Reals
+    ridges: Reals
+    spur: Reals
+
+
+def relief_of(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Relief:
+    """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
+    world = pack_world(recipe, cell_size, real=np.float64)
+    return _relief(world.scalars[0], world.octaves, x, y)
+
+
+def _relief(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
+    warp_u = np.clip(fbm(octaves, "warp_u", x, y), -1, 1)
+    warp_v = np.clip(fbm(octaves, "warp_v", x, y), -1, 1)
+    bent_x = x + np.trunc(warp_u * w["ridge_warp"]).astype(np.int64)
+    bent_y = y + np.trunc(warp_v * w["ridge_warp"]).astype(np.int64)
+    ridge = ridged(octaves, "ridge", bent_x, bent_y) - w["ridge_mean"]
+    return Relief(
+        bend=w["warp"] * np.stack([warp_u, warp_v], axis=-1),
+        swell=1 + 0.4 * warp_u,
+        ridges=1 + w["ridge_depth"] * ridge,
+        spur=w["spur"] * np.clip(ridge, -1, 1),
+    )
+
+
 def reference_ground(
     recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0
 ) -> ReferenceGround:
@@ -66,18 +107,12 @@ def reference_ground(
     packed = pack_features(recipe, near, cell_size)
     octaves = world.octaves
 
-    noise = fbm(octaves, "ground", x, y)
-    height = w["half_relief"] * noise
-    warp_u = np.clip(fbm(octaves, "warp_u", x, y), -1, 1)
-    warp_v = np.clip(fbm(octaves, "warp_v", x, y), -1, 1)
-    place = _Place(x, y, w["warp"] * warp_u, w["warp"] * warp_v, metres_per_unit(recipe.extent))
-
-    height = height + _hills(packed, place) * (1 + 0.4 * warp_u)
-    bent_x = x + np.trunc(warp_u * w["ridge_warp"]).astype(np.int64)
-    bent_y = y + np.trunc(warp_v * w["ridge_warp"]).astype(np.int64)
-    ridge = ridged(octaves, "ridge", bent_x, bent_y) - w["ridge_mean"]
-    massif = _mountains(packed, place, w["spur"] * np.clip(ridge, -1, 1))
-    height = height + massif * (1 + w["ridge_depth"] * ridge)
+    height = w["half_relief"] * fbm(octaves, "ground", x, y)
+    relief = _relief(w, octaves, x, y)
+    place = _Place(x, y, *relief.bend.T, metres_per_unit(recipe.extent))
+    height = height + _hills(packed, place) * relief.swell
+    massif = _mountains(packed, place, relief.spur)
+    height = height + massif * relief.ridges
     cover, share = _areas(packed, place, slot=2)
     mottle = 2.2 * fbm(octaves, "mottle", x, y)
     forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
@@ -172,11 +207,6 @@ class _Place:
         return np.asarray(np.sqrt(dx * dx + dy * dy))
 
 
-def _cubic(t: Reals) -> Reals:
-    s = np.minimum(t, 1)
-    return np.asarray(2 * s**3 - 3 * s**2 + 1)
-
-
 def _smooth(x: Reals, low: float, high: float) -> Reals:
     t = np.clip((x - low) / (high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t))
@@ -185,7 +215,7 @@ def _smooth(x: Reals, low: float, high: float) -> Reals:
 def _hills(packed: PackedFeatures, place: _Place) -> Reals:
     total = np.zeros(place.x.shape)
     for i in np.flatnonzero(packed.slot == 1):
-        total += (packed.shape[i, 1] * _cubic(place.distance(packed, i))) ** 4
+        total += (packed.shape[i, 1] * hill_profile(place.distance(packed, i), packed.shape[i, 3])) ** 4
     return np.asarray(np.sqrt(np.sqrt(total)))
 
 
@@ -193,16 +223,14 @@ def _mountains(packed: PackedFeatures, place: _Place, spur: Reals) -> Reals:
     total = np.zeros(place.x.shape)
     for i in np.flatnonzero(packed.slot == 0):
         t = np.maximum(place.distance(packed, i) - spur, 0)
-        tip = np.maximum(1 - t, 0) ** 2
-        share = 0.1 + 0.6 * packed.shape[i, 2]
-        total += (packed.shape[i, 1] * ((1 - share) * _cubic(t) + share * tip)) ** 4
+        total += (packed.shape[i, 1] * mountain_profile(t, *packed.shape[i, 2:])) ** 4
     return np.asarray(np.sqrt(np.sqrt(total)))
 
 
 def _areas(packed: PackedFeatures, place: _Place, *, slot: int) -> tuple[Reals, Reals]:
     total, weights, strengths = (np.zeros(place.x.shape) for _ in range(3))
     for i in np.flatnonzero(packed.slot == slot):
-        cover = _cubic(np.maximum((place.distance(packed, i) - 0.5) / 0.5, 0))
+        cover = area_profile(place.distance(packed, i))
         total += cover**4
         weights += cover
         strengths += cover * packed.shape[i, 1]
@@ -253,6 +281,6 @@ def _carved(height: Reals, rivers: PackedRivers, place: _Place, *, cell: float) 
     s = np.clip((d - edge) / np.maximum(reach - edge, edge), 0, 1)
     terrain = ground + np.maximum(surface + bank - ground, 0) * (1 - s**4) * (1 - s**2)
     carved, mask = height.copy(), np.zeros(height.shape)
-    carved[near] = terrain + (enforced - terrain) * _cubic(s)
+    carved[near] = terrain + (enforced - terrain) * cubic(s)
     mask[near] = np.maximum(1 - d / (4 * np.maximum(half_width, 0.6 * cell)), 0)
     return carved, mask

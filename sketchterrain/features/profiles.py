@@ -1,0 +1,74 @@
+"""How features fall from their summits to their feet: the formulas of ``kernels/features.clh``, in NumPy.
+
+Distances t are in ground radii. Only + - * / are used, so that the result is the same on every machine.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+SHOWN: Final = 0.25
+"""Share of its label's height at which a shape begins, to the eye and to the measure of adherence."""
+
+_STEEPEST = 0.6  # added to the flank at fidelity 1
+_LOOSE = 0.6  # fidelity up to which flanks are as gentle as they can be
+_HALVINGS = 30
+
+
+def flank(fidelity: float) -> float:
+    """Return how much steeper than the plain cubic mountains and hills fall to their feet, 1 or more."""
+    steep = max(fidelity - _LOOSE, 0.0) / (1.0 - _LOOSE)
+    return 1.0 + _STEEPEST * steep * steep * steep
+
+
+def cubic(t: Floats) -> Floats:
+    """Return 2t³ - 3t² + 1: 1 at 0, 0 from 1 on."""
+    s = np.minimum(t, 1.0)
+    return np.asarray(2.0 * s**3 - 3.0 * s**2 + 1.0)
+
+
+def hill_profile(t: Floats, steepness: float | Floats) -> Floats:
+    """Return what a hill keeps of its height: all up to 1 - 1/steepness, then the cubic down to 0 at 1."""
+    return cubic(np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0))
+
+
+def mountain_profile(t: Floats, peakiness: float | Floats, steepness: float | Floats) -> Floats:
+    """Return what a mountain keeps of its height: a hill's profile and a tip (1 - t)², by peakiness."""
+    share = 0.1 + 0.6 * peakiness
+    return np.asarray((1.0 - share) * hill_profile(t, steepness) + share * np.maximum(1.0 - t, 0.0) ** 2)
+
+
+def area_profile(t: Floats) -> Floats:
+    """Return the cover of dunes or of a forest: full up to half a radius, then the cubic."""
+    return cubic(np.maximum((t - 0.5) / 0.5, 0.0))
+
+
+def shown_at(name: str, share: Floats, peakiness: Floats, fidelity: float) -> Floats:
+    """Return where a feature shows a quarter of its label's strength, in its ground radii.
+
+    Parameters
+    ----------
+    name : str
+        Type of feature.
+    share : (n,) float64
+        Its strength over its label's, more than a quarter.
+    peakiness : (n,) float64
+    fidelity : float
+    """
+    low, high = np.zeros(len(share)), np.ones(len(share))
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if name == "mountain":
+            profile = mountain_profile(middle, peakiness, flank(fidelity))
+        elif name == "hill":
+            profile = hill_profile(middle, flank(fidelity))
+        else:
+            profile = area_profile(middle)
+        above = share * profile > SHOWN
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return low

@@ -61,6 +61,7 @@ _STYLE = table_of(
     LAYERS["mountain"].parameters["peakiness"],
     LAYERS["dune"].parameters["wavelength"],
     LAYERS["dune"].parameters["wind"],
+    LAYERS["forest"].parameters["conifers"],
 )
 
 ACTIONS: Mapping[str, Action] = {
@@ -87,7 +88,7 @@ class Edit:
     feature
         Id of the feature or river that it changes. That of an ``add`` is made from its values, whatever is
         given here.
-    type, x, y, radius, strength, peakiness, wavelength, wind, index, width
+    type, x, y, radius, strength, peakiness, wavelength, wind, conifers, index, width
         Values by the names in `ACTIONS`, None where there is none.
 
     Raises
@@ -106,6 +107,7 @@ class Edit:
     peakiness: float | None = None
     wavelength: float | None = None
     wind: float | None = None
+    conifers: float | None = None
     index: int | None = None
     width: float | None = None
 

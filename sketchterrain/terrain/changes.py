@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["EVERYWHERE", "changed_areas", "influence"]
+__all__ = ["EVERYWHERE", "Box", "changed_areas", "influence"]
 
 Box = tuple[float, float, float, float]
 

@@ -9,7 +9,7 @@ from sketchterrain.features import FEATURE_TYPES, FILL_BIT
 from sketchterrain.features.edits import lock_of
 from sketchterrain.sketch import Edit, Sketch
 from sketchterrain.terrain import Terrain, build
-from sketchterrain.terrain.changes import EVERYWHERE, changed_areas, influence
+from sketchterrain.terrain.changes import EVERYWHERE, Box, changed_areas, influence
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
@@ -25,12 +25,16 @@ def _disc(image: np.ndarray, row: float, column: float, radius: float, label: in
 
 def _sketch() -> Sketch:
     """Small shapes far from each other, and two rivers, with a fill between."""
-    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in (*FEATURE_TYPES, "river")}
+    layers = {
+        name: np.zeros((SIDE, SIDE), np.uint8) for name in (*FEATURE_TYPES, "river", "lake", "material")
+    }
     for row, column in ((25, 25), (25, 125), (80, 70), (130, 30), (135, 130)):
         _disc(layers["mountain"], row, column, 7)
         _disc(layers["hill"], row + 14, column - 4, 4)
         _disc(layers["forest"], row - 10, column + 10, 4)
     _disc(layers["dune"], 60, 110, 8)
+    _disc(layers["lake"], 110, 60, 4)
+    _disc(layers["material"], 60, 20, 6)
     for step in range(40):
         _disc(layers["river"], 50 + 8 * np.sin(step / 7), 10 + step, 1.0)
         _disc(layers["river"], 100 + step, 100 + 6 * np.sin(step / 9), 1.0)
@@ -70,10 +74,10 @@ def _edited(sketch: Sketch, terrain: Terrain, seed: int) -> Sketch:
         Edit("delete", int(rng.choice(fill)["id"])),
         Edit("move", int(rng.choice(fill)["id"]), x=x, y=y),
     ]
-    kind = seed % (len(edits) + 3)
+    kind = seed % (len(edits) + 5)
     if kind < len(edits):
         return sketch.with_edit(edits[kind])
-    layer = ("mountain", "river", "hill")[kind - len(edits)]
+    layer = ("mountain", "river", "hill", "lake", "material")[kind - len(edits)]
     image = np.array(sketch.layers[layer])
     _disc(image, SIDE - y / EXTENT * SIDE, x / EXTENT * SIDE, 4)
     return sketch.replace(layers={**sketch.layers, layer: image})
@@ -85,6 +89,13 @@ def _samples() -> tuple[np.ndarray, np.ndarray]:
     return x.ravel(), y.ravel()
 
 
+def _told(areas: list[Box], x: np.ndarray, y: np.ndarray, *, wider: float = 0.0) -> np.ndarray:
+    told = np.zeros(x.shape, dtype=bool)
+    for west, south, east, north in areas:
+        told |= (west - wider <= x) & (x <= east + wider) & (south - wider <= y) & (y <= north + wider)
+    return told
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_everything_that_changed_lies_in_the_changed_areas(
     plain: Terrain, context: ComputeContext, seed: int
@@ -94,12 +105,16 @@ def test_everything_that_changed_lies_in_the_changed_areas(
     assert areas
     assert EVERYWHERE not in areas
     x, y = _samples()
-    told = np.zeros(x.shape, dtype=bool)
-    for west, south, east, north in areas:
-        told |= (west <= x) & (x <= east) & (south <= y) & (y <= north)
+    told = _told(areas, x, y)
     for cell in (0.0, 40.0):
         changed = plain.heights(x, y, cell_size=cell) != after.heights(x, y, cell_size=cell)
         assert not (changed & ~told).any()
+    surfaces = plain.raster(257), after.raster(257)
+    line = np.linspace(0, EXTENT, 257)
+    told = _told(areas, *np.meshgrid(line, line[::-1]), wider=surfaces[0].spacing[0])
+    for part in ("height", "normal", "materials"):
+        changed = getattr(surfaces[0], part) != getattr(surfaces[1], part)
+        assert not (changed.reshape(*told.shape, -1).any(axis=-1) & ~told).any(), part
     assert told.mean() < 0.35  # most of the world is not built again
 
 

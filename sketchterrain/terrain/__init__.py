@@ -1,8 +1,9 @@
 """From a recipe to heights, normals, materials and plants, on the device and in float64."""
 
 from sketchterrain.terrain.adherence import Adherence, measure_adherence
+from sketchterrain.terrain.changes import changed_areas, touches
 from sketchterrain.terrain.foliage import SPECIES
-from sketchterrain.terrain.from_sketch import build, make_recipe
+from sketchterrain.terrain.from_sketch import build, make_recipe, rebuild
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.terrain import Raster, Terrain, TerrainFeatures, Tile
@@ -17,6 +18,9 @@ __all__ = [
     "TerrainRecipe",
     "Tile",
     "build",
+    "changed_areas",
     "make_recipe",
     "measure_adherence",
+    "rebuild",
+    "touches",
 ]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["EVERYWHERE", "Box", "changed_areas", "influence"]
+__all__ = ["EVERYWHERE", "Box", "changed_areas", "influence", "touches"]
 
 Box = tuple[float, float, float, float]
 
@@ -61,6 +61,18 @@ def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
         boxes += _around_fields(one.lakes, other.lakes)
         boxes += _around_fields(one.covers, other.covers)
     return joined_boxes([*boxes, *_around_rivers(old, new)])
+
+
+def touches(areas: Sequence[Box], bounds: Box, *, margin: float = 0.0) -> bool:
+    """Whether a rectangle (west, south, east, north, m), widened by a margin (m), meets any of the areas.
+
+    A tile is the same as before unless its bounds, widened by its cell size, do.
+    """
+    west, south, east, north = bounds
+    return any(
+        w <= east + margin and e >= west - margin and s <= north + margin and n >= south - margin
+        for w, s, e, n in areas
+    )
 
 
 def influence(recipe: TerrainRecipe) -> float:

@@ -14,6 +14,7 @@ from sketchterrain.features.edits import EditedFill, EditedPoints, edited_fill, 
 from sketchterrain.features.rivers import trace_waters
 from sketchterrain.terrain.balance import balanced
 from sketchterrain.terrain.centrelines import valley_reach
+from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.reference import reference_heights
 from sketchterrain.terrain.terrain import Terrain
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
 
     from sketchterrain.features.catalogue import Points
     from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain.changes import Box
 
-__all__ = ["build", "make_recipe"]
+__all__ = ["build", "make_recipe", "rebuild"]
 
 # Rivers see the ground as samples so far apart would: its lie, not its stones.
 _RIVER_CELLS_PER_EXTENT = 256
@@ -51,6 +53,19 @@ def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeConte
     if seed is not None:
         sketch = sketch.replace(seed=seed)
     return Terrain(sketch, make_recipe(sketch), context)
+
+
+def rebuild(terrain: Terrain, sketch: Sketch) -> tuple[Terrain, list[Box]]:
+    """Return the terrain of a changed sketch on the same device, and where it may differ.
+
+    Returns
+    -------
+    terrain : Terrain
+    areas : list of (west, south, east, north)
+        As :func:`~sketchterrain.terrain.changed_areas` says them: only tiles that these touch are other ones.
+    """
+    after = Terrain(sketch, make_recipe(sketch), terrain.context)
+    return after, changed_areas(terrain.recipe, after.recipe)
 
 
 def make_recipe(sketch: Sketch) -> TerrainRecipe:

@@ -8,8 +8,8 @@ import pytest
 from sketchterrain.features import FEATURE_TYPES, FILL_BIT
 from sketchterrain.features.edits import lock_of
 from sketchterrain.sketch import Edit, Sketch
-from sketchterrain.terrain import Terrain, build
-from sketchterrain.terrain.changes import EVERYWHERE, Box, changed_areas, influence
+from sketchterrain.terrain import Terrain, build, rebuild
+from sketchterrain.terrain.changes import EVERYWHERE, Box, changed_areas, influence, touches
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
@@ -184,3 +184,27 @@ def test_an_edit_matters_no_farther_than_the_stated_distance(context: ComputeCon
         same = before.heights(x, y) == after.heights(x, y)
         assert same[~near].all()
         assert not same.all()
+
+
+def test_only_tiles_that_the_areas_touch_are_other_ones(plain: Terrain) -> None:
+    point = plain.recipe.painted[0]
+    move = Edit("move", int(point["id"]), x=float(point["x"]) + 400, y=float(point["y"]))
+    after, areas = rebuild(plain, plain.sketch.with_edit(move))
+    keys = [(3, column, row) for column in range(8) for row in range(8)]
+    same = 0
+    for old, new in zip(plain.tiles(keys), after.tiles(keys), strict=True):
+        if not touches(areas, old.bounds, margin=old.cell_size):
+            same += 1
+            for part in ("height", "normal", "materials"):
+                np.testing.assert_array_equal(getattr(old, part), getattr(new, part))
+    assert 32 < same < 64
+
+
+def test_a_rectangle_touches_what_it_meets() -> None:
+    areas = [(0.0, 0.0, 10.0, 10.0)]
+    assert touches(areas, (10.0, 10.0, 20.0, 20.0))
+    assert touches(areas, (2.0, 2.0, 3.0, 3.0))
+    assert not touches(areas, (11.0, 0.0, 20.0, 10.0))
+    assert touches(areas, (11.0, 0.0, 20.0, 10.0), margin=1.0)
+    assert touches([EVERYWHERE], (1e9, 1e9, 2e9, 2e9))
+    assert not touches([], (0.0, 0.0, 1.0, 1.0))

@@ -1,4 +1,4 @@
-"""What a person changed of rivers: control points, widths, rivers taken away.
+"""What a person changed of rivers: control points, widths, rivers and lakes taken away.
 
 It is done to courses, before any water flows, so that levels, widths at confluences and valleys follow.
 """
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from sketchterrain.features.catalogue import Lake
     from sketchterrain.features.river_course import Course
     from sketchterrain.sketch import Edit
 
@@ -27,6 +28,26 @@ _ACTIONS = frozenset({"move_point", "width", "delete"})
 def concerns_river(edit: Edit) -> bool:
     """Whether an edit names a river, by its action or by the layer in the id."""
     return edit.action in ("move_point", "width") or (edit.feature or 0) >> 48 == LAYER_CODES["river"]
+
+
+def concerns_lake(edit: Edit) -> bool:
+    """Whether an edit names a lake, by the layer in the id."""
+    return not concerns_river(edit) and (edit.feature or 0) >> 48 == LAYER_CODES["lake"]
+
+
+def kept_lakes(lakes: list[Lake], edits: Iterable[Edit]) -> tuple[list[Lake], tuple[str, ...]]:
+    """Return the lakes that a person did not take away, and one line for each edit that finds none."""
+    there = {lake.id for lake in lakes}
+    taken: set[int] = set()
+    orphans = []
+    for edit in filter(concerns_lake, edits):
+        if edit.action != "delete":
+            orphans.append(f"{edit.action} of lake {edit.feature}: a lake has only delete")
+        elif edit.feature not in there:
+            orphans.append(f"delete of lake {edit.feature}: there is no such lake any more")
+        else:
+            taken.add(edit.feature)
+    return [lake for lake in lakes if lake.id not in taken], tuple(orphans)
 
 
 def edited_courses(courses: list[Course], edits: Iterable[Edit]) -> tuple[list[Course], tuple[str, ...]]:

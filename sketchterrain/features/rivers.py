@@ -21,7 +21,7 @@ from sketchterrain.features.river_course import (
     reach_course,
     turned,
 )
-from sketchterrain.features.river_edits import edited_courses
+from sketchterrain.features.river_edits import edited_courses, kept_lakes
 from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
 from sketchterrain.features.river_water import network_of, rivers_of
 from sketchterrain.features.skeleton import skeletons
@@ -105,10 +105,10 @@ def trace_waters(sketch: Sketch, *, seed: int, ground: Ground) -> Waters:
     courses = _laid_out(sketch, seed, ground)
     courses, orphans = edited_courses(courses, sketch.edits)
     courses = kept_apart(courses, sketch.size)
-    lakes += mouth_lakes(sketch, courses, seed=seed)
+    lakes, lost = kept_lakes([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
     rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground)
     decided = resolutions(sketch, mountain_numbers(sketch), rivers, grounds, lakes)
-    return Waters(tuple(rivers), tuple(lakes), decided, orphans)
+    return Waters(tuple(rivers), tuple(lakes), decided, orphans + lost)
 
 
 def _laid_out(sketch: Sketch, seed: int, ground: Ground) -> list[Course]:

@@ -68,7 +68,7 @@ ACTIONS: Mapping[str, Action] = {
     "move": Action("puts a feature somewhere else", table_of(_X, _Y)),
     "resize": Action("gives a feature another radius", table_of(_RADIUS)),
     "strength": Action("gives a feature another strength", table_of(_STRENGTH)),
-    "delete": Action("takes a feature or a river away", table_of()),
+    "delete": Action("takes a feature, a river or a lake away", table_of()),
     "lock": Action("keeps a feature as it is, whatever is painted", table_of(*_SHAPE), _STYLE),
     "add": Action("adds a feature; its id is made from its values", table_of(*_SHAPE), _STYLE),
     "move_point": Action("puts a control point of a river somewhere else", table_of(_INDEX, _X, _Y)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
@@ -75,9 +77,9 @@ class DensityField:
             none = np.zeros(0, dtype=np.intp)
             return none, none, np.zeros(0)
         found = self._tree.query_ball_point(at, radius, return_sorted=True)
-        counts = np.fromiter((len(each) for each in found), dtype=np.intp, count=len(at))
+        counts = np.fromiter(map(len, found), dtype=np.intp, count=len(at))
         position = np.repeat(np.arange(len(at)), counts)
-        feature = np.fromiter((i for each in found for i in each), dtype=np.intp, count=int(counts.sum()))
+        feature = np.fromiter(chain.from_iterable(found), dtype=np.intp, count=int(counts.sum()))
         offset = at[position] - self._positions[feature]
         distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
         return position, feature, cubic(distance / np.maximum(radius[position], 1e-9))

@@ -85,10 +85,13 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     """
     mean = mean_size(shape.area, multitude)
     pixels = _Pixels.of(shape, most=1.25 * mean, seed=seed)
-    summits = _summits(shape, pixels, mean, multitude)
-    spine = _spine(shape, pixels, summits, fidelity)
-    support = _support(shape, pixels, np.concatenate([summits, spine]), fidelity)
-    chosen = np.concatenate([summits, spine, support])
+    if shape.area == 1:  # sketches may be sprinkled with thousands of them
+        summits = chosen = np.zeros(1, dtype=np.int64)
+    else:
+        summits = _summits(shape, pixels, mean, multitude)
+        spine = _spine(shape, pixels, summits, fidelity)
+        support = _support(shape, pixels, np.concatenate([summits, spine]), fidelity)
+        chosen = np.concatenate([summits, spine, support])
 
     result = np.zeros(len(chosen), dtype=USER_FEATURE)
     result["row"] = pixels.row[chosen] + int(shape.rows.start)
@@ -173,14 +176,38 @@ def _spine(shape: Shape, pixels: _Pixels, summits: Ints, fidelity: float) -> Int
     darts = darts[np.argsort(pixels.priority[darts], kind="stable")]
     spacing = (_SPINE_SPACING + (1.0 - fidelity)) * pixels.disc[darts]
     free = pixels.disc[darts] > _LEAST_SPINE * pixels.disc[summits].max()
+    near = _Near(shape, pixels, darts, np.maximum(spacing, 1.0))
     for index in summits:
-        free &= _apart(pixels, darts, int(index), spacing)
+        near.clear(free, int(index))
     accepted: list[int] = []
-    while free.any():
-        index = int(darts[np.argmax(free)])
-        accepted.append(index)
-        free &= _apart(pixels, darts, index, spacing)
+    for turn, index in enumerate(darts.tolist()):
+        if free[turn]:
+            accepted.append(index)
+            near.clear(free, index)
     return np.asarray(accepted, dtype=np.int64)
+
+
+class _Near:
+    """Darts by where they stand, so that one that lands need not be compared with all of them."""
+
+    def __init__(self, shape: Shape, pixels: _Pixels, darts: Ints, spacing: Floats) -> None:
+        self._pixels, self._darts, self._spacing = pixels, darts, spacing
+        self._reach = math.ceil(float(spacing.max(initial=0.0)))
+        self._turn: Ints | None = None
+        if len(darts) > (2 * self._reach + 1) ** 2:
+            self._turn = np.full(shape.mask.shape, -1, dtype=np.int64)
+            self._turn[pixels.row[darts], pixels.column[darts]] = np.arange(len(darts))
+
+    def clear(self, free: Flags, index: int) -> None:
+        """Strike out the darts that are too near to a pixel."""
+        if self._turn is None:
+            free &= _apart(self._pixels, self._darts, index, self._spacing)
+            return
+        row, column = int(self._pixels.row[index]), int(self._pixels.column[index])
+        rows, columns = (slice(max(at - self._reach, 0), at + self._reach + 1) for at in (row, column))
+        window = self._turn[rows, columns]
+        near = window[window >= 0]
+        free[near] &= _apart(self._pixels, self._darts[near], index, self._spacing[near])
 
 
 def _support(shape: Shape, pixels: _Pixels, chosen: Ints, fidelity: float) -> Ints:
@@ -192,13 +219,15 @@ def _support(shape: Shape, pixels: _Pixels, chosen: Ints, fidelity: float) -> In
     least = max(_LEAST_HOLE, 0.35 * math.sqrt(1.0 - fidelity) * float(pixels.disc.max()))
     accepted: list[int] = []
     for _ in range(_ROUNDS):
+        if cover.bare <= bare_at_most:
+            break
         holes, depths = cover.holes(least)
         for hole, depth in zip(holes.tolist(), depths.tolist(), strict=True):
             if cover.bare <= bare_at_most:
                 break
             if not cover.covered[hole]:
                 accepted.append(cover.patch(hole, depth))
-        if len(holes) == 0 or cover.bare <= bare_at_most:
+        if len(holes) == 0:
             break
     return np.asarray(accepted, dtype=np.int64)
 

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.features.catalogue import Lake, ShapeField
 from sketchterrain.features.hashing import smooth_noise
 from sketchterrain.features.river_path import arc_length
-from sketchterrain.features.river_water import StillWater, levels_of
+from sketchterrain.features.river_water import StillWater, falling_levels, joined_levels
 from sketchterrain.features.rules import LAYER_CODES
 from sketchterrain.features.shape_fields import shape_field
 from sketchterrain.features.shapes import label_shapes
@@ -33,6 +33,7 @@ _MARGIN_PIXELS, _MARGIN = 6.0, 60.0  # px, m; the larger counts
 _LOW_SHORE = 10.0  # percentile of the heights along the shore that the water may reach
 _SHORE_POINTS = 4096
 _FREEBOARD = 0.25  # m between the water and that height
+_RIM = 0.2  # share of the margin around a lake in which its own ground rules
 _ROUNDS = 16
 _MOUTH_WIDTHS = 5.0  # of the river: radius of the lake in which it ends
 _MOUTH_EXTENT = (0.012, 0.05)  # … between these shares of the sketch's extent
@@ -147,22 +148,23 @@ def settled(
     """
     runs = [runs_inside(lakes, course.line) for course in network.courses]
     water = np.array([lake.level for lake in lakes])
-    levels = levels_of(network, grounds, [()] * len(runs))
+    rims = [_RIM * -float(lake.shape.inside[[0, -1]].max()) for lake in lakes]
+    levels = falling_levels(network, grounds, [()] * len(runs))
     for _ in range(_ROUNDS):
         before = water.copy()
         for own, level in zip(runs, levels, strict=True):
             for first, last, lake in own:
                 comes = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
                 water[lake] = min(water[lake], comes)
-        still = [[StillWater(a, b, float(water[lake])) for a, b, lake in own] for own in runs]
-        levels = levels_of(network, grounds, still)
+        still = [[StillWater(a, b, float(water[lake]), rims[lake]) for a, b, lake in own] for own in runs]
+        levels = falling_levels(network, grounds, still)
         if (water == before).all():
             break
     return [
         dataclasses.replace(lake, level=float(level))
         for lake, level in zip(lakes, water, strict=True)
         if np.isfinite(level)
-    ], levels
+    ], joined_levels(network, levels)
 
 
 def lake_pixels(sketch: Sketch) -> cKDTree | None:

@@ -149,7 +149,11 @@ def _into_lake(drawn: Floats, sketch: Sketch, skeleton: Skeleton, end: int, lake
     gap, nearest = lake.query(at)
     if not 0.0 < gap <= float(skeleton.depth[end]) + LAKE_GAP:
         return drawn
-    step = (np.asarray(lake.data)[int(nearest)] - at) * (1.0 + 2.0 / gap) * sketch.pixel_size
+    ahead = (np.asarray(lake.data)[int(nearest)] - at) * (1.0 + 2.0 / gap)
+    to_others = np.hypot(skeleton.rows - at[0] - ahead[0], skeleton.columns - at[1] - ahead[1])
+    if to_others.min() < np.hypot(*ahead) - 1e-6:
+        return drawn  # another reach lies between
+    step = ahead * sketch.pixel_size
     more = np.array([step[1], -step[0], 0.0, 0.0])
     return np.concatenate([drawn, drawn[-1:] + more])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 
@@ -73,7 +75,10 @@ def surface_along(
     for index, level in ceilings:
         wanted[index:] = np.minimum(wanted[index:], level)
     falling = np.minimum.accumulate(wanted)
-    falling = np.minimum.accumulate(_blurred(falling, 0.5 * sigma))
+    falling = _blurred(falling, 0.5 * sigma)
+    for index, level in ceilings:  # once more: the blur rounds their steps
+        falling[index:] = np.minimum(falling[index:], level + LEAST_FALL * arc[index])
+    falling = np.minimum.accumulate(falling)
     return np.asarray(falling - LEAST_FALL * arc)
 
 
@@ -106,25 +111,45 @@ def pooled(level: Floats, arc: Floats, first: float, last: float) -> Floats:
     return np.asarray(np.where(inside, np.minimum(level, np.maximum(moved, pool)), level))
 
 
-def level_in_bends(level: Floats, arc: Floats, bends: npt.NDArray[np.int64], depth: Floats) -> Floats:
+@dataclass(frozen=True, eq=False)
+class Bends:
+    """Places whose bank belongs to a place further down.
+
+    Attributes
+    ----------
+    upper : (k,) int
+        Points of a centreline.
+    lower : (k,) float64
+        The place whose bank stands beside each, in points: between two of them, further down.
+    """
+
+    upper: npt.NDArray[np.intp]
+    lower: Floats
+
+
+def level_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> Floats:
     """Lower the water above sharp bends, so that it does not stand above its own bank further down.
 
     Parameters
     ----------
     level, arc : (m,) float64
         Water level and length from the spring (m).
-    bends : (k, 2) int64
-        Pairs of points: the bank of the second stands beside the first, and is a third of a depth high.
+    bends : Bends
     depth : (m,) float64
-        Metres.
+        Metres; a bank counts as a quarter of it high.
     """
-    upper, lower = bends[:, 0], bends[:, 1]
-    for _ in range(_BEND_ROUNDS if len(bends) else 0):
-        lowered = level + LEAST_FALL * arc
-        most = level[lower] + depth[lower] / 3.0 + LEAST_FALL * arc[lower]
-        if (lowered[upper] <= most).all():
+    before = np.minimum(bends.lower.astype(np.intp), len(level) - 2)
+    share = bends.lower - before
+    same = before == bends.upper
+    bank = 0.25 * depth[bends.upper]
+    for _ in range(_BEND_ROUNDS if len(share) else 0):
+        between = (1.0 - share) * level[before] + share * level[before + 1]
+        # Within one piece the place further down falls as the point itself does.
+        most = np.where(same, level[before + 1] + bank / np.maximum(share, 1e-9), between + bank)
+        if (level[bends.upper] <= most + 1e-6).all():
             break
-        np.minimum.at(lowered, upper, most)
+        lowered = level + LEAST_FALL * arc
+        np.minimum.at(lowered, bends.upper, most + LEAST_FALL * arc[bends.upper])
         level = np.minimum.accumulate(lowered) - LEAST_FALL * arc
     return level
 

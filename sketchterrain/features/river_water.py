@@ -12,6 +12,8 @@ from scipy.spatial import cKDTree
 from sketchterrain.features.catalogue import River
 from sketchterrain.features.river_path import arc_length
 from sketchterrain.features.river_profile import (
+    LEAST_FALL,
+    Bends,
     joined_to,
     level_in_bends,
     pooled,
@@ -29,6 +31,7 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 _DEPTH_POWER = 0.6  # how depth follows width along a river
+_MOST_GROWTH = 2.0  # times the label's width: a river that a wider one joins gets no deeper than so
 _LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
 
 
@@ -42,11 +45,14 @@ class StillWater:
         Points of the centreline, both inside.
     level : float
         Metres.
+    rim : float
+        Metres around the shore in which the lake's ground rules: no water may stand above the lake there.
     """
 
     first: int
     last: int
     level: float
+    rim: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +87,7 @@ class Network:
     widths : sequence of (m,) float64
         Metres, with tributaries counted and neighbours heeded.
     meetings : sequence of _Meeting or None
-    bends : sequence of (k, 2) int64
-        Pairs of points of one centreline, upstream first: the bank beside the first is the second's.
+    bends : sequence of Bends
     cuts : sequence of sequences of (first, last)
         Runs of points in which neither water nor bed may lie above the straight line from the point before
         to the point after: valleys through mountains.
@@ -93,7 +98,7 @@ class Network:
     arcs: Sequence[Floats]
     widths: Sequence[Floats]
     meetings: Sequence[_Meeting | None]
-    bends: Sequence[Ints]
+    bends: Sequence[Bends]
     cuts: Sequence[Sequence[tuple[int, int]]]
 
     def joining(self, number: int) -> list[int]:
@@ -136,18 +141,22 @@ def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int
     return Network(courses, parents, arcs, widths, meetings, bends, cuts)
 
 
-def _bends(line: Floats, arc: Floats, width: Floats) -> Ints:
-    """Find where the ground beside a river, up to 1.6 widths away, is nearer to a point further down."""
+def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
+    """Find where the ground beside a river, up to 1.6 widths away, is nearest to a place further down."""
     along = np.gradient(line, axis=0)
     across = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
-    tree, number = cKDTree(line), np.arange(len(line))
-    pairs = []
+    count = len(line)
+    fine = np.arange(4 * count - 3) / 4.0
+    tree = cKDTree(np.stack([np.interp(fine, np.arange(count), line[:, i]) for i in (0, 1)], axis=-1))
+    upper, lower = [], []
     for widths in (-1.6, -1.0, 1.0, 1.6):
-        _, nearest = tree.query(line + widths * width[:, None] * across)
-        nearest = np.minimum(nearest + 1, len(line) - 1)
-        below = (nearest > number + 1) & (arc[nearest] - arc < 4.0 * width)
-        pairs.append(np.stack([number[below], nearest[below]], axis=-1))
-    return np.concatenate(pairs).astype(np.int64)
+        _, found = tree.query(line + widths * width[:, None] * across)
+        place = np.minimum((np.asarray(found) + 1) / 4.0, count - 1.0)
+        run = np.interp(place, np.arange(count), arc) - arc
+        below = np.flatnonzero((place > np.arange(count) + 0.25) & (run < 4.0 * width))
+        upper.append(below)
+        lower.append(place[below])
+    return Bends(np.concatenate(upper), np.concatenate(lower))
 
 
 def _meeting(
@@ -231,10 +240,10 @@ def _softened(scale: Floats, arc: Floats, width: float) -> Floats:
     return np.asarray(np.minimum(np.minimum(fore, back), 1.0))
 
 
-def levels_of(
+def falling_levels(
     network: Network, grounds: Sequence[Floats], still: Sequence[Sequence[StillWater]]
 ) -> list[Floats]:
-    """Find each reach's water level: falling all the way, one level where waters meet, flat in lakes.
+    """Find water levels from the springs down: falling all the way, never above what flows in, flat in lakes.
 
     Parameters
     ----------
@@ -242,7 +251,7 @@ def levels_of(
     grounds : sequence of (m,) float64
         Height of the ground along each centreline (m).
     still : sequence of sequences of StillWater
-        What each course runs through, upstream first; its level is not above the water that comes to it.
+        What each course runs through, upstream first.
     """
     courses, arcs = network.courses, network.arcs
     levels: list[Floats] = list(grounds)
@@ -256,6 +265,12 @@ def levels_of(
             ceilings=[(courses[other].joint, float(levels[other][-1])) for other in joining],
         )
         levels[number] = _through_lakes(level, arcs[number], still[number], float(course.width.mean()))
+    return levels
+
+
+def joined_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
+    """Bring tributaries to their stems; make pools where waters meet and in bends; cut through mountains."""
+    courses, arcs, levels = network.courses, network.arcs, list(falling)
     for number, course in enumerate(courses):
         arc, parent, meeting = arcs[number], network.parents[number], network.meetings[number]
         level = levels[number]
@@ -277,13 +292,15 @@ def levels_of(
 def _through_lakes(level: Floats, arc: Floats, still: Sequence[StillWater], width: float) -> Floats:
     for lake in still:
         level = level.copy()
-        if lake.last == len(level) - 1 and lake.first > 0 and level[lake.first - 1] > lake.level:
-            shore = slice(0, lake.first + 1)
-            level[lake.first] = lake.level
-            level[shore] = joined_to(level[shore], arc[shore], end=lake.level, width=width)
+        shore = int(np.searchsorted(arc, arc[lake.first] - lake.rim, side="right")) - 1
+        if lake.first > 0 and shore > 0 and level[shore] > lake.level:
+            fall = lake.level + LEAST_FALL * (arc[lake.first] - arc)
+            level[shore : lake.first] = np.minimum(level, fall)[shore : lake.first]
+            above = slice(0, shore + 1)
+            level[above] = joined_to(level[above], arc[above], end=float(level[shore]), width=width)
         level[lake.first : lake.last + 1] = lake.level
         level[lake.last + 1 :] = np.minimum(level[lake.last + 1 :], lake.level)
-    return level
+    return np.asarray(np.minimum.accumulate(level))
 
 
 def _below_chord(values: Floats, arc: Floats, runs: Sequence[tuple[int, int]]) -> Floats:
@@ -305,7 +322,7 @@ def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
     for number, (course, width, level) in enumerate(
         zip(network.courses, network.widths, levels, strict=True)
     ):
-        depth = course.depth * (width / course.width) ** _DEPTH_POWER
+        depth = course.depth * np.minimum(width / course.width, _MOST_GROWTH) ** _DEPTH_POWER
         bed = np.minimum.accumulate(level - depth)
         parent, meeting = network.parents[number], network.meetings[number]
         if parent >= 0 and meeting is not None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Box = tuple[float, float, float, float]
 
+_OVERLAP = 0.5  # of the smaller rectangle, beyond what joining adds
 _MOST_REGIONS = 64  # changed regions that are looked at one by one
 
 
@@ -91,15 +92,16 @@ def repainted(old: Sketch, new: Sketch) -> list[Box]:
 
 
 def joined_boxes(boxes: Iterable[Box]) -> list[Box]:
-    """Join rectangles where one around both is no larger than the two of them together."""
+    """Join rectangles that overlap so much that one around both takes in little else."""
     kept = np.zeros((0, 4))
     for each in boxes:
         box, again = np.array(each, dtype=np.float64), True
         while again and len(kept):
             around = np.column_stack([np.minimum(kept[:, :2], box[:2]), np.maximum(kept[:, 2:], box[2:])])
-            growth = _area(around) - _area(kept) - _area(box[None])
+            areas, own = _area(kept), _area(box[None])
+            growth = (_area(around) - areas - own) / np.maximum(np.minimum(areas, own), 1e-9)
             best = int(np.argmin(growth))
-            again = bool(growth[best] <= 0)
+            again = bool(growth[best] <= -_OVERLAP)
             if again:
                 box, kept = around[best], np.delete(kept, best, axis=0)
         kept = np.concatenate([kept, box[None]])

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points
-from sketchterrain.features.river_edits import concerns_river
+from sketchterrain.features.river_edits import concerns_lake, concerns_river
 from sketchterrain.sketch import ACTIONS, Edit
 
 if TYPE_CHECKING:
@@ -86,9 +86,9 @@ def edited_painted(painted: Points, edits: Iterable[Edit]) -> EditedPoints:
     painted : array of FEATURE
         As `place` returns it.
     edits
-        In the order in which they are done; those of rivers and of the fill are passed over.
+        In the order in which they are done; those of waters and of the fill are passed over.
     """
-    return _edited(painted, [edit for edit in edits if not _of_fill(edit) and not concerns_river(edit)])
+    return _edited(painted, [edit for edit in edits if _of_points(edit) and not _of_fill(edit)])
 
 
 def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float]) -> EditedPoints:
@@ -107,7 +107,7 @@ def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float])
     EditedPoints
         Only of the features that were changed; `EditedFill` takes its `hidden` ones out of the fill.
     """
-    own = [edit for edit in edits if _of_fill(edit) and not concerns_river(edit)]
+    own = [edit for edit in edits if _of_points(edit) and _of_fill(edit)]
     found = np.zeros(0, dtype=FEATURE)
     if own:
         found = fill.within(0.0, 0.0, *size)
@@ -122,6 +122,10 @@ def lock_of(point: np.void) -> Edit:
         key: float(point[key]) for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
     }
     return Edit("lock", int(point["id"]), type=name, **values)
+
+
+def _of_points(edit: Edit) -> bool:
+    return not concerns_river(edit) and not concerns_lake(edit)
 
 
 def _of_fill(edit: Edit) -> bool:

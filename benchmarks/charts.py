@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
+from sketchterrain.benchmarks.adherence_chart import draw_adherence
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -263,6 +264,9 @@ def _tiles(rows: Sequence[Row]) -> Any:
 
 CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "accuracy": _accuracy,
+    "adherence": lambda rows: draw_adherence(
+        _figure(9.0, 5.4), rows, (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)
+    ),
     "kernels": _kernels,
     "tiles": _tiles,
 }

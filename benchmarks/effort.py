@@ -39,6 +39,8 @@ class Effort:
         Tile levels, which set the cell size, at which errors are measured.
     accuracy_tiles : int
         Tiles a level.
+    fidelities : tuple of float
+        At which adherence is measured.
     """
 
     rounds: int
@@ -54,6 +56,7 @@ class Effort:
     accuracy_grounds: tuple[str, ...]
     accuracy_levels: tuple[int, ...]
     accuracy_tiles: int
+    fidelities: tuple[float, ...]
 
 
 QUICK = Effort(
@@ -70,6 +73,7 @@ QUICK = Effort(
     accuracy_grounds=("valley_river",),
     accuracy_levels=(2, 5, 8, 11),
     accuracy_tiles=2,
+    fidelities=(0.0, 0.4, 0.8, 1.0),
 )
 """Under a minute on two shared cores."""
 
@@ -87,5 +91,6 @@ FULL = Effort(
     accuracy_grounds=("valley_river", "desert_mountains"),
     accuracy_levels=(2, 4, 6, 8, 10, 12),
     accuracy_tiles=4,
+    fidelities=(0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

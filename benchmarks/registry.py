@@ -6,7 +6,7 @@ import inspect
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sketchterrain.benchmarks import accuracy, kernel_times, noise, placement, planting, tile_rates
+from sketchterrain.benchmarks import accuracy, adherence, kernel_times, noise, placement, planting, tile_rates
 from sketchterrain.benchmarks.grounds import BARE_SEED
 from sketchterrain.errors import InputError
 
@@ -67,6 +67,7 @@ BENCHMARKS = {
             tile_rates.measure,
         ),
         Benchmark("features", f"the sketches of {_PRESETS}", _OWN, placement.measure),
+        Benchmark("adherence", f"the sketches of {_PRESETS}", _OWN, adherence.measure),
         Benchmark("foliage", f"the middle of {_PRESETS}", f"{_OWN}; points: 7", planting.measure),
         Benchmark(
             "accuracy",

@@ -27,7 +27,7 @@ LOOSENESS = 0.5
 
 _PLACES = 8  # places that a feature compares; the first is where it was painted
 _LEAST_RADIUS = 1.5  # px
-_LEAST_SHARE = 0.4  # of its label's strength: a lower feature does not reach farther for being low
+_LEAST_SHARE = 0.36  # of its label's strength: a lower feature does not reach farther for being low
 
 Floats = npt.NDArray[np.float64]
 

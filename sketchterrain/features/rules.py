@@ -55,8 +55,8 @@ _ANY = float("inf")
 
 TYPES: Final[dict[str, TypeRule]] = {
     #                    reach  support      held  size  var.  slope    fill: radius extent slope
-    "mountain": TypeRule(1.14, (0.55, 0.85), 0.50, 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
-    "hill": TypeRule(1.10, (0.45, 0.70), 0.60, 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
+    "mountain": TypeRule(1.14, (0.55, 0.85), 0.36, 0.50, 0.00, _TAN_70, 2500.0, 0.30, 0.60),
+    "hill": TypeRule(1.10, (0.45, 0.70), 0.36, 0.50, 0.25, _TAN_70, 350.0, 0.12, 0.40),
     "dune": TypeRule(1.03, (0.85, 1.00), 0.85, 0.25, 0.10, _TAN_70, 900.0, 0.20, 0.20),
     "forest": TypeRule(1.14, (0.90, 1.00), 0.90, 0.00, 0.05, _ANY, 260.0, 0.10, _ANY),
 }

@@ -43,7 +43,7 @@ _ROUNDS = 8  # of darts, closer each time; and of looking for holes
 _AXIS_SLOPE = 0.7  # of the distance map, below which a pixel is on the medial axis
 _SPINE_SPACING = 0.5  # of a disc's radius, between discs along the medial axis at fidelity 1
 _LEAST_SPINE = 0.3  # of the largest summit's disc: thinner twigs of the axis are a brush's raggedness
-_LEAST_HOLE = 0.9  # px; what is narrower is the raggedness of a brush
+_LEAST_HOLE = 0.9  # px; what is narrower is the raggedness of a brush, which fidelity 1 keeps
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -75,7 +75,7 @@ def user_features(shape: Shape, *, multitude: int, fidelity: float, seed: int) -
     multitude : int
         How many summits to aim for, 1 or more. Fewer come where the shape has no room; never none.
     fidelity : float
-        0 … 1: how much of the shape the union of the discs shall cover, from 60 % to 99 %.
+        0 … 1: how much of the shape the union of the discs shall cover, from 60 % to 99.5 %.
     seed : int
         Seed of the terrain.
 
@@ -215,8 +215,9 @@ def _support(shape: Shape, pixels: _Pixels, chosen: Ints, fidelity: float) -> In
     cover = _Cover(shape, pixels)
     for index in chosen:
         cover.add(int(index))
-    bare_at_most = (1.0 - (0.6 + 0.39 * fidelity**2)) * shape.area
-    least = max(_LEAST_HOLE, 0.35 * math.sqrt(1.0 - fidelity) * float(pixels.disc.max()))
+    bare_at_most = (1.0 - (0.6 + 0.395 * fidelity**2)) * shape.area
+    narrow = _LEAST_HOLE - (_LEAST_HOLE - 0.5) * fidelity**8
+    least = max(narrow, 0.35 * math.sqrt(1.0 - fidelity) * float(pixels.disc.max()))
     accepted: list[int] = []
     for _ in range(_ROUNDS):
         if cover.bare <= bare_at_most:

@@ -21,6 +21,7 @@ TINY = Effort(
     accuracy_grounds=("valley_river",),
     accuracy_levels=(6, 9),
     accuracy_tiles=1,
+    fidelities=(0.8,),
 )
 
 

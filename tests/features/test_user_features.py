@@ -42,8 +42,8 @@ def covered(features: np.ndarray, picture: np.ndarray) -> float:
 @pytest.mark.parametrize("multitude", [1, 6])
 def test_at_fidelity_one_the_discs_cover_the_shape(picture: np.ndarray, multitude: int) -> None:
     features = broken_up(picture, multitude=multitude)
-    assert covered(features, picture) > 0.93  # the rest is narrower than a pixel
-    assert len(features) < 80
+    assert covered(features, picture) > 0.99
+    assert len(features) < 130
 
 
 def test_lower_fidelity_covers_less_with_fewer() -> None:

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from sketchterrain.features import label_shapes
-from sketchterrain.sketch import Sketch
+from sketchterrain.features.user_features import user_features
+from sketchterrain.resources import preset_names
+from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.terrain import build, measure_adherence
 from sketchterrain.terrain.adherence_areas import agreement
 from sketchterrain.terrain.adherence_rivers import along
+from sketchterrain.terrain.naturalness import measure_naturalness, outline_ratio
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
@@ -109,3 +112,81 @@ def test_every_speck_shows(context: ComputeContext) -> None:
     forest[10:120:12, 16:120:12] = 1
     sketch = Sketch(extent=2048.0, layers={"mountain": mountain, "hill": hill, "forest": forest})
     assert measure_adherence(build(sketch, device=context)).lost == 0
+
+
+def test_noise_has_no_outline_and_a_step_has() -> None:
+    area = disc(64, 64, 30)
+    noise = np.abs(np.random.default_rng(1).normal(size=area.shape))
+    assert outline_ratio(noise, area) == pytest.approx(1.0, abs=0.15)
+    distance = np.abs(np.hypot(*(np.mgrid[:SIDE, :SIDE] - 64)) - 30)
+    assert outline_ratio(np.where(distance < 1.5, 5.0, 1.0), area) > 4.0
+
+
+def painted_by_hand(layer: str) -> dict[str, np.ndarray]:
+    """Blobs, strokes, a ring and a cross, 256² pixels."""
+    side = 256
+    rows, columns = np.mgrid[:side, :side]
+    image = np.zeros((side, side), bool)
+    image |= disc(50, 50, 26, side)
+    image |= np.hypot((rows - 60) / 34, (columns - 190) / 18) < 1.0
+    turn = np.arctan2(rows - 185, columns - 60)
+    image |= np.hypot(rows - 185, columns - 60) < 32 + 7 * np.cos(3 * turn)
+    image |= np.abs(np.hypot(rows - 200, columns - 190) - 28) < 9
+    image |= (np.abs(rows - 120 - 0.2 * (columns - 130)) < 8) & (np.abs(columns - 130) < 50)
+    return {layer: image.astype(np.uint8)}
+
+
+@pytest.mark.parametrize(("fidelity", "least"), [(0.8, 0.75), (1.0, 0.92)])
+@pytest.mark.parametrize("layer", ["mountain", "hill", "forest"])
+def test_blobs_strokes_and_rings_are_where_they_were_painted(
+    layer: str, fidelity: float, least: float, context: ComputeContext
+) -> None:
+    overlaps = []
+    for seed in (1, 2):
+        sketch = Sketch(
+            extent=4096.0,
+            seed=seed,
+            fidelity=fidelity,
+            layers=painted_by_hand(layer),
+            labels={("mountain", 1): {"height": 300.0, "multitude": 3}},
+        )
+        found = measure_adherence(build(sketch, device=context))
+        assert found.lost == 0
+        overlaps.append(found.mean_iou)
+        if layer == "mountain":
+            assert found.peaks.least == pytest.approx(1.0, abs=0.1)
+            assert found.peaks.most == pytest.approx(1.0, abs=0.1)
+    assert np.mean(overlaps) >= least
+
+
+@pytest.mark.parametrize(("fidelity", "least"), [(0.8, 0.75), (1.0, 0.92)])
+def test_presets_do_what_they_say(fidelity: float, least: float, context: ComputeContext) -> None:
+    overlaps = []
+    for name in preset_names():
+        found = measure_adherence(build(load_sketch(name).replace(fidelity=fidelity), device=context))
+        assert found.lost == 0
+        overlaps.append(found.mean_iou)
+        if found.peaks.measured:
+            assert found.peaks.least == pytest.approx(1.0, abs=0.1)
+            assert found.peaks.most == pytest.approx(1.0, abs=0.1)
+    assert np.mean(overlaps) >= least
+
+
+def test_painted_outlines_do_not_show_at_the_usual_fidelity(context: ComputeContext) -> None:
+    for name in preset_names():
+        natural = measure_naturalness(build(load_sketch(name).replace(fidelity=0.8), device=context))
+        assert natural.slope == pytest.approx(1.0, abs=0.2)
+        assert natural.curvature == pytest.approx(1.0, abs=0.1)
+
+
+def test_discs_cover_a_shape_at_fidelity_one() -> None:
+    shapes = label_shapes("mountain", painted_by_hand("mountain")["mountain"])
+    rows, columns = np.mgrid[:256, :256]
+    for shape in shapes:
+        features = user_features(shape, multitude=1, fidelity=1.0, seed=3)
+        covered = np.zeros((256, 256), bool)
+        for one in features:
+            covered |= np.hypot(rows - one["row"], columns - one["column"]) < one["disc"] + 0.5
+        inside = np.zeros((256, 256), bool)
+        inside[shape.pixels(shape.mask)] = True
+        assert (covered & inside).sum() >= 0.985 * shape.area

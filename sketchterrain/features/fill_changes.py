@@ -69,12 +69,12 @@ def _affected(old: Fill, new: Fill) -> list[Box]:
     reach = new.influence(0.0)
     found += [
         (west - reach, south - reach, east + reach, north + reach)
-        for west, south, east, north in repainted(old.sketch, new.sketch)
+        for west, south, east, north in _repainted(old.sketch, new.sketch)
     ]
     return joined_boxes(found)
 
 
-def repainted(old: Sketch, new: Sketch) -> list[Box]:
+def _repainted(old: Sketch, new: Sketch) -> list[Box]:
     """Return rectangles (m) around the pixels that are painted in only one of two sketches of one size."""
     boxes = []
     for name, image in new.layers.items():

@@ -13,11 +13,10 @@ import numpy.typing as npt
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points
 from sketchterrain.features.density import DensityField, cubic
 from sketchterrain.features.hashing import unit
+from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import PREFERENCES, SUMMIT_SHUNS_SUMMIT, TYPES, Preference
-from sketchterrain.features.shapes import label_shapes
-from sketchterrain.features.user_features import USER_FEATURE, user_features
 
 if TYPE_CHECKING:
     from sketchterrain.sketch.document import Sketch
@@ -32,7 +31,7 @@ _LEAST_SHARE = 0.36  # of its label's strength: a lower feature does not reach f
 Floats = npt.NDArray[np.float64]
 
 
-def place(sketch: Sketch, *, seed: int) -> Points:
+def place(sketch: Sketch, *, seed: int, memory: ShapeMemory | None = None) -> Points:
     """Place the features of everything that was painted, rivers apart.
 
     Parameters
@@ -41,13 +40,16 @@ def place(sketch: Sketch, *, seed: int) -> Points:
         The document; its own seed is not looked at.
     seed : int
         Seed of the terrain.
+    memory : ShapeMemory, optional
+        From the last time, so that only what was painted since is broken up anew. The result is the same.
 
     Returns
     -------
     Array of ``FEATURE``, sorted by id. Every painted shape has at least one. Nothing painted farther away
     than two of a feature's discs changes it.
     """
-    users = {name: _user_features(sketch, name, seed) for name in FEATURE_TYPES}
+    memory = ShapeMemory() if memory is None else memory
+    users = {name: memory.user_features(sketch, name, seed=seed) for name in FEATURE_TYPES}
     placed: dict[str, Points] = {}
     around = _Around(sketch, users, placed)
     for name in TYPES:
@@ -58,14 +60,6 @@ def place(sketch: Sketch, *, seed: int) -> Points:
     everything = np.concatenate(list(placed.values()))
     ordered: Points = everything[np.argsort(everything["id"], kind="stable")]
     return ordered
-
-
-def _user_features(sketch: Sketch, name: str, seed: int) -> npt.NDArray[np.void]:
-    parts = [np.zeros(0, dtype=USER_FEATURE)]
-    for shape in label_shapes(name, sketch.layers[name]):
-        multitude = max(int(sketch.properties(name, shape.label)["multitude"]), 1)
-        parts.append(user_features(shape, multitude=multitude, fidelity=sketch.fidelity, seed=seed))
-    return np.concatenate(parts)
 
 
 def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -58,6 +59,15 @@ class Shape:
         return rows + int(self.rows.start), columns + int(self.columns.start)
 
 
+class Region(NamedTuple):
+    """A connected region of one label, not yet measured: its label, its bounding box, its pixels in it."""
+
+    label: int
+    rows: slice
+    columns: slice
+    mask: npt.NDArray[np.bool_]
+
+
 def label_shapes(layer: str, image: npt.NDArray[np.uint8]) -> tuple[Shape, ...]:
     """Find the shapes of a layer.
 
@@ -72,21 +82,26 @@ def label_shapes(layer: str, image: npt.NDArray[np.uint8]) -> tuple[Shape, ...]:
     -------
     tuple of Shape, in reading order of their first pixels. Empty for an empty image.
     """
-    regions = np.asarray(connected_regions(image, background=0, connectivity=2))
-    boxes = ndimage.find_objects(regions)
-    shapes = [_measured(layer, image, regions, number, box) for number, box in enumerate(boxes, 1) if box]
-    return tuple(sorted(shapes, key=lambda shape: shape.id))
+    return tuple(measured(layer, image, region) for region in regions_of(image))
 
 
-def _measured(
-    layer: str,
-    image: npt.NDArray[np.uint8],
-    regions: npt.NDArray[np.int64],
-    number: int,
-    box: tuple[slice, ...],
-) -> Shape:
-    rows, columns = box
-    mask = regions[box] == number
+def regions_of(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
+    """Find the connected regions of a label image, in reading order of their first pixels."""
+    numbers = np.asarray(connected_regions(image, background=0, connectivity=2))
+    found = []
+    for number, box in enumerate(ndimage.find_objects(numbers), 1):
+        if box:
+            rows, columns = box
+            mask = numbers[box] == number
+            first = int(np.argmax(mask[0])) + int(columns.start)
+            region = Region(int(image[rows.start, first]), rows, columns, mask)
+            found.append((int(rows.start), first, region))
+    return tuple(region for _, _, region in sorted(found, key=lambda each: each[:2]))
+
+
+def measured(layer: str, image: npt.NDArray[np.uint8], region: Region) -> Shape:
+    """Measure a region of a layer's image."""
+    _, rows, columns, mask = region
     depth = _depth(mask, rows, columns, image.shape)
     first = int(np.argmax(mask[0]))
     total = float(depth.sum())
@@ -94,7 +109,7 @@ def _measured(
     along_columns = depth.sum(axis=0) @ np.arange(columns.start, columns.stop)
     return Shape(
         layer=layer,
-        label=int(image[rows.start, columns.start + first]),
+        label=region.label,
         id=int(rows.start) * image.shape[1] + int(columns.start) + first,
         rows=rows,
         columns=columns,

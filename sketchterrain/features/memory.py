@@ -1,0 +1,95 @@
+"""User features of shapes seen before, so that after a stroke only the shapes that it changed are redone."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.features.shapes import Region, measured, regions_of
+from sketchterrain.features.user_features import USER_FEATURE, user_features
+
+if TYPE_CHECKING:
+    from sketchterrain.sketch.document import LabelImage, Sketch
+
+Users = npt.NDArray[np.void]
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A layer as it was last, and what came of it."""
+
+    image: LabelImage
+    settings: tuple[object, ...]
+    users: Users
+
+
+class ShapeMemory:
+    """Remembers the user features of shapes; what it gives is what would be worked out, bit for bit.
+
+    A shape is known by its pixels, their place and all that its features depend on. A layer whose image is
+    the very same array, which sketches never write to, is not even looked at.
+
+    Parameters
+    ----------
+    most : int
+        How many shapes it remembers; those not asked for the longest are forgotten first.
+    """
+
+    def __init__(self, *, most: int = 16384) -> None:
+        self._most = most
+        self._shapes: OrderedDict[bytes, Users] = OrderedDict()
+        self._layers: dict[str, _Seen] = {}
+
+    def __len__(self) -> int:
+        return len(self._shapes)
+
+    def user_features(self, sketch: Sketch, layer: str, *, seed: int) -> Users:
+        """Return the user features of a layer, shape after shape in reading order.
+
+        Parameters
+        ----------
+        sketch : Sketch
+            The document; its own seed is not looked at.
+        layer : str
+            A layer of point features.
+        seed : int
+            Seed of the terrain.
+        """
+        image = sketch.layers[layer]
+        declared = tuple((key, _multitude(sketch, *key)) for key in sketch.labels if key[0] == layer)
+        settings = (seed, sketch.fidelity, declared)
+        seen = self._layers.get(layer)
+        if seen is not None and seen.image is image and seen.settings == settings:
+            return seen.users
+        parts = [np.zeros(0, dtype=USER_FEATURE)]
+        for region in regions_of(image):
+            multitude = _multitude(sketch, layer, region.label)
+            parts.append(self._of(layer, image, region, multitude, sketch.fidelity, seed))
+        users = np.concatenate(parts)
+        self._layers[layer] = _Seen(image, settings, users)
+        return users
+
+    def _of(
+        self, layer: str, image: LabelImage, region: Region, multitude: int, fidelity: float, seed: int
+    ) -> Users:
+        box = (region.rows.start, region.rows.stop, region.columns.start, region.columns.stop)
+        named = repr((layer, region.label, box, image.shape, multitude, fidelity, seed))
+        key = blake2b(np.packbits(region.mask), digest_size=16, key=blake2b(named.encode()).digest()).digest()
+        if key in self._shapes:
+            self._shapes.move_to_end(key)
+            return self._shapes[key]
+        shape = measured(layer, image, region)
+        users = user_features(shape, multitude=multitude, fidelity=fidelity, seed=seed)
+        self._shapes[key] = users
+        if len(self._shapes) > self._most:
+            self._shapes.popitem(last=False)
+        return users
+
+
+def _multitude(sketch: Sketch, layer: str, label: int) -> int:
+    return max(int(sketch.properties(layer, label)["multitude"]), 1)

@@ -9,6 +9,7 @@ import numpy as np
 from skimage.measure import find_contours
 
 from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.features.catalogue import conifer_share
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -64,6 +65,8 @@ def _feature(point: np.void) -> dict[str, Any]:
         "strength": _shortest(point["strength"]),
     }
     entry |= {key: _shortest(point[key]) for key in _ONLY.get(name, ())}
+    if name == "forest":
+        entry["conifers"] = round(float(conifer_share(point["peakiness"])), 4)
     return entry | {"painted": bool(point["painted"])}
 
 

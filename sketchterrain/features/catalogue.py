@@ -19,7 +19,7 @@ FEATURE: Final = np.dtype(
         ("y", "f8"),  # m north of it
         ("radius", "f4"),  # m, ground radius of the compact support
         ("strength", "f4"),  # mountain, hill, dune: m of height; forest: share of the trees, 0..1
-        ("peakiness", "f4"),  # mountain: 0 rounded .. 1 sharp; 0 for the others
+        ("peakiness", "f4"),  # mountain: 0 rounded .. 1 sharp; forest: see `conifer_code`; 0 for the others
         ("wavelength", "f4"),  # dune: m from crest to crest; 0 for the others
         ("wind", "f4"),  # dune: degrees the wind blows from; 0 for the others
         ("painted", "?"),  # False for features that fill unpainted ground
@@ -29,6 +29,20 @@ FEATURE: Final = np.dtype(
 
 FILL_BIT: Final = np.uint64(1 << 63)
 """Set in the id of every feature that fills unpainted ground."""
+
+BY_ELEVATION: Final = -1.0
+"""The share of conifers of a forest in which the elevation decides."""
+
+
+def conifer_code(share: float) -> float:
+    """Return what stands in a forest's ``peakiness`` for its share of conifers: 0 is by elevation."""
+    return 1.0 + share if share >= 0.0 else 0.0
+
+
+def conifer_share(code: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Return the share of conifers, 0 … 1 or ``BY_ELEVATION``, that a forest's ``peakiness`` stands for."""
+    return np.asarray(np.asarray(code, dtype=np.float64) - 1.0)
+
 
 Points = npt.NDArray[np.void]
 """A structured array of dtype ``FEATURE``."""

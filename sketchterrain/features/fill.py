@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points, conifer_code
 from sketchterrain.features.hashing import hashed, unit
 from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.rules import CLEARANCE, SPACING, TYPES
@@ -198,6 +198,8 @@ class Fill:
         features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius)
         for field in ("peakiness", "wavelength", "wind"):
             features[field] = properties.get(field, 0.0)
+        if proposal.name == "forest":
+            features["peakiness"] = conifer_code(float(properties["conifers"]))
 
 
 class _Painted:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points, conifer_code
 from sketchterrain.features.density import DensityField, cubic
 from sketchterrain.features.hashing import unit
 from sketchterrain.features.memory import ShapeMemory
@@ -146,8 +146,11 @@ def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions:
         result["strength"][of_label] = np.minimum(strength, rule.most_slope * disc[of_label])
         for field in ("peakiness", "wavelength", "wind"):
             result[field][of_label] = properties.get(field, 0.0)
-    # A ridge between summits has no tips of its own.
-    result["peakiness"][~users["summit"]] = 0.0
+        if name == "forest":
+            result["peakiness"][of_label] = conifer_code(float(properties["conifers"]))
+    if name != "forest":
+        # A ridge between summits has no tips of its own.
+        result["peakiness"][~users["summit"]] = 0.0
     share = np.maximum(users["share"], _LEAST_SHARE)
     shown = shown_at(name, share, result["peakiness"].astype(np.float64), sketch.fidelity)
     result["radius"] = np.maximum(disc * rule.reach / shown, _LEAST_RADIUS * sketch.pixel_size)

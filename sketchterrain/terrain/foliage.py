@@ -5,10 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
+from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.features.catalogue import conifer_share
 from sketchterrain.features.hashing import unit
+from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.packing import support_radii
 from sketchterrain.terrain.poisson import poisson_disk
 
 if TYPE_CHECKING:
@@ -100,7 +105,7 @@ class FoliageSampler:
         climate = self._recipe.climate
         forest = masks[:, 2].astype(np.float64)
         belt = _ramp(z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
-        conifers = 0.22 + 0.78 * belt
+        conifers = self._conifers(x, y, 0.22 + 0.78 * belt)
         # Shrubs stand in the open, at forest edges and where it is dry.
         shrubs = np.clip(0.08 + 1.25 * climate["aridity"] ** 2 + 0.3 * (forest < 0.25), 0, 1)
         tree = np.where(self._draw("conifer", x, y) < conifers, 0, 1)
@@ -112,6 +117,27 @@ class FoliageSampler:
         plants["scale"] = 0.65 + 0.6 * self._draw("scale", x, y) ** 2
         plants["rotation"] = 2 * np.pi * self._draw("rotation", x, y)
         return plants
+
+    def _conifers(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], by_elevation: Reals) -> Reals:
+        """Share of conifers at places: the mean of the forests there, by how much each covers a place."""
+        area = np.array([[x.min(), y.min(), x.max(), y.max()]])
+        near = features_near(self._recipe, area, min_radius=0.0)
+        forests = near[near["type"] == FEATURE_TYPES.index("forest")]
+        share = conifer_share(forests["peakiness"])
+        if not (share >= 0).any():
+            return by_elevation
+        places = np.stack([x, y], axis=-1) * metres_per_unit(self._recipe.extent)
+        centres = np.stack([forests["x"], forests["y"]], axis=-1)
+        radii = support_radii(self._recipe) * forests["radius"].astype(np.float64)
+        members = cKDTree(places).query_ball_point(centres, radii, return_sorted=True)
+        total, weights = np.zeros((2, x.size))
+        # One after the other in the order of their ids, so that a place's sum is the same in any rectangle.
+        for forest, (i, centre, radius) in enumerate(zip(members, centres, radii, strict=True)):
+            cover = np.maximum(1 - np.sum((places[i] - centre) ** 2, axis=-1) / radius**2, 0)
+            weights[i] += cover
+            total[i] += cover * (share[forest] if share[forest] >= 0 else by_elevation[i])
+        covered = weights > 0
+        return np.where(covered, total / np.where(covered, weights, 1), by_elevation)
 
     def _draw(self, stream: str, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]) -> Reals:
         """One number in [0, 1) for each place."""

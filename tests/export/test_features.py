@@ -37,7 +37,7 @@ def test_every_point_feature_comes_back_exactly(told: dict[str, Any], terrain: s
     for entry, point in zip(told["features"], points, strict=True):
         assert entry["type"] == FEATURE_TYPES[point["type"]]
         assert (entry["x"], entry["y"]) == (point["x"], point["y"])
-        for name in entry.keys() - {"id", "type", "x", "y", "painted"}:
+        for name in entry.keys() - {"id", "type", "x", "y", "painted", "conifers"}:
             assert np.float32(entry[name]) == point[name]
         assert entry["painted"] is bool(point["painted"])
 
@@ -48,7 +48,12 @@ def test_only_the_types_that_have_a_property_tell_it(tmp_path: Path) -> None:
     (path,) = write_features(tmp_path, TerrainFeatures(points, ()))
     told = json.loads(path.read_text(encoding="utf-8"))
     own = {entry["type"]: entry.keys() - COMMON for entry in told["features"]}
-    assert own == {"mountain": {"peakiness"}, "hill": set(), "dune": {"wavelength", "wind"}, "forest": set()}
+    assert own == {
+        "mountain": {"peakiness"},
+        "hill": set(),
+        "dune": {"wavelength", "wind"},
+        "forest": {"conifers"},
+    }
     assert told["splines"] == []
 
 

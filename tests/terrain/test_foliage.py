@@ -9,11 +9,18 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
+from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
+from sketchterrain.features.catalogue import conifer_code
+from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import sketchterrain as st
     from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain import TerrainRecipe
 
 RADIUS = 900
 FAR = 1 << 42
@@ -89,6 +96,36 @@ def test_forests_are_where_they_are_painted(valley: st.Terrain) -> None:
     inside = forest[row, column].mean()
     assert inside > 0.6  # groves of the fill and lone trees stand elsewhere
     assert inside > 5 * forest.mean()
+
+
+@pytest.mark.parametrize(("share", "low", "high"), [(0.0, 0.0, 0.02), (0.6, 0.5, 0.7), (1.0, 0.98, 1.0)])
+def test_a_forests_conifers_are_as_many_as_asked(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext, share: float, low: float, high: float
+) -> None:
+    forest = np.zeros(1, FEATURE)
+    forest["type"], forest["x"], forest["y"] = FEATURE_TYPES.index("forest"), 2000, 2000
+    forest["radius"], forest["strength"], forest["peakiness"] = 600, 0.9, conifer_code(share)
+    plants = FoliageSampler(Evaluator(make_recipe(forest), context)).within(1800, 1800, 2200, 2200)
+    trees = plants[plants["species"] < 2]
+    assert len(trees) > 500
+    assert low <= (trees["species"] == 0).mean() <= high
+    part = FoliageSampler(Evaluator(make_recipe(forest), context)).within(1900, 1850, 2000, 2100)
+    inside = (plants["x"] >= 1900) & (plants["x"] < 2000) & (plants["y"] >= 1850) & (plants["y"] < 2100)
+    np.testing.assert_array_equal(part, plants[inside])
+
+
+def test_no_tree_stands_in_a_lake(make_recipe: Callable[..., TerrainRecipe], context: ComputeContext) -> None:
+    forest = np.zeros(1, FEATURE)
+    forest["type"], forest["x"], forest["y"] = FEATURE_TYPES.index("forest"), 2000, 2000
+    forest["radius"], forest["strength"] = 600, 0.9
+    step = np.arange(-30, 31) * 5.0
+    field = ShapeField(1850.0, 1850.0, 5.0, (80 - np.hypot(step, step[:, None])).astype(np.float32))
+    recipe = make_recipe(forest, lakes=(Lake(1, 1, field, 10.0, 5.0),))
+    plants = FoliageSampler(Evaluator(recipe, context)).within(1850, 1850, 2150, 2150)
+    distance = np.hypot(plants["x"] - 2000, plants["y"] - 2000)
+    assert len(plants) > 300
+    assert distance.min() > 80
+    assert distance.min() < 95
 
 
 def test_deserts_have_few_plants(desert: st.Terrain) -> None:

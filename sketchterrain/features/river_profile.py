@@ -14,6 +14,7 @@ Floats = npt.NDArray[np.float64]
 LEAST_FALL = 1e-4
 """Metres that water falls on every metre of its way."""
 
+_STEEPEST = 0.6
 _SPRING_WIDTH = 0.4  # of the label's width
 _BEND_ROUNDS = 60
 _WIDEST = 2.0  # times what the label says: confluences widen a river no further
@@ -79,7 +80,14 @@ def surface_along(
     for index, level in ceilings:  # once more: the blur rounds their steps
         falling[index:] = np.minimum(falling[index:], level + LEAST_FALL * arc[index])
     falling = np.minimum.accumulate(falling)
-    return np.asarray(falling - LEAST_FALL * arc)
+    return no_steeper(falling - LEAST_FALL * arc, arc)
+
+
+def no_steeper(level: Floats, arc: Floats) -> Floats:
+    """Cut back falls: water falls by at most 0.6 m on every metre of its way, in a gorge if need be."""
+    reached = np.minimum.accumulate((level + _STEEPEST * arc)[::-1])[::-1]
+    limit = reached - _STEEPEST * arc
+    return np.asarray(np.where(level > limit + 1e-9, limit, level))  # the end stays to the bit
 
 
 def joined_to(level: Floats, arc: Floats, *, end: float, width: float) -> Floats:

@@ -16,6 +16,7 @@ from sketchterrain.features.river_profile import (
     Bends,
     joined_to,
     level_in_bends,
+    no_steeper,
     pooled,
     smoothstep,
     surface_along,
@@ -278,7 +279,7 @@ def joined_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
             width = float(course.width.mean())
             level = joined_to(level, arc, end=float(levels[parent][course.joint]), width=width)
             level = pooled(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
-        level = level_in_bends(level, arc, network.bends[number], course.depth)
+        level = level_in_bends(no_steeper(level, arc), arc, network.bends[number], course.depth)
         for other in network.joining(number):
             met = network.meetings[other]
             if met is not None:

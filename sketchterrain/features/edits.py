@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points
+from sketchterrain.features.catalogue import (
+    FEATURE,
+    FEATURE_TYPES,
+    FILL_BIT,
+    Points,
+    conifer_code,
+    conifer_share,
+)
 from sketchterrain.features.river_edits import concerns_lake, concerns_river
 from sketchterrain.sketch import ACTIONS, Edit
 
@@ -118,9 +125,10 @@ def edited_fill(fill: Fill, edits: Iterable[Edit], *, size: tuple[float, float])
 def lock_of(point: np.void) -> Edit:
     """Return the edit that keeps a placed feature exactly as it is."""
     name = FEATURE_TYPES[int(point["type"])]
-    values: dict[str, Any] = {
-        key: float(point[key]) for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
-    }
+    keys = ("x", "y", "radius", "strength", *_STYLE.get(name, ()))
+    values: dict[str, Any] = {key: float(point[key]) for key in keys}
+    if name == "forest":
+        values["conifers"] = float(conifer_share(point["peakiness"]))
     return Edit("lock", int(point["id"]), type=name, **values)
 
 
@@ -180,8 +188,11 @@ def _stored(edit: Edit) -> Points:
     row["id"], row["painted"] = edit.feature, not _of_fill(edit)
     row["type"] = FEATURE_TYPES.index(cast(str, edit.type))
     table = ACTIONS[edit.action].values
+    given = {key: edit.values.get(key, parameter.default) for key, parameter in table.items()}
     for key in ("x", "y", "radius", "strength", *_STYLE.get(cast(str, edit.type), ())):
-        row[key] = edit.values.get(key, table[key].default)
+        row[key] = given[key]
+    if edit.type == "forest":
+        row["peakiness"] = conifer_code(cast(float, given["conifers"]))
     return row
 
 

@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.edits import Edit, checked_edits
-from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer, Parameter, Properties, Value, named
+from sketchterrain.sketch.parameter import Parameter, Properties, Value, named
+from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:

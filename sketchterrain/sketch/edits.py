@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.parameters import LAYERS, Parameter, Value, named, table_of
+from sketchterrain.sketch.parameter import Parameter, Value, named, table_of
+from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:

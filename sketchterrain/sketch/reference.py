@@ -5,15 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sketchterrain.sketch.edits import ACTIONS
-from sketchterrain.sketch.parameters import (
-    FORMAT,
-    LAYERS,
-    SKETCH,
-    TABLES,
-    Parameter,
-    Value,
-    number_text,
-)
+from sketchterrain.sketch.parameter import Parameter, Value, number_text
+from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, Edit, edit_of
-from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES, Parameter, Properties, Value
+from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from sketchterrain.sketch.parameter import Parameter, Properties, Value
 
 __all__ = ["parse_settings", "settings_text"]
 

@@ -29,7 +29,14 @@ def _sketch(**changes: object) -> Sketch:
         "forest": _image((60, 110, 8)),
         "river": river,
     }
-    values = {"extent": 4096.0, "seed": 3, "layers": layers, "density": {"hill": 2.0, "mountain": 0.1}}
+    labels = {("forest", 1): {"conifers": 0.3}}
+    values = {
+        "labels": labels,
+        "extent": 4096.0,
+        "seed": 3,
+        "layers": layers,
+        "density": {"hill": 2.0, "mountain": 0.1},
+    }
     return Sketch(**(values | changes))  # type: ignore[arg-type]
 
 
@@ -89,6 +96,16 @@ def test_what_is_added_can_be_changed_too(painted: np.ndarray) -> None:
     assert (added["x"], added["y"], added["wavelength"], added["wind"]) == (1.0, 2.0, 20.0, 270.0)
     assert added["painted"]
     assert points["id"][-1] == dune.feature
+
+
+def test_a_lock_stores_everything_there_is_to_a_feature(painted: np.ndarray) -> None:
+    locks = [lock_of(point) for point in painted]
+    assert edited_painted(painted[:0], locks).points.tobytes() == painted.tobytes()
+    grove = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5)
+    pines = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5, conifers=0.75)
+    points = edited_painted(painted, [grove, pines]).points
+    assert _of(points, grove.feature)["peakiness"] == 0.0
+    assert _of(points, pines.feature)["peakiness"] == 1.75
 
 
 def test_what_is_gone_is_told_in_one_line(painted: np.ndarray) -> None:
@@ -227,3 +244,14 @@ def test_an_edit_that_a_river_cannot_have_is_told(sketch: Sketch) -> None:
     assert len(orphans) == 2
     assert "a river has only delete, move_point, width" in orphans[0]
     assert f"there is no control point 99999, only {len(stem.points)} of them" in orphans[1]
+
+
+def test_a_lake_can_be_taken_away(sketch: Sketch) -> None:
+    painted = sketch.replace(layers={**sketch.layers, "lake": _image((110, 20, 6), (110, 60, 6))})
+    first, second = (lake.id for lake in make_recipe(painted).lakes if lake.label)
+    edited = painted.with_edit(Edit("delete", first)).with_edit(Edit("resize", second, radius=5.0))
+    recipe = make_recipe(edited)
+    assert [lake.id for lake in recipe.lakes if lake.label] == [second]
+    assert recipe.orphans == (f"resize of lake {second}: a lake has only delete",)
+    gone = make_recipe(edited.replace(layers=sketch.layers)).orphans
+    assert f"delete of lake {first}: there is no such lake any more" in gone

@@ -1,0 +1,137 @@
+"""One thing that a person can set: what it is called, which values it takes, how a wrong one is refused."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from numbers import Integral, Real
+from types import MappingProxyType
+from typing import Any, TypeAlias
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch.wording import did_you_mean, shown
+
+__all__ = ["Parameter", "Properties", "Value", "named", "number_text", "table_of"]
+
+Value: TypeAlias = int | float | str
+
+Properties: TypeAlias = Mapping[str, Any]
+"""Values by the names of their parameters, each of the kind that its parameter declares."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One thing that a person can set.
+
+    Parameters
+    ----------
+    name
+        Its key in the sketch file.
+    kind
+        ``int``, ``float`` or ``str``.
+    default
+        The value when the key is missing.
+    low, high
+        The least and greatest value, both allowed; for a ``str`` the least and greatest length.
+    unit
+        Unit of the value, empty for a pure number.
+    help
+        One line for a person.
+    choices
+        The allowed values, where only a few are.
+    """
+
+    name: str
+    kind: type[int] | type[float] | type[str]
+    default: Value
+    low: float
+    high: float
+    unit: str
+    help: str
+    choices: tuple[Value, ...] = ()
+
+    @property
+    def range(self) -> str:
+        """The allowed values in words, for example ``"0 to 1"``."""
+        if self.choices:
+            return " or ".join(repr(choice) for choice in self.choices)
+        return f"{number_text(self.low)} to {number_text(self.high)}"
+
+    @property
+    def expected(self) -> str:
+        """What an error says was expected, for example ``"a number from 1 to 9000 m"``."""
+        if self.choices:
+            return self.range
+        if self.kind is str:
+            return f"a text of {self.range} {self.unit}"
+        what = "a whole number" if self.kind is int else "a number"
+        return f"{what} from {self.range} {self.unit}".rstrip()
+
+    def check(self, value: object, key: str | None = None) -> Value:
+        """Return `value` as this parameter's kind.
+
+        A whole number is welcome where a number is expected; nothing else is converted.
+
+        Parameters
+        ----------
+        value
+            What was given.
+        key
+            The name that an error tells, for example ``"mountain.1.height"``; by default ``name``.
+
+        Raises
+        ------
+        InputError
+            If `value` is of another type, not finite, out of range or not one of the choices.
+        """
+        checked = self._convert(value)
+        if checked is None:
+            raise InputError(f"{key or self.name} = {shown(value)}: expected {self.expected}")
+        return checked
+
+    def _convert(self, value: object) -> Value | None:
+        converted = _text(value) if self.kind is str else _real(value, whole=self.kind is int)
+        size = len(converted) if isinstance(converted, str) else converted
+        if converted is None or size is None or not self.low <= size <= self.high:  # so is NaN refused
+            return None
+        return None if self.choices and converted not in self.choices else self.kind(converted)
+
+
+def _text(value: object) -> str | None:
+    # A lone surrogate has no UTF-8 and so no place in a file.
+    if not isinstance(value, str) or any("\ud800" <= char <= "\udfff" for char in value):
+        return None
+    return value
+
+
+def _real(value: object, *, whole: bool) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+        return None
+    return int(value) if isinstance(value, Integral) else float(value)
+
+
+def number_text(value: float) -> str:
+    """Return a number as a person writes it: 600, not 600.0."""
+    return str(int(value)) if math.isfinite(value) and value == int(value) else repr(value)
+
+
+def table_of(*parameters: Parameter) -> Mapping[str, Parameter]:
+    """Return parameters by their names."""
+    return MappingProxyType({parameter.name: parameter for parameter in parameters})
+
+
+def named(table: Mapping[str, Parameter], name: str, value: object, where: str) -> Parameter:
+    """Return the parameter `name` of a table.
+
+    Raises
+    ------
+    InputError
+        If there is none; it tells the `value` given and `where`, for example ``"[density]"``.
+    """
+    if name not in table:
+        raise InputError(
+            f"unknown key {shown(name)} = {shown(value)} in {where}: expected {', '.join(table)}"
+            f"{did_you_mean(name, table)}"
+        )
+    return table[name]

@@ -145,8 +145,7 @@ def sheet(shape: Field, level: float) -> tuple[Floats, Floats, npt.NDArray[np.ui
     wet = np.maximum.reduce([inside[:-1, :-1], inside[:-1, 1:], inside[1:, :-1], inside[1:, 1:]])
     quads = np.stack([sw, se, ne, sw, ne, nw], axis=-1)[wet > -0.25 * shape.spacing]
     used, triangles = np.unique(quads, return_inverse=True)
-    triangles = triangles.reshape(-1).astype(np.uint32)
-    return place.reshape(-1, 3)[used], course.reshape(-1, 4)[used], triangles
+    return place.reshape(-1, 3)[used], course.reshape(-1, 4)[used], triangles.ravel().astype(np.uint32)
 
 
 def _on_ground(centreline: Floats, width: npt.NDArray[np.float32], ground: DrawnGround) -> Floats:

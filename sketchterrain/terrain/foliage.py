@@ -120,6 +120,8 @@ class FoliageSampler:
 
     def _conifers(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], by_elevation: Reals) -> Reals:
         """Share of conifers at places: the mean of the forests there, by how much each covers a place."""
+        if not x.size:
+            return by_elevation
         area = np.array([[x.min(), y.min(), x.max(), y.max()]])
         near = features_near(self._recipe, area, min_radius=0.0)
         forests = near[near["type"] == FEATURE_TYPES.index("forest")]

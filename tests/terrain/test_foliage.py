@@ -133,6 +133,15 @@ def test_deserts_have_few_plants(desert: st.Terrain) -> None:
     assert len(plants) < 40
 
 
+def test_where_nothing_can_stand(make_recipe: Callable[..., TerrainRecipe], context: ComputeContext) -> None:
+    forest = np.zeros(1, FEATURE)
+    forest["type"], forest["x"], forest["y"] = FEATURE_TYPES.index("forest"), 2000, 2000
+    forest["radius"], forest["strength"], forest["peakiness"] = 600, 0.9, conifer_code(1.0)
+    field = ShapeField(1700.0, 1700.0, 10.0, np.full((61, 61), 300.0, np.float32))
+    recipe = make_recipe(forest, lakes=(Lake(1, 1, field, 10.0, 5.0),))
+    assert FoliageSampler(Evaluator(recipe, context)).within(1900, 1900, 2100, 2100).size == 0
+
+
 def test_a_rectangle_the_wrong_way_round(valley: st.Terrain) -> None:
     with pytest.raises(InputError, match="west ≤ east"):
         valley.foliage(10, 0, 0, 10)

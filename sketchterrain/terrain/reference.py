@@ -109,7 +109,7 @@ def reference_ground(
 
     height = w["half_relief"] * fbm(octaves, "ground", x, y)
     relief = _relief(w, octaves, x, y)
-    place = _Place(x, y, *relief.bend.T, metres_per_unit(recipe.extent))
+    place = _Place(x, y, relief.bend[:, 0], relief.bend[:, 1], metres_per_unit(recipe.extent))
     height = height + _hills(packed, place) * relief.swell
     massif = _mountains(packed, place, relief.spur)
     height = height + massif * relief.ridges

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.features import label_shapes
 from sketchterrain.features.skeleton import skeletons
+from sketchterrain.terrain.water import standing_water
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -42,7 +43,7 @@ class RiverAdherence:
     descending : float or None
         Share of the centreline, in steps of a metre, along which the bed rises by no more than a centimetre.
     deepest_pit : float or None
-        Metres that the bed lies below a place farther downstream.
+        Metres that the bed lies below a place farther downstream; lakes are meant and do not count.
     """
 
     label: int
@@ -63,7 +64,7 @@ def measure_rivers(terrain: Terrain) -> tuple[RiverAdherence, ...]:
     sketch = terrain.sketch
     painted = sketch.layers["river"] > 0
     lines = [_inside(terrain, along(river.centreline[:, :2])) for river in terrain.recipe.rivers]
-    beds = [np.asarray(terrain.heights(line[:, 0], line[:, 1]), np.float64) for line in lines]
+    beds = [_beds(terrain, line) for line in lines]
     bones = [
         (bone.rows[0] * sketch.width_px + bone.columns[0], _places(terrain, bone.rows, bone.columns))
         for bone in skeletons(painted)
@@ -90,15 +91,25 @@ def along(points: Reals, step: float = _STEP) -> Reals:
     return np.stack([np.interp(at, lengths, points[:, axis]) for axis in (0, 1)], axis=-1)
 
 
+def _beds(terrain: Terrain, line: Reals) -> list[Reals]:
+    """Heights (m) along a line, without what lies in a lake: its bed is a hollow that is meant."""
+    height = terrain.heights(line[:, 0], line[:, 1])
+    dry = ~standing_water(terrain.recipe, "lake", line[:, 0], line[:, 1], height)
+    starts = np.flatnonzero(np.diff(dry.astype(np.int8), prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(dry.astype(np.int8), append=0) == -1) + 1
+    return [height[start:end].astype(np.float64) for start, end in zip(starts, ends, strict=True)]
+
+
 def _measured(
-    network: Shape, label: int, skeleton: Reals, courses: list[tuple[Reals, Reals]], pixel_size: float
+    network: Shape, label: int, skeleton: Reals, courses: list[tuple[Reals, list[Reals]]], pixel_size: float
 ) -> RiverAdherence:
     if not courses:
         return RiverAdherence(label, network.id, network.area, True, None, None, None, None)
     line = np.concatenate([line for line, _ in courses])
     to = np.asarray(cKDTree(line).query(skeleton)[0])
     back = np.asarray(cKDTree(skeleton).query(line)[0])
-    steps = np.concatenate([np.diff(bed) for _, bed in courses])
+    beds = [bed for _, pieces in courses for bed in pieces]
+    steps = np.concatenate([np.zeros(0), *(np.diff(bed) for bed in beds)])
     return RiverAdherence(
         label=label,
         id=network.id,
@@ -107,7 +118,7 @@ def _measured(
         mean_distance=float(max(to.mean(), back.mean()) / pixel_size),
         greatest_distance=float(max(to.max(), back.max()) / pixel_size),
         descending=float(np.mean(steps <= _RISE)) if steps.size else 1.0,
-        deepest_pit=max(float((bed - np.minimum.accumulate(bed)).max()) for _, bed in courses),
+        deepest_pit=max((float((bed - np.minimum.accumulate(bed)).max()) for bed in beds), default=0.0),
     )
 
 

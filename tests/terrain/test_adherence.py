@@ -102,7 +102,7 @@ def test_a_preset_as_json_says_all(valley: Terrain) -> None:
     assert painted - {"material"} == set(told["layers"])
     for name, layer in told["layers"].items():
         assert layer["shapes"] == len(label_shapes(name, valley.sketch.layers[name]))
-    assert all(river["descending"] > 0.99 for river in told["rivers"])
+    assert all(river["descending"] == 1.0 for river in told["rivers"])
 
 
 def test_every_speck_shows(context: ComputeContext) -> None:

@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 LEAST_FALL = 1e-4
 """Metres that water falls on every metre of its way."""
 
-_STEEPEST = 0.6
+_STEEPEST, _LEAST_STEEPEST, _STEEPEST_DEPTHS = 0.6, 0.03, 1.5
 _SPRING_WIDTH = 0.4  # of the label's width
 _BEND_ROUNDS = 60
 _WIDEST = 2.0  # times what the label says: confluences widen a river no further
@@ -80,13 +80,19 @@ def surface_along(
     for index, level in ceilings:  # once more: the blur rounds their steps
         falling[index:] = np.minimum(falling[index:], level + LEAST_FALL * arc[index])
     falling = np.minimum.accumulate(falling)
-    return no_steeper(falling - LEAST_FALL * arc, arc)
+    return np.asarray(falling - LEAST_FALL * arc)
 
 
-def no_steeper(level: Floats, arc: Floats) -> Floats:
-    """Cut back falls: water falls by at most 0.6 m on every metre of its way, in a gorge if need be."""
-    reached = np.minimum.accumulate((level + _STEEPEST * arc)[::-1])[::-1]
-    limit = reached - _STEEPEST * arc
+def no_steeper(level: Floats, arc: Floats, *, width: Floats, depth: Floats) -> Floats:
+    """Cut back falls, in a gorge if need be: the wider and the shallower a river, the less it falls.
+
+    Water falls by at most 1.5 depths over a width, and by at most 0.6 m on every metre of its way: beside a
+    wide sheet of water that is steeper no bank can stand.
+    """
+    steepest = np.clip(_STEEPEST_DEPTHS * depth / width, _LEAST_STEEPEST, _STEEPEST)
+    steps = 0.5 * (steepest[1:] + steepest[:-1]) * np.diff(arc)
+    most = np.concatenate([[0.0], np.cumsum(steps)])
+    limit = np.minimum.accumulate((level + most)[::-1])[::-1] - most
     return np.asarray(np.where(level > limit + 1e-9, limit, level))  # the end stays to the bit
 
 

@@ -265,6 +265,7 @@ def falling_levels(
             depth=float(course.depth.mean()),
             ceilings=[(courses[other].joint, float(levels[other][-1])) for other in joining],
         )
+        level = no_steeper(level, arcs[number], width=network.widths[number], depth=course.depth)
         levels[number] = _through_lakes(level, arcs[number], still[number], float(course.width.mean()))
     return levels
 
@@ -279,7 +280,8 @@ def joined_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
             width = float(course.width.mean())
             level = joined_to(level, arc, end=float(levels[parent][course.joint]), width=width)
             level = pooled(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
-        level = level_in_bends(no_steeper(level, arc), arc, network.bends[number], course.depth)
+        level = no_steeper(level, arc, width=network.widths[number], depth=course.depth)
+        level = level_in_bends(level, arc, network.bends[number], course.depth)
         for other in network.joining(number):
             met = network.meetings[other]
             if met is not None:

@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -20,6 +20,9 @@ __all__ = ["simplified", "valley_reach"]
 _TOLERANCE = 0.01
 _SMALLEST_TOLERANCE = 0.02  # m
 _BED_TOLERANCE = 0.004  # m
+# A river is steep where it falls by this share of its depth over its width, and so many widths around.
+_STEEP_DEPTHS = 0.2
+_STEEP_WIDTHS = 3.0
 _FLOODPLAIN_WIDTHS = 4.0
 _LEAST_WIDTHS = 3.0  # whatever the largest reach
 _SMALLEST_REACH = 30.0  # m
@@ -78,7 +81,20 @@ def simplified(
     tolerance = max(tolerance, _SMALLEST_TOLERANCE)
     # Levels must agree where waters meet; the reach only widens a blend.
     weighted = line * np.array([1, 1, 5, 1, 5, 0.02])
-    return line[_douglas_peucker(weighted, tolerance, _met(river, meeting))]
+    return line[_douglas_peucker(weighted, tolerance, _met(river, meeting)) | _steep(river)]
+
+
+def _steep(river: River) -> npt.NDArray[np.bool_]:
+    """Return where the water falls so much over its width that it must be shared out evenly.
+
+    Ground beside it takes a weighted mean of the levels near; with long pieces on one side and short ones on
+    the other it would lie below the water.
+    """
+    steps = np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)
+    fall = -np.diff(river.centreline[:, 2]) * river.centreline_width[1:]
+    steep = fall > _STEEP_DEPTHS * river.centreline_depth[1:] * steps
+    around = 2 * math.ceil(_STEEP_WIDTHS * float(river.centreline_width.max()) / float(np.median(steps))) + 1
+    return np.asarray(maximum_filter1d(np.append(steep, steep[-1:]), around), dtype=np.bool_)
 
 
 def _met(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[np.intp]:

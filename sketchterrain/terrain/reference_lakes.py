@@ -68,7 +68,7 @@ def lay_lakes(
     laid, (water, lake) = height.copy(), np.zeros((2, *height.shape))
     terrain = ground + shown * _soft_positive(top - ground) * (1 - s**4) * (1 - s**2)
     laid[near] = terrain + (own - terrain) * shown * _cubic(np.maximum(s - _RIM, 0) / (1 - _RIM))
-    water[near] = shown * (0.75 * np.maximum(1 - 2 * s, 0) + 0.25 * t)
+    water[near] = shown * (0.75 * np.maximum(1 - 3 * s, 0) + 0.25 * t)
     lake[near] = shown * _cubic(s / _RIM)
     return laid, water, lake
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.shapes import Region, measured, regions_of
 from sketchterrain.features.user_features import USER_FEATURE, user_features
 
@@ -44,9 +45,19 @@ class ShapeMemory:
         self._most = most
         self._shapes: OrderedDict[bytes, Users] = OrderedDict()
         self._layers: dict[str, _Seen] = {}
+        self._distances: dict[str, tuple[LabelImage, float, PaintedDistance]] = {}
 
     def __len__(self) -> int:
         return len(self._shapes)
+
+    def painted_distance(self, sketch: Sketch, layer: str) -> PaintedDistance:
+        """Return the distance to what is painted in a layer."""
+        image = sketch.layers[layer]
+        known = self._distances.get(layer)
+        if known is None or known[0] is not image or known[1] != sketch.pixel_size:
+            known = (image, sketch.pixel_size, PaintedDistance(image > 0, sketch.pixel_size))
+            self._distances[layer] = known
+        return known[2]
 
     def user_features(self, sketch: Sketch, layer: str, *, seed: int) -> Users:
         """Return the user features of a layer, shape after shape in reading order.
@@ -79,7 +90,9 @@ class ShapeMemory:
     ) -> Users:
         box = (region.rows.start, region.rows.stop, region.columns.start, region.columns.stop)
         named = repr((layer, region.label, box, image.shape, multitude, fidelity, seed))
-        key = blake2b(np.packbits(region.mask), digest_size=16, key=blake2b(named.encode()).digest()).digest()
+        key = blake2b(
+            np.packbits(region.mask).tobytes(), digest_size=16, key=blake2b(named.encode()).digest()
+        ).digest()
         if key in self._shapes:
             self._shapes.move_to_end(key)
             return self._shapes[key]

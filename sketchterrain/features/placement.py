@@ -14,7 +14,6 @@ from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points, con
 from sketchterrain.features.density import DensityField, cubic
 from sketchterrain.features.hashing import unit
 from sketchterrain.features.memory import ShapeMemory
-from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import PREFERENCES, SUMMIT_SHUNS_SUMMIT, TYPES, Preference
 
@@ -51,7 +50,7 @@ def place(sketch: Sketch, *, seed: int, memory: ShapeMemory | None = None) -> Po
     memory = ShapeMemory() if memory is None else memory
     users = {name: memory.user_features(sketch, name, seed=seed) for name in FEATURE_TYPES}
     placed: dict[str, Points] = {}
-    around = _Around(sketch, users, placed)
+    around = _Around(sketch, users, placed, memory)
     for name in TYPES:
         positions = _painted_positions(sketch, users[name])
         if sketch.fidelity < 1.0 and len(positions):
@@ -72,18 +71,24 @@ class _Around:
     """What a place can be judged by: user features, what is already placed, painted pixels."""
 
     def __init__(
-        self, sketch: Sketch, users: dict[str, npt.NDArray[np.void]], placed: dict[str, Points]
+        self,
+        sketch: Sketch,
+        users: dict[str, npt.NDArray[np.void]],
+        placed: dict[str, Points],
+        memory: ShapeMemory,
     ) -> None:
         self.sketch = sketch
         self.users = users
         self._placed = placed
-        self._distances: dict[str, PaintedDistance] = {}
+        self._memory = memory
 
     def presence(self, preference: Preference, at: Floats, disc: Floats) -> Floats:
         """How much of what a preference names is near each place: about 1 for one thing of like size."""
         reach = preference.reach * disc
         if preference.what == "layer":
-            return cubic(self._distance(preference.of)(at[:, 0], at[:, 1]) / reach)
+            return cubic(
+                self._memory.painted_distance(self.sketch, preference.of)(at[:, 0], at[:, 1]) / reach
+            )
         if preference.what == "user":
             others = self.users[preference.of]
             positions = _painted_positions(self.sketch, others)
@@ -93,11 +98,6 @@ class _Around:
             positions = np.stack([final["x"], final["y"]], axis=-1)
             sizes = final["radius"].astype(np.float64)
         return DensityField(positions, sizes).total(at, reach) / disc
-
-    def _distance(self, layer: str) -> PaintedDistance:
-        if layer not in self._distances:
-            self._distances[layer] = PaintedDistance(self.sketch.layers[layer] > 0, self.sketch.pixel_size)
-        return self._distances[layer]
 
 
 def _preferred(around: _Around, name: str, seed: int) -> Floats:

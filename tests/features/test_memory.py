@@ -57,6 +57,7 @@ def test_only_what_a_stroke_changed_is_broken_up(broken_up: list[int]) -> None:
         {"labels": {("mountain", 1): {"multitude": 9}}},
         {"labels": {("hill", 2): {"multitude": 1}}},
         {"extent": 100.0},
+        {"layers": {"mountain": squares().layers["mountain"], "river": squares().layers["hill"]}},
         {"layers": {"mountain": np.ones((64, 96), np.uint8)}},
         {"layers": {"mountain": np.ones((32, 96), np.uint8)}},
     ],

@@ -164,6 +164,6 @@ def test_a_cover_takes_its_share(make_recipe: Make, context: ComputeContext, str
 
 def test_a_lakes_shore_is_sand_and_its_bed_is_not_grass(make_recipe: Make, context: ComputeContext) -> None:
     weights, distance = materials(make_recipe(lakes=(lake(120, 10.0),)), context, 200.0)
-    beach = (distance > 122) & (distance < 126)
+    beach = (distance > 121) & (distance < 124)
     assert weights[beach, MATERIALS.index("sand")].mean() > 0.4
     assert weights[distance < 118, MATERIALS.index("river_bed")].min() > 0.9

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -85,6 +85,7 @@ class Sampled:
     """A terrain at the centres of its sketch's pixels, in reading order: positions, heights (m), masks."""
 
     terrain: Terrain
+    evaluator: Evaluator
     x: npt.NDArray[np.int64]
     y: npt.NDArray[np.int64]
     height: npt.NDArray[np.float32]
@@ -94,8 +95,9 @@ class Sampled:
     def of(cls, terrain: Terrain) -> Sampled:
         """Evaluate a terrain at full detail."""
         x, y = (to_lattice(axis, terrain.extent).ravel() for axis in pixel_centres(terrain.sketch))
-        height, masks = Evaluator(terrain.recipe, terrain.context).points(x, y, cell_size=0.0)
-        return cls(terrain, x, y, height.astype(np.float32), masks.astype(np.float32))
+        evaluator = Evaluator(terrain.recipe, terrain.context)
+        height, masks = evaluator.points(x, y, cell_size=0.0)
+        return cls(terrain, evaluator, x, y, height.astype(np.float32), masks.astype(np.float32))
 
 
 def measure_layer(sampled: Sampled, layer: str) -> tuple[tuple[ShapeAdherence, ...], AreaImages]:
@@ -208,7 +210,10 @@ def _effect(sampled: Sampled, layer: str) -> Image:
     if not reached.any():
         return effect
     at = reached.ravel()
-    bare = Evaluator(without(terrain.recipe, layer), terrain.context)
+    # They keep their places, so that what is derived from all features stays the same.
+    painted = terrain.recipe.painted
+    kept = np.where(painted["type"] == FEATURE_TYPES.index(layer), 0.0, painted["strength"])
+    bare = sampled.evaluator.with_strengths(kept)
     height, masks = bare.points(sampled.x[at], sampled.y[at], cell_size=0.0)
     if layer == "forest":
         forest = MASKS.index("forest")
@@ -229,13 +234,3 @@ def _reached(sketch: Sketch, recipe: TerrainRecipe, layer: str) -> Flags:
     for top, bottom, left, right in np.maximum(sides, 0.0).astype(np.int64):
         reached[top : bottom + 1, left : right + 1] = True
     return reached
-
-
-def without(recipe: TerrainRecipe, layer: str) -> TerrainRecipe:
-    """Return a recipe in which the painted features of one type have no strength.
-
-    They stay in it, so that what is derived from all of them, such as the ridges' wavelength, stays the same.
-    """
-    painted = recipe.painted.copy()
-    painted["strength"][painted["type"] == FEATURE_TYPES.index(layer)] = 0.0
-    return replace(recipe, painted=painted)

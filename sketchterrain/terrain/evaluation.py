@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -76,6 +77,17 @@ class Evaluator:
         self._covers = pack_fields(recipe, [cover.shape for cover in recipe.covers])
         self._cover_buffers = self._upload_covers()
         self._world = lru_cache(maxsize=64)(self._upload_world)
+
+    def with_strengths(self, strength: npt.NDArray[np.floating]) -> Evaluator:
+        """Return an evaluator of the same recipe but for the painted features' strengths, shape (n,).
+
+        It shares what is on the device already, all of which stays the same.
+        """
+        painted = self.recipe.painted.copy()
+        painted["strength"] = strength
+        other = copy(self)
+        other.recipe = replace(self.recipe, painted=painted)
+        return other
 
     def surface(
         self,

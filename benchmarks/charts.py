@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.adherence_chart import draw_adherence
+from sketchterrain.benchmarks.scaling_chart import draw_scaling
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -268,6 +269,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
         _figure(9.0, 5.4), rows, (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)
     ),
     "kernels": _kernels,
+    "sketch": draw_scaling,
     "tiles": _tiles,
 }
 """How each benchmark that has a chart draws it, from the rows of its first table."""

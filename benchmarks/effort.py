@@ -33,6 +33,10 @@ class Effort:
         Side of the square that is planted, m.
     poisson_cells : int
         Cells, each with room for one point, along the side of the square of Poisson-disk points.
+    sketch_sides, sketch_shapes : tuple of int
+        Sides (px) and numbers of shapes of the sketches on which placement's growth is measured.
+    sketch_rounds : int
+        Measured rounds of each.
     accuracy_grounds : tuple of str
         Presets on which errors are measured.
     accuracy_levels : tuple of int
@@ -53,6 +57,9 @@ class Effort:
     tile_batches: tuple[int, ...]
     foliage_side: float
     poisson_cells: int
+    sketch_sides: tuple[int, ...]
+    sketch_shapes: tuple[int, ...]
+    sketch_rounds: int
     accuracy_grounds: tuple[str, ...]
     accuracy_levels: tuple[int, ...]
     accuracy_tiles: int
@@ -70,6 +77,9 @@ QUICK = Effort(
     tile_batches=(1, 16, 64, 256),
     foliage_side=400.0,
     poisson_cells=400,
+    sketch_sides=(256, 512, 1024),
+    sketch_shapes=(5, 50, 500),
+    sketch_rounds=2,
     accuracy_grounds=("valley_river",),
     accuracy_levels=(2, 5, 8, 11),
     accuracy_tiles=2,
@@ -88,6 +98,9 @@ FULL = Effort(
     tile_batches=(1, 16, 64, 256),
     foliage_side=2000.0,
     poisson_cells=1024,
+    sketch_sides=(256, 512, 1024, 2048, 4096),
+    sketch_shapes=(5, 20, 50, 200, 500, 2000, 5000),
+    sketch_rounds=3,
     accuracy_grounds=("valley_river", "desert_mountains"),
     accuracy_levels=(2, 4, 6, 8, 10, 12),
     accuracy_tiles=4,

@@ -6,7 +6,16 @@ import inspect
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sketchterrain.benchmarks import accuracy, adherence, kernel_times, noise, placement, planting, tile_rates
+from sketchterrain.benchmarks import (
+    accuracy,
+    adherence,
+    kernel_times,
+    noise,
+    placement,
+    planting,
+    sketch_scaling,
+    tile_rates,
+)
 from sketchterrain.benchmarks.grounds import BARE_SEED
 from sketchterrain.errors import InputError
 
@@ -68,6 +77,7 @@ BENCHMARKS = {
         ),
         Benchmark("features", f"the sketches of {_PRESETS}", _OWN, placement.measure),
         Benchmark("adherence", f"the sketches of {_PRESETS}", _OWN, adherence.measure),
+        Benchmark("sketch", "blobs and a river", str(sketch_scaling.SEED), sketch_scaling.measure),
         Benchmark("foliage", f"the middle of {_PRESETS}", f"{_OWN}; points: 7", planting.measure),
         Benchmark(
             "accuracy",

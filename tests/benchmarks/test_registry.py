@@ -17,7 +17,16 @@ from sketchterrain.resources import preset_names
 
 
 def test_every_benchmark_names_surface_seed_and_method() -> None:
-    assert list(BENCHMARKS) == ["kernels", "noise", "tiles", "features", "adherence", "foliage", "accuracy"]
+    assert list(BENCHMARKS) == [
+        "kernels",
+        "noise",
+        "tiles",
+        "features",
+        "adherence",
+        "sketch",
+        "foliage",
+        "accuracy",
+    ]
     for name, benchmark in BENCHMARKS.items():
         assert benchmark.name == name
         assert benchmark.surface

@@ -14,7 +14,7 @@ Floats = npt.NDArray[np.float64]
 LEAST_FALL = 1e-4
 """Metres that water falls on every metre of its way."""
 
-_STEEPEST, _LEAST_STEEPEST, _STEEPEST_DEPTHS = 0.6, 0.03, 1.5
+_STEEPEST, _LEAST_STEEPEST, _STEEPEST_DEPTHS = 0.6, 0.03, 1.2
 _SPRING_WIDTH = 0.4  # of the label's width
 _BEND_ROUNDS = 60
 _WIDEST = 2.0  # times what the label says: confluences widen a river no further
@@ -86,7 +86,7 @@ def surface_along(
 def no_steeper(level: Floats, arc: Floats, *, width: Floats, depth: Floats) -> Floats:
     """Cut back falls, in a gorge if need be: the wider and the shallower a river, the less it falls.
 
-    Water falls by at most 1.5 depths over a width, and by at most 0.6 m on every metre of its way: beside a
+    Water falls by at most 1.2 depths over a width, and by at most 0.6 m on every metre of its way: beside a
     wide sheet of water that is steeper no bank can stand.
     """
     steepest = np.clip(_STEEPEST_DEPTHS * depth / width, _LEAST_STEEPEST, _STEEPEST)

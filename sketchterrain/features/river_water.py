@@ -282,7 +282,8 @@ def joined_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
             level = pooled(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
         level = no_steeper(level, arc, width=network.widths[number], depth=course.depth)
         level = level_in_bends(level, arc, network.bends[number], course.depth)
-        for other in network.joining(number):
+        # From the mouth upward: a pool moves the fall above it upstream.
+        for other in sorted(network.joining(number), key=lambda each: -courses[each].joint):
             met = network.meetings[other]
             if met is not None:
                 joint = float(arc[courses[other].joint])

@@ -77,6 +77,14 @@ def test_a_river_runs_downhill_and_keeps_its_labels_sizes() -> None:
     assert back.points[0, 1] < back.points[-1, 1]
 
 
+@pytest.mark.parametrize("flow", [0.0, 90.0, 180.0])
+def test_a_label_says_where_a_river_runs_to(flow: float) -> None:
+    picture = painted([(40, 130), (120, 30)])
+    (river,) = trace(picture, southward, labels={("river", 1): {"flow": flow}})
+    run = river.points[-1, :2] - river.points[0, :2]
+    assert run @ [np.sin(np.deg2rad(flow)), np.cos(np.deg2rad(flow))] > 0
+
+
 @pytest.mark.parametrize("fidelity", [0.0, 0.8, 1.0])
 def test_the_centreline_follows_the_painted_skeleton(fidelity: float) -> None:
     picture = painted([(30, 40), (60, 60), (70, 110), (120, 120), (140, 60)])

@@ -1,0 +1,204 @@
+"""Rivers and lakes as they stand in the terrain: beds never rise, banks hold, valleys cut through mountains."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sketchterrain.features.lakes import within
+from sketchterrain.sketch import Sketch, load_sketch
+from sketchterrain.terrain import Terrain, build
+
+if TYPE_CHECKING:
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.features import River
+
+RISE_M = 0.01
+SIDE = 192
+ROW, COLUMN = np.mgrid[:SIDE, :SIDE]
+
+
+def every_metre(river: River) -> tuple[np.ndarray, np.ndarray]:
+    """Metres from the spring, and (x, y, level, width) there."""
+    line = np.column_stack([river.centreline, river.centreline_width])
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line[:, :2], axis=0).T))])
+    at = np.append(np.arange(0.0, arc[-1], 1.0), arc[-1])
+    return at, np.stack([np.interp(at, arc, line[:, i]) for i in range(4)], axis=-1)
+
+
+def depth_in_lakes(terrain: Terrain, places: np.ndarray) -> np.ndarray:
+    """How far inside the nearest lake (m); negative outside."""
+    distances = [within(lake.shape, places) for lake in terrain.recipe.lakes]
+    return np.max(distances, axis=0) if distances else np.full(len(places), -np.inf)
+
+
+def greatest_rise(terrain: Terrain, river: River) -> float:
+    """How far the bed lies above a place upstream (m), lakes left out: they are deeper than their outlets."""
+    _, line = every_metre(river)
+    dry = line[depth_in_lakes(terrain, line[:, :2]) <= 0.0]
+    if not len(dry):
+        return 0.0
+    bed = terrain.heights(dry[:, 0], dry[:, 1]).astype(np.float64)
+    return float((bed - np.minimum.accumulate(bed)).max())
+
+
+def lowest_bank(terrain: Terrain, river: River) -> float:
+    """Height (m) of the ground 1.5 widths to either side over the water, away from all other water."""
+    at, line = every_metre(river)
+    width = line[:, 3]
+    free = (at > 3 * width) & (at[-1] - at > 3 * width)
+    free &= depth_in_lakes(terrain, line[:, :2]) < -4 * width.max()
+    for other in terrain.recipe.rivers:
+        if other is not river:
+            wider = np.maximum(width, other.centreline_width.max())
+            free &= cKDTree(every_metre(other)[1][:, :2]).query(line[:, :2])[0] > 3 * wider + 1.5 * width
+    along = np.gradient(line[:, :2], axis=0)
+    across = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
+    own, lowest = cKDTree(line[:, :2]), np.inf
+    for side in (-1.5, 1.5):
+        places = line[free, :2] + side * width[free, None] * across[free]
+        if len(places):
+            above = terrain.heights(places[:, 0], places[:, 1]) - line[free, 2]
+            same_stretch = np.abs(at[own.query(places)[1]] - at[free]) <= 3 * width[free]
+            lowest = min(lowest, float(above[same_stretch].min(initial=np.inf)))
+    return lowest
+
+
+def stroke(picture: np.ndarray, points: list[np.ndarray], half: float, label: int) -> None:
+    for (x0, y0), (x1, y1) in itertools.pairwise(points):
+        dx, dy = x1 - x0, y1 - y0
+        t = np.clip(((COLUMN - x0) * dx + (ROW - y0) * dy) / max(dx * dx + dy * dy, 1e-9), 0, 1)
+        picture[np.hypot(COLUMN - x0 - t * dx, ROW - y0 - t * dy) <= half] = label
+
+
+def wander(rng: np.random.Generator, start: np.ndarray) -> list[np.ndarray]:
+    points, heading = [np.array(start, float)], rng.uniform(0, 2 * np.pi)
+    for _ in range(rng.integers(3, 14)):
+        heading += rng.normal(0, 0.6)
+        points.append(points[-1] + SIDE / 14 * np.array([np.cos(heading), np.sin(heading)]))
+    return points
+
+
+def discs(rng: np.random.Generator, most: int, largest: float) -> np.ndarray:
+    picture = np.zeros((SIDE, SIDE), np.uint8)
+    for _ in range(rng.integers(0, most)):
+        x, y = rng.uniform(0, SIDE, 2)
+        picture[np.hypot(COLUMN - x, ROW - y) < rng.uniform(0.03, largest) * SIDE] = 1
+    return picture
+
+
+def random_sketch(seed: int) -> Sketch:
+    """Strokes that branch, loop, cross mountains and lakes and run off the edge."""
+    rng = np.random.default_rng(seed)
+    river = np.zeros((SIDE, SIDE), np.uint8)
+    for _ in range(rng.integers(1, 4)):
+        points = wander(rng, rng.uniform(0.05, 0.95, 2) * SIDE)
+        stroke(river, points, rng.uniform(0.6, 3.5), rng.integers(1, 4))
+        for _ in range(rng.integers(0, 3)):
+            branch = wander(rng, points[rng.integers(len(points))])
+            stroke(river, branch, rng.uniform(0.6, 2), rng.integers(1, 4))
+    if rng.random() < 0.3:
+        x, y = rng.uniform(0.3, 0.7, 2) * SIDE
+        river[np.abs(np.hypot(COLUMN - x, ROW - y) - rng.uniform(0.08, 0.25) * SIDE) < 1.8] = 1
+    sizes = {
+        ("river", k): {
+            "width": float(rng.choice([2, 5, 12, 30, 80])),
+            "depth": float(rng.choice([0.5, 2, 4, 8])),
+        }
+        for k in (1, 2, 3)
+    }
+    heights = {
+        ("mountain", 1): {"height": float(rng.choice([150, 400, 900])), "multitude": int(rng.integers(1, 5))}
+    }
+    return Sketch(
+        extent=float(rng.choice([2000, 5000, 12000])),
+        seed=seed,
+        layers={
+            "river": river,
+            "mountain": discs(rng, 4, 0.2),
+            "hill": discs(rng, 3, 0.2),
+            "lake": discs(rng, 3, 0.1),
+        },
+        labels={**sizes, **heights, ("hill", 1): {"height": 60.0, "multitude": 5}},
+        ground={"relief": float(rng.choice([10, 60, 200]))},
+        density={"mountain": 0.03, "hill": 0.3},
+    )
+
+
+@pytest.mark.parametrize("name", ["valley_river", "alpine_range", "rolling_hills"])
+def test_in_the_presets_no_bed_rises_and_every_bank_holds(name: str, context: ComputeContext) -> None:
+    terrain = build(load_sketch(name), device=context)
+    assert terrain.recipe.rivers
+    for river in terrain.recipe.rivers:
+        assert greatest_rise(terrain, river) <= RISE_M
+        assert lowest_bank(terrain, river) > 0
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_bed_rises_and_every_bank_holds(seed: int, context: ComputeContext) -> None:
+    terrain = build(random_sketch(seed), device=context)
+    for river in terrain.recipe.rivers:
+        assert greatest_rise(terrain, river) <= RISE_M
+        assert lowest_bank(terrain, river) > 0
+
+
+@pytest.mark.parametrize("batch", range(10))
+def test_a_river_across_a_mountain_runs_below_the_straight_line(batch: int, context: ComputeContext) -> None:
+    """In ten random poses each: the bed between where it enters and leaves is not above the line between."""
+    for pose in range(10 * batch, 10 * batch + 10):
+        rng = np.random.default_rng(pose)
+        centre, angle = rng.uniform(0.4, 0.6, 2) * SIDE, rng.uniform(0, np.pi)
+        radius, offset = rng.uniform(0.1, 0.2) * SIDE, rng.uniform(-0.08, 0.08) * SIDE
+        ahead = np.array([np.cos(angle), np.sin(angle)])
+        middle = centre + offset * np.array([-ahead[1], ahead[0]])
+        river = np.zeros((SIDE, SIDE), np.uint8)
+        stroke(river, [middle - 0.36 * SIDE * ahead, middle + 0.36 * SIDE * ahead], 1.5, 1)
+        mountain = (np.hypot(COLUMN - centre[0], ROW - centre[1]) < radius).astype(np.uint8)
+        sketch = Sketch(
+            extent=6000.0,
+            seed=pose,
+            layers={"river": river, "mountain": mountain},
+            labels={("mountain", 1): {"height": float(rng.uniform(100, 700))}},
+        )
+        terrain = build(sketch, device=context)
+        (found,) = terrain.recipe.rivers
+        _, line = every_metre(found)
+        row = np.clip((SIDE - line[:, 1] / sketch.pixel_size).astype(int), 0, SIDE - 1)
+        column = np.clip((line[:, 0] / sketch.pixel_size).astype(int), 0, SIDE - 1)
+        under = np.flatnonzero(mountain[row, column])
+        inside = slice(under[0], under[-1] + 1)
+        bed = terrain.heights(line[inside, 0], line[inside, 1]).astype(np.float64)
+        straight = np.linspace(bed[0], bed[-1], len(bed))
+        assert (bed - straight).max() <= RISE_M
+        assert any("crosses mountain 1: valley cut" in each for each in terrain.recipe.resolutions)
+
+
+def test_a_river_ends_in_a_lake_at_its_level(context: ComputeContext) -> None:
+    river, lake = np.zeros((2, SIDE, SIDE), np.uint8)
+    stroke(river, [np.array([90.0, 30.0]), np.array([100.0, 118.0])], 1.5, 1)
+    lake[np.hypot(COLUMN - 102, ROW - 140) < 20] = 1
+    terrain = build(Sketch(extent=4000.0, seed=3, layers={"river": river, "lake": lake}), device=context)
+    (found,), (water,) = terrain.recipe.rivers, terrain.recipe.lakes
+    assert within(water.shape, found.centreline[-1:, :2])[0] > 0
+    assert found.centreline[-1, 2] == pytest.approx(water.level, abs=0.05)
+    assert terrain.recipe.resolutions == (f"river 1 ends in lake 1: water at {water.level:.1f} m",)
+    assert greatest_rise(terrain, found) <= RISE_M
+
+
+def test_a_lake_in_a_mountain_is_a_tarn_with_a_rim(context: ComputeContext) -> None:
+    mountain = (np.hypot(COLUMN - 96, ROW - 96) < 60).astype(np.uint8)
+    lake = (np.hypot(COLUMN - 120, ROW - 96) < 9).astype(np.uint8)
+    terrain = build(Sketch(extent=5000.0, layers={"mountain": mountain, "lake": lake}), device=context)
+    (tarn,) = terrain.recipe.lakes
+    assert terrain.recipe.resolutions == (f"lake 1 lies in mountain 1: a tarn at {tarn.level:.0f} m",)
+    angle, pixel = np.linspace(0, 2 * np.pi, 200), 5000.0 / SIDE
+    east, north = (
+        120.5 * pixel + np.cos(angle) * 11 * pixel,
+        (SIDE - 96.5) * pixel + np.sin(angle) * 11 * pixel,
+    )
+    assert terrain.heights(east, north).min() > tarn.level
+    assert terrain.heights(120.5 * pixel, (SIDE - 96.5) * pixel) < tarn.level

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ReferenceGround", "fbm", "reference_ground", "reference_heights", "simplex"]
 
+_BEND_BITS = 8
 _UNSKEW = (375 / 1024) / (1 + 2 * 375 / 1024)
 
 
@@ -85,9 +86,8 @@ def relief_of(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float
 def _relief(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
     warp_u = np.clip(fbm(octaves, "warp_u", x, y), -1, 1)
     warp_v = np.clip(fbm(octaves, "warp_v", x, y), -1, 1)
-    bent_x = x + np.trunc(warp_u * w["ridge_warp"]).astype(np.int64)
-    bent_y = y + np.trunc(warp_v * w["ridge_warp"]).astype(np.int64)
-    ridge = ridged(octaves, "ridge", bent_x, bent_y) - w["ridge_mean"]
+    bend = [np.trunc(warp * (w["ridge_warp"] * 2**_BEND_BITS)).astype(np.int64) for warp in (warp_u, warp_v)]
+    ridge = _ridged(octaves, "ridge", _skewed(x, y) + (_skewed(*bend) >> _BEND_BITS)) - w["ridge_mean"]
     return Relief(
         bend=w["warp"] * np.stack([warp_u, warp_v], axis=-1),
         swell=1 + 0.4 * warp_u,
@@ -155,28 +155,31 @@ def simplex(u: Lattice, v: Lattice, shift: int, seed: int) -> Reals:
 
 def fbm(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Reals:
     """Return a stack's sum of octaves at lattice positions."""
-    total = np.zeros(x.shape)
+    place, total = _skewed(x, y), np.zeros(x.shape)
     for i in range(*octaves.ranges[stack]):
-        total += octaves.scale[i, 0] * _octave(octaves, i, x, y)
+        total += octaves.scale[i, 0] * _octave(octaves, i, place)
     return total
 
 
-def ridged(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Reals:
-    """Return a stack's ridged multifractal at lattice positions."""
-    total, weight = np.zeros(x.shape), np.ones(x.shape)
+def _ridged(octaves: OctaveTable, stack: str, place: Lattice) -> Reals:
+    """Return a stack's ridged multifractal at skewed positions, shape (4, n)."""
+    total, weight = np.zeros(place.shape[1:]), np.ones(place.shape[1:])
     for i in range(*octaves.ranges[stack]):
-        ridge = np.maximum(1 - np.abs(_octave(octaves, i, x, y)), 0) ** 2
+        ridge = np.maximum(1 - np.abs(_octave(octaves, i, place)), 0) ** 2
         total += octaves.scale[i, 0] * ridge * weight
         weight = np.clip(1.5 * ridge, 0, 1)
     return total
 
 
-def _octave(octaves: OctaveTable, i: int, x: Lattice, y: Lattice) -> Reals:
+def _octave(octaves: OctaveTable, i: int, place: Lattice) -> Reals:
     shift, seed, turn, _ = (int(word) for word in octaves.form[i])
-    a, b = (y, -x) if turn else (x, y)
-    u = 1399 * a + 375 * b + octaves.offset[i, 0]
-    v = 375 * a + 1399 * b + octaves.offset[i, 1]
-    return simplex(u, v, shift, seed)
+    u, v = place[2:] if turn else place[:2]
+    return simplex(u + octaves.offset[i, 0], v + octaves.offset[i, 1], shift, seed)
+
+
+def _skewed(x: Lattice, y: Lattice) -> Lattice:
+    """Skewed coordinates as they are, and turned by 90 degrees (``kernels/noise.clh``), shape (4, n)."""
+    return np.stack([1399 * x + 375 * y, 375 * x + 1399 * y, 1399 * y - 375 * x, 375 * y - 1399 * x])
 
 
 def _mixed(word: Lattice) -> npt.NDArray[np.uint32]:

@@ -80,7 +80,7 @@ def simplified(
     tolerance = min(_TOLERANCE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
     tolerance = max(tolerance, _SMALLEST_TOLERANCE)
     # Levels must agree where waters meet; the reach only widens a blend.
-    weighted = line * np.array([1, 1, 5, 1, 5, 0.02])
+    weighted = line * np.array([1, 1, 20, 1, 20, 0.02])
     return line[_douglas_peucker(weighted, tolerance, _met(river, meeting)) | _steep(river)]
 
 

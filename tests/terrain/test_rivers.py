@@ -1,4 +1,4 @@
-"""Rivers and lakes as they stand in the terrain: beds never rise, banks hold, valleys cut through mountains."""
+"""Rivers and lakes as they stand in the terrain: beds never rise, banks hold, valleys cut mountains."""
 
 from __future__ import annotations
 

@@ -151,3 +151,19 @@ def test_bench_is_called_with_what_was_asked(
         "device": "0",
         "as_json": True,
     }
+
+
+def test_adherence_tells_numbers_and_shows_where(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    done = call("adherence", sketch, "--json", "-o", tmp_path / "where.png")
+    assert done.code == 0
+    told = json.loads(done.out)
+    assert told["lost"] == 0
+    assert {"mountain", "forest", "river"} == set(told["layers"])
+    assert told["peaks"]["measured"] == 1
+    with Image.open(tmp_path / "where.png") as picture:
+        assert picture.mode == "RGB"
+    lines = call("adherence", sketch).out.splitlines()
+    assert lines[0].endswith("0 shapes lost")
+    assert sum(line.startswith("mountain ") for line in lines) == 1

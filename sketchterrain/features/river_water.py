@@ -198,10 +198,18 @@ def _beside_neighbours(
                 continue
             if (boxes[number][1] < boxes[other][0]).any():
                 continue
+            # Further apart than this nobody is narrowed, so nobody farther is looked for.
+            widest = 0.5 * float(widths[number].max() + widths[other].max())
+            low, high = boxes[other]
             asked = _apart(number, other, parents, arcs, courses, meetings)
-            distance, nearest = tree.query(course.line[asked])
+            asked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
+            if not asked.any():
+                continue
+            distance, nearest = tree.query(course.line[asked], distance_upper_bound=1.01 * widest)
+            found = np.isfinite(distance)
+            asked[asked], distance, nearest = found, distance[found], np.asarray(nearest)[found]
             total = 0.5 * (widths[number][asked] + widths[other][nearest])
-            counts = _apart(other, number, parents, arcs, courses, meetings)[np.asarray(nearest)]
+            counts = _apart(other, number, parents, arcs, courses, meetings)[nearest]
             scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)
             scales[number][asked] = np.minimum(scales[number][asked], scale)
     return [

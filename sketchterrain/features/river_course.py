@@ -28,6 +28,7 @@ Ints = npt.NDArray[np.int64]
 
 LAKE_GAP = 3.0
 """Pixels between a river's painted end and a lake that a person does not mean."""
+_MOST_SAMPLES = 64  # of a centreline between two control points
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,6 +200,9 @@ def drawn_course(
     """Sample the spline through points of x, y, width and depth."""
     points = without_repeats(points, of=2)
     step = float(np.clip(0.5 * points[:, 2].min(), 2.0, 12.0))
+    # A sketch of a continent has no more shape between two control points than one of a valley.
+    spans = np.hypot(*np.diff(points[:, :2], axis=0).T)
+    step = max(step, float(np.median(spans)) / _MOST_SAMPLES)
     line, u = sample_catmull_rom(points[:, :2], step)
     number = np.arange(len(points))
     return Course(

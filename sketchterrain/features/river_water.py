@@ -205,9 +205,10 @@ def _beside_neighbours(
             asked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
             if not asked.any():
                 continue
-            distance, nearest = tree.query(course.line[asked], distance_upper_bound=1.01 * widest)
+            answer = tree.query(course.line[asked], distance_upper_bound=1.01 * widest)
+            distance, nearest = (np.asarray(part) for part in answer)
             found = np.isfinite(distance)
-            asked[asked], distance, nearest = found, distance[found], np.asarray(nearest)[found]
+            asked[asked], distance, nearest = found, distance[found], nearest[found]
             total = 0.5 * (widths[number][asked] + widths[other][nearest])
             counts = _apart(other, number, parents, arcs, courses, meetings)[nearest]
             scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)

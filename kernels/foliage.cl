@@ -6,18 +6,10 @@
 // so n rounds need a halo of 4n cells and no order of work can change the result. Positions are integers
 // (lattice units) and distances are compared exactly.
 
+#include "hash.clh"
+
 #define EMPTY (-1)
 #define REACH 2  // cells: points further apart than that can't conflict, nor can those of cells 2 apart both ways
-
-inline uint mixed(uint h)
-{
-    h ^= h >> 16;
-    h *= 0x7FEB352Du;
-    h ^= h >> 15;
-    h *= 0x846CA68Bu;
-    h ^= h >> 16;
-    return h;
-}
 
 inline uint cell_hash(long column, long row, uint salt)
 {

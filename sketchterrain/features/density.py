@@ -9,6 +9,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.intp]
+
+_WIDER = 1 + 1e-9  # so that rounding leaves out no pair; one too many counts nothing
 
 
 def cubic(t: Floats) -> Floats:
@@ -68,18 +71,52 @@ class DensityField:
         mean = np.bincount(position, weight * values[feature], minlength=len(at))
         return np.where(total > 0.0, mean / np.where(total > 0.0, total, 1.0), default)
 
-    def _pairs(self, at: Floats, radius: Floats) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Floats]:
-        """Index of the position, index of the feature and kernel weight of each pair within reach.
+    def around(self, places: Floats, radius: Floats) -> Floats:
+        """Like `total`, for groups of places that are close together.
+
+        Parameters
+        ----------
+        places : (m, k, 2) float64
+            Positions (m), k in each group.
+        radius : (m,) float64
+            As in `total`, one for each group.
+
+        Returns
+        -------
+        (m, k) float64, the very numbers that `total` gives.
+        """
+        count = places.shape[1]
+        # Features beyond a place's own radius count nothing, to the bit: cubic(1) is 0.
+        group, feature = self._near(places[:, 0], radius + spread(places))
+        offset = places[group] - self._positions[feature][:, None]
+        distance = np.sqrt(offset[..., 0] ** 2 + offset[..., 1] ** 2)
+        weight = cubic(distance / np.maximum(radius[group], 1e-9)[:, None]) * self._sizes[feature][:, None]
+        place = group[:, None] * count + np.arange(count)
+        total = np.bincount(place.ravel(), weight.ravel(), minlength=len(places) * count)
+        return total.astype(np.float64).reshape(len(places), count)
+
+    def _pairs(self, at: Floats, radius: Floats) -> tuple[Ints, Ints, Floats]:
+        """Index of the position, index of the feature and kernel weight of each pair within reach."""
+        position, feature = self._near(at, radius)
+        offset = at[position] - self._positions[feature]
+        distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
+        return position, feature, cubic(distance / np.maximum(radius[position], 1e-9))
+
+    def _near(self, at: Floats, radius: Floats) -> tuple[Ints, Ints]:
+        """Index of the position and of the feature of each pair within reach, and of some just beyond.
 
         Sorted by position and feature: the order of adding up never depends on how the tree was built.
         """
         if self._tree is None or len(at) == 0:
             none = np.zeros(0, dtype=np.intp)
-            return none, none, np.zeros(0)
-        found = self._tree.query_ball_point(at, radius, return_sorted=True)
+            return none, none
+        found = self._tree.query_ball_point(at, radius * _WIDER, return_sorted=True)
         counts = np.fromiter(map(len, found), dtype=np.intp, count=len(at))
         position = np.repeat(np.arange(len(at)), counts)
-        feature = np.fromiter(chain.from_iterable(found), dtype=np.intp, count=int(counts.sum()))
-        offset = at[position] - self._positions[feature]
-        distance = np.sqrt(offset[:, 0] ** 2 + offset[:, 1] ** 2)
-        return position, feature, cubic(distance / np.maximum(radius[position], 1e-9))
+        return position, np.fromiter(chain.from_iterable(found), dtype=np.intp, count=int(counts.sum()))
+
+
+def spread(places: Floats) -> Floats:
+    """Return how far (m) the places of each group, (m, k, 2), lie from its first one, at most."""
+    offset = places - places[:, :1]
+    return np.asarray(np.sqrt((offset[..., 0] ** 2 + offset[..., 1] ** 2).max(axis=1)))

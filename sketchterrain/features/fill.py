@@ -9,7 +9,6 @@ bounded neighbourhood, so that a rectangle's features do not depend on which rec
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,8 +17,9 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points, conifer_code
+from sketchterrain.features.fill_proposals import Proposal, proposals_of
 from sketchterrain.features.hashing import hashed, unit
-from sketchterrain.features.painted_distance import PaintedDistance
+from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.rules import CLEARANCE, SPACING, TYPES
 
 if TYPE_CHECKING:
@@ -29,22 +29,6 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-
-_SMALLEST = 0.4  # least radius over largest
-_MOST_CROWDING = 0.3  # expected rivals of its own type that a candidate has within its spacing
-_KM2 = 1e6  # m²
-_LEAST_CELL, _MOST_CELL = 16.0, 32768.0  # m
-
-
-@dataclass(frozen=True)
-class _Proposal:
-    """How candidates of one type are proposed: radii (m), cells (m), candidates a cell."""
-
-    name: str
-    low: float
-    high: float
-    cell: float
-    per_cell: float
 
 
 class Fill:
@@ -61,6 +45,8 @@ class Fill:
     river_distance : callable, optional
         ``river_distance(x, y)``: distance (m) to the nearest painted river, at least out to 2.5 km. By
         default it is measured from the river layer.
+    memory : ShapeMemory, optional
+        Of the placing, which knows how far it is to what was painted. The result is the same.
 
     Attributes
     ----------
@@ -79,13 +65,18 @@ class Fill:
         *,
         seed: int,
         river_distance: Callable[[Floats, Floats], Floats] | None = None,
+        memory: ShapeMemory | None = None,
     ) -> None:
         self.sketch = sketch
         self.seed = seed
-        self._proposals = _proposals(sketch)
+        self._proposals = proposals_of(sketch)
         self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
         self.painted = painted
-        self._painted = _Painted(sketch, painted, river_distance, fills=tuple(self._proposals))
+        memory = ShapeMemory() if memory is None else memory
+        distances = _distances(sketch, memory, tuple(self._proposals))
+        if river_distance is not None:
+            distances["river"] = river_distance
+        self._painted = _Painted(painted, distances)
 
     @property
     def rules(self) -> tuple[object, ...]:
@@ -150,7 +141,7 @@ class Fill:
         return ordered
 
     def _survivors(
-        self, proposal: _Proposal, box: tuple[float, float, float, float], min_radius: float
+        self, proposal: Proposal, box: tuple[float, float, float, float], min_radius: float
     ) -> Points:
         mine = self._candidates(proposal, box)
         mine = mine[mine["radius"] >= min_radius]
@@ -164,7 +155,7 @@ class Fill:
                 alive &= ~_beaten(mine, rivals, factor, reach, same=rival is proposal)
         return mine[alive]
 
-    def _candidates(self, proposal: _Proposal, box: tuple[float, float, float, float]) -> Points:
+    def _candidates(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
         """Candidates of a type in a rectangle, without those that stand where something was painted."""
         name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
         most = math.ceil(proposal.per_cell)
@@ -187,7 +178,7 @@ class Fill:
         self._dress(result, proposal, unit(self.seed, f"{name} strength", *keys))
         return result[self._painted.leaves_room(name, result)]
 
-    def _dress(self, features: Points, proposal: _Proposal, chance: Floats) -> None:
+    def _dress(self, features: Points, proposal: Proposal, chance: Floats) -> None:
         """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""
         properties = self.sketch.properties(proposal.name, 1)
         radius = features["radius"].astype(np.float64)
@@ -202,28 +193,26 @@ class Fill:
             features["peakiness"] = conifer_code(float(properties["conifers"]))
 
 
+def _distances(
+    sketch: Sketch, memory: ShapeMemory, fills: tuple[str, ...]
+) -> dict[str, Callable[[Floats, Floats], Floats]]:
+    """Distance to what is painted in each layer that any of these types keeps away from."""
+    return {
+        layer: memory.painted_distance(sketch, layer)
+        for layer, image in sketch.layers.items()
+        if any((name, layer) in CLEARANCE for name in fills) and image.any()
+    }
+
+
 class _Painted:
     """What was painted, as the fill sees it: places to keep away from."""
 
-    def __init__(
-        self,
-        sketch: Sketch,
-        painted: Points,
-        river_distance: Callable[[Floats, Floats], Floats] | None,
-        *,
-        fills: tuple[str, ...],
-    ) -> None:
-        self._distance: dict[str, Callable[[Floats, Floats], Floats]] = {}
-        for layer, image in sketch.layers.items():
-            if not any((name, layer) in CLEARANCE for name in fills):
-                continue
-            if layer == "river" and river_distance is not None:
-                self._distance[layer] = river_distance
-            elif image.any():
-                self._distance[layer] = PaintedDistance(image > 0, sketch.pixel_size)
+    def __init__(self, painted: Points, distances: dict[str, Callable[[Floats, Floats], Floats]]) -> None:
+        self._distance = distances
         self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
 
     def leaves_room(self, name: str, features: Points) -> Flags:
+        """Which features of a type keep their clearance from paint and their spacing from what it became."""
         x, y, radius = features["x"], features["y"], features["radius"].astype(np.float64)
         room = np.ones(len(features), dtype=np.bool_)
         for layer, distance in self._distance.items():
@@ -259,40 +248,3 @@ def _beaten(mine: Points, rivals: Points, factor: float, reach: float, *, same: 
         near &= rivals["id"][j] < mine["id"][i]
     beaten[i[near]] = True
     return beaten
-
-
-def _proposals(sketch: Sketch) -> dict[str, _Proposal]:
-    """One for each type whose density is not 0, in the order in which types give way."""
-    proposals: dict[str, _Proposal] = {}
-    kept: dict[str, tuple[float, float, float]] = {}  # density (1/m²) and radii of the types before
-    for name, rule in TYPES.items():
-        density = float(sketch.density.get(name, 0.0)) / _KM2
-        if density <= 0.0:
-            continue
-        factor = SPACING.get((name, name), 0.0)
-        high = min(rule.fill_radius, rule.fill_extent * sketch.extent)
-        crowding = density * math.pi * _mean_square(factor, (_SMALLEST, 1.0), (_SMALLEST, 1.0))
-        high = float(np.float32(min(high, math.sqrt(_MOST_CROWDING / crowding))))
-        low = _SMALLEST * high
-        # Proposals that conflict thin out (Matérn): propose as many more as will be lost.
-        lost = density * math.pi * _mean_square(factor, (low, high), (low, high))
-        rate = density * -math.log1p(-lost) / lost
-        for other, (density_of, low_of, high_of) in kept.items():
-            of_other = _mean_square(SPACING.get((other, name), 0.0), (low_of, high_of), (low, high))
-            rate *= math.exp(min(density_of * math.pi * of_other, 1.0))
-        cell = 2.0 ** round(math.log2(1.0 / math.sqrt(rate)))
-        cell = min(max(cell, _LEAST_CELL), _MOST_CELL)
-        proposals[name] = _Proposal(name, low, high, cell, rate * cell * cell)
-        kept[name] = (rate, low, high)
-    return proposals
-
-
-def _mean_square(factor: float, one: tuple[float, float], other: tuple[float, float]) -> float:
-    """Mean of (factor · (R₁ + R₂))² for two radii, each log-uniform in its range."""
-    (first, first_square), (second, second_square) = _moments(*one), _moments(*other)
-    return factor**2 * (first_square + second_square + 2.0 * first * second)
-
-
-def _moments(low: float, high: float) -> tuple[float, float]:
-    span = math.log(high / low)
-    return (high - low) / span, (high**2 - low**2) / (2.0 * span)

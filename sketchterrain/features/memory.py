@@ -1,4 +1,4 @@
-"""User features of shapes seen before, so that after a stroke only the shapes that it changed are redone."""
+"""What placing worked out before, so that after a stroke only what it changed is worked out anew."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.features.density_memory import DensityMemory
 from sketchterrain.features.painted_distance import PaintedDistance
 from sketchterrain.features.shapes import Region, measured, regions_of
 from sketchterrain.features.user_features import USER_FEATURE, user_features
@@ -30,10 +31,11 @@ class _Seen:
 
 
 class ShapeMemory:
-    """Remembers the user features of shapes; what it gives is what would be worked out, bit for bit.
+    """Remembers shapes' user features, distances and densities, so that they need not be worked out again.
 
-    A shape is known by its pixels, their place and all that its features depend on. A layer whose image is
-    the very same array, which sketches never write to, is not even looked at.
+    The bits are those that would be worked out. Several threads may use it at once: what it holds is never
+    written to, only replaced. A shape is known by its pixels, their place and all that its features depend
+    on. A layer whose image is the very same array, which sketches never write to, is not even looked at.
 
     Parameters
     ----------
@@ -46,6 +48,7 @@ class ShapeMemory:
         self._shapes: OrderedDict[bytes, Users] = OrderedDict()
         self._layers: dict[str, _Seen] = {}
         self._distances: dict[str, tuple[LabelImage, float, PaintedDistance]] = {}
+        self._densities: dict[tuple[str, str], DensityMemory] = {}
 
     def __len__(self) -> int:
         return len(self._shapes)
@@ -59,8 +62,12 @@ class ShapeMemory:
             self._distances[layer] = known
         return known[2]
 
+    def density(self, feature: str, term: str) -> DensityMemory:
+        """Return the memory of one term of what a type of feature judges its places by."""
+        return self._densities.setdefault((feature, term), DensityMemory())
+
     def user_features(self, sketch: Sketch, layer: str, *, seed: int) -> Users:
-        """Return the user features of a layer, shape after shape in reading order.
+        """Return the user features of a layer, sorted by id.
 
         Parameters
         ----------
@@ -82,6 +89,7 @@ class ShapeMemory:
             multitude = _multitude(sketch, layer, region.label)
             parts.append(self._of(layer, image, region, multitude, sketch.fidelity, seed))
         users = np.concatenate(parts)
+        users = users[np.argsort(users["id"], kind="stable")]
         self._layers[layer] = _Seen(image, settings, users)
         return users
 
@@ -93,11 +101,10 @@ class ShapeMemory:
         key = blake2b(
             np.packbits(region.mask).tobytes(), digest_size=16, key=blake2b(named.encode()).digest()
         ).digest()
-        if key in self._shapes:
-            self._shapes.move_to_end(key)
-            return self._shapes[key]
-        shape = measured(layer, image, region)
-        users = user_features(shape, multitude=multitude, fidelity=fidelity, seed=seed)
+        users = self._shapes.pop(key, None)
+        if users is None:
+            shape = measured(layer, image, region)
+            users = user_features(shape, multitude=multitude, fidelity=fidelity, seed=seed)
         self._shapes[key] = users
         if len(self._shapes) > self._most:
             self._shapes.popitem(last=False)

@@ -5,13 +5,15 @@ At fidelity 1 that is where it was painted. Below, it looks around and takes the
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points, conifer_code
-from sketchterrain.features.density import DensityField, cubic
+from sketchterrain.features.density import cubic
+from sketchterrain.features.density_memory import Named
 from sketchterrain.features.hashing import unit
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.profiles import shown_at
@@ -40,7 +42,8 @@ def place(sketch: Sketch, *, seed: int, memory: ShapeMemory | None = None) -> Po
     seed : int
         Seed of the terrain.
     memory : ShapeMemory, optional
-        From the last time, so that only what was painted since is broken up anew. The result is the same.
+        From the last time, so that only what was painted since, and what is near it, is worked out anew. The
+        bits are the same.
 
     Returns
     -------
@@ -82,55 +85,67 @@ class _Around:
         self._placed = placed
         self._memory = memory
 
-    def presence(self, preference: Preference, at: Floats, disc: Floats) -> Floats:
-        """How much of what a preference names is near each place: about 1 for one thing of like size."""
+    def presence(self, preference: Preference, asked: Named) -> Floats:
+        """How much of what a preference names is near each place: about 1 for one thing of like size.
+
+        The places' sizes are the discs of the features that ask.
+        """
+        disc = asked.sizes
         reach = preference.reach * disc
         if preference.what == "layer":
-            return cubic(
-                self._memory.painted_distance(self.sketch, preference.of)(at[:, 0], at[:, 1]) / reach
-            )
+            distance = self._memory.painted_distance(self.sketch, preference.of)
+            return cubic(distance(asked.positions[..., 0], asked.positions[..., 1]) / reach[:, None])
         if preference.what == "user":
-            others = self.users[preference.of]
-            positions = _painted_positions(self.sketch, others)
-            sizes = others["disc"] * self.sketch.pixel_size
+            features = self.painted(preference.of)
         else:
             final = self._placed[preference.of]
-            positions = np.stack([final["x"], final["y"]], axis=-1)
-            sizes = final["radius"].astype(np.float64)
-        return DensityField(positions, sizes).total(at, reach) / disc
+            at = np.stack([final["x"], final["y"]], axis=-1)
+            features = Named(final["id"], at, final["radius"].astype(np.float64))
+        return self.density(preference.feature, f"{preference.what} {preference.of}", features, asked, reach)
+
+    def painted(self, name: str) -> Named:
+        """User features of a type: where they were painted, and their discs (m)."""
+        own = self.users[name]
+        return Named(own["id"], _painted_positions(self.sketch, own), own["disc"] * self.sketch.pixel_size)
+
+    def density(self, feature: str, term: str, features: Named, asked: Named, reach: Floats) -> Floats:
+        """Density of features within reach (m) of each place, over the discs of those that ask."""
+        memory = self._memory.density(feature, term)
+        return memory.around(features, replace(asked, sizes=reach)) / asked.sizes[:, None]
 
 
 def _preferred(around: _Around, name: str, seed: int) -> Floats:
-    own = around.users[name]
-    painted = _painted_positions(around.sketch, own)
-    disc = own["disc"] * around.sketch.pixel_size
+    own = around.painted(name)
     number = np.arange(_PLACES)
-    ids = own["id"].astype(np.uint64)[:, None]
-    angle = 2.0 * np.pi * unit(seed, "place angle", ids, number)
-    distance = np.sqrt(unit(seed, "place distance", ids, number)) * (number > 0)
-    distance *= LOOSENESS * (1.0 - around.sketch.fidelity) * disc[:, None]
-    places = painted[:, None, :] + np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
+    angle = 2.0 * np.pi * unit(seed, "place angle", own.ids[:, None], number)
+    distance = np.sqrt(unit(seed, "place distance", own.ids[:, None], number)) * (number > 0)
+    distance *= LOOSENESS * (1.0 - around.sketch.fidelity) * own.sizes[:, None]
+    offset = np.stack([distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
+    places = replace(own, positions=own.positions[:, None, :] + offset)
 
-    at, radius = places.reshape(-1, 2), np.repeat(disc, _PLACES)
-    score = np.zeros(len(at))
+    score = np.zeros(places.positions.shape[:2])
     for preference in PREFERENCES:
         if preference.feature == name:
-            score += preference.weight * around.presence(preference, at, radius)
-    score = score.reshape(-1, _PLACES) + SUMMIT_SHUNS_SUMMIT * _other_summits(own, painted, disc, places)
+            score += preference.weight * around.presence(preference, places)
+    score += SUMMIT_SHUNS_SUMMIT * _other_summits(around, name, own, places)
     best = np.argmax(score, axis=1)
-    return np.asarray(places[np.arange(len(own)), best])
+    return np.asarray(places.positions[np.arange(len(best)), best])
 
 
-def _other_summits(own: npt.NDArray[np.void], painted: Floats, disc: Floats, places: Floats) -> Floats:
+def _other_summits(around: _Around, name: str, own: Named, places: Named) -> Floats:
     """Density of the other summits of this type, as painted, at each place; 0 for support."""
-    summit = np.flatnonzero(own["summit"])
-    field = DensityField(painted[summit], disc[summit])
-    at, reach = places[summit].reshape(-1, 2), np.repeat(2.0 * disc[summit], _PLACES)
-    around = field.total(at, reach).reshape(-1, _PLACES) / disc[summit][:, None]
-    itself = np.hypot(*np.moveaxis(places[summit] - painted[summit][:, None], -1, 0))
-    result = np.zeros(places.shape[:2])
-    result[summit] = around - cubic(itself / (2.0 * disc[summit][:, None]))
+    summit = np.flatnonzero(around.users[name]["summit"])
+    summits, asked = _rows(own, summit), _rows(places, summit)
+    reach = 2.0 * summits.sizes
+    itself = np.hypot(*np.moveaxis(asked.positions - summits.positions[:, None], -1, 0))
+    result = np.zeros(places.positions.shape[:2])
+    density = around.density(name, "other summits", summits, asked, reach)
+    result[summit] = density - cubic(itself / reach[:, None])
     return result
+
+
+def _rows(of: Named, chosen: npt.NDArray[np.intp]) -> Named:
+    return Named(of.ids[chosen], of.positions[chosen], of.sizes[chosen])
 
 
 def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions: Floats) -> Points:

@@ -11,6 +11,7 @@ from sketchterrain.compute import ComputeContext
 from sketchterrain.features import Fill, place
 from sketchterrain.features.covers import lay_covers
 from sketchterrain.features.edits import EditedFill, EditedPoints, edited_fill, edited_painted
+from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.rivers import trace_waters
 from sketchterrain.terrain.balance import balanced
 from sketchterrain.terrain.centrelines import valley_reach
@@ -52,11 +53,14 @@ def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeConte
     context = device if isinstance(device, ComputeContext) else ComputeContext(device)
     if seed is not None:
         sketch = sketch.replace(seed=seed)
-    return Terrain(sketch, make_recipe(sketch), context)
+    memory = ShapeMemory()
+    return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
 
 
 def rebuild(terrain: Terrain, sketch: Sketch) -> tuple[Terrain, list[Box]]:
     """Return the terrain of a changed sketch on the same device, and where it may differ.
+
+    What the terrain remembers of its placing is used again, and the bits are those of `build`.
 
     Returns
     -------
@@ -64,18 +68,26 @@ def rebuild(terrain: Terrain, sketch: Sketch) -> tuple[Terrain, list[Box]]:
     areas : list of (west, south, east, north)
         As :func:`~sketchterrain.terrain.changed_areas` says them: only tiles that these touch are other ones.
     """
-    after = Terrain(sketch, make_recipe(sketch), terrain.context)
+    recipe = make_recipe(sketch, memory=terrain.memory)
+    after = Terrain(sketch, recipe, terrain.context, memory=terrain.memory)
     return after, changed_areas(terrain.recipe, after.recipe)
 
 
-def make_recipe(sketch: Sketch) -> TerrainRecipe:
+def make_recipe(sketch: Sketch, *, memory: ShapeMemory | None = None) -> TerrainRecipe:
     """Place the features of a sketch; plain NumPy, no device is needed.
 
     A person's edits come between placing and filling, so that the fill keeps clear of what they moved.
     Rivers come last: they run down the ground that the other features make.
+
+    Parameters
+    ----------
+    sketch
+    memory
+        Of recipes made before, of this or of any other sketch. It saves time; the bits are the same.
     """
-    painted = edited_painted(place(sketch, seed=sketch.seed), sketch.edits)
-    fill = Fill(sketch, painted.points, seed=sketch.seed)
+    memory = ShapeMemory() if memory is None else memory
+    painted = edited_painted(place(sketch, seed=sketch.seed, memory=memory), sketch.edits)
+    fill = Fill(sketch, painted.points, seed=sketch.seed, memory=memory)
     adopted = edited_fill(fill, sketch.edits, size=sketch.size)
     dry = TerrainRecipe(
         extent=sketch.extent,

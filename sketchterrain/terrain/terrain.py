@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.features import Lake, River
     from sketchterrain.features.catalogue import Points
+    from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -100,9 +101,19 @@ class Terrain:
     sketch : Sketch
     recipe : TerrainRecipe
     context : ComputeContext
+    memory : ShapeMemory or None
+        What placing worked out, for the next recipe.
     """
 
-    def __init__(self, sketch: Sketch, recipe: TerrainRecipe, context: ComputeContext) -> None:
+    def __init__(
+        self,
+        sketch: Sketch,
+        recipe: TerrainRecipe,
+        context: ComputeContext,
+        *,
+        memory: ShapeMemory | None = None,
+    ) -> None:
+        self.memory = memory
         self.sketch = sketch
         self.recipe = recipe
         self.context = context

@@ -35,3 +35,11 @@ def test_a_mean_of_equal_values_is_that_value() -> None:
     field = DensityField(np.random.default_rng(0).random((40, 2)), np.ones(40))
     mean = field.mean(np.full(40, 7.0), np.array([[0.5, 0.5]]), np.array([0.4]))
     assert mean[0] == pytest.approx(7.0)
+
+
+def test_groups_of_places_have_the_same_bits_as_each_place() -> None:
+    rng = np.random.default_rng(4)
+    field = DensityField(rng.random((300, 2)) * 100, rng.random(300) + 0.5)
+    places, radius = rng.random((40, 1, 2)) * 100 + rng.normal(0, 4, (40, 8, 2)), rng.random(40) * 20 + 1
+    each = field.total(places.reshape(-1, 2), np.repeat(radius, 8)).reshape(40, 8)
+    np.testing.assert_array_equal(field.around(places, radius), each)

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
 from sketchterrain.features import memory as memory_module
 from sketchterrain.features import place
+from sketchterrain.features.density import DensityField
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.sketch.document import Sketch
+from sketchterrain.terrain import make_recipe
+
+if TYPE_CHECKING:
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 def squares(count: int = 4) -> Sketch:
@@ -84,3 +91,67 @@ def test_it_forgets_the_oldest() -> None:
         moved = np.roll(sketch.layers["mountain"], shift, 0)
         place(sketch.replace(layers={"mountain": moved}), seed=1, memory=memory)
         assert len(memory) == 3
+
+
+def stroke(sketch: Sketch, rng: np.random.Generator) -> Sketch:
+    """Paint or erase a disc somewhere on one layer."""
+    name = str(rng.choice(["mountain", "hill", "dune", "forest", "river"]))
+    image = np.array(sketch.layers[name])
+    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    row, column, radius = rng.uniform(0, 128), rng.uniform(0, 160), rng.uniform(0.6, 14)
+    image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = rng.integers(0, 3)
+    return sketch.replace(layers={**sketch.layers, name: image})
+
+
+@pytest.mark.parametrize(("seed", "fidelity"), [(1, 0.0), (2, 0.4), (3, 0.8), (4, 0.8), (5, 1.0)])
+def test_random_strokes_give_the_bits_of_a_fresh_placing(seed: int, fidelity: float) -> None:
+    rng, memory = np.random.default_rng(seed), ShapeMemory()
+    sketch = Sketch(layers={"hill": np.zeros((128, 160), np.uint8)}, fidelity=fidelity)
+    for _ in range(25):
+        sketch = stroke(sketch, rng)
+    for _ in range(25):
+        sketch = stroke(sketch, rng)
+        assert place(sketch, seed=1, memory=memory).tobytes() == place(sketch, seed=1).tobytes()
+
+
+def test_only_densities_near_a_stroke_are_added_up_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    real = DensityField.around
+
+    def counted(field, places, radius):
+        asked.append(len(places))
+        return real(field, places, radius)
+
+    monkeypatch.setattr(DensityField, "around", counted)
+    painted = np.zeros((256, 256), np.uint8)
+    painted[6::16, 6::16] = painted[6::16, 7::16] = 1
+    sketch, memory = Sketch(layers={"hill": painted}), ShapeMemory()
+    place(sketch, seed=1, memory=memory)
+    whole = sum(asked)
+    asked.clear()
+    place(sketch, seed=1, memory=memory)
+    assert asked == []
+    painted[126:130, 126:130] = 1
+    place(sketch.replace(layers={"hill": painted}), seed=1, memory=memory)
+    assert 0 < sum(asked) < 0.1 * whole
+
+
+def test_recipes_with_a_memory_have_the_bits_of_fresh_ones() -> None:
+    rng, memory = np.random.default_rng(6), ShapeMemory()
+    density = {"mountain": 0.01, "hill": 0.2, "forest": 0.1, "dune": 0.01}
+    sketch = Sketch(layers={"hill": np.zeros((128, 160), np.uint8)}, extent=8192.0, density=density)
+    for turn in range(16):
+        sketch = stroke(sketch, rng)
+        if turn % 4 == 0:
+            remembered, fresh = make_recipe(sketch, memory=memory), make_recipe(sketch)
+            assert recipe_bits(remembered) == recipe_bits(fresh)
+
+
+def recipe_bits(recipe: TerrainRecipe) -> list[bytes]:
+    """Every number of a recipe but the world's settings."""
+    bits = [recipe.painted.tobytes(), recipe.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
+    for river in recipe.rivers:
+        bits += [each.tobytes() for each in vars(river).values() if isinstance(each, np.ndarray)]
+    bits += [reach.tobytes() for reach in recipe.river_reach]
+    bits += [lake.shape.inside.tobytes() + repr((lake.level, lake.depth)).encode() for lake in recipe.lakes]
+    return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]

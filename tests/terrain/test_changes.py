@@ -190,6 +190,10 @@ def test_only_tiles_that_the_areas_touch_are_other_ones(plain: Terrain) -> None:
     point = plain.recipe.painted[0]
     move = Edit("move", int(point["id"]), x=float(point["x"]) + 400, y=float(point["y"]))
     after, areas = rebuild(plain, plain.sketch.with_edit(move))
+    assert after.memory is plain.memory
+    assert (
+        after.recipe.painted.tobytes() == build(after.sketch, device=plain.context).recipe.painted.tobytes()
+    )
     keys = [(3, column, row) for column in range(8) for row in range(8)]
     same = 0
     for old, new in zip(plain.tiles(keys), after.tiles(keys), strict=True):

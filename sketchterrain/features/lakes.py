@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sketchterrain.features.river_course import Course
-    from sketchterrain.features.river_water import Network
+    from sketchterrain.features.river_shape import Network
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]

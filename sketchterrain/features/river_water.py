@@ -1,4 +1,4 @@
-"""The water of a river network: widths, levels and beds that agree wherever two reaches meet."""
+"""The water of a river network: levels and beds that agree wherever two reaches meet."""
 
 from __future__ import annotations
 
@@ -7,29 +7,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from sketchterrain.features.catalogue import River
-from sketchterrain.features.river_path import arc_length
 from sketchterrain.features.river_profile import (
     LEAST_FALL,
-    Bends,
     joined_to,
     level_in_bends,
     no_steeper,
     pooled,
     smoothstep,
     surface_along,
-    width_along,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.features.river_course import Course
+    from sketchterrain.features.river_shape import Network
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 _DEPTH_POWER = 0.6  # how depth follows width along a river
 _MOST_GROWTH = 2.0  # times the label's width: a river that a wider one joins gets no deeper than so
@@ -54,200 +50,6 @@ class StillWater:
     last: int
     level: float
     rim: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Meeting:
-    """Where a tributary's water overlaps the stem's: one pool of one level.
-
-    Attributes
-    ----------
-    length : float
-        Metres of the tributary above its end.
-    above, below : float
-        Metres of the stem above and below the joint.
-    """
-
-    length: float
-    above: float
-    below: float
-
-
-@dataclass(frozen=True, eq=False)
-class Network:
-    """Courses with what follows from their shapes alone.
-
-    Attributes
-    ----------
-    courses : sequence of Course
-        Parents before the courses that join them.
-    parents : sequence of int
-        Index of the course that each joins; -1 for none.
-    arcs : sequence of (m,) float64
-        Metres from each spring.
-    widths : sequence of (m,) float64
-        Metres, with tributaries counted and neighbours heeded.
-    meetings : sequence of _Meeting or None
-    bends : sequence of Bends
-    cuts : sequence of sequences of (first, last)
-        Runs of points in which neither water nor bed may lie above the straight line from the point before
-        to the point after: valleys through mountains.
-    """
-
-    courses: Sequence[Course]
-    parents: Sequence[int]
-    arcs: Sequence[Floats]
-    widths: Sequence[Floats]
-    meetings: Sequence[_Meeting | None]
-    bends: Sequence[Bends]
-    cuts: Sequence[Sequence[tuple[int, int]]]
-
-    def joining(self, number: int) -> list[int]:
-        """Return the indices of the courses that join one."""
-        return [other for other, parent in enumerate(self.parents) if parent == number]
-
-
-def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int]]]) -> Network:
-    """Work out how wide rivers are, and where their waters overlap.
-
-    Parameters
-    ----------
-    courses : sequence of Course
-        Of any number of networks; parents before the courses that join them.
-    cuts : sequence of sequences of (first, last)
-        As in `Network`.
-    """
-    number_of = {id(course): number for number, course in enumerate(courses)}
-    parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
-    arcs = [arc_length(course.line) for course in courses]
-    widths: list[Floats] = [course.width for course in courses]
-    for number in reversed(range(len(courses))):
-        course = courses[number]
-        tributaries = [
-            (courses[other].joint, float(widths[other][-1]))
-            for other, parent in enumerate(parents)
-            if parent == number
-        ]
-        widths[number] = width_along(course.width, arcs[number], course.taper, tributaries)
-    meetings: list[_Meeting | None] = [
-        None
-        if parent < 0
-        else _meeting(course, courses[parent], arcs[n], arcs[parent], widths[n], widths[parent])
-        for n, (course, parent) in enumerate(zip(courses, parents, strict=True))
-    ]
-    widths = _beside_neighbours(courses, parents, arcs, widths, meetings)
-    bends = [
-        _bends(course.line, arc, width) for course, arc, width in zip(courses, arcs, widths, strict=True)
-    ]
-    return Network(courses, parents, arcs, widths, meetings, bends, cuts)
-
-
-def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
-    """Find where the ground beside a river, up to 1.6 widths away, is nearest to a place further down."""
-    along = np.gradient(line, axis=0)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
-    count = len(line)
-    fine = np.arange(4 * count - 3) / 4.0
-    tree = cKDTree(np.stack([np.interp(fine, np.arange(count), line[:, i]) for i in (0, 1)], axis=-1))
-    upper, lower = [], []
-    for widths in (-1.6, -1.0, 1.0, 1.6):
-        _, found = tree.query(line + widths * width[:, None] * across)
-        place = np.minimum((np.asarray(found) + 1) / 4.0, count - 1.0)
-        run = np.interp(place, np.arange(count), arc) - arc
-        below = np.flatnonzero((place > np.arange(count) + 0.25) & (run < 4.0 * width))
-        upper.append(below)
-        lower.append(place[below])
-    return Bends(np.concatenate(upper), np.concatenate(lower))
-
-
-def _meeting(
-    course: Course, parent: Course, arc: Floats, parent_arc: Floats, width: Floats, parent_width: Floats
-) -> _Meeting:
-    """Find the tributary's last run in which its water overlaps its parent's."""
-    distance, found = cKDTree(parent.line).query(course.line)
-    nearest = np.asarray(found)
-    overlap = distance < 0.55 * (width + parent_width[nearest])
-    apart = np.flatnonzero(~overlap)
-    first = int(apart[-1]) + 1 if len(apart) else 0
-    along = parent_arc[nearest[first:]] - parent_arc[course.joint]
-    margin = 0.5 * float(parent_width[course.joint]) + 0.5 * float(width[-1])
-    return _Meeting(
-        length=max(float(arc[-1] - arc[min(first, len(arc) - 1)]), margin),
-        above=max(-float(along.min(initial=0.0)), 0.0) + margin,
-        below=max(float(along.max(initial=0.0)), 0.0) + margin,
-    )
-
-
-def _beside_neighbours(
-    courses: Sequence[Course],
-    parents: Sequence[int],
-    arcs: Sequence[Floats],
-    widths: Sequence[Floats],
-    meetings: Sequence[_Meeting | None],
-) -> list[Floats]:
-    """Narrow rivers where their waters would overlap elsewhere than where they meet."""
-    boxes = [
-        (course.line.min(axis=0) - width.max(), course.line.max(axis=0) + width.max())
-        for course, width in zip(courses, widths, strict=True)
-    ]
-    trees = [cKDTree(course.line) for course in courses]
-    scales: list[Floats] = [np.ones(len(course.line)) for course in courses]
-    for number, course in enumerate(courses):
-        for other, tree in enumerate(trees):
-            if other == number or (boxes[number][0] > boxes[other][1]).any():
-                continue
-            if (boxes[number][1] < boxes[other][0]).any():
-                continue
-            # Further apart than this nobody is narrowed, so nobody farther is looked for.
-            widest = 0.5 * float(widths[number].max() + widths[other].max())
-            low, high = boxes[other]
-            asked = _apart(number, other, parents, arcs, courses, meetings)
-            asked &= ((course.line >= low - widest) & (course.line <= high + widest)).all(axis=1)
-            if not asked.any():
-                continue
-            answer = tree.query(course.line[asked], distance_upper_bound=1.01 * widest)
-            distance, nearest = (np.asarray(part) for part in answer)
-            found = np.isfinite(distance)
-            asked[asked], distance, nearest = found, distance[found], nearest[found]
-            total = 0.5 * (widths[number][asked] + widths[other][nearest])
-            counts = _apart(other, number, parents, arcs, courses, meetings)[nearest]
-            scale = np.where(counts, np.clip(distance / total, 0.05, 1.0), 1.0)
-            scales[number][asked] = np.minimum(scales[number][asked], scale)
-    return [
-        width * _softened(scale, arc, float(width.max()))
-        for width, scale, arc in zip(widths, scales, arcs, strict=True)
-    ]
-
-
-def _apart(
-    number: int,
-    other: int,
-    parents: Sequence[int],
-    arcs: Sequence[Floats],
-    courses: Sequence[Course],
-    meetings: Sequence[_Meeting | None],
-) -> npt.NDArray[np.bool_]:
-    """Points of a course that lie outside every confluence that it shares with the other one's family."""
-    arc, away = arcs[number], np.ones(len(arcs[number]), dtype=np.bool_)
-    own = meetings[number]
-    if own is not None and (parents[number] == other or parents[other] == parents[number]):
-        away &= arc < arc[-1] - own.length
-    met = meetings[other]
-    if met is not None and parents[other] == number:
-        joint = arc[courses[other].joint]
-        away &= (arc < joint - met.above) | (arc > joint + met.below)
-    return away
-
-
-def _softened(scale: Floats, arc: Floats, width: float) -> Floats:
-    """Let a narrow place begin some widths before it and end some widths after it."""
-    narrow = np.flatnonzero(scale < 1.0)
-    if not len(narrow):
-        return scale
-    slope = 0.15 / width
-    fore = np.minimum.accumulate(scale - slope * arc) + slope * arc
-    back = np.minimum.accumulate((scale + slope * arc)[::-1])[::-1] - slope * arc
-    return np.asarray(np.minimum(np.minimum(fore, back), 1.0))
 
 
 def falling_levels(

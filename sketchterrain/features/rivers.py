@@ -23,7 +23,8 @@ from sketchterrain.features.river_course import (
 )
 from sketchterrain.features.river_edits import edited_courses, kept_lakes
 from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
-from sketchterrain.features.river_water import network_of, rivers_of
+from sketchterrain.features.river_shape import network_of
+from sketchterrain.features.river_water import rivers_of
 from sketchterrain.features.skeleton import skeletons
 
 if TYPE_CHECKING:

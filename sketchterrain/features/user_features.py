@@ -291,7 +291,7 @@ class _Cover:
 
 
 def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed: int) -> Floats:
-    """Strength relative to the label's: the largest summit has it whole."""
+    """Strength relative to the label's: the largest summit has it whole, and no other has more."""
     rule = TYPES[shape.layer]
     disc, summit = features["disc"], features["summit"]
     largest = float(disc[summit].max())
@@ -300,7 +300,9 @@ def _shares(shape: Shape, features: npt.NDArray[np.void], fidelity: float, seed:
     swing = smooth_noise(seed, f"{shape.layer} support", features["column"] / scale, features["row"] / scale)
     low, high = rule.support
     share = np.where(summit, 1.0, low + (high - low) * swing) * size
+    whole = summit & (disc == largest)
     pixel = features["id"].astype(np.uint64)
     # Only summits differ at random: neighbouring discs of a ridge would look like a string of pearls.
     swing = np.where(summit, rule.variation * (2.0 * unit(seed, "strength", pixel) - 1.0), 0.0)
-    return np.asarray(np.maximum(share * (1.0 + swing), rule.held * fidelity**4))
+    share = np.where(whole, 1.0, np.minimum(share * (1.0 + swing), 1.0))
+    return np.asarray(np.maximum(share, rule.held * fidelity**4))

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
+_SHOWS = 0.25  # of two rivers' widths' mean: so near, the bed of one shows in the other's centreline
+
 
 @dataclass(frozen=True, eq=False)
 class Meeting:
@@ -30,11 +32,14 @@ class Meeting:
         Metres of the tributary above its end.
     above, below : float
         Metres of the stem above and below the joint.
+    bed : (float, float)
+        The same for where the stem's bed shows in the tributary's centreline: the two must be one there.
     """
 
     length: float
     above: float
     below: float
+    bed: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +140,16 @@ def _meeting(
     first = int(apart[-1]) + 1 if len(apart) else 0
     along = parent_arc[nearest[first:]] - parent_arc[course.joint]
     margin = 0.5 * float(parent_width[course.joint]) + 0.5 * float(width[-1])
+    shows = _SHOWS * np.sqrt(width * parent_width[nearest])[first:]
+    shown = along[distance[first:] < shows]
     return Meeting(
         length=max(float(arc[-1] - arc[min(first, len(arc) - 1)]), margin),
         above=max(-float(along.min(initial=0.0)), 0.0) + margin,
         below=max(float(along.max(initial=0.0)), 0.0) + margin,
+        bed=(
+            max(-float(shown.min(initial=0.0)), 0.0) + float(shows[-1]),
+            max(float(shown.max(initial=0.0)), 0.0) + float(shows[-1]),
+        ),
     )
 
 

@@ -144,11 +144,23 @@ def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
             end, arc = float(beds[parent][course.joint]), network.arcs[number]
             bed = np.maximum(bed, end)
             bed += (end - bed) * smoothstep((arc - arc[-1] + 2.0 * meeting.length) / meeting.length)
-        bed = _below_chord(np.minimum.accumulate(bed), network.arcs[number], network.cuts[number])
+        bed = _one_bed(network, number, np.minimum.accumulate(bed))
+        bed = _below_chord(bed, network.arcs[number], network.cuts[number])
         bed = np.minimum(bed, level - _LEAST_DEPTH)
         beds.append(bed)
         rivers.append(_river(course, width, level, level - bed))
     return rivers
+
+
+def _one_bed(network: Network, number: int, bed: Floats) -> Floats:
+    """Make a river's bed level where tributaries end: else theirs would rise at their ends to meet it."""
+    arc = network.arcs[number]
+    # From the mouth upward, as with levels.
+    for other in sorted(network.joining(number), key=lambda each: -network.courses[each].joint):
+        meeting, joint = network.meetings[other], float(arc[network.courses[other].joint])
+        if meeting is not None:
+            bed = pooled(bed, arc, joint - meeting.bed[0], joint + meeting.bed[1])
+    return bed
 
 
 def _river(course: Course, width: Floats, level: Floats, depth: Floats) -> River:

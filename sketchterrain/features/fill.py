@@ -85,17 +85,46 @@ class Fill:
         size = (self.sketch.extent, self.sketch.width_px, self.sketch.height_px)
         return self.seed, size, tuple(self._proposals.values()), tuple(own)
 
-    def influence(self, radius: float) -> float:
-        """How far (m) from a painted pixel, or from a placed feature of this radius (m), the fill heeds it.
+    @property
+    def types(self) -> tuple[str, ...]:
+        """The types that it has features of, in the order in which they give way."""
+        return tuple(self._proposals)
+
+    def heeds(self, name: str, radius: float | None = None) -> dict[str, float]:
+        """How far (m) from what changed its features of each type may be other ones, at most.
 
         What stands too near gives way, and then what had given way to that may stand.
+
+        Parameters
+        ----------
+        name : str
+            Type of the placed feature that changed, or layer of the painted pixels.
+        radius : float, optional
+            Ground radius (m) of the feature; without it, pixels are meant.
         """
-        most, names = self.max_radius, tuple(self._proposals)
+        largest = {own: np.array([proposal.high]) for own, proposal in self._proposals.items()}
+        ways = {own: self.heeded(own, name, high, radius) for own, high in largest.items()}
+        direct = {own: float(way[0]) for own, way in ways.items() if way is not None}
+        far = dict(direct)
+        for (rival, own), factor in SPACING.items():
+            if rival in direct and own in largest:
+                after = direct[rival] + factor * float(largest[rival][0] + largest[own][0])
+                far[own] = max(far.get(own, 0.0), after)
+        return far
+
+    def heeded(self, own: str, name: str, radii: Floats, radius: float | None = None) -> Floats | None:
+        """How far (m) candidates of a type, of these radii (m), look for what `heeds` names; None if not."""
+        if radius is not None:
+            factor = SPACING.get((name, own), 0.0)
+            return factor * (radius + radii) if factor > 0.0 else None
+        if (own, name) not in CLEARANCE:
+            return None
         # Beyond the sketch's edge a distance may be told too short by a factor of up to √2.
-        clearance = max((factor for (name, _), factor in CLEARANCE.items() if name in names), default=0.0)
-        spacing = max((factor for (_, name), factor in SPACING.items() if name in names), default=0.0)
-        direct = max(math.sqrt(2.0) * clearance * most, spacing * (radius + most))
-        return direct + 2.0 * spacing * most + 2.0 * self.sketch.pixel_size
+        return math.sqrt(2.0) * CLEARANCE[own, name] * radii + 2.0 * self.sketch.pixel_size
+
+    def candidates(self, name: str, box: tuple[float, float, float, float]) -> Points:
+        """Candidates of a type in a rectangle (west, south, east, north, m), whatever is painted there."""
+        return self._proposed(self._proposals[name], box)
 
     @property
     def dune_styles(self) -> frozenset[tuple[float, float]]:
@@ -157,6 +186,10 @@ class Fill:
 
     def _candidates(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
         """Candidates of a type in a rectangle, without those that stand where something was painted."""
+        proposed = self._proposed(proposal, box)
+        return proposed[self._painted.leaves_room(proposal.name, proposed)]
+
+    def _proposed(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
         name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
         most = math.ceil(proposal.per_cell)
         column = np.arange(math.floor(box[0] / cell), math.floor(box[2] / cell) + 1)[None, :, None]
@@ -176,7 +209,7 @@ class Fill:
         size = unit(self.seed, f"{name} size", *keys)
         result["radius"] = proposal.low * (proposal.high / proposal.low) ** size
         self._dress(result, proposal, unit(self.seed, f"{name} strength", *keys))
-        return result[self._painted.leaves_room(name, result)]
+        return result
 
     def _dress(self, features: Points, proposal: Proposal, chance: Floats) -> None:
         """Strength and the rest from the properties of the layer's label 1, lower where it is smaller."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import ndimage
 
-from sketchterrain.features.catalogue import FEATURE, Points
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points
 from sketchterrain.features.edits import EditedFill
 
 if TYPE_CHECKING:
@@ -63,31 +63,34 @@ def _affected(old: Fill, new: Fill) -> list[Box]:
     """Rectangles outside of which the two fills are the same."""
     found = []
     points = np.concatenate([only_in(old.painted, new.painted), only_in(new.painted, old.painted)])
-    for x, y, radius in zip(points["x"], points["y"], points["radius"], strict=True):
-        reach = new.influence(float(radius))
-        found.append((x - reach, y - reach, x + reach, y + reach))
-    reach = new.influence(0.0)
-    found += [
-        (west - reach, south - reach, east + reach, north + reach)
-        for west, south, east, north in _repainted(old.sketch, new.sketch)
-    ]
+    for x, y, code, radius in zip(*(points[key] for key in ("x", "y", "type", "radius")), strict=True):
+        reaches = new.heeds(FEATURE_TYPES[code], float(radius)).values()
+        found += [_widened((float(x), float(y), float(x), float(y)), reach) for reach in sorted(reaches)[-1:]]
+    for name in new.sketch.layers:
+        reaches = new.heeds(name).values()
+        for reach in sorted(reaches)[-1:]:
+            found += [_widened(box, reach) for box in _repainted(old.sketch, new.sketch, name)]
     return joined_boxes(found)
 
 
-def _repainted(old: Sketch, new: Sketch) -> list[Box]:
-    """Return rectangles (m) around the pixels that are painted in only one of two sketches of one size."""
-    boxes = []
-    for name, image in new.layers.items():
-        if image is old.layers[name]:
-            continue
-        changed = (image > 0) != (old.layers[name] > 0)
-        regions, count = ndimage.label(changed, structure=np.ones((3, 3)))
-        if count > _MOST_REGIONS:
-            regions = changed.astype(np.int32)
-        for rows, columns in ndimage.find_objects(regions):
-            south, north = (new.height_px - row for row in (rows.stop, rows.start))
-            pixels = np.array([columns.start, south, columns.stop, north]) * new.pixel_size
-            boxes.append((float(pixels[0]), float(pixels[1]), float(pixels[2]), float(pixels[3])))
+def _widened(box: Box, reach: float) -> Box:
+    west, south, east, north = box
+    return west - reach, south - reach, east + reach, north + reach
+
+
+def _repainted(old: Sketch, new: Sketch, name: str) -> list[Box]:
+    """Return rectangles (m) around the pixels of a layer painted in only one of two sketches of one size."""
+    image, boxes = new.layers[name], []
+    if image is old.layers[name]:
+        return []
+    changed = (image > 0) != (old.layers[name] > 0)
+    regions, count = ndimage.label(changed, structure=np.ones((3, 3)))
+    if count > _MOST_REGIONS:
+        regions = changed.astype(np.int32)
+    for rows, columns in ndimage.find_objects(regions):
+        south, north = (new.height_px - row for row in (rows.stop, rows.start))
+        pixels = np.array([columns.start, south, columns.stop, north]) * new.pixel_size
+        boxes.append((float(pixels[0]), float(pixels[1]), float(pixels[2]), float(pixels[3])))
     return boxes
 
 

@@ -26,6 +26,7 @@ LOOSENESS = 0.5
 """How far a feature may move at fidelity 0, in radii of its disc."""
 
 _PLACES = 8  # places that a feature compares; the first is where it was painted
+_SUMMIT_REACH = 2.0  # discs at which summits of one type keep apart
 _LEAST_RADIUS = 1.5  # px
 _LEAST_SHARE = 0.36  # of its label's strength: a lower feature does not reach farther for being low
 
@@ -62,6 +63,30 @@ def place(sketch: Sketch, *, seed: int, memory: ShapeMemory | None = None) -> Po
     everything = np.concatenate(list(placed.values()))
     ordered: Points = everything[np.argsort(everything["id"], kind="stable")]
     return ordered
+
+
+def looks_around(sketch: Sketch, *, seed: int, memory: ShapeMemory) -> dict[str, float]:
+    """How far (m) from shapes that change features of each type may find other places, as the rules are.
+
+    Parameters
+    ----------
+    sketch, seed, memory
+        As for `place`.
+    """
+    far = dict.fromkeys(TYPES, 0.0)
+    for name in TYPES:
+        users = memory.user_features(sketch, name, seed=seed)
+        if sketch.fidelity >= 1.0 or len(users) == 0:
+            continue
+        disc = float(users["disc"].max()) * sketch.pixel_size
+        seen = [_SUMMIT_REACH]
+        for preference in PREFERENCES:
+            if preference.feature == name:
+                start = far[preference.of] if preference.what == "final" else 2.0 * sketch.pixel_size
+                seen.append(preference.reach + start / disc)
+        # It judges places around where it was painted, and may end in one on the other side.
+        far[name] = (max(seen) + 2.0 * LOOSENESS * (1.0 - sketch.fidelity)) * disc
+    return far
 
 
 def _painted_positions(sketch: Sketch, users: npt.NDArray[np.void]) -> Floats:
@@ -136,7 +161,7 @@ def _other_summits(around: _Around, name: str, own: Named, places: Named) -> Flo
     """Density of the other summits of this type, as painted, at each place; 0 for support."""
     summit = np.flatnonzero(around.users[name]["summit"])
     summits, asked = _rows(own, summit), _rows(places, summit)
-    reach = 2.0 * summits.sizes
+    reach = _SUMMIT_REACH * summits.sizes
     itself = np.hypot(*np.moveaxis(asked.positions - summits.positions[:, None], -1, 0))
     result = np.zeros(places.positions.shape[:2])
     density = around.density(name, "other summits", summits, asked, reach)

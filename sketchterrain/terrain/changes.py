@@ -11,8 +11,6 @@ import numpy as np
 from sketchterrain.features import Fill
 from sketchterrain.features.edits import EditedFill
 from sketchterrain.features.fill_changes import fill_difference, joined_boxes, only_in
-from sketchterrain.features.placement import LOOSENESS
-from sketchterrain.features.rules import PREFERENCES, TYPES
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_features, pack_rivers, support_radii
 
@@ -23,7 +21,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["EVERYWHERE", "Box", "changed_areas", "influence", "touches"]
+__all__ = ["EVERYWHERE", "Box", "changed_areas", "touches"]
 
 Box = tuple[float, float, float, float]
 
@@ -73,24 +71,6 @@ def touches(areas: Sequence[Box], bounds: Box, *, margin: float = 0.0) -> bool:
         w <= east + margin and e >= west - margin and s <= north + margin and n >= south - margin
         for w, s, e, n in areas
     )
-
-
-def influence(recipe: TerrainRecipe) -> float:
-    """Return how far (m) an edit can matter.
-
-    Farther away from what was painted or moved, before and after, every height keeps its bits. Two things
-    carry an edit on, and the distance counts from them too: features that overlap, one after another, reach
-    their heights together (``balance``), and a river's level depends on all of the ground on its way.
-    """
-    largest = float(recipe.painted["radius"].max()) if recipe.painted.size else 0.0
-    # A feature looks around for its place, in discs; those are smaller than the ground radii.
-    look = max(preference.reach for preference in PREFERENCES) + LOOSENESS
-    look *= largest / min(rule.reach for rule in TYPES.values())
-    fill = recipe.fill.fill if isinstance(recipe.fill, EditedFill) else recipe.fill
-    filled = (
-        fill.influence(largest) + fill.max_radius * support_radii(recipe) if isinstance(fill, Fill) else 0.0
-    )
-    return look + max(largest * support_radii(recipe), filled) + 3 * metres_per_unit(recipe.extent)
 
 
 def _of_the_world(recipe: TerrainRecipe) -> tuple[object, ...]:

@@ -4,12 +4,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from sketchterrain.features import FEATURE_TYPES, FILL_BIT
+from sketchterrain.features import FEATURE_TYPES, FILL_BIT, label_shapes
 from sketchterrain.features.edits import lock_of
 from sketchterrain.sketch import Edit, Sketch
 from sketchterrain.terrain import Terrain, build, rebuild
-from sketchterrain.terrain.changes import EVERYWHERE, Box, changed_areas, influence, touches
+from sketchterrain.terrain.changes import EVERYWHERE, Box, changed_areas, touches
+from sketchterrain.terrain.influence import influence
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
@@ -184,6 +186,62 @@ def test_an_edit_matters_no_farther_than_the_stated_distance(context: ComputeCon
         same = before.heights(x, y) == after.heights(x, y)
         assert same[~near].all()
         assert not same.all()
+
+
+def _shapes_painted_on(old: Sketch, new: Sketch) -> list[np.ndarray]:
+    """Positions (m) of all pixels of the shapes, before and after, that hold a pixel that changed."""
+    found = []
+    for name, image in new.layers.items():
+        changed = image != old.layers[name]
+        for each in (old, new):
+            for shape in label_shapes(name, each.layers[name]):
+                if (changed[shape.rows, shape.columns] & shape.mask).any():
+                    row, column = shape.pixels(shape.mask)
+                    found.append(np.column_stack([column + 0.5, SIDE - row - 0.5]) * each.pixel_size)
+    return found
+
+
+def _what_changed(old: Terrain, new: Terrain) -> np.ndarray:
+    """Positions (m) that `influence` counts from."""
+    edited = [edit.feature for edit in new.sketch.edits]
+    added = ~np.isin(new.recipe.painted["id"], old.recipe.painted["id"])
+    if new.sketch.edits and not edited[-1]:
+        edited += new.recipe.painted["id"][added].tolist()
+    found = _shapes_painted_on(old.sketch, new.sketch)
+    places = ("x", "y", "radius")
+    for one, other in ((old, new), (new, old)):
+        points = one.features.points
+        found += [np.column_stack([point["x"], point["y"]]) for point in points if int(point["id"]) in edited]
+        kept = {point["id"]: point for point in other.recipe.painted}
+        for point in one.recipe.painted:
+            twin = kept.get(point["id"])
+            if twin is not None and all(point[key] == twin[key] for key in places) and point != twin:
+                found.append(np.column_stack([point["x"], point["y"]]))  # its strength alone is another one
+        lines = {river.centreline.tobytes() for river in other.recipe.rivers}
+        found += [
+            river.centreline[:, :2] for river in one.recipe.rivers if river.centreline.tobytes() not in lines
+        ]
+        levels = {(lake.id, lake.level) for lake in other.recipe.lakes}
+        for lake in one.recipe.lakes:
+            if (lake.id, lake.level) not in levels:
+                rows, columns = np.nonzero(lake.shape.inside >= 0)
+                corner = np.array([lake.shape.west, lake.shape.south])
+                found.append(corner + np.column_stack([columns, rows]) * lake.shape.spacing)
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("seed", range(32))
+def test_random_changes_matter_no_farther_than_the_stated_distance(
+    plain: Terrain, context: ComputeContext, seed: int
+) -> None:
+    after = build(_edited(plain.sketch, plain, seed), device=context)
+    stroke = not after.sketch.edits
+    far = max(influence(recipe, stroke=stroke) for recipe in (plain.recipe, after.recipe))
+    x, y = _samples()
+    distance, _ = cKDTree(_what_changed(plain, after)).query(np.column_stack([x, y]))
+    same = plain.heights(x, y) == after.heights(x, y)
+    assert same[distance > far].all()
+    assert (distance > far).mean() > 0.3
 
 
 def test_only_tiles_that_the_areas_touch_are_other_ones(plain: Terrain) -> None:

@@ -58,10 +58,8 @@ def influence(recipe: TerrainRecipe, *, stroke: bool = True) -> float:
 
 def _around_waters(recipe: TerrainRecipe) -> list[float]:
     """How far (m) from rivers, lakes and covers the ground or its material is theirs."""
-    far = [
-        _FIELD_MARGIN * each.shape.spacing - float(each.shape.inside.min())
-        for each in (*recipe.lakes, *recipe.covers)
-    ]
+    fields = [lake.shape for lake in recipe.lakes] + [cover.shape for cover in recipe.covers]
+    far = [_FIELD_MARGIN * field.spacing - float(field.inside.min()) for field in fields]
     if recipe.rivers:
         packed = pack_rivers(recipe)
         far.append(max(float(packed.up[:, 3].max()), float(packed.down[:, 3].max())) * (1 + 1e-5))

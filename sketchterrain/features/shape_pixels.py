@@ -1,0 +1,48 @@
+"""The pixels of a shape as columns of numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.features.hashing import hashed
+from sketchterrain.features.rules import LAYER_CODES
+
+if TYPE_CHECKING:
+    from sketchterrain.features.shapes import Shape
+
+LEAST_DISC = 1.0
+"""Radius (px) of the smallest disc: even a lone pixel must show."""
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Flags = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """A shape's pixels as columns, in reading order: one entry a pixel."""
+
+    row: Ints  # in the bounding box
+    column: Ints
+    depth: Floats  # px
+    disc: Floats  # px, radius of the user feature that would stand here
+    priority: npt.NDArray[np.uint64]  # lowest first
+
+    @classmethod
+    def of(cls, shape: Shape, *, most: float, seed: int) -> Pixels:
+        """Measure a shape's pixels; `most` is the radius (px) that no disc exceeds."""
+        row, column = np.nonzero(shape.mask)
+        depth = shape.depth[row, column]
+        index = (row + int(shape.rows.start)).astype(np.int64) * shape.image_width
+        index += column + int(shape.columns.start)
+        return cls(
+            row=row,
+            column=column,
+            depth=depth,
+            disc=np.maximum(np.minimum(depth, most), LEAST_DISC),
+            priority=hashed(seed, "dart", LAYER_CODES[shape.layer], shape.label, index),
+        )

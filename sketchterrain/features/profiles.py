@@ -17,6 +17,8 @@ SHOWN: Final = 0.25
 
 _STEEPEST = 0.6  # added to the flank at fidelity 1
 _LOOSE = 0.6  # fidelity up to which flanks are as gentle as they can be
+_POINTED = 4.0  # of hills' tops: 0 is (1 - s²)², without end (1 - s)²
+_CUT_IN = 0.25  # how much farther a mountain reaches at fidelity 0, as valleys cut into its outline
 _HALVINGS = 30
 
 
@@ -33,8 +35,14 @@ def cubic(t: Floats) -> Floats:
 
 
 def hill_profile(t: Floats, steepness: float | Floats) -> Floats:
-    """Return what a hill keeps of its height: all up to 1 - 1/steepness, then the cubic down to 0 at 1."""
-    return cubic(np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0))
+    """Return what a hill keeps of its height: all up to 1 - 1/steepness, then down to a hollow foot at 1.
+
+    A round top, below it a slope that fades evenly into the ground, so that no edge tells where the foot is:
+    nearly (1 - s)², but level at s = 0.
+    """
+    s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
+    left = (1.0 - s) * (1.0 + (1.0 + _POINTED) * s) / (1.0 + _POINTED * s)
+    return np.asarray(left * left)
 
 
 def mountain_profile(t: Floats, peakiness: float | Floats, steepness: float | Floats) -> Floats:
@@ -71,4 +79,5 @@ def shown_at(name: str, share: Floats, peakiness: Floats, fidelity: float) -> Fl
             profile = area_profile(middle)
         above = share * profile > SHOWN
         low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return low
+    # Valleys between ridges cut into an outline more than spurs add to it, less so near fidelity 1.
+    return low / (1.0 + _CUT_IN * (1.0 - fidelity)) if name == "mountain" else low

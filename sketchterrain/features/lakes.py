@@ -127,12 +127,40 @@ def within(field: ShapeField, at: Floats) -> Floats:
 
 def runs_inside(lakes: Sequence[Lake], line: Floats) -> Runs:
     """Find the runs of a centreline that lie in lakes."""
-    runs: Runs = []
+    return sorted(
+        (first, last, number)
+        for number, lake in enumerate(lakes)
+        for first, last in _runs(within(lake.shape, line) > 0.0)
+    )
+
+
+def still_runs(lakes: Sequence[Lake], line: Floats) -> list[tuple[int, int, int, int]]:
+    """Find where a centreline comes into lakes' rims, and the runs inside the lakes.
+
+    Returns
+    -------
+    list of (shore, first, last, lake)
+        Upstream first; as in `StillWater`.
+    """
+    found = []
     for number, lake in enumerate(lakes):
-        inside = np.concatenate([[False], within(lake.shape, line) > 0.0, [False]])
-        turns = np.flatnonzero(inside[1:] != inside[:-1])
-        runs += [(int(a), int(b) - 1, number) for a, b in zip(turns[::2], turns[1::2], strict=True)]
-    return sorted(runs)
+        depth = within(lake.shape, line)
+        rim = _RIM * float(lake.shape.inside[[0, -1]].max())  # below zero: outside
+        inside = _runs(depth > 0.0)
+        for start, stop in _runs(depth > rim):
+            shore, own = start, [run for run in inside if start <= run[0] <= stop]
+            for first, last in own:
+                found.append((shore, first, last, number))
+                shore = last + 1
+            if not own:
+                found.append((start, stop + 1, stop, number))
+    return sorted(found, key=lambda run: run[1:])
+
+
+def _runs(there: npt.NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last index of each run of True."""
+    turns = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(turns[::2], turns[1::2], strict=True)]
 
 
 def settled(
@@ -146,17 +174,18 @@ def settled(
     levels : list of (m,) float64
         Water levels along each course.
     """
-    runs = [runs_inside(lakes, course.line) for course in network.courses]
+    runs = [still_runs(lakes, course.line) for course in network.courses]
     water = np.array([lake.level for lake in lakes])
-    rims = [_RIM * -float(lake.shape.inside[[0, -1]].max()) for lake in lakes]
     levels = falling_levels(network, grounds, [()] * len(runs))
     for _ in range(_ROUNDS):
         before = water.copy()
         for own, level in zip(runs, levels, strict=True):
-            for first, last, lake in own:
+            for _, first, last, lake in own:
+                if last < first:
+                    continue  # it only passes by
                 comes = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
                 water[lake] = min(water[lake], comes)
-        still = [[StillWater(a, b, float(water[lake]), rims[lake]) for a, b, lake in own] for own in runs]
+        still = [[StillWater(*run, float(water[lake])) for *run, lake in own] for own in runs]
         levels = falling_levels(network, grounds, still)
         if (water == before).all():
             break

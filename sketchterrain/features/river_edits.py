@@ -12,15 +12,15 @@ import numpy as np
 
 from sketchterrain.features.river_course import drawn_course
 from sketchterrain.features.rules import LAYER_CODES
+from sketchterrain.sketch import Edit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     import numpy.typing as npt
 
-    from sketchterrain.features.catalogue import Lake
+    from sketchterrain.features.catalogue import Lake, River
     from sketchterrain.features.river_course import Course
-    from sketchterrain.sketch import Edit
 
 _ACTIONS = frozenset({"move_point", "width", "delete"})
 
@@ -65,13 +65,17 @@ def edited_courses(courses: list[Course], edits: Iterable[Edit]) -> tuple[list[C
     """
     by_id = {course.id: course for course in courses}
     wanted: dict[int, list[Edit]] = {}
+    controls = {course.id: np.array(course.line[course.controls]) for course in courses}
     orphans = []
     for edit in filter(concerns_river, edits):
-        problem = _problem(by_id.get(edit.feature or 0), edit)
+        name = edit.feature or 0
+        problem = _problem(by_id.get(name), controls.get(name), edit)
         if problem:
-            orphans.append(f"{edit.action} of river {edit.feature}: {problem}")
-        else:
-            wanted.setdefault(edit.feature or 0, []).append(edit)
+            orphans.append(f"{edit.action} of river {name}: {problem}")
+            continue
+        wanted.setdefault(name, []).append(edit)
+        if edit.action == "move_point":
+            controls[name][_control(controls[name], edit)] = edit.x, edit.y
     if not wanted:
         return courses, tuple(orphans)
     after: dict[int, Course | None] = {}
@@ -81,25 +85,51 @@ def edited_courses(courses: list[Course], edits: Iterable[Edit]) -> tuple[list[C
             after[course.id] = None
         else:
             parent = None if course.parent is None else after[course.parent.id]
-            after[course.id] = _changed(course, parent, own)
+            after[course.id] = _changed(course, parent, own, controls[course.id])
     return [course for course in after.values() if course is not None], tuple(orphans)
 
 
-def _problem(course: Course | None, edit: Edit) -> str | None:
-    if course is None:
+def move_of(river: River, index: int, *, x: float, y: float) -> Edit:
+    """Return the edit that moves a control point, named by where it is: it is found again in a changed river.
+
+    Parameters
+    ----------
+    river
+        As it is now.
+    index
+        Which of its `points`.
+    x, y
+        Where the point shall be (m).
+    """
+    from_x, from_y = (float(each) for each in river.points[index, :2])
+    return Edit("move_point", river.id, index=index, x=x, y=y, from_x=from_x, from_y=from_y)
+
+
+def _control(points: npt.NDArray[np.float64], edit: Edit) -> int | None:
+    """Return which control point an edit means: the nearest to where it was, within one interval."""
+    if edit.from_x is None:
+        return edit.index if edit.index is not None and edit.index < len(points) else None
+    away = np.hypot(*(points - [edit.from_x, edit.from_y]).T)
+    nearest = int(np.argmin(away))
+    beside = np.hypot(*np.diff(points[max(nearest - 1, 0) : nearest + 2], axis=0).T)
+    return nearest if away[nearest] <= beside.max() else None
+
+
+def _problem(course: Course | None, points: npt.NDArray[np.float64] | None, edit: Edit) -> str | None:
+    if course is None or points is None:
         return "there is no such river any more"
     if edit.action not in _ACTIONS:
         return f"a river has only {', '.join(sorted(_ACTIONS))}"
-    if edit.index is not None and edit.index >= len(course.controls):
-        return f"there is no control point {edit.index}, only {len(course.controls)} of them"
+    if edit.action == "move_point" and _control(points, edit) is None:
+        if edit.from_x is not None:
+            return f"there is no control point near ({edit.from_x:.0f}, {edit.from_y:.0f}) m any more"
+        return f"there is no control point {edit.index}, only {len(points)} of them"
     return None
 
 
-def _changed(course: Course, parent: Course | None, edits: list[Edit]) -> Course:
-    points = np.array(course.line[course.controls])
-    for edit in edits:
-        if edit.action == "move_point":
-            points[edit.index] = edit.x, edit.y
+def _changed(
+    course: Course, parent: Course | None, edits: list[Edit], points: npt.NDArray[np.float64]
+) -> Course:
     joint = -1
     if parent is course.parent and np.array_equal(points, course.line[course.controls]):
         joint = course.joint

@@ -135,10 +135,13 @@ class Bends:
         Points of a centreline.
     lower : (k,) float64
         The place whose bank stands beside each, in points: between two of them, further down.
+    off : (k,) float64
+        How far the bank stands from that place, in half widths there.
     """
 
     upper: npt.NDArray[np.intp]
     lower: Floats
+    off: Floats
 
 
 def level_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> Floats:
@@ -150,12 +153,14 @@ def level_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> F
         Water level and length from the spring (m).
     bends : Bends
     depth : (m,) float64
-        Metres; a bank counts as a quarter of it high.
+        Metres; a bank counts as up to a quarter of it high, and less near the water's edge.
     """
     before = np.minimum(bends.lower.astype(np.intp), len(level) - 2)
     share = bends.lower - before
     same = before == bends.upper
-    bank = 0.25 * depth[bends.upper]
+    bank = np.minimum(0.25, 0.5 * smoothstep((bends.off - 1.0) / 0.8)) * depth[bends.upper]
+    run = np.interp(bends.lower, np.arange(len(arc)), arc) - arc[bends.upper]
+    bank = np.maximum(bank, 1.1 * LEAST_FALL * run)  # no lower than the water must fall on its way
     for _ in range(_BEND_ROUNDS if len(share) else 0):
         between = (1.0 - share) * level[before] + share * level[before + 1]
         # Within one piece the place further down falls as the point itself does.

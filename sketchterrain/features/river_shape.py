@@ -118,15 +118,17 @@ def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
     count = len(line)
     fine = np.arange(4 * count - 3) / 4.0
     tree = cKDTree(np.stack([np.interp(fine, np.arange(count), line[:, i]) for i in (0, 1)], axis=-1))
-    upper, lower = [], []
-    for widths in (-1.6, -1.0, 1.0, 1.6):
-        _, found = tree.query(line + widths * width[:, None] * across)
+    half = 0.5 * np.interp(fine, np.arange(count), width)
+    upper, lower, off = [], [], []
+    for widths in (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6):
+        distance, found = tree.query(line + widths * width[:, None] * across)
         place = np.minimum((np.asarray(found) + 1) / 4.0, count - 1.0)
         run = np.interp(place, np.arange(count), arc) - arc
         below = np.flatnonzero((place > np.arange(count) + 0.25) & (run < 4.0 * width))
         upper.append(below)
         lower.append(place[below])
-    return Bends(np.concatenate(upper), np.concatenate(lower))
+        off.append((np.asarray(distance) / half[found])[below])
+    return Bends(np.concatenate(upper), np.concatenate(lower), np.concatenate(off))
 
 
 def _meeting(

@@ -29,27 +29,29 @@ Floats = npt.NDArray[np.float64]
 
 _DEPTH_POWER = 0.6  # how depth follows width along a river
 _MOST_GROWTH = 2.0  # times the label's width: a river that a wider one joins gets no deeper than so
+_ROUNDS = 8
 _LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
 
 
 @dataclass(frozen=True, eq=False)
 class StillWater:
-    """A run of a course over which the level is given: a lake.
+    """A run of a course at a lake, in it or so near that the lake's ground rules there.
 
     Attributes
     ----------
+    shore : int
+        Point of the centreline where the lake's rim begins: from here on no water stands above the lake.
     first, last : int
-        Points of the centreline, both inside.
+        Points inside the lake, where the level is given; where a course only passes by, `last` is
+        ``first - 1`` and `first` the point where it leaves the rim.
     level : float
         Metres.
-    rim : float
-        Metres around the shore in which the lake's ground rules: no water may stand above the lake there.
     """
 
+    shore: int
     first: int
     last: int
     level: float
-    rim: float
 
 
 def falling_levels(
@@ -92,27 +94,40 @@ def joined_levels(network: Network, falling: Sequence[Floats]) -> list[Floats]:
             level = joined_to(level, arc, end=float(levels[parent][course.joint]), width=width)
             level = pooled(level, arc, float(arc[-1]) - meeting.length, float(arc[-1]))
         level = no_steeper(level, arc, width=network.widths[number], depth=course.depth)
-        level = level_in_bends(level, arc, network.bends[number], course.depth)
+        level = _held(network, number, level)
         # From the mouth upward: a pool moves the fall above it upstream.
         for other in sorted(network.joining(number), key=lambda each: -courses[each].joint):
             met = network.meetings[other]
             if met is not None:
                 joint = float(arc[courses[other].joint])
                 level = pooled(level, arc, joint - met.above, joint + met.below)
-        level = level_in_bends(level, arc, network.bends[number], course.depth)
+        level = _held(network, number, level)
         levels[number] = _below_chord(level, arc, network.cuts[number])
     return levels
+
+
+def _held(network: Network, number: int, level: Floats) -> Floats:
+    """Lower water that no bank holds: in sharp bends, and where they make it fall too steeply."""
+    course, arc = network.courses[number], network.arcs[number]
+    for _ in range(_ROUNDS):
+        before = level
+        level = level_in_bends(level, arc, network.bends[number], course.depth)
+        level = no_steeper(level, arc, width=network.widths[number], depth=course.depth)
+        if np.array_equal(level, before):
+            break
+    return level
 
 
 def _through_lakes(level: Floats, arc: Floats, still: Sequence[StillWater], width: float) -> Floats:
     for lake in still:
         level = level.copy()
-        shore = int(np.searchsorted(arc, arc[lake.first] - lake.rim, side="right")) - 1
-        if lake.first > 0 and shore > 0 and level[shore] > lake.level:
-            fall = lake.level + LEAST_FALL * (arc[lake.first] - arc)
-            level[shore : lake.first] = np.minimum(level, fall)[shore : lake.first]
-            above = slice(0, shore + 1)
-            level[above] = joined_to(level[above], arc[above], end=float(level[shore]), width=width)
+        rim = slice(lake.shore, lake.first)
+        if lake.shore < lake.first and level[lake.shore] > lake.level:
+            first = min(lake.first, len(arc) - 1)
+            level[rim] = np.minimum(level[rim], lake.level + LEAST_FALL * (arc[first] - arc[rim]))
+            if lake.shore > 0:
+                above = slice(0, lake.shore + 1)
+                level[above] = joined_to(level[above], arc[above], end=float(level[lake.shore]), width=width)
         level[lake.first : lake.last + 1] = lake.level
         level[lake.last + 1 :] = np.minimum(level[lake.last + 1 :], lake.level)
     return np.asarray(np.minimum.accumulate(level))

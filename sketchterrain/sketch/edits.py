@@ -52,6 +52,10 @@ def _position(name: str, way: str) -> Parameter:
 
 
 _X, _Y = _position("x", "east"), _position("y", "north")
+_FROM_X, _FROM_Y = (
+    Parameter(f"from_{name}", float, 0.0, -_FARTHEST, _FARTHEST, "m", f"where the point was, {way}: names it")
+    for name, way in (("x", "east"), ("y", "north"))
+)
 _RADIUS = Parameter("radius", float, 100.0, 0.1, 1e5, "m", "ground radius of its support")
 _STRENGTH = Parameter("strength", float, 1.0, 0.0, 9000.0, "", "height in m; of a forest the share of trees")
 _TYPE = Parameter("type", str, "mountain", 0, 10, "", "what it is", choices=POINT_TYPES)
@@ -72,7 +76,11 @@ ACTIONS: Mapping[str, Action] = {
     "delete": Action("takes a feature, a river or a lake away", table_of()),
     "lock": Action("keeps a feature as it is, whatever is painted", table_of(*_SHAPE), _STYLE),
     "add": Action("adds a feature; its id is made from its values", table_of(*_SHAPE), _STYLE),
-    "move_point": Action("puts a control point of a river somewhere else", table_of(_INDEX, _X, _Y)),
+    "move_point": Action(
+        "puts a control point of a river somewhere else",
+        table_of(_INDEX, _X, _Y),
+        table_of(_FROM_X, _FROM_Y),
+    ),
     "width": Action("gives a river another width", table_of(LAYERS["river"].parameters["width"])),
 }
 """What can be changed, by name."""
@@ -89,7 +97,7 @@ class Edit:
     feature
         Id of the feature or river that it changes. That of an ``add`` is made from its values, whatever is
         given here.
-    type, x, y, radius, strength, peakiness, wavelength, wind, conifers, index, width
+    type, x, y, radius, strength, peakiness, wavelength, wind, conifers, index, from_x, from_y, width
         Values by the names in `ACTIONS`, None where there is none.
 
     Raises
@@ -110,6 +118,8 @@ class Edit:
     wind: float | None = None
     conifers: float | None = None
     index: int | None = None
+    from_x: float | None = None
+    from_y: float | None = None
     width: float | None = None
 
     def __post_init__(self) -> None:
@@ -120,6 +130,8 @@ class Edit:
         missing = [name for name in action.needs if getattr(self, name) is None]
         if missing:
             raise InputError(f"edit {self.action}: expected {', '.join(action.needs)}, no {missing[0]} given")
+        if (self.from_x is None) != (self.from_y is None):
+            raise InputError(f"edit {self.action}: expected both from_x and from_y, or none of them")
         if self.type == "forest" and (self.strength or 0.0) > 1.0:
             raise InputError(f"edit {self.action}.strength = {self.strength}: expected a share from 0 to 1")
         if self.action == "add":
@@ -135,9 +147,9 @@ class Edit:
         }
 
     @property
-    def target(self) -> tuple[str, int | None, int | None]:
+    def target(self) -> tuple[object, ...]:
         """What it decides; of two edits with one target the later one counts."""
-        return self.action, self.feature, self.index
+        return self.action, self.feature, self.index, self.from_x, self.from_y
 
     def _given(self) -> dict[str, Any]:
         fields = [each.name for each in dataclasses.fields(self) if each.name not in ("action", "feature")]

@@ -5,6 +5,7 @@ import pytest
 
 from sketchterrain.features import FEATURE_TYPES, FILL_BIT, Fill, River, place
 from sketchterrain.features.edits import EditedFill, edited_fill, edited_painted, lock_of
+from sketchterrain.features.river_edits import move_of
 from sketchterrain.sketch import Edit, Sketch
 from sketchterrain.terrain.from_sketch import make_recipe
 
@@ -191,6 +192,39 @@ def test_a_moved_control_point_bends_the_river_and_the_water_still_falls(sketch:
     # The tributary still ends on the stem.
     end = after[tributary.id].centreline[-1]
     assert np.hypot(*(line[:, :2] - end[:2]).T).min() < 1e-9
+
+
+def test_a_control_point_named_by_its_place_is_found_in_a_repainted_river(sketch: Sketch) -> None:
+    stem, _ = _stem_and_tributary(_rivers(sketch)[0])
+    index = 16
+    x, y = stem.points[index, 0], stem.points[index, 1] + 150.0
+    edited = sketch.with_edit(move_of(stem, index, x=x, y=y))
+    after, orphans = _rivers(edited)
+    assert orphans == ()
+    plain = _rivers(sketch.with_edit(Edit("move_point", stem.id, index=index, x=x, y=y)))[0]
+    np.testing.assert_array_equal(after[stem.id].centreline, plain[stem.id].centreline)
+    again = edited.with_edit(move_of(after[stem.id], index, x=x, y=y + 40.0))
+    np.testing.assert_allclose(_rivers(again)[0][stem.id].points[index, :2], (x, y + 40.0))
+
+    # With a bow near the spring later control points have other numbers; one that it takes along is gone.
+    bowed, orphans = _rivers(edited.replace(layers={**sketch.layers, "river": _with_a_bow(20, 45)}))
+    assert orphans == ()
+    found = np.hypot(*(bowed[stem.id].points[:, :2] - [x, y]).T)
+    assert found.min() < 1e-6
+    assert int(np.argmin(found)) != index
+    gone = _rivers(edited.replace(layers={**sketch.layers, "river": _with_a_bow(70, 105)}))[1]
+    assert len(gone) == 1
+    assert "there is no control point near" in gone[0]
+
+
+def _with_a_bow(start: int, stop: int) -> np.ndarray:
+    """Paint the rivers of `_sketch`, the stem with a bow to the south between two columns."""
+    steps = np.linspace(0.0, 110.0, 600)
+    bow = 22.0 * np.sin(np.pi * np.clip((steps + 10.0 - start) / (stop - start), 0.0, 1.0))
+    river = _image(
+        *[(100 - 0.2 * step + down, 10.0 + step, 1.2) for step, down in zip(steps, bow, strict=True)]
+    )
+    return river | _image(*[(58.0 + step, 60.0, 1.2) for step in range(34)])
 
 
 def test_a_tributary_follows_the_river_that_moved(sketch: Sketch) -> None:

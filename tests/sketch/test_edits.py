@@ -40,7 +40,7 @@ def _edits(action: str) -> SearchStrategy[Edit]:
     values = st.fixed_dictionaries(
         {name: _value(parameter) for name, parameter in declared.needs.items()},
         optional={name: _value(parameter) for name, parameter in declared.takes.items()},
-    )
+    ).filter(lambda given: ("from_x" in given) == ("from_y" in given))
     return st.builds(lambda feature, given: Edit(action, feature, **given), st.integers(0, 2**64 - 1), values)
 
 
@@ -146,3 +146,11 @@ def test_what_is_deleted_needs_no_other_edit() -> None:
 def test_edits_stay_when_something_is_painted() -> None:
     sketch = Sketch(edits=(HILL,))
     assert sketch.replace(layers={"hill": np.ones((9, 9), np.uint8)}).edits == (HILL,)
+
+
+def test_where_a_control_point_was_is_told_wholly_or_not() -> None:
+    with pytest.raises(InputError, match="from_x and from_y"):
+        Edit("move_point", 4, index=0, x=0.0, y=0.0, from_x=3.0)
+    first = Edit("move_point", 4, index=0, x=5.0, y=5.0, from_x=0.0, from_y=0.0)
+    onward = Edit("move_point", 4, index=0, x=9.0, y=9.0, from_x=5.0, from_y=5.0)
+    assert Sketch().with_edit(first).with_edit(onward).edits == (first, onward)

@@ -1,20 +1,19 @@
-"""Evaluate a recipe on an OpenCL device: patches of vertices, and single points."""
+"""Launch the kernels on a recipe: patches of vertices, and single points."""
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.terrain.culling import feature_lists, features_near, field_lists, river_lists
-from sketchterrain.terrain.field_packing import pack_covers, pack_fields, pack_lakes
+from sketchterrain.terrain.culling import feature_lists, features_near
+from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.packing import effective_cell, pack_features, pack_rivers, pack_world
+from sketchterrain.terrain.packing import pack_features
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,23 +69,16 @@ class Evaluator:
     def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
-        self._rivers = pack_rivers(recipe)
-        self._river_buffers = self._upload_rivers()
-        self._lakes = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
-        self._lake_samples = context.upload(self._lakes.samples.astype(context.real_dtype))
-        self._covers = pack_fields(recipe, [cover.shape for cover in recipe.covers])
-        self._cover_buffers = self._upload_covers()
-        self._world = lru_cache(maxsize=64)(self._upload_world)
+        self._arguments = KernelArguments(recipe, context)
 
     def with_strengths(self, strength: npt.NDArray[np.floating]) -> Evaluator:
         """Return an evaluator of the same recipe but for the painted features' strengths, shape (n,).
 
         It shares what is on the device already, all of which stays the same.
         """
-        painted = self.recipe.painted.copy()
-        painted["strength"] = strength
         other = copy(self)
-        other.recipe = replace(self.recipe, painted=painted)
+        other._arguments = self._arguments.with_strengths(strength)
+        other.recipe = other._arguments.recipe
         return other
 
     def surface(
@@ -168,7 +160,7 @@ class Evaluator:
             _FILE,
             "points",
             (_rounded_up(x.size),),
-            *self._terrain_arguments(blocks, cell_size),
+            *self._arguments.terrain(blocks, cell_size),
             context.upload(x),
             context.upload(y),
             context.upload(block.astype(np.int32)),
@@ -191,7 +183,7 @@ class Evaluator:
         context, real = self.context, self.context.real_dtype
         count, side = axis_x.shape
         blocks = np.stack([axis_x[:, 0], axis_y[:, -1], axis_x[:, -1], axis_y[:, 0]], axis=-1)
-        world = self._world(effective_cell(cell_size))
+        world = self._arguments.world(cell_size)
         axes = context.upload(axis_x), context.upload(axis_y)
         height = context.empty(count * side * side, real)
         masks = context.empty(count * side * side * 4, real)
@@ -199,7 +191,7 @@ class Evaluator:
             _FILE,
             "patches",
             (_rounded_up(side * side), count),
-            *self._terrain_arguments(blocks, cell_size),
+            *self._arguments.terrain(blocks, cell_size),
             *axes,
             np.int32(side),
             height,
@@ -222,7 +214,7 @@ class Evaluator:
             np.int32(side),
             height,
             masks,
-            *self._cover_arguments(blocks),
+            *self._arguments.covers(blocks),
             normal,
             materials,
             group=(_GROUP, 1),
@@ -231,73 +223,6 @@ class Evaluator:
         height_out[...] = padded[:, 1:-1, 1:-1]
         normal_out[...] = context.download(normal, normal_out.shape, real)
         materials_out[...] = context.download(materials, materials_out.shape, real)
-
-    def _terrain_arguments(self, blocks: npt.NDArray[np.int64], cell_size: float) -> list[Any]:
-        """Return the arguments that ``TERRAIN_ARGUMENTS`` in ``kernels/terrain.cl`` names, in its order."""
-        context, real = self.context, self.context.real_dtype
-        world = self._world(effective_cell(cell_size))
-        near = features_near(self.recipe, blocks, min_radius=effective_cell(cell_size))
-        packed = pack_features(self.recipe, near, cell_size)
-        starts, members = feature_lists(self.recipe, packed, blocks)
-        lake_starts, lake_members = field_lists(self._lakes, world["lakes_shown"], blocks)
-        river_starts, river_members = river_lists(self.recipe, self._rivers, blocks)
-        return [
-            world["scalars"],
-            world["styles"],
-            *world["octaves"],
-            context.upload(packed.at),
-            context.upload(packed.shape.astype(real)),
-            context.upload(starts),
-            context.upload(members),
-            *world["lakes"],
-            self._lake_samples,
-            context.upload(lake_starts),
-            context.upload(lake_members),
-            *self._river_buffers,
-            context.upload(river_starts),
-            context.upload(river_members),
-        ]
-
-    def _upload_world(self, cell: float) -> dict[str, Any]:
-        upload, real = self.context.upload, self.context.real_dtype
-        packed = pack_world(self.recipe, cell, real=real)
-        lakes = pack_lakes(self.recipe, self._lakes, cell)
-        octaves = packed.octaves
-        return {
-            "scalars": upload(packed.scalars),
-            "styles": upload(packed.styles),
-            "climate": upload(packed.climate),
-            "lakes_shown": lakes.shown,
-            "lakes": [
-                upload(self._lakes.at),
-                upload(self._lakes.form),
-                upload(lakes.shape.astype(real)),
-                upload(lakes.profile.astype(real)),
-            ],
-            "octaves": [upload(octaves.form), upload(octaves.offset), upload(octaves.scale.astype(real))],
-        }
-
-    def _cover_arguments(self, blocks: npt.NDArray[np.int64]) -> list[Any]:
-        everywhere = np.ones(len(self.recipe.covers), np.bool_)
-        starts, members = field_lists(self._covers, everywhere, blocks)
-        return [*self._cover_buffers, self.context.upload(starts), self.context.upload(members)]
-
-    def _upload_covers(self) -> list[Any]:
-        upload, real = self.context.upload, self.context.real_dtype
-        covers = pack_covers(self.recipe, self._covers)
-        return [
-            upload(self._covers.at),
-            upload(covers.form),
-            upload(covers.shape.astype(real)),
-            upload(self._covers.samples.astype(real)),
-        ]
-
-    def _upload_rivers(self) -> list[Any]:
-        upload, real, rivers = self.context.upload, self.context.real_dtype, self._rivers
-        return [
-            upload(rivers.start),
-            *(upload(part.astype(real)) for part in (rivers.along, rivers.up, rivers.down)),
-        ]
 
 
 def _rounded_up(count: int) -> int:

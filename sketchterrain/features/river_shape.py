@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -113,18 +114,23 @@ def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int
 
 def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
     """Find where the ground beside a river, up to 1.6 widths away, is nearest to a place further down."""
-    along = np.gradient(line, axis=0)
-    across = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.hypot(*along.T)[:, None]
+    ahead = np.diff(line, axis=0)
+    across = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) / np.hypot(*ahead.T)[:, None]
     count = len(line)
     fine = np.arange(4 * count - 3) / 4.0
     tree = cKDTree(np.stack([np.interp(fine, np.arange(count), line[:, i]) for i in (0, 1)], axis=-1))
     half = 0.5 * np.interp(fine, np.arange(count), width)
     upper, lower, off = [], [], []
-    for widths in (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6):
-        distance, found = tree.query(line + widths * width[:, None] * across)
+    points = np.arange(count)
+    # What lies beside a point turns from the piece before it to the one after it.
+    for widths, normal in itertools.product(
+        (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6),
+        (across[np.maximum(points - 1, 0)], across[np.minimum(points, count - 2)]),
+    ):
+        distance, found = tree.query(line + widths * width[:, None] * normal)
         place = np.minimum((np.asarray(found) + 1) / 4.0, count - 1.0)
-        run = np.interp(place, np.arange(count), arc) - arc
-        below = np.flatnonzero((place > np.arange(count) + 0.25) & (run < 4.0 * width))
+        run = np.interp(place, points, arc) - arc
+        below = np.flatnonzero((place > points + 0.25) & (run < 4.0 * width))
         upper.append(below)
         lower.append(place[below])
         off.append((np.asarray(distance) / half[found])[below])

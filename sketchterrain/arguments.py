@@ -6,10 +6,15 @@ A text that cannot be meant raises ``typer.BadParameter``, a usage error.
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+if TYPE_CHECKING:
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.terrain import Terrain
 
 __all__ = [
     "AsJson",
@@ -24,6 +29,7 @@ __all__ = [
     "Seed",
     "SketchName",
     "Vertices",
+    "camera_at",
 ]
 
 Point = tuple[float, float, float]
@@ -96,3 +102,23 @@ SketchName = Annotated[
     str, typer.Argument(metavar="SKETCH", help="A sketch's folder or .sketch file, or a preset's name.")
 ]
 Vertices = Annotated[int, typer.Option("--size", metavar="N", help="Vertices along the longer side.")]
+
+
+def camera_at(terrain: Terrain, eye: Point | None, target: Point | None) -> Camera | None:
+    """Return the camera that `--eye` and `--look-at` ask for, None without an eye.
+
+    Without a target it looks at the middle of the sketch, and from the middle north. A note on stderr tells
+    of an eye under the ground.
+    """
+    if eye is None:
+        return None
+    from sketchterrain.render.camera import Camera
+
+    east, north = terrain.size
+    x, y = east / 2, north / 2
+    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
+        y += terrain.extent / 2  # it stands in the middle: it looks north
+    middle, here = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
+    if eye[2] < here:
+        sys.stderr.write(f"sketchterrain: note: the eye is {here - eye[2]:.1f} m under the ground\n")
+    return Camera(eye, target or (x, y, middle))

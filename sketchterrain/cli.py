@@ -1,4 +1,4 @@
-# ruff: noqa: TC001, TC003 - typer reads the commands' annotations at run time
+# ruff: noqa: TC003 - typer reads the commands' annotations at run time
 """The command line: reads what was asked for, loads only the rooms that do it, tells what came of it.
 
 Data goes to stdout, progress and errors to stderr. Exit codes: 0 ok, 1 failed, 2 usage, 3 bad input,
@@ -25,10 +25,10 @@ from sketchterrain.arguments import (
     OptionalPictureFile,
     PictureFile,
     PictureSize,
-    Point,
     Seed,
     SketchName,
     Vertices,
+    camera_at,
 )
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.listings import (
@@ -44,9 +44,7 @@ from sketchterrain.progress import Stages
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.render.camera import Camera
     from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain import Terrain
 
 __all__ = ["app", "main"]
 
@@ -207,7 +205,7 @@ def render(
             from sketchterrain.render import render_picture
 
             prepare_folder(output.parent)
-            write_picture(output, render_picture(terrain, size=size, camera=_camera(terrain, eye, look_at)))
+            write_picture(output, render_picture(terrain, size=size, camera=camera_at(terrain, eye, look_at)))
     _say(str(output))
 
 
@@ -287,19 +285,3 @@ def _load(name: str, seed: int | None) -> Sketch:
 
     sketch = load_sketch(name)
     return sketch if seed is None else sketch.replace(seed=seed)
-
-
-def _camera(terrain: Terrain, eye: Point | None, target: Point | None) -> Camera | None:
-    """Return the camera that was asked for; without a target it looks at the middle of the sketch."""
-    if eye is None:
-        return None
-    from sketchterrain.render.camera import Camera
-
-    east, north = terrain.size
-    x, y = east / 2, north / 2
-    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
-        y += terrain.extent / 2  # it stands in the middle: it looks north
-    middle, here = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
-    if eye[2] < here:
-        sys.stderr.write(f"sketchterrain: note: the eye is {here - eye[2]:.1f} m under the ground\n")
-    return Camera(eye, target or (x, y, middle))

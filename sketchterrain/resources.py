@@ -46,6 +46,7 @@ def _inline(name: str, seen: set[str]) -> str:
     text = files("sketchterrain.kernels").joinpath(name).read_text(encoding="utf-8")
 
     def put_in(match: re.Match[str]) -> str:
+        """Return the text that an include stands for, and where its own file goes on."""
         included = match.group(1)
         after = text.count("\n", 0, match.start()) + 2
         body = "" if included in seen else f"#line 1\n{_inline(included, seen)}\n"

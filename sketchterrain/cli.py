@@ -38,6 +38,7 @@ from sketchterrain.listings import (
     generated_lines,
     preset_entry,
     preset_lines,
+    undescribed_labels,
 )
 from sketchterrain.progress import Stages
 
@@ -232,7 +233,8 @@ def adherence(
 
             prepare_folder(output.parent)
             write_agreement(output, terrain, found)
-    told = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity, **found.as_dict()}
+    told = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
+    told |= {**found.as_dict(), "notes": undescribed_labels(document)}
     if as_json:
         _say_json(told)
     else:

@@ -18,7 +18,7 @@ import numpy as np
 from sketchterrain import export
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.listings import device_entry
+from sketchterrain.listings import device_entry, undescribed_labels
 from sketchterrain.terrain import build, measure_adherence
 
 if TYPE_CHECKING:
@@ -214,6 +214,7 @@ def _report(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) -> d
             "rivers": len(features.rivers),
             "plants": dict(zip(terrain.species_names, species, strict=True)),
         },
+        "notes": undescribed_labels(terrain.sketch),
         "resolutions": list(terrain.recipe.resolutions),
         "edits": {"count": len(terrain.sketch.edits), "orphans": list(terrain.recipe.orphans)},
     }

@@ -17,8 +17,10 @@ __all__ = [
     "generated_lines",
     "preset_entry",
     "preset_lines",
+    "undescribed_labels",
 ]
 
+_NAME = 10  # columns of the first word
 _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
     "mapped": "kernels write into mapped vertex buffers, no copy",
@@ -75,7 +77,7 @@ def preset_lines(entries: list[dict[str, Any]]) -> list[str]:
 
 
 def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
-    """Return what was made, how long it took, and where it lies."""
+    """Return what was made, how long it took, where it lies, what was decided, and notes."""
     size, heights, counts = report["size"], report["heights"], report["counts"]
     device, seconds = report["device"], report["timings"]["total"]
     lines = [
@@ -88,7 +90,8 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     ]
     if "preview.png" in report["files"]:
         lines.append(f"preview: {folder / 'preview.png'}")
-    return lines
+    lines += [f"decided: {line}" for line in report["resolutions"]]
+    return [*lines, *(f"note: {line}" for line in report["notes"])]
 
 
 def _counted(count: int, noun: str) -> str:
@@ -96,29 +99,57 @@ def _counted(count: int, noun: str) -> str:
 
 
 def adherence_lines(told: dict[str, Any]) -> list[str]:
-    """Return how far a terrain does what its sketch says, a line a layer and a river."""
+    """Return how far a terrain does what its sketch says, a line a layer and a river, and notes."""
     lines = [
-        f"{told['sketch']}, seed {told['seed']}, fidelity {told['fidelity']:g}: {told['lost']} shapes lost"
+        f"{told['sketch']}, seed {told['seed']}, fidelity {told['fidelity']:g}: "
+        f"{_counted(told['lost'], 'shape')} lost"
     ]
-    for name, layer in told["layers"].items():
-        line = f"{name:<9} {layer['shapes']} shapes, {layer['lost']} lost"
-        if layer["measured"]:
-            line += (
-                f"; overlap (IoU) of {layer['measured']}: mean {layer['iou_mean']:.2f}, median "
-                f"{layer['iou_median']:.2f}, 10 % below {layer['iou_p10']:.2f}; spill {layer['spill']:.1%}"
-            )
-        lines.append(line)
-    peaks = told["peaks"]
-    if peaks["measured"]:
-        lines.append(
-            f"peaks     {peaks['measured']}: reached over asked {peaks['least']:.2f} to {peaks['most']:.2f}, "
-            f"mean {peaks['mean']:.2f}; {peaks['capped']} too small for their height, capped at 70°"
-        )
+    lines += [f"{name:<{_NAME}}{_layer_line(layer)}" for name, layer in told["layers"].items()]
+    if told["peaks"]["measured"]:
+        lines.append(f"{'peaks':<{_NAME}}{_peaks_line(told['peaks'])}")
     lines += [
-        f"river {river['label']}   centreline {river['mean_distance']:.2f} px from what was painted, at most "
+        f"{f'course {number}':<{_NAME}}{_course_line(river)}"
+        for number, river in enumerate(told["rivers"], start=1)
+    ]
+    return [*lines, *(f"note: {line}" for line in told["notes"])]
+
+
+def _layer_line(layer: dict[str, Any]) -> str:
+    line = f"{_counted(layer['shapes'], 'shape')}, {layer['lost']} lost"
+    narrow = layer["shapes"] - layer["measured"]
+    if layer["measured"]:
+        line += (
+            f"; overlap (IoU): mean {layer['iou_mean']:.2f}, median {layer['iou_median']:.2f}, "
+            f"10th percentile {layer['iou_p10']:.2f}; spill {layer['spill']:.1%}"
+        )
+    return line + (f"; {narrow} narrower than 6 px, overlap not measured" if narrow else "")
+
+
+def _peaks_line(peaks: dict[str, Any]) -> str:
+    line = (
+        f"{_counted(peaks['measured'], 'mountain')}, reached over asked height: {peaks['least']:.2f} to "
+        f"{peaks['most']:.2f}, mean {peaks['mean']:.2f}"
+    )
+    return line + (f"; {peaks['capped']} too small for the label's height: capped" if peaks["capped"] else "")
+
+
+def _course_line(river: dict[str, Any]) -> str:
+    if river["lost"]:
+        return "of a river: lost"
+    return (
+        f"{river['mean_distance']:.2f} px from what was painted, at most "
         f"{river['greatest_distance']:.2f} px; {river['descending']:.1%} descends, deepest pit "
         f"{river['deepest_pit']:.2f} m"
-        for river in told["rivers"]
-        if not river["lost"]
+    )
+
+
+def undescribed_labels(sketch: Sketch) -> list[str]:
+    """Return a line for each label that is painted and not described: a slip of the brush, maybe."""
+    from sketchterrain.sketch.document import labels_in
+
+    return [
+        f"label {label} of {layer} is painted, but sketch.toml has no [{layer}.{label}]: it has defaults"
+        for layer, image in sketch.layers.items()
+        for label in labels_in(image)
+        if (layer, label) not in sketch.labels
     ]
-    return lines

@@ -23,10 +23,15 @@ __all__ = ["agreement_picture", "write_agreement"]
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _COLOURS = {"both": (0, 158, 115), "painted only": (230, 130, 0), "terrain only": (204, 70, 150)}
-_MEANINGS = {"both": "both", "painted only": "lost: painted only", "terrain only": "spill: terrain only"}
+_MEANINGS = {
+    "both": "as painted",
+    "painted only": "missing: painted, but not in the terrain",
+    "terrain only": "spill: in the terrain, but not painted",
+}
 _TINT = 0.55  # share of the colour over the hillshade
-_SHORTER_SIDE = 480  # px of a panel
+_SHORTER_SIDE = 512  # px of a panel
 _GAP = 14
+_HEADING = 34
 _TEXT = (40, 40, 40)
 _PAPER = (255, 255, 255)
 _SUN = np.array([-0.5, 0.5, 0.7]) / np.linalg.norm([-0.5, 0.5, 0.7])
@@ -63,11 +68,12 @@ def agreement_picture(terrain: Terrain, adherence: Adherence) -> Pixels:
     width, height = panels[0].size
     legend = 34
     sheet = Image.new(
-        "RGB", (columns * (width + _GAP) + _GAP, rows * (height + _GAP) + _GAP + legend), _PAPER
+        "RGB", (columns * (width + _GAP) + _GAP, _HEADING + rows * (height + _GAP) + _GAP + legend), _PAPER
     )
     for index, panel in enumerate(panels):
         row, column = divmod(index, columns)
-        sheet.paste(panel, (_GAP + column * (width + _GAP), _GAP + row * (height + _GAP)))
+        sheet.paste(panel, (_GAP + column * (width + _GAP), _HEADING + row * (height + _GAP)))
+    _draw_heading(sheet, terrain)
     _draw_legend(sheet, sheet.height - legend)
     return np.asarray(sheet, np.uint8)
 
@@ -95,8 +101,18 @@ def _title(adherence: Adherence, name: str) -> str:
     shapes = f"{layer.shapes} shape" + ("" if layer.shapes == 1 else "s")
     parts = [f"{name}: {shapes}", f"{layer.lost} lost"]
     if layer.iou_mean is not None:
-        parts.append(f"overlap {layer.iou_mean:.2f}")
+        parts.append(f"overlap {layer.iou_mean:.0%}")
+    courses = [river.mean_distance for river in adherence.rivers if river.mean_distance is not None]
+    if name == "river" and courses:
+        # A stroke says where a river runs and its label how wide it is: the overlap alone would mislead.
+        parts.append(f"course {np.mean(courses):.1f} px off")
     return ", ".join(parts)
+
+
+def _draw_heading(sheet: Image.Image, terrain: Terrain) -> None:
+    sketch = terrain.sketch
+    text = f"{sketch.name}, seed {sketch.seed}, fidelity {sketch.fidelity:g}: what became of each layer"
+    ImageDraw.Draw(sheet).text((_GAP, 8), text, fill=_TEXT, font=ImageFont.load_default(17))
 
 
 def _draw_legend(sheet: Image.Image, top: int) -> None:

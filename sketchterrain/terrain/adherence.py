@@ -166,7 +166,7 @@ def _summary(shapes: tuple[ShapeAdherence, ...], images: AreaImages) -> LayerSum
 
 def _peaks(shapes: Iterable[ShapeAdherence]) -> PeakSummary:
     mountains = [shape for shape in shapes if shape.layer == "mountain" and shape.iou is not None]
-    ratios = [shape.reached / shape.asked for shape in mountains if shape.reached and shape.asked]
+    ratios = [shape.reached / shape.asked for shape in mountains if shape.reached is not None and shape.asked]
     return PeakSummary(
         measured=len(mountains),
         capped=sum(shape.capped for shape in mountains),

@@ -185,7 +185,7 @@ def settled(
                     continue  # it only passes by
                 comes = level[first - 1] if first > 0 else level[min(last + 1, len(level) - 1)]
                 water[lake] = min(water[lake], comes)
-        still = [[StillWater(*run, float(water[lake])) for *run, lake in own] for own in runs]
+        still = [[StillWater(shore, a, b, float(water[lake])) for shore, a, b, lake in own] for own in runs]
         levels = falling_levels(network, grounds, still)
         if (water == before).all():
             break

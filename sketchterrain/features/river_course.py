@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from sketchterrain.features.hashing import unit
 from sketchterrain.features.river_network import exit_normal
 from sketchterrain.features.river_path import BEYOND, arc_length, run_on, smoothed, spaced
+from sketchterrain.features.river_sizes import painted_sizes
 from sketchterrain.features.splines import sample_catmull_rom, without_repeats
 from sketchterrain.features.user_features import pixel_id
 
@@ -51,6 +50,8 @@ class Course:
         What the labels say (m).
     taper : float
         Length (m) over which the river grows from its spring.
+    grows : bool
+        Whether it widens from its spring on and at confluences; not if it is as wide as painted.
     """
 
     id: int
@@ -62,6 +63,7 @@ class Course:
     width: Floats
     depth: Floats
     taper: float
+    grows: bool = True
 
 
 def pixel_positions(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> Floats:
@@ -90,7 +92,7 @@ def reach_course(
     if parent is not None:
         joint = 1 + int(np.argmin(((parent.line[1:] - path[-1]) ** 2).sum(axis=1)))
         path[-1] = parent.line[joint]
-    widths, depths, label = _painted_sizes(sketch, skeleton, pixels, joins=parent is not None)
+    widths, depths, label = painted_sizes(sketch, skeleton, pixels, joins=parent is not None)
     drawn = np.column_stack([smoothed(path, 2.0 + 3.0 * loose), widths, depths])
     if lake is not None:
         drawn = _into_lake(drawn[::-1], sketch, skeleton, int(pixels[0]), lake)[::-1]
@@ -109,7 +111,8 @@ def reach_course(
             points[::-1], out, length=beyond, interval=interval, seed=seed, name=2 * name + 1
         )
         points, taper = upstream[::-1], beyond
-    return drawn_course(points, name, label, parent=parent, joint=joint, taper=taper)
+    course = drawn_course(points, name, label, parent=parent, joint=joint, taper=taper)
+    return replace(course, grows=sketch.properties("river", label)["width"] > 0.0)
 
 
 def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -> Course:
@@ -121,7 +124,7 @@ def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -
         angle = 2.0 * np.pi * float(unit(seed, "dab", name))
         heading = np.array([np.cos(angle), np.sin(angle)])
     heading /= np.hypot(*heading)
-    widths, depths, label = _painted_sizes(sketch, skeleton, pixels)
+    widths, depths, label = painted_sizes(sketch, skeleton, pixels)
     half = max(0.5 * float(skeleton.depth[pixels].max()), 1.0) * sketch.pixel_size
     half += 0.5 * float(arc_length(path)[-1])
     positions = 0.5 * (path[0] + path[-1]) + np.array([[-half], [0.0], [half]]) * heading
@@ -131,16 +134,12 @@ def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -
 
 def turned(course: Course) -> Course:
     """Return a dab's course the other way round."""
-    return Course(
-        id=course.id,
-        label=course.label,
-        parent=course.parent,
-        joint=course.joint,
+    return replace(
+        course,
         line=course.line[::-1],
         controls=len(course.line) - 1 - course.controls[::-1],
         width=course.width[::-1],
         depth=course.depth[::-1],
-        taper=course.taper,
     )
 
 
@@ -162,27 +161,6 @@ def _into_lake(drawn: Floats, sketch: Sketch, skeleton: Skeleton, end: int, lake
 def _id(sketch: Sketch, skeleton: Skeleton, pixel: int) -> int:
     at = slice(pixel, pixel + 1)
     return int(pixel_id("river", skeleton.rows[at], skeleton.columns[at], sketch.width_px)[0])
-
-
-def _painted_sizes(
-    sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, joins: bool = False
-) -> tuple[Floats, Floats, int]:
-    """Width and depth (m) that the labels along a path say, smoothed; and the label of most of it.
-
-    `joins`: the path ends on another river's middle, so that its last pixels are that river's.
-    """
-    labels = sketch.layers["river"][skeleton.rows[pixels], skeleton.columns[pixels]]
-    within = math.ceil(float(skeleton.depth[pixels[-1]])) + 1
-    if joins and within < len(labels):
-        labels[-within:] = labels[-within - 1]
-    main = int(np.argmax(np.bincount(labels, minlength=256)))
-    widths, depths = np.zeros(len(pixels)), np.zeros(len(pixels))
-    for label in np.unique(labels):
-        properties = sketch.properties("river", int(label))
-        widths[labels == label], depths[labels == label] = properties["width"], properties["depth"]
-    if labels.min() != labels.max():
-        widths, depths = (ndimage.gaussian_filter1d(each, 6.0, mode="nearest") for each in (widths, depths))
-    return widths, depths, main
 
 
 def _lengthened(

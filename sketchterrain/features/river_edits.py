@@ -136,11 +136,12 @@ def _changed(
     elif parent is not None:
         joint = 1 + int(np.argmin(((parent.line[1:] - points[-1]) ** 2).sum(axis=1)))
         points[-1] = parent.line[joint]
+    grows = course.grows
     if not np.array_equal(points, course.line[course.controls]):
         course = _redrawn(course, points)
     widths = [edit.width for edit in edits if edit.action == "width"]
     width = np.full_like(course.width, widths[-1]) if widths else course.width
-    return dataclasses.replace(course, parent=parent, joint=joint, width=width)
+    return dataclasses.replace(course, parent=parent, joint=joint, width=width, grows=grows or bool(widths))
 
 
 def _redrawn(course: Course, points: npt.NDArray[np.float64]) -> Course:

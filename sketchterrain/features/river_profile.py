@@ -169,7 +169,8 @@ def level_in_bends(level: Floats, arc: Floats, bends: Bends, depth: Floats) -> F
             break
         lowered = level + LEAST_FALL * arc
         np.minimum.at(lowered, bends.upper, most + LEAST_FALL * arc[bends.upper])
-        level = np.minimum.accumulate(lowered) - LEAST_FALL * arc
+        lowered = np.minimum.accumulate(lowered) - LEAST_FALL * arc
+        level = np.where(level > lowered + 1e-9, lowered, level)  # the rest stays to the bit
     return level
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -98,7 +98,8 @@ def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int
             for other, parent in enumerate(parents)
             if parent == number
         ]
-        widths[number] = width_along(course.width, arcs[number], course.taper, tributaries)
+        if course.grows:
+            widths[number] = width_along(course.width, arcs[number], course.taper, tributaries)
     meetings: list[Meeting | None] = [
         None
         if parent < 0
@@ -127,13 +128,14 @@ def _bends(line: Floats, arc: Floats, width: Floats) -> Bends:
         (-1.6, -1.5, -1.0, 1.0, 1.5, 1.6),
         (across[np.maximum(points - 1, 0)], across[np.minimum(points, count - 2)]),
     ):
-        distance, found = tree.query(line + widths * width[:, None] * normal)
-        place = np.minimum((np.asarray(found) + 1) / 4.0, count - 1.0)
+        answer: Any = tree.query(line + widths * width[:, None] * normal)
+        distance, found = (np.asarray(part) for part in answer)
+        place = np.minimum((found + 1) / 4.0, count - 1.0)
         run = np.interp(place, points, arc) - arc
         below = np.flatnonzero((place > points + 0.25) & (run < 4.0 * width))
         upper.append(below)
         lower.append(place[below])
-        off.append((np.asarray(distance) / half[found])[below])
+        off.append((distance / half[found])[below])
     return Bends(np.concatenate(upper), np.concatenate(lower), np.concatenate(off))
 
 
@@ -141,8 +143,8 @@ def _meeting(
     course: Course, parent: Course, arc: Floats, parent_arc: Floats, width: Floats, parent_width: Floats
 ) -> Meeting:
     """Find the tributary's last run in which its water overlaps its parent's."""
-    distance, found = cKDTree(parent.line).query(course.line)
-    nearest = np.asarray(found)
+    answer: Any = cKDTree(parent.line).query(course.line)
+    distance, nearest = (np.asarray(part) for part in answer)
     overlap = distance < 0.55 * (width + parent_width[nearest])
     apart = np.flatnonzero(~overlap)
     first = int(apart[-1]) + 1 if len(apart) else 0

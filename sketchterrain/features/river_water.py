@@ -18,6 +18,7 @@ from sketchterrain.features.river_profile import (
     smoothstep,
     surface_along,
 )
+from sketchterrain.features.river_sizes import DEPTH_POWER
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-_DEPTH_POWER = 0.6  # how depth follows width along a river
 _MOST_GROWTH = 2.0  # times the label's width: a river that a wider one joins gets no deeper than so
 _ROUNDS = 8
 _LEAST_DEPTH = 0.05  # m, of water, whatever the beds of neighbours ask
@@ -152,7 +152,7 @@ def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
     for number, (course, width, level) in enumerate(
         zip(network.courses, network.widths, levels, strict=True)
     ):
-        depth = course.depth * np.minimum(width / course.width, _MOST_GROWTH) ** _DEPTH_POWER
+        depth = course.depth * np.minimum(width / course.width, _MOST_GROWTH) ** DEPTH_POWER
         bed = np.minimum.accumulate(level - depth)
         parent, meeting = network.parents[number], network.meetings[number]
         if parent >= 0 and meeting is not None:

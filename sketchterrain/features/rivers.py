@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -114,7 +114,10 @@ def trace_waters(sketch: Sketch, *, seed: int, ground: Ground) -> Waters:
 
 def _laid_out(sketch: Sketch, seed: int, ground: Ground) -> list[Course]:
     """Draw the courses of all networks, parents first, before a person's edits."""
-    found = skeletons(sketch.layers["river"] > 0, _label_widths(sketch))
+    found = tuple(
+        replace(each, weight=np.where(each.weight > 0, each.weight, 2.0 * each.depth * sketch.pixel_size))
+        for each in skeletons(sketch.layers["river"] > 0, _label_widths(sketch))
+    )
     if not found:
         return []
     lake = lake_pixels(sketch)
@@ -131,7 +134,7 @@ def _laid_out(sketch: Sketch, seed: int, ground: Ground) -> list[Course]:
 
 
 def _label_widths(sketch: Sketch) -> Floats:
-    """Width (m) that each pixel's label says: wider rivers are main stems."""
+    """Width (m) that each pixel's label says: wider rivers are main stems; 0 is as painted."""
     widths = np.ones(256)
     for label in np.unique(sketch.layers["river"]):
         if label > 0:

@@ -69,6 +69,8 @@ _STYLE = table_of(
     LAYERS["forest"].parameters["conifers"],
 )
 
+_WIDTH = dataclasses.replace(LAYERS["river"].parameters["width"], low=0.5, help="from bank to bank")
+
 ACTIONS: Mapping[str, Action] = {
     "move": Action("puts a feature somewhere else", table_of(_X, _Y)),
     "resize": Action("gives a feature another radius", table_of(_RADIUS)),
@@ -81,7 +83,7 @@ ACTIONS: Mapping[str, Action] = {
         table_of(_INDEX, _X, _Y),
         table_of(_FROM_X, _FROM_Y),
     ),
-    "width": Action("gives a river another width", table_of(LAYERS["river"].parameters["width"])),
+    "width": Action("gives a river another width", table_of(_WIDTH)),
 }
 """What can be changed, by name."""
 

@@ -136,7 +136,9 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 (56, 116, 196),
                 "where rivers flow: paint strokes along their courses",
                 table_of(
-                    Parameter("width", float, 12.0, 0.5, 2000.0, "m", "from bank to bank"),
+                    Parameter(
+                        "width", float, 12.0, 0.0, 2000.0, "m", "from bank to bank; 0 is as wide as painted"
+                    ),
                     Parameter("depth", float, 2.0, 0.1, 100.0, "m", "from the water's surface to the bed"),
                     Parameter(
                         "flow",

@@ -149,6 +149,39 @@ def test_a_narrow_label_joins_a_wide_one() -> None:
     assert (wide.centreline == narrow.centreline[-1]).all(axis=1).any()
 
 
+def test_a_river_is_as_wide_as_its_painted_wedge() -> None:
+    half = 1.0 + (ROW - 20) / 20  # px: from 20 m wide to 140 m, by 1 m in a metre
+    wedge = ((np.abs(COLUMN - 80.2) <= half) & (ROW >= 20) & (ROW < 140)).astype(np.uint8)
+    (river,) = trace(wedge, southward, labels={("river", 1): {"width": 0.0, "depth": 2.0}})
+    row = SIZE - river.centreline[:, 1] / 10
+    inside = (row > 30) & (row < 124)
+    width = river.centreline_width[inside]
+    assert np.all(np.abs(width / (20.0 + row[inside] - 20.0) - 1) < 0.15)
+    assert np.all(np.diff(width) > -0.1)
+    assert np.all(np.diff(river.centreline_depth[inside][[0, 20, -1]]) > 0)
+
+
+@pytest.mark.parametrize("thick", [1, 2, 3, 4, 7])
+@pytest.mark.parametrize("turn", [0.0, 0.4, np.pi / 4])
+def test_a_painted_width_is_that_of_the_stroke(thick: int, turn: float) -> None:
+    u = (COLUMN - 79.5) * np.cos(turn) + (ROW - 79.5) * np.sin(turn)
+    v = (ROW - 79.5) * np.cos(turn) - (COLUMN - 79.5) * np.sin(turn) + 0.25
+    stroke = ((np.abs(u) < 60) & (v > -thick / 2) & (v <= thick / 2)).astype(np.uint8)
+    (river,) = trace(stroke, labels={("river", 1): {"width": 0.0}})
+    share = 10 * stroke.sum() / 120  # area over length
+    middle = river.centreline_width[len(river.centreline) // 4 : -len(river.centreline) // 4]
+    assert middle.mean() == pytest.approx(share, rel=0.15)
+
+
+def test_as_painted_neither_tapers_nor_grows_where_others_join() -> None:
+    picture = painted([(80, 20), (80, 140)], [(20, 40), (80, 90)])
+    rivers = trace(picture, southward, labels={("river", 1): {"width": 0.0}})
+    stem = max(rivers, key=lambda river: len(river.centreline))
+    assert len(rivers) == 2
+    assert np.all(np.abs(stem.width[1:-1] / 50.0 - 1) < 0.35)
+    assert stem.width[-4] == pytest.approx(50.0, rel=0.1)
+
+
 def test_a_river_at_the_edge_runs_on_beyond_it() -> None:
     (river,) = trace(painted([(80, 60), (70, 159)]), southward)
     beyond = river.centreline[:, 1] < 0

@@ -12,6 +12,7 @@ from PIL import Image
 
 import sketchterrain.render
 from sketchterrain.compute import list_devices
+from sketchterrain.listings import adherence_lines
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
 
@@ -167,3 +168,20 @@ def test_adherence_tells_numbers_and_shows_where(
     lines = call("adherence", sketch).out.splitlines()
     assert lines[0].endswith("0 shapes lost")
     assert sum(line.startswith("mountain ") for line in lines) == 1
+    river = next(line for line in lines if line.startswith("river "))
+    assert river.endswith("1 narrower than 6 px, overlap not measured")
+    # Its forest and its river are painted, but not described.
+    assert sorted(line.split()[1:5] for line in lines if line.startswith("note: ")) == [
+        ["label", "1", "of", "forest"],
+        ["label", "1", "of", "river"],
+    ]
+    assert len(told["notes"]) == 2
+
+
+def test_a_lost_course_is_told() -> None:
+    river = {"label": 3, "id": 1, "area": 9, "lost": True}
+    told = {"sketch": "a", "seed": 1, "fidelity": 0.8, "lost": 1, "layers": {}, "peaks": {"measured": 0}}
+    assert adherence_lines(told | {"rivers": [river], "notes": []}) == [
+        "a, seed 1, fidelity 0.8: 1 shape lost",
+        "course 1  of a river: lost",
+    ]

@@ -212,6 +212,7 @@ def _report(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) -> d
         "counts": {
             "features": {name: kinds[name] for name in FEATURE_TYPES},
             "rivers": len(features.rivers),
+            "lakes": len(features.lakes),
             "plants": dict(zip(terrain.species_names, species, strict=True)),
         },
         "notes": undescribed_labels(terrain.sketch),

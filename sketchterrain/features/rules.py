@@ -28,7 +28,7 @@ class TypeRule:
     size_power : float
         A smaller disc's strength goes with (its radius / the shape's largest) to this power.
     variation : float
-        Hashed variation of a feature's strength, as a share to either side.
+        Hashed variation of a summit's strength, as a share to either side, but never above its label's.
     most_slope : float
         Strength is at most this times the disc's radius; tan 70° for what rises from the ground.
     fill_radius : float

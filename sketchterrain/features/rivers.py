@@ -22,6 +22,7 @@ from sketchterrain.features.river_course import (
     turned,
 )
 from sketchterrain.features.river_edits import edited_courses, kept_lakes
+from sketchterrain.features.river_gaps import without_gaps
 from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
 from sketchterrain.features.river_shape import network_of
 from sketchterrain.features.river_water import rivers_of
@@ -47,7 +48,8 @@ _LONGEST_DAB = 2.0  # px; so short a skeleton is a dab, however thin
 def trace_rivers(sketch: Sketch, *, seed: int, ground: Ground) -> tuple[River, ...]:
     """Trace the rivers that were painted.
 
-    Painted regions of any label that touch are one network. A dab that is no longer than it is wide, even
+    Painted regions of any label that touch are one network, and so is an end painted a few pixels short of
+    another river's middle. A dab that is no longer than it is wide, even
     one pixel, becomes a short straight reach. The mouth is the lowest end, and rather one at the sketch's
     edge; a river that reaches the edge runs on beyond it for about a third of the sketch. A loop becomes two
     arms that part at its top and meet at its bottom.
@@ -114,14 +116,15 @@ def trace_waters(sketch: Sketch, *, seed: int, ground: Ground) -> Waters:
 
 def _laid_out(sketch: Sketch, seed: int, ground: Ground) -> list[Course]:
     """Draw the courses of all networks, parents first, before a person's edits."""
-    found = tuple(
-        replace(each, weight=np.where(each.weight > 0, each.weight, 2.0 * each.depth * sketch.pixel_size))
-        for each in skeletons(sketch.layers["river"] > 0, _label_widths(sketch))
-    )
+    found, outlines = _networks(sketch, seed)
     if not found:
         return []
+    rivers = [(bone, each) for bone, each in zip(found, outlines, strict=True) if isinstance(each, tuple)]
+    closed = without_gaps(sketch.layers["river"], rivers, LAKE_GAP)
+    if closed is not None:
+        sketch = sketch.replace(layers={**sketch.layers, "river": closed})
+        found, outlines = _networks(sketch, seed)
     lake = lake_pixels(sketch)
-    outlines = [_dab_or_ends(sketch, skeleton, seed) for skeleton in found]
     positions = [_end_positions(sketch, *each) for each in zip(found, outlines, strict=True)]
     courses: list[Course] = []
     for skeleton, outline, heights in zip(found, outlines, _heights(ground, positions), strict=True):
@@ -131,6 +134,15 @@ def _laid_out(sketch: Sketch, seed: int, ground: Ground) -> list[Course]:
             mouth = _mouth(sketch, skeleton, outline, heights, lake)
             courses.extend(_courses(sketch, skeleton, mouth, seed, lake))
     return courses
+
+
+def _networks(sketch: Sketch, seed: int) -> tuple[tuple[Skeleton, ...], list[Course | tuple[RiverEnd, ...]]]:
+    """Find the skeletons of what was painted, and of each the dab's course or the ends."""
+    found = tuple(
+        replace(each, weight=np.where(each.weight > 0, each.weight, 2.0 * each.depth * sketch.pixel_size))
+        for each in skeletons(sketch.layers["river"] > 0, _label_widths(sketch))
+    )
+    return found, [_dab_or_ends(sketch, skeleton, seed) for skeleton in found]
 
 
 def _label_widths(sketch: Sketch) -> Floats:

@@ -136,6 +136,49 @@ def test_confluences_meet_on_any_ground(seed: int) -> None:
     assert ends == len(rivers) - 1
 
 
+@pytest.mark.parametrize("gap", [1, 2, 3])
+def test_a_tributary_painted_short_of_its_stem_joins_it(gap: int) -> None:
+    stem, side = painted([(80, 20), (80, 140)]), painted([(20, 70), (110, 70)])
+    side[:, 80 - 2 - gap :] = 0
+    rivers = trace(stem | side, southward)
+    assert len(rivers) == 2
+    longer, joining = sorted(rivers, key=lambda river: -len(river.centreline))
+    assert (longer.centreline == joining.centreline[-1]).all(axis=1).any()
+
+
+def test_a_river_far_from_another_or_beside_it_does_not_join_it() -> None:
+    far = painted([(20, 70), (70, 70)])
+    far[:, 80 - 2 - 8 :] = 0
+    beside = painted([(72, 30), (72, 120)])
+    for other in (far, beside):
+        first, second = trace(painted([(80, 20), (80, 140)]) | other, southward)
+        assert not (first.centreline == second.centreline[-1]).all(axis=1).any()
+        assert not (second.centreline == first.centreline[-1]).all(axis=1).any()
+
+
+def test_two_ends_that_meet_stay_two_rivers() -> None:
+    assert len(trace(painted([(80, 20), (80, 70)]) | painted([(80, 78), (80, 140)]), southward)) == 2
+
+
+@pytest.mark.parametrize("half", [1.0, 2.5, 4.0])
+def test_rivers_that_cross_themselves_fall_all_the_way(half: float) -> None:
+    turn, bow = np.linspace(0, 2 * np.pi, 160), np.linspace(-1.3, 1.3, 100)
+    eight = [(80 + 50 * np.sin(2 * a), 80 + 60 * np.sin(a)) for a in turn]
+    alpha = [(80 + 60 * (t * t - 0.6), 80 + 80 * t * (t * t - 0.9)) for t in bow]
+    for line, arms in ((eight, (2, 4)), (alpha, (3,))):  # where arms only touch, they run past each other
+        rivers = trace(painted(line, half=half), southward)
+        assert len(rivers) in arms
+        joined = sum(
+            any(
+                (other.centreline == river.centreline[-1]).all(axis=1).any()
+                for other in rivers
+                if other is not river
+            )
+            for river in rivers
+        )
+        assert joined >= len(rivers) - 1
+
+
 def test_a_narrow_label_joins_a_wide_one() -> None:
     picture = painted([(20, 40), (80, 90)], half=1.5, label=2)
     stem = painted([(80, 20), (80, 140)])

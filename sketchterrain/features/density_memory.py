@@ -66,10 +66,12 @@ class DensityMemory:
         """
         count = asked.positions.shape[1]
         result, anew = np.zeros((len(asked.ids), count)), np.ones(len(asked.ids), dtype=np.bool_)
-        if self._last is not None:
-            known, row = asked.same(self._last[1])
-            result[known] = self._last[2][row[known]]
-            anew = ~known | _near_changes(self._last[0], features, asked)
+        last = self._last  # read once: another thread may replace it
+        if last is not None:
+            features_then, asked_then, answers = last
+            known, row = asked.same(asked_then)
+            result[known] = answers[row[known]]
+            anew = ~known | _near_changes(features_then, features, asked)
         places, reach = asked.positions[anew], asked.sizes[anew]
         if len(places):
             near = _in_box(features.positions, places, float(reach.max()))

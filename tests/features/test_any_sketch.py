@@ -8,11 +8,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from sketchterrain.features import FEATURE_TYPES, Fill, label_shapes, place, trace_rivers
+from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import LAYER_CODES, TYPES
 from sketchterrain.features.shapes import EDGE_OVERHANG
 from sketchterrain.sketch.document import Sketch
 
 SIZES = st.tuples(st.integers(1, 14), st.integers(1, 14))
+LEAST_RADIUS = 1.5  # px
+LEAST_SHARE = 0.36  # of the label's strength, for which a feature's reach is worked out
 LABELS = st.sampled_from([0, 0, 0, 1, 1, 2])
 
 
@@ -47,9 +50,15 @@ def test_any_sketch(sketch: Sketch, seed: int) -> None:
     for field in ("x", "y", "radius", "strength"):
         assert np.isfinite(placed[field]).all()
     assert np.all(placed["strength"] > 0)
-    widest = max(rule.reach for rule in TYPES.values())
-    longer = max(sketch.width_px, sketch.height_px)
-    assert np.all(placed["radius"] <= widest * sketch.pixel_size * longer * (0.5 + EDGE_OVERHANG + 1))
+    disc = max(max(sketch.width_px, sketch.height_px) * (0.5 + EDGE_OVERHANG), 1.0)
+    for name, rule in TYPES.items():
+        own = placed[placed["type"] == FEATURE_TYPES.index(name)]
+        # As far as a quarter of its label shows, and no farther for being low.
+        asked = sketch.properties(name, 1)["density" if name == "forest" else "height"]
+        share = np.maximum(own["strength"] / asked, LEAST_SHARE)
+        shown = shown_at(name, share, own["peakiness"].astype(float), sketch.fidelity)
+        most = np.maximum(rule.reach * disc / shown, LEAST_RADIUS) * sketch.pixel_size
+        assert np.all(own["radius"] <= most * (1 + 1e-6))
 
     rivers = trace_rivers(sketch, seed=seed, ground=rolling)
     assert len({river.id for river in rivers}) == len(rivers)

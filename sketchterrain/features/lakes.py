@@ -55,21 +55,24 @@ def painted_lakes(sketch: Sketch, ground: Callable[[Floats, Floats], npt.NDArray
     list of Lake, in reading order of their first pixels; rivers may still lower them.
     """
     margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
-    lakes = []
-    for shape in label_shapes("lake", sketch.layers["lake"]):
-        field = shape_field(sketch, shape, margin=margin)
-        shore = _shore(field)
-        heights = np.asarray(ground(shore[:, 0], shore[:, 1]), dtype=np.float64)
-        lakes.append(
-            Lake(
-                id=LAYER_CODES["lake"] << 48 | shape.id,
-                label=shape.label,
-                shape=field,
-                level=float(np.percentile(heights, _LOW_SHORE)) - _FREEBOARD,
-                depth=float(sketch.properties("lake", shape.label)["depth"]),
-            )
+    shapes = label_shapes("lake", sketch.layers["lake"])
+    if not shapes:
+        return []
+    fields = [shape_field(sketch, shape, margin=margin) for shape in shapes]
+    shores = [_shore(field) for field in fields]
+    at = np.concatenate(shores)
+    heights = np.asarray(ground(at[:, 0].copy(), at[:, 1].copy()), dtype=np.float64)
+    ends = np.cumsum([len(shore) for shore in shores])
+    return [
+        Lake(
+            id=LAYER_CODES["lake"] << 48 | shape.id,
+            label=shape.label,
+            shape=field,
+            level=float(np.percentile(heights[end - len(shore) : end], _LOW_SHORE)) - _FREEBOARD,
+            depth=float(sketch.properties("lake", shape.label)["depth"]),
         )
-    return lakes
+        for shape, field, shore, end in zip(shapes, fields, shores, ends, strict=True)
+    ]
 
 
 def mouth_lakes(sketch: Sketch, courses: Sequence[Course], *, seed: int) -> list[Lake]:

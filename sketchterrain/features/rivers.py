@@ -91,18 +91,21 @@ class Waters:
         One line for each contradiction between layers; see `contradictions`.
     orphans : tuple of str
         One line for each edit that found nothing to change.
+    grounds : tuple of (m,) float64
+        Height (m) of the ground without rivers along each river's centreline.
     """
 
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...]
     resolutions: tuple[str, ...]
     orphans: tuple[str, ...]
+    grounds: tuple[Floats, ...]
 
 
 def trace_waters(sketch: Sketch, *, seed: int, ground: Ground) -> Waters:
     """Trace rivers as `trace_rivers` does, and lay out the lakes that they run through and end in.
 
-    `ground` is called once more for each lake's shore.
+    `ground` is called once more, for the shores of all lakes.
     """
     lakes = painted_lakes(sketch, ground)
     courses = _laid_out(sketch, seed, ground)
@@ -111,7 +114,7 @@ def trace_waters(sketch: Sketch, *, seed: int, ground: Ground) -> Waters:
     lakes, lost = kept_lakes([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
     rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground)
     decided = resolutions(sketch, mountain_numbers(sketch), rivers, grounds, lakes)
-    return Waters(tuple(rivers), tuple(lakes), decided, orphans + lost)
+    return Waters(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
 
 
 def _laid_out(sketch: Sketch, seed: int, ground: Ground) -> list[Course]:

@@ -109,7 +109,7 @@ def make_recipe(sketch: Sketch, *, memory: ShapeMemory | None = None) -> Terrain
     return replace(
         dry,
         rivers=waters.rivers,
-        river_reach=tuple(valley_reach(river, ground(*river.centreline[:, :2].T)) for river in waters.rivers),
+        river_reach=tuple(valley_reach(*each) for each in zip(waters.rivers, waters.grounds, strict=True)),
         lakes=waters.lakes,
         resolutions=waters.resolutions,
         orphans=(*painted.orphans, *adopted.orphans, *waters.orphans),

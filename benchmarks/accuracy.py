@@ -11,7 +11,7 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
-from sketchterrain.terrain.evaluation import Evaluator, Surface
+from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, tile_axes
 from sketchterrain.terrain.reference import reference_ground
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.terrain import Terrain, TerrainRecipe
+    from sketchterrain.terrain.surfaces import Surface
 
     Reals = npt.NDArray[np.float64]
 

@@ -26,12 +26,14 @@ __all__ = ["WRITTEN", "measure"]
 _REAL = 4
 
 WRITTEN: Mapping[str, float] = {
-    "patches": 5 * _REAL,  # height and four masks
+    "patches": 6 * _REAL,  # height, four masks and the mottle
     "points": 5 * _REAL,
-    "surfaces": 11 * _REAL,  # normal and eight weights
+    "surfaces": 12 * _REAL,  # height, normal and eight weights
+    "parents": 4 * _REAL,  # height and normal
     "propose": 12,  # candidate and priority
     "resolve": 0.18,  # 8 bytes for an accepted point: 0.31 of the cells over 14 rounds
     "bench_fbm": _REAL,
+    "bench_fbm_slope": 3 * _REAL,
 }
 """Bytes that a work item writes, for every kernel in ``kernels/*.cl``."""
 
@@ -53,11 +55,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Device time of a launch of every kernel, by profiling events.
 
     `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
-    `patches` has a border of one around each tile), `points` a square grid over the same ground at the same
-    cell size, `propose` and `resolve` the places of plants (an item is a cell of the window), `bench_fbm` 8
-    octaves of noise on a grid. Medians and 95th percentiles are over all launches of all rounds; rates are
-    work items, and the bytes that they write, over the median. Launches are padded to whole groups of 64
-    items; the padding, under 1.5 %, counts as items.
+    `patches` has a border of one around each tile), `parents` what they keep of their parents, `points` a
+    square grid over the same ground at the same cell size, `propose` and `resolve` the places of plants (an
+    item is a cell of the window), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes.
+    Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
+    they write, over the median. Launches are padded to whole groups of 64 items; the padding, under 1.5 %,
+    counts as items.
     """
     works = dict(_works(context, effort))
     laps = alternate({str(case): work for case, work in works.items()}, rounds=effort.rounds)
@@ -81,7 +84,7 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     for name, terrain in grounds.items():
         for level in effort.kernel_levels:
             yield (
-                _Case(("patches", "surfaces"), name, level),
+                _Case(("patches", "surfaces", "parents"), name, level),
                 _tiles(context, terrain, level, effort.kernel_tiles),
             )
             yield _Case(("points",), name, level), _points(context, terrain, level, effort)
@@ -89,6 +92,7 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     yield (_Case(("propose", "resolve")), partial(context.lap, partial(bare.foliage, 0.0, 0.0, side, side)))
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
+    yield _Case(("bench_fbm_slope",)), partial(context.lap, grid.launch_slope)
 
 
 def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
@@ -108,6 +112,9 @@ def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort)
 def _rows(case: _Case, laps: Sequence[Lap]) -> Iterator[Row]:
     for kernel in case.kernels:
         launches = [launch for lap in laps for launch in lap.launches if launch.kernel == kernel]
+        # Parents' bare heights are fewer, and no masks are written for them.
+        most = max(launch.items for launch in launches)
+        launches = [launch for launch in launches if launch.items == most]
         times = spread([launch.seconds for launch in launches])
         items = int(np.median([launch.items for launch in launches]))
         yield {

@@ -8,8 +8,8 @@ import numpy as np
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
-from sketchterrain.terrain.octaves import NoiseStack, octave_table
-from sketchterrain.terrain.reference import fbm
+from sketchterrain.terrain.octaves import NoiseStack, corner_table, octave_table
+from sketchterrain.terrain.reference_noise import fbm
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -25,7 +25,7 @@ SEED = 7
 _EXTENT = 4096.0
 _LONGEST = 1024.0  # m: wavelength of the first octave; the last is 8 m
 _GAIN = 0.5
-_STEP = 4096  # lattice units: vertices 1 m apart
+_STEP_BITS = 12  # vertices 4096 lattice units apart: 1 m
 _STACK = "bench"
 
 _COLUMNS = (
@@ -55,17 +55,21 @@ class NoiseGrid:
             context.upload(table.form),
             context.upload(table.offset),
             context.upload(table.scale.astype(real)),
+            context.upload(corner_table(table, np.zeros((1, 2), np.int64), _STEP_BITS)),
             np.int32(len(table.form)),
-            np.int64(0),
-            np.int64(0),
-            np.int64(_STEP),
             np.int32(side),
         )
-        self._sum = context.empty(side * side, real)
+        self._sum, self._east, self._north = (context.empty(side * side, real) for _ in range(3))
 
     def launch(self) -> None:
         """Enqueue the kernel once."""
         self._context.launch("bench.cl", "bench_fbm", (self._side, self._side), *self._arguments, self._sum)
+
+    def launch_slope(self) -> None:
+        """Enqueue the kernel that gives slopes too, once."""
+        out = self._sum, self._east, self._north
+        size = (self._side, self._side)
+        self._context.launch("bench.cl", "bench_fbm_slope", size, *self._arguments, *out)
 
     def download(self) -> npt.NDArray[Any]:
         """Return what the kernel computed last, shape (side, side)."""
@@ -73,8 +77,8 @@ class NoiseGrid:
 
     def reference(self) -> npt.NDArray[np.float64]:
         """Compute the same in NumPy float64."""
-        step = np.arange(self._side, dtype=np.int64) * _STEP
-        x, y = np.meshgrid(step, -step)
+        step = np.arange(self._side, dtype=np.int64) << _STEP_BITS
+        x, y = np.meshgrid(step, step)
         return fbm(self._octaves, _STACK, x, y)
 
 

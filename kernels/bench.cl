@@ -1,19 +1,34 @@
 // What noise alone costs: fBm on a square grid, nothing else read or written.
+#define PATCH_POSITIONS
 #include "noise.clh"
 
-// Sums all octaves at each vertex of a side x side grid, row 0 northernmost.
-//   octaves      octaves in the three arrays, see noise.clh
-//   west, north  the first vertex, lattice units; step  distance between vertices, lattice units
-//   sum          side * side
+// Sums all octaves at each vertex of one patch of side x side vertices, row 0 southernmost.
+//   octave_*   see Octaves in positions.clh; octave_count octaves
+//   sum        side * side
 // Global size: (side, side).
 __kernel void bench_fbm(__global const int4 *octave_form, __global const long2 *octave_offset,
-                        __global const REAL2 *octave_scale, int octaves, long west, long north, long step,
+                        __global const REAL2 *octave_scale, __global const uint4 *octave_corner, int octave_count,
                         int side, __global REAL *sum)
 {
-    const Octaves table = {octave_form, octave_offset, octave_scale};
+    const Octaves octaves = {octave_form, octave_offset, octave_scale, octave_corner, octave_count};
     const int column = get_global_id(0);
     const int row = get_global_id(1);
     if (column >= side) return;
-    const long4 p = skewed(west + column * step, north - row * step);
-    sum[row * side + column] = fbm(table, 0, octaves, p);
+    sum[row * side + column] = fbm(octaves, 0, octave_count, place_of(0, 0, 0, column, row, 0));
+}
+
+// The same with the slope of the sum, per lattice unit.
+__kernel void bench_fbm_slope(__global const int4 *octave_form, __global const long2 *octave_offset,
+                              __global const REAL2 *octave_scale, __global const uint4 *octave_corner,
+                              int octave_count, int side, __global REAL *sum, __global REAL *east,
+                              __global REAL *north)
+{
+    const Octaves octaves = {octave_form, octave_offset, octave_scale, octave_corner, octave_count};
+    const int column = get_global_id(0);
+    const int row = get_global_id(1);
+    if (column >= side) return;
+    const Slope s = fbm_slope(octaves, 0, octave_count, place_of(0, 0, 0, column, row, 0));
+    sum[row * side + column] = s.value;
+    east[row * side + column] = s.east;
+    north[row * side + column] = s.north;
 }

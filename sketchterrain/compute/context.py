@@ -107,9 +107,13 @@ class ComputeContext:
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Wait for the queue and copy a buffer into a new array."""
         array = np.empty(shape, dtype=dtype)
+        self.download_into(buffer, array)
+        return array
+
+    def download_into(self, buffer: Any, array: npt.NDArray[Any]) -> None:
+        """Wait for the queue and copy the start of a buffer into a contiguous array."""
         if array.nbytes:
             cl.enqueue_copy(self._queue, array, buffer)
-        return array
 
     def start_profile(self) -> None:
         """Record each launch from now on."""

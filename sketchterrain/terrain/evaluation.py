@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,49 +10,30 @@ import numpy as np
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.terrain.culling import feature_lists, features_near
 from sketchterrain.terrain.kernel_arguments import KernelArguments
-from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
-from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.lattice import LATTICE_BITS
 from sketchterrain.terrain.packing import pack_features
+from sketchterrain.terrain.patches import GROUP, Patches, PatchLauncher, rounded_up, tile_patches
+from sketchterrain.terrain.surfaces import ParentSurface, Surface, SurfaceStore
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["MASKS", "Evaluator", "Surface"]
+__all__ = ["MASKS", "Evaluator"]
 
 MASKS = ("mountain", "dune", "forest", "water")
 """What the four masks of a point say: see ``Ground`` in ``kernels/world.clh``."""
 
 _FILE = "terrain.cl"
-_GROUP = 64
 _PATCHES_PER_LAUNCH = 256
 _POINTS_PER_LAUNCH = 1 << 21
 # Points are culled in square blocks: 2^5 along the sketch's longer side, fewer where points lie far apart.
 _BLOCKS_PER_EXTENT_BITS = 5
 _MOST_BLOCKS_BITS = 6
-
-
-@dataclass(frozen=True)
-class Surface:
-    """Heights, normals and materials of patches of n×n vertices.
-
-    Attributes
-    ----------
-    height : ndarray, shape (patches, n, n)
-        Metres.
-    normal : ndarray, shape (patches, n, n, 3)
-        Unit vectors: east, north, up.
-    materials : ndarray, shape (patches, n, n, len(MATERIALS))
-        Weights that sum to 1.
-    """
-
-    height: npt.NDArray[np.floating]
-    normal: npt.NDArray[np.floating]
-    materials: npt.NDArray[np.floating]
 
 
 class Evaluator:
@@ -70,6 +50,8 @@ class Evaluator:
         self.recipe = recipe
         self.context = context
         self._arguments = KernelArguments(recipe, context)
+        self._launcher = PatchLauncher(self._arguments)
+        self._kept: SurfaceStore | None = None
 
     def with_strengths(self, strength: npt.NDArray[np.floating]) -> Evaluator:
         """Return an evaluator of the same recipe but for the painted features' strengths, shape (n,).
@@ -78,6 +60,7 @@ class Evaluator:
         """
         other = copy(self)
         other._arguments = self._arguments.with_strengths(strength)
+        other._launcher = PatchLauncher(other._arguments)
         other.recipe = other._arguments.recipe
         return other
 
@@ -101,17 +84,39 @@ class Evaluator:
             Called with the share that is done, 0 … 1.
         """
         count, side = axis_x.shape
-        inner = side - 2
-        real = self.context.real_dtype
-        height = np.empty((count, inner, inner), real)
-        normal = np.empty((count, inner, inner, 3), real)
-        materials = np.empty((count, inner, inner, len(MATERIALS)), real)
+        surface = Surface.empty(count, side - 2, real=self.context.real_dtype)
+        store = self._store(side - 2)
         for first in range(0, count, _PATCHES_PER_LAUNCH):
             part = slice(first, first + _PATCHES_PER_LAUNCH)
-            self._surface(axis_x[part], axis_y[part], cell_size, height[part], normal[part], materials[part])
+            patches = Patches(axis_x[part], axis_y[part], cell_size)
+            self._launcher.surfaces(patches, store, np.arange(patches.count))
+            store.download_surface(surface.part(part))
             if progress is not None:
                 progress(min((first + _PATCHES_PER_LAUNCH) / count, 1.0))
-        return Surface(height, normal, materials)
+        return surface
+
+    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, ParentSurface]:
+        """Evaluate tiles of one level, and what their parents hold at their vertices.
+
+        Parameters
+        ----------
+        keys
+            Column and row of each.
+        level
+            −12 … 18.
+        """
+        own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
+        surface = Surface.empty(own.count, own.side - 2, real=self.context.real_dtype)
+        parent = ParentSurface.empty(own.count, own.side - 2, real=self.context.real_dtype)
+        store = self._store(own.side - 2)
+        for first in range(0, own.count, _PATCHES_PER_LAUNCH):
+            part = slice(first, first + _PATCHES_PER_LAUNCH)
+            slots = np.arange(min(_PATCHES_PER_LAUNCH, own.count - first))
+            self._launcher.surfaces(own.part(part), store, slots)
+            self._launcher.parents(coarse.part(part), store, slots)
+            store.download_surface(surface.part(part))
+            store.download_parents(parent.part(part))
+        return surface, parent
 
     def points(
         self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], *, cell_size: float
@@ -159,7 +164,7 @@ class Evaluator:
         context.launch(
             _FILE,
             "points",
-            (_rounded_up(x.size),),
+            (rounded_up(x.size),),
             *self._arguments.terrain(blocks, cell_size),
             context.upload(x),
             context.upload(y),
@@ -167,74 +172,15 @@ class Evaluator:
             np.int32(x.size),
             height,
             masks,
-            group=(_GROUP,),
+            group=(GROUP,),
         )
         return context.download(height, x.size, real), context.download(masks, (x.size, 4), real)
 
-    def _surface(
-        self,
-        axis_x: npt.NDArray[np.int64],
-        axis_y: npt.NDArray[np.int64],
-        cell_size: float,
-        height_out: npt.NDArray[Any],
-        normal_out: npt.NDArray[Any],
-        materials_out: npt.NDArray[Any],
-    ) -> None:
-        context, real = self.context, self.context.real_dtype
-        count, side = axis_x.shape
-        blocks = np.stack([axis_x[:, 0], axis_y[:, -1], axis_x[:, -1], axis_y[:, 0]], axis=-1)
-        world = self._arguments.world(cell_size)
-        axes = context.upload(axis_x), context.upload(axis_y)
-        height = context.empty(count * side * side, real)
-        masks = context.empty(count * side * side * 4, real)
-        context.launch(
-            _FILE,
-            "patches",
-            (_rounded_up(side * side), count),
-            *self._arguments.terrain(blocks, cell_size),
-            *axes,
-            np.int32(side),
-            height,
-            masks,
-            group=(_GROUP, 1),
-        )
-        normal = context.empty(normal_out.shape, real)
-        materials = context.empty(materials_out.shape, real)
-        unit = metres_per_unit(self.recipe.extent)
-        context.launch(
-            _FILE,
-            "surfaces",
-            (_rounded_up((side - 2) ** 2), count),
-            world["scalars"],
-            world["climate"],
-            *world["octaves"],
-            *axes,
-            context.upload(_inverse_spans(axis_x, unit).astype(real)),
-            context.upload(_inverse_spans(-axis_y, unit).astype(real)),
-            np.int32(side),
-            height,
-            masks,
-            *self._arguments.covers(blocks),
-            normal,
-            materials,
-            group=(_GROUP, 1),
-        )
-        padded = context.download(height, (count, side, side), real)
-        height_out[...] = padded[:, 1:-1, 1:-1]
-        normal_out[...] = context.download(normal, normal_out.shape, real)
-        materials_out[...] = context.download(materials, materials_out.shape, real)
-
-
-def _rounded_up(count: int) -> int:
-    return -(-count // _GROUP) * _GROUP
-
-
-def _inverse_spans(axis: npt.NDArray[np.int64], unit: float) -> npt.NDArray[np.float64]:
-    """1 / distance between a vertex's two neighbours (1/m); 0 where there is none."""
-    inverse = np.zeros(axis.shape)
-    spans = axis[:, 2:] - axis[:, :-2]
-    inverse[:, 1:-1] = 1 / (np.maximum(spans, 1) * unit)
-    return inverse
+    def _store(self, inner: int) -> SurfaceStore:
+        """Return the place on the device that patches of inner × inner vertices are written to; kept."""
+        if self._kept is None or self._kept.inner != inner:
+            self._kept = SurfaceStore(self.context, inner, _PATCHES_PER_LAUNCH)
+        return self._kept
 
 
 def _blocks_of(

@@ -59,7 +59,7 @@ class KernelArguments:
         return self._world(effective_cell(cell_size))
 
     def terrain(self, blocks: npt.NDArray[np.int64], cell_size: float) -> list[Any]:
-        """Return the arguments that ``TERRAIN_ARGUMENTS`` in ``kernels/terrain.cl`` names, in its order.
+        """Return the arguments that ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh`` names, in its order.
 
         Parameters
         ----------
@@ -114,6 +114,7 @@ class KernelArguments:
                 upload(lakes.shape.astype(real)),
                 upload(lakes.profile.astype(real)),
             ],
+            "table": octaves,
             "octaves": [upload(octaves.form), upload(octaves.offset), upload(octaves.scale.astype(real))],
         }
 

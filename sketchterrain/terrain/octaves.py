@@ -15,14 +15,34 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-__all__ = ["FINEST_WAVELENGTH", "NoiseStack", "OctaveTable", "band_weight", "octave_table"]
+__all__ = [
+    "FINEST_WAVELENGTH",
+    "SKEW_OTHER",
+    "SKEW_SAME",
+    "STRIDES",
+    "NoiseStack",
+    "OctaveTable",
+    "band_weight",
+    "corner_table",
+    "fits_patches",
+    "octave_table",
+]
 
 FINEST_WAVELENGTH = 0.5
 """Shortest noise wavelength, m: what samples 0.1 m apart show well."""
 
+SKEW_SAME, SKEW_OTHER = 1399, 375
+"""What a skewed coordinate, in units of 2^-10 lattice units, is the sum of: SAME x + OTHER y."""
+STRIDES = (0x9E3779B1, 0x85EBCA77)
+"""What a step from cell to cell adds to the hash, along u and along v."""
+
 _SKEW_BITS = 10
-_FRACTION_BITS = 24
-_OFFSET_RANGE = np.uint64(1 << 44)
+# A lattice is shifted by so many bits of a cell: few enough that the last is a whole step of any tile that
+# shows the octave, many enough that no two octaves line up.
+_OFFSET_CELL_BITS = 11
+_OFFSET_RANGE = np.uint64(1 << 22)
+_MOST_BITS = 30  # of a cell in steps, so that a corner's and a vertex's sum fits 32 with its sign
+_MOST_STEP_BITS = 22  # so that a tile and what reaches it span less than 2^31 units
 
 
 @dataclass(frozen=True)
@@ -58,7 +78,7 @@ class OctaveTable:
     offset : ndarray of int64, shape (n, 2)
         Shift of the octave's lattice, skewed units.
     scale : ndarray of float64, shape (n, 2)
-        Amplitude with the band limit; 2^-(bits of the fraction).
+        Amplitude with the band limit; 1 / side of a cell, in lattice units.
     ranges : dict of str to (int, int)
         First and last (exclusive) octave of each stack.
     """
@@ -97,14 +117,14 @@ def octave_table(
             cell_bits = top - octave
             wavelength = 2.0**cell_bits * unit
             weight = band_weight(wavelength, cell_size)
-            if cell_bits < 0 or wavelength < FINEST_WAVELENGTH or weight == 0:
+            if cell_bits < 1 or wavelength < FINEST_WAVELENGTH or weight == 0:
                 break
             shift = cell_bits + _SKEW_BITS
             words = hashed(seed, f"noise {stack.name}", octave, np.arange(3))
             form.append((shift, int(words[0] & np.uint64(0x7FFFFFFF)), octave & 1, 0))
-            offset.append([int(word % _OFFSET_RANGE) for word in words[1:]])
+            offset.append([int(word % _OFFSET_RANGE) << (shift - _OFFSET_CELL_BITS) for word in words[1:]])
             amplitude = weight * (1 - stack.gain) * stack.gain**octave
-            scale.append((amplitude, 2.0 ** -min(shift, _FRACTION_BITS)))
+            scale.append((amplitude, 2.0**-cell_bits))
         ranges[stack.name] = (first, len(form))
     return OctaveTable(
         np.array(form, dtype=np.int32).reshape(-1, 4),
@@ -112,3 +132,41 @@ def octave_table(
         np.array(scale, dtype=np.float64).reshape(-1, 2),
         ranges,
     )
+
+
+def fits_patches(octaves: OctaveTable, step_bits: int) -> bool:
+    """Whether vertices 2^step_bits lattice units apart can be told by 32 bits in every octave."""
+    shifts = octaves.form[:, 0]
+    return step_bits <= _MOST_STEP_BITS and bool(np.all(shifts - step_bits <= _MOST_BITS))
+
+
+def corner_table(
+    octaves: OctaveTable, corner: npt.NDArray[np.int64], step_bits: int
+) -> npt.NDArray[np.uint32]:
+    """Return where the corners of patches lie in each octave's lattice (``kernels/positions.clh``).
+
+    Parameters
+    ----------
+    octaves
+    corner
+        South-west vertices, lattice units, whole steps, shape (patches, 2).
+    step_bits
+        Vertices are 2^step_bits lattice units apart; see :func:`fits_patches`.
+
+    Returns
+    -------
+    ndarray of uint32, shape (patches, octaves, 4)
+        Fractions along u and v in steps, hash of the cell, bits of a cell in steps.
+    """
+    x, y = corner[:, 0], corner[:, 1]
+    plain = np.stack([SKEW_SAME * x + SKEW_OTHER * y, SKEW_OTHER * x + SKEW_SAME * y], axis=-1)
+    turned = np.stack([SKEW_SAME * y - SKEW_OTHER * x, SKEW_OTHER * y - SKEW_SAME * x], axis=-1)
+    shift, seed = octaves.form[:, 0].astype(np.int64), octaves.form[:, 1].astype(np.int64)
+    skewed = np.where(octaves.form[:, 2, None] == 1, turned[:, None], plain[:, None]) + octaves.offset
+    cell = skewed >> shift[:, None]
+    fraction = (skewed - (cell << shift[:, None])) >> step_bits
+    # Products wrap around 64 bits; only the last 32 count.
+    strides = cell * np.array(STRIDES)
+    hashed_cell = (strides.sum(axis=-1) + seed) & 0xFFFFFFFF
+    bits = np.broadcast_to(shift - step_bits, hashed_cell.shape)
+    return np.stack([fraction[..., 0], fraction[..., 1], hashed_cell, bits], axis=-1).astype(np.uint32)

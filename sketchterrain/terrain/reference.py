@@ -16,6 +16,7 @@ from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import pack_features, pack_rivers, pack_world
 from sketchterrain.terrain.reference_lakes import lay_lakes
+from sketchterrain.terrain.reference_noise import fbm, ridged
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -27,10 +28,7 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["ReferenceGround", "fbm", "reference_ground", "reference_heights", "simplex"]
-
-_BEND_BITS = 8
-_UNSKEW = (375 / 1024) / (1 + 2 * 375 / 1024)
+__all__ = ["ReferenceGround", "Relief", "reference_ground", "reference_heights", "relief_of"]
 
 
 @dataclass(frozen=True)
@@ -86,8 +84,8 @@ def relief_of(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float
 def _relief(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
     warp_u = np.clip(fbm(octaves, "warp_u", x, y), -1, 1)
     warp_v = np.clip(fbm(octaves, "warp_v", x, y), -1, 1)
-    bend = [np.trunc(warp * (w["ridge_warp"] * 2**_BEND_BITS)).astype(np.int64) for warp in (warp_u, warp_v)]
-    ridge = _ridged(octaves, "ridge", _skewed(x, y) + (_skewed(*bend) >> _BEND_BITS)) - w["ridge_mean"]
+    bend = float(w["ridge_warp"])
+    ridge = ridged(octaves, "ridge", x, y, bend * warp_u, bend * warp_v) - w["ridge_mean"]
     return Relief(
         bend=w["warp"] * np.stack([warp_u, warp_v], axis=-1),
         swell=1 + 0.4 * warp_u,
@@ -133,63 +131,6 @@ def reference_ground(
         height = carved + (np.minimum(carved, height) - carved) * lake
         water = np.maximum(water, river)
     return ReferenceGround(height, mountain, dune, forest, water, lake)
-
-
-def simplex(u: Lattice, v: Lattice, shift: int, seed: int) -> Reals:
-    """Return simplex noise at skewed positions, a cell being 2^shift (``kernels/noise.clh``)."""
-    cell_u, cell_v = u >> shift, v >> shift
-    fu = (u - (cell_u << shift)) / 2.0**shift
-    fv = (v - (cell_v << shift)) / 2.0**shift
-    lower = fu > fv
-    total = np.zeros(u.shape)
-    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
-        du, dv = fu - iu, fv - iv
-        dx, dy = du - (du + dv) * _UNSKEW, dv - (du + dv) * _UNSKEW
-        word = _mixed((cell_u + iu) * 0x9E3779B1 + (cell_v + iv) * 0x85EBCA77 + seed)
-        gx = (word & 0xFFFF).astype(np.float64) / 32768 - 1
-        gy = (word >> 16).astype(np.float64) / 32768 - 1
-        fade = np.maximum(0.5 - dx * dx - dy * dy, 0)
-        total += fade**2 * fade**2 * (gx * dx + gy * dy)
-    return 70 * total
-
-
-def fbm(octaves: OctaveTable, stack: str, x: Lattice, y: Lattice) -> Reals:
-    """Return a stack's sum of octaves at lattice positions."""
-    place, total = _skewed(x, y), np.zeros(x.shape)
-    for i in range(*octaves.ranges[stack]):
-        total += octaves.scale[i, 0] * _octave(octaves, i, place)
-    return total
-
-
-def _ridged(octaves: OctaveTable, stack: str, place: Lattice) -> Reals:
-    """Return a stack's ridged multifractal at skewed positions, shape (4, n)."""
-    total, weight = np.zeros(place.shape[1:]), np.ones(place.shape[1:])
-    for i in range(*octaves.ranges[stack]):
-        ridge = np.maximum(1 - np.abs(_octave(octaves, i, place)), 0) ** 2
-        total += octaves.scale[i, 0] * ridge * weight
-        weight = np.clip(1.5 * ridge, 0, 1)
-    return total
-
-
-def _octave(octaves: OctaveTable, i: int, place: Lattice) -> Reals:
-    shift, seed, turn, _ = (int(word) for word in octaves.form[i])
-    u, v = place[2:] if turn else place[:2]
-    return simplex(u + octaves.offset[i, 0], v + octaves.offset[i, 1], shift, seed)
-
-
-def _skewed(x: Lattice, y: Lattice) -> Lattice:
-    """Skewed coordinates as they are, and turned by 90 degrees (``kernels/noise.clh``), shape (4, n)."""
-    return np.stack([1399 * x + 375 * y, 375 * x + 1399 * y, 1399 * y - 375 * x, 375 * y - 1399 * x])
-
-
-def _mixed(word: Lattice) -> npt.NDArray[np.uint32]:
-    h = (word & 0xFFFFFFFF).astype(np.uint32)
-    h ^= h >> np.uint32(16)
-    h *= np.uint32(0x7FEB352D)
-    h ^= h >> np.uint32(15)
-    h *= np.uint32(0x846CA68B)
-    h ^= h >> np.uint32(16)
-    return h
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.evaluation import Evaluator, Surface
+from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, tile_axes, to_lattice
+from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.surfaces import ParentSurface, Surface
 
 __all__ = ["Raster", "Terrain", "TerrainFeatures", "Tile"]
 
@@ -46,6 +47,9 @@ class Tile:
         Unit vectors: east, north, up.
     materials : ndarray of float32, shape (65, 65, 8)
         Weights in the order of ``MATERIALS``; they sum to 1.
+    parent_height, parent_normal : ndarray of float32, shapes (65, 65) and (65, 65, 3)
+        What the coarser tile over it holds here: bit-equal at the vertices they share; between two of the
+        parent's vertices half their sum, along its edges or its diagonals from north-west to south-east.
     """
 
     level: int
@@ -56,6 +60,8 @@ class Tile:
     height: npt.NDArray[np.float32]
     normal: npt.NDArray[np.float32]
     materials: npt.NDArray[np.float32]
+    parent_height: npt.NDArray[np.float32]
+    parent_normal: npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -185,12 +191,8 @@ class Terrain:
         tiles: dict[tuple[int, int, int], Tile] = {}
         for level in sorted({key[0] for key in keys}):
             of_level = [key for key in dict.fromkeys(keys) if key[0] == level]
-            axes = [tile_axes(*key) for key in of_level]
-            cell = level_step(level) * metres_per_unit(self.extent)
-            surface = self._evaluator.surface(
-                np.stack([x for x, _ in axes]), np.stack([y for _, y in axes]), cell_size=cell
-            )
-            tiles |= {key: self._tile(key, cell, surface, i) for i, key in enumerate(of_level)}
+            surface, parent = self._evaluator.tiles([key[1:] for key in of_level], level)
+            tiles |= {key: self._tile(key, surface, parent, i) for i, key in enumerate(of_level)}
         return [tiles[key] for key in keys]
 
     def raster(self, longer_side: int, *, progress: Callable[[float], None] | None = None) -> Raster:
@@ -250,12 +252,14 @@ class Terrain:
         """Names of the plants' species, in order."""
         return SPECIES
 
-    def _tile(self, key: tuple[int, int, int], cell: float, surface: Surface, i: int) -> Tile:
+    def _tile(self, key: tuple[int, int, int], surface: Surface, parent: ParentSurface, i: int) -> Tile:
         level, column, row = key
+        cell = level_step(level) * metres_per_unit(self.extent)
         width = cell * QUADS
         bounds = (column * width, row * width, (column + 1) * width, (row + 1) * width)
-        arrays = (surface.height[i], surface.normal[i], surface.materials[i])
-        return Tile(level, column, row, bounds, cell, *(np.asarray(a, dtype=np.float32) for a in arrays))
+        parts = (surface.height, surface.normal, surface.materials, parent.height, parent.normal)
+        arrays = (np.asarray(part[i], dtype=np.float32) for part in parts)
+        return Tile(level, column, row, bounds, cell, *arrays)
 
 
 def _axis(length: float, count: int, extent: float) -> npt.NDArray[np.int64]:

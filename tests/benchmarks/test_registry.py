@@ -53,7 +53,7 @@ def test_every_kernel_is_timed() -> None:
     found = {
         name
         for file in files("sketchterrain.kernels").iterdir()
-        if file.name.endswith(".cl")
+        if file.name.endswith((".cl", ".clh"))
         for name in re.findall(
             r"\b__?kernel\s+(?:\w+(?:\(\(.*?\)\))?\s+)*?void\s+(\w+)", file.read_text(encoding="utf-8")
         )

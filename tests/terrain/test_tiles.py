@@ -161,3 +161,47 @@ def test_very_coarse_tiles_are_quick_and_finite(valley: st.Terrain, level: int) 
     tile = valley.tile(level, 0, -1)
     assert np.isfinite(tile.height).all()
     assert np.abs(tile.height).max() < 1000
+
+
+@pytest.mark.parametrize("level", [-12, -3, 0, 2, 5, 9, 13, 18])
+def test_a_tile_carries_its_parent(valley: st.Terrain, level: int) -> None:
+    """Bit-equal where they share vertices; between them half the sum along an edge or the diagonal."""
+    half = QUADS // 2
+    for column, row in ((3, 2), (2, 3), (-1, -5)):
+        tile = valley.tile(level, column, row)
+        if level > -12:
+            parent = valley.tile(level - 1, column // 2, row // 2)
+            rows = slice(0, half + 1) if row % 2 else slice(half, None)
+            columns = slice(half, None) if column % 2 else slice(0, half + 1)
+            np.testing.assert_array_equal(tile.parent_height[::2, ::2], parent.height[rows, columns])
+            np.testing.assert_array_equal(tile.parent_normal[::2, ::2], parent.normal[rows, columns])
+        else:
+            x, y = vertices(tile)
+            coarse = valley.heights(x[::2, ::2], y[::2, ::2], cell_size=2 * tile.cell_size)
+            np.testing.assert_array_equal(tile.parent_height[::2, ::2], coarse)
+        z = tile.parent_height[::2, ::2]
+        np.testing.assert_array_equal(tile.parent_height[::2, 1::2], np.float32(0.5) * (z[:, :-1] + z[:, 1:]))
+        np.testing.assert_array_equal(tile.parent_height[1::2, ::2], np.float32(0.5) * (z[:-1] + z[1:]))
+        np.testing.assert_array_equal(
+            tile.parent_height[1::2, 1::2], np.float32(0.5) * (z[:-1, :-1] + z[1:, 1:])
+        )
+        np.testing.assert_allclose(np.linalg.norm(tile.parent_normal, axis=-1), 1, atol=1e-6)
+
+
+def test_neighbours_parents_agree(valley: st.Terrain) -> None:
+    one, two = valley.tiles([(7, 50, 61), (7, 51, 61)])
+    np.testing.assert_array_equal(one.parent_height[:, -1], two.parent_height[:, 0])
+    np.testing.assert_array_equal(one.parent_normal[:, -1], two.parent_normal[:, 0])
+
+
+@pytest.mark.parametrize("level", [4, 9])
+def test_either_way_to_tell_places_gives_the_same_bits(
+    valley: st.Terrain, level: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Positions in 32 bits from a tile's corner, and in 64 bits from the origin."""
+    keys = [(level, c, r) for c in (-2, 5, 2**level // 2) for r in (3, -1)]
+    near = valley.tiles(keys)
+    monkeypatch.setattr("sketchterrain.terrain.patches.fits_patches", lambda *_: False)
+    for one, two in zip(near, valley.tiles(keys), strict=True):
+        for name in ("height", "normal", "materials", "parent_height", "parent_normal"):
+            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))

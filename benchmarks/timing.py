@@ -50,8 +50,8 @@ class Lap:
 class TimedContext(ComputeContext):
     """A context that also keeps how many work items each launch has; made like its parent."""
 
-    def __init__(self, device: str | None = None, *, real: str = "float") -> None:
-        super().__init__(device, real=real)
+    def __init__(self, device: str | None = None, *, real: str = "float", fast: bool = False) -> None:
+        super().__init__(device, real=real, fast=fast)
         self._items: list[int] = []
 
     def launch(

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-__all__ = ["BuildError", "DeviceError", "InputError", "SketchterrainError", "one_line"]
+__all__ = [
+    "BuildError",
+    "DeviceError",
+    "DeviceFailedError",
+    "DeviceMemoryError",
+    "InputError",
+    "SketchterrainError",
+    "one_line",
+]
 
 
 class SketchterrainError(Exception):
@@ -21,6 +29,14 @@ class DeviceError(SketchterrainError):
     """No device can do the work (exit code 4)."""
 
     exit_code = 4
+
+
+class DeviceFailedError(DeviceError):
+    """A device gave up, or computed what is no number, amid work that another one may do (exit code 4)."""
+
+
+class DeviceMemoryError(DeviceError):
+    """A device has no room for what was asked at once; less may fit (exit code 4)."""
 
 
 class BuildError(SketchterrainError):

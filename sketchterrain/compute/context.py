@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import pyopencl as cl
 
 from sketchterrain import resources
 from sketchterrain.compute.device import Device, choose_device
-from sketchterrain.errors import BuildError, DeviceError
+from sketchterrain.compute.failures import build_failure, call_failure
+from sketchterrain.errors import DeviceError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
 __all__ = ["ComputeContext", "KernelTime"]
 
-# Contraction and fast-math would give other bits on other devices.
 _OPTIONS = ("-cl-std=CL1.2",)
+# They let a compiler reorder and contract, which gives other bits on other devices.
+_FAST_OPTIONS = ("-DFAST", "-cl-fast-relaxed-math")
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -48,21 +53,30 @@ class ComputeContext:
         The device, or a selector as for :func:`~sketchterrain.compute.choose_device`.
     real
         Type that the kernels' ``REAL`` stands for; ``'double'`` builds the same source as its own reference.
+    fast
+        Whether the compiler may trade bits for speed.
 
     Raises
     ------
     DeviceError
         If there is no such device, or it has no doubles and they are asked for.
+    DeviceFailedError
+        If it is there, but cannot be opened. Each method raises it too where the device fails, and
+        DeviceMemoryError where it has no room; a launch may fail only when its results are fetched.
     """
 
-    def __init__(self, device: Device | str | None = None, *, real: str = "float") -> None:
+    def __init__(
+        self, device: Device | str | None = None, *, real: str = "float", fast: bool = False
+    ) -> None:
         self.device = device if isinstance(device, Device) else choose_device(device)
         if real == "double" and not self.device.has_double:
             raise DeviceError(f"{self.device.name} has no 64-bit floats")
         self.real = real
+        self.fast = fast
         self.real_dtype = np.dtype(np.float64 if real == "double" else np.float32)
-        self._context = cl.Context([self.device.handle])
-        self._queue = cl.CommandQueue(self._context, properties=cl.command_queue_properties.PROFILING_ENABLE)
+        self._context = self._call("opening", _opened, self.device)
+        profiling = cl.command_queue_properties.PROFILING_ENABLE
+        self._queue = self._call("opening", cl.CommandQueue, self._context, properties=profiling)
         self._kernels: dict[tuple[str, str], Any] = {}
         self._launches: list[tuple[str, Any]] | None = None
 
@@ -85,9 +99,8 @@ class ComputeContext:
         arguments
             Buffers, arrays' scalars (NumPy scalars of the exact type) in the kernel's order.
         """
-        event = self._kernel(file, kernel)(
-            self._queue, tuple(size), None if group is None else tuple(group), *arguments
-        )
+        shape = (tuple(size), None if group is None else tuple(group))
+        event = self._call(f"launching {kernel}", self._kernel(file, kernel), self._queue, *shape, *arguments)
         if self._launches is not None:
             self._launches.append((kernel, event))
 
@@ -97,12 +110,13 @@ class ComputeContext:
         if host.nbytes == 0:
             host = np.zeros(1, dtype=host.dtype)
         access = cl.mem_flags.READ_WRITE if writable else cl.mem_flags.READ_ONLY
-        return cl.Buffer(self._context, access | cl.mem_flags.COPY_HOST_PTR, hostbuf=host)
+        flags = access | cl.mem_flags.COPY_HOST_PTR
+        return self._call("uploading", cl.Buffer, self._context, flags, hostbuf=host)
 
     def empty(self, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> Any:
         """Make an uninitialised device buffer for an array of this shape."""
         nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
-        return cl.Buffer(self._context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
+        return self._call("a buffer", cl.Buffer, self._context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
 
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Wait for the queue and copy a buffer into a new array."""
@@ -113,7 +127,7 @@ class ComputeContext:
     def download_into(self, buffer: Any, array: npt.NDArray[Any]) -> None:
         """Wait for the queue and copy the start of a buffer into a contiguous array."""
         if array.nbytes:
-            cl.enqueue_copy(self._queue, array, buffer)
+            self._call("downloading", cl.enqueue_copy, self._queue, array, buffer)
 
     def start_profile(self) -> None:
         """Record each launch from now on."""
@@ -121,7 +135,7 @@ class ComputeContext:
 
     def stop_profile(self) -> list[KernelTime]:
         """Wait for the queue, stop recording and return the device time of each launch since the start."""
-        self._queue.finish()
+        self._call("finishing", self._queue.finish)
         launches, self._launches = self._launches or [], None
         return [KernelTime(name, (e.profile.end - e.profile.start) * 1e-9) for name, e in launches]
 
@@ -132,15 +146,29 @@ class ComputeContext:
         return self._kernels[file, name]
 
     def _build(self, file: str) -> Any:
-        options = [*_OPTIONS, f"-DREAL={self.real}"]
-        program = cl.Program(self._context, resources.source(file))
+        options = (*_OPTIONS, f"-DREAL={self.real}", *(_FAST_OPTIONS if self.fast else ()))
         try:
-            with warnings.catch_warnings():
-                # Drivers chat in the log of a build that worked.
-                warnings.simplefilter("ignore", cl.CompilerWarning)
-                return program.build(options=options)
-        except cl.RuntimeError as error:
-            raise BuildError(
-                f"kernels/{file} did not build on {self.device.name} ({self.device.platform} "
-                f"{self.device.driver}) with {' '.join(options)}: {error}"
-            ) from error
+            return _built(self._context, resources.source(file), options)
+        except cl.Error as error:
+            raise build_failure(self.device, file, options, error) from error
+
+    def _call(self, doing: str, work: Callable[..., T], *given: Any, **named: Any) -> T:
+        """Do one call of OpenCL; all of them but builds pass here, and their failures are told alike."""
+        try:
+            return work(*given, **named)
+        except cl.Error as error:
+            raise call_failure(self.device, doing, error) from error
+
+
+@cache
+def _opened(device: Device) -> Any:
+    """Return a device's context, one a process: whoever opens it again finds its programs built."""
+    return cl.Context([device.handle])
+
+
+@cache
+def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
+    with warnings.catch_warnings():
+        # Drivers chat in the log of a build that worked.
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        return cl.Program(context, source).build(options=list(options))

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.terrain.batches import Batches
 from sketchterrain.terrain.culling import feature_lists, features_near
+from sketchterrain.terrain.finite import require_finite
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS
 from sketchterrain.terrain.packing import pack_features
@@ -52,6 +54,8 @@ class Evaluator:
         self._arguments = KernelArguments(recipe, context)
         self._launcher = PatchLauncher(self._arguments)
         self._kept: SurfaceStore | None = None
+        self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
+        self._points_at_once = Batches(_POINTS_PER_LAUNCH)
 
     def with_strengths(self, strength: npt.NDArray[np.floating]) -> Evaluator:
         """Return an evaluator of the same recipe but for the painted features' strengths, shape (n,).
@@ -85,14 +89,15 @@ class Evaluator:
         """
         count, side = axis_x.shape
         surface = Surface.empty(count, side - 2, real=self.context.real_dtype)
-        store = self._store(side - 2)
-        for first in range(0, count, _PATCHES_PER_LAUNCH):
-            part = slice(first, first + _PATCHES_PER_LAUNCH)
-            patches = Patches(axis_x[part], axis_y[part], cell_size)
+
+        def evaluate(part: slice) -> None:
+            patches, store = Patches(axis_x[part], axis_y[part], cell_size), self._store(side - 2)
             self._launcher.surfaces(patches, store, np.arange(patches.count))
             store.download_surface(surface.part(part))
             if progress is not None:
-                progress(min((first + _PATCHES_PER_LAUNCH) / count, 1.0))
+                progress(part.stop / count)
+
+        self._patches_at_once.run(count, evaluate, smaller=self._give_back)
         return surface
 
     def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, ParentSurface]:
@@ -108,14 +113,15 @@ class Evaluator:
         own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
         surface = Surface.empty(own.count, own.side - 2, real=self.context.real_dtype)
         parent = ParentSurface.empty(own.count, own.side - 2, real=self.context.real_dtype)
-        store = self._store(own.side - 2)
-        for first in range(0, own.count, _PATCHES_PER_LAUNCH):
-            part = slice(first, first + _PATCHES_PER_LAUNCH)
-            slots = np.arange(min(_PATCHES_PER_LAUNCH, own.count - first))
+
+        def evaluate(part: slice) -> None:
+            store, slots = self._store(own.side - 2), np.arange(part.stop - part.start)
             self._launcher.surfaces(own.part(part), store, slots)
             self._launcher.parents(coarse.part(part), store, slots)
             store.download_surface(surface.part(part))
             store.download_parents(parent.part(part))
+
+        self._patches_at_once.run(own.count, evaluate, smaller=self._give_back)
         return surface, parent
 
     def points(
@@ -139,9 +145,13 @@ class Evaluator:
         """
         height = np.empty(x.size, self.context.real_dtype)
         masks = np.empty((x.size, 4), self.context.real_dtype)
-        for first in range(0, x.size, _POINTS_PER_LAUNCH):
-            part = slice(first, first + _POINTS_PER_LAUNCH)
+
+        def evaluate(part: slice) -> None:
             height[part], masks[part] = self._points(x[part], y[part], cell_size)
+
+        self._points_at_once.run(x.size, evaluate)
+        require_finite(height, "heights", self.context.device)
+        require_finite(masks, "masks", self.context.device)
         return height, masks
 
     def may_hold(
@@ -179,8 +189,13 @@ class Evaluator:
     def _store(self, inner: int) -> SurfaceStore:
         """Return the place on the device that patches of inner × inner vertices are written to; kept."""
         if self._kept is None or self._kept.inner != inner:
-            self._kept = SurfaceStore(self.context, inner, _PATCHES_PER_LAUNCH)
+            self._kept = SurfaceStore(self.context, inner, self._patches_at_once.most)
         return self._kept
+
+    def _give_back(self) -> None:
+        """Let go of what was allocated for larger batches."""
+        self._kept = None
+        self._launcher = PatchLauncher(self._arguments)
 
 
 def _blocks_of(

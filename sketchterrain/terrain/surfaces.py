@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from sketchterrain.terrain.finite import require_finite
 from sketchterrain.terrain.materials import MATERIALS
 
 if TYPE_CHECKING:
@@ -102,14 +103,15 @@ class SurfaceStore:
 
     def download_surface(self, out: Surface) -> None:
         """Wait, and copy the first slots into arrays."""
-        self._download(self.height, out.height)
-        self._download(self.normal, out.normal)
-        self._download(self.materials, out.materials)
+        self._download(self.height, out.height, "heights")
+        self._download(self.normal, out.normal, "normals")
+        self._download(self.materials, out.materials, "materials")
 
     def download_parents(self, out: ParentSurface) -> None:
         """Wait, and copy what the parents of the first slots hold into arrays."""
-        self._download(self.parent_height, out.height)
-        self._download(self.parent_normal, out.normal)
+        self._download(self.parent_height, out.height, "heights")
+        self._download(self.parent_normal, out.normal, "normals")
 
-    def _download(self, buffer: Any, out: npt.NDArray[Any]) -> None:
+    def _download(self, buffer: Any, out: npt.NDArray[Any], what: str) -> None:
         self.context.download_into(buffer, out)
+        require_finite(out, what, self.context.device)

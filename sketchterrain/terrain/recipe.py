@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -112,7 +113,7 @@ class TerrainRecipe:
         """Wavelength of the mountains' main ridges, m."""
         return self.extent * _RIDGE_SHARE
 
-    @property
+    @cached_property
     def dune_styles(self) -> tuple[tuple[float, float], ...]:
         """Distinct (wavelength in m, wind in degrees) of the dunes, sorted."""
         dunes = self.painted[self.painted["type"] == FEATURE_TYPES.index("dune")]

@@ -1,10 +1,11 @@
 """The sketch: what a person painted and set, as a document and as files.
 
-`parameters` declares everything that can be set (each a `parameter`), `edits` what can be changed of what was
-generated, and `reference` makes a page of both. `document` holds it all as a value, checked against these
+`parameters` declares everything that can be set (each a `parameter`), `material_rule` a rule by which a
+material covers the ground (their table is in `material_rules`), `edits` what can be changed of what was
+generated, and `reference` makes a page of all that. `document` holds it as a value, checked against these
 declarations. `files` reads and writes it as a folder or a ``.sketch`` zip; `toml_text`, `layer_images` and
-`archive` know the three formats involved, `contents` which files are a sketch's, `starter` the first sketch a
-person gets, `wording` how an error shows what was given. Nothing here knows what becomes of a sketch.
+`archive` know the three formats involved, `contents` which files are a sketch's, `starter` the first sketch
+a person gets, `wording` how an error shows what was given. Nothing here knows what becomes of a sketch.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from __future__ import annotations
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, ADDED_BIT, Edit
 from sketchterrain.sketch.files import load_sketch, new_sketch, save_sketch
+from sketchterrain.sketch.material_rule import FACTOR, INPUTS, RULE, Factor, MaterialRule, RuleChange
+from sketchterrain.sketch.material_rules import DEFAULT_RULES, resolved_rules
 from sketchterrain.sketch.parameter import Parameter, Properties
 from sketchterrain.sketch.parameters import (
     CLIMATE,
@@ -29,19 +32,27 @@ __all__ = [
     "ACTIONS",
     "ADDED_BIT",
     "CLIMATE",
+    "DEFAULT_RULES",
     "DENSITY",
+    "FACTOR",
     "GROUND",
+    "INPUTS",
     "LAYERS",
     "MATERIALS",
+    "RULE",
     "SKETCH",
     "TABLES",
     "Edit",
+    "Factor",
     "Layer",
+    "MaterialRule",
     "Parameter",
     "Properties",
+    "RuleChange",
     "Sketch",
     "load_sketch",
     "new_sketch",
     "reference_table",
+    "resolved_rules",
     "save_sketch",
 ]

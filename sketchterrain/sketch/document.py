@@ -13,12 +13,15 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.edits import Edit, checked_edits
+from sketchterrain.sketch.material_rules import checked_changes
 from sketchterrain.sketch.parameter import Parameter, Properties, Value, named
 from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from sketchterrain.sketch.material_rule import RuleChange
 
 __all__ = ["DEFAULT_SIDE", "LARGEST_SIDE", "MOST_LABELS", "LabelImage", "Sketch", "labels_in"]
 
@@ -63,6 +66,8 @@ class Sketch:
         The declared properties by (layer name, label); a label may declare only some.
     edits
         What a person changed of what was generated, in the order in which it is done.
+    material_rules
+        What the sketch changes in the table of rules by which materials cover the ground.
 
     Raises
     ------
@@ -81,6 +86,7 @@ class Sketch:
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
     edits: tuple[Edit, ...] = ()
+    material_rules: tuple[RuleChange, ...] = ()
 
     def __post_init__(self) -> None:
         checked: dict[str, object] = {
@@ -92,6 +98,7 @@ class Sketch:
         checked["layers"] = _check_layers(self.layers)
         checked["labels"] = _check_labels(self.labels)
         checked["edits"] = checked_edits(self.edits)
+        checked["material_rules"] = checked_changes(self.material_rules)
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 

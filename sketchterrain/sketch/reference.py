@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sketchterrain.sketch.edits import ACTIONS
+from sketchterrain.sketch.material_rule import FACTOR, MOST_FACTORS, MOST_INPUTS, RULE
+from sketchterrain.sketch.material_rules import DEFAULT_RULES
 from sketchterrain.sketch.parameter import Parameter, Value, number_text
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
 
@@ -26,7 +28,7 @@ def reference_table() -> str:
     for layer in LAYERS.values():
         text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
         sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
-    return "\n".join([*sections, _edits()])
+    return "\n".join([*sections, _rules(), _edits()])
 
 
 def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
@@ -35,6 +37,25 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
     ]
     head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
     return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
+
+
+def _rules() -> str:
+    names = ", ".join(f"`{rule.name}`" for rule in DEFAULT_RULES)
+    about_rules = (
+        f"A rule by which a material lies on the ground. The table holds, from below to the top, {names}; "
+        "under them all is grass. A name of the table changes that rule: only what is given is another. "
+        "A new name makes a new rule on top."
+    )
+    about_factors = (
+        f"A ramp over a weighted sum of 1 to {MOST_INPUTS} inputs. A rule covers `cover` times all its "
+        f"factors, at most {MOST_FACTORS}; given ones replace all those of the table's rule, and "
+        "`factor = []` takes them away."
+    )
+    sections = (
+        _section("`[[material_rule]]`", about_rules, RULE),
+        _section("`[[material_rule.factor]]`", about_factors, FACTOR),
+    )
+    return "\n".join(sections)
 
 
 def _edits() -> str:

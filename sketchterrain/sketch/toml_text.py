@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import json
 import tomllib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, Edit, edit_of
+from sketchterrain.sketch.material_rule import FACTOR, RULE, RuleChange
+from sketchterrain.sketch.material_rules import change_of
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from sketchterrain.sketch.parameter import Parameter, Properties, Value
 
 __all__ = ["parse_settings", "settings_text"]
+
+_Row = TypeVar("_Row")
 
 _COMMENT_COLUMN = 28
 _MOST_DOTS = 250
@@ -53,9 +57,11 @@ def parse_settings(data: bytes) -> Sketch:
         elif key in SKETCH:
             fields[key] = value
         elif key == "edit":
-            fields["edits"] = _edits(value)
+            fields["edits"] = _rows(key, value, edit_of)
+        elif key == "material_rule":
+            fields["material_rules"] = _rows(key, value, change_of)
         else:
-            known = ["format", *SKETCH, *TABLES, *LAYERS, "edit"]
+            known = ["format", *SKETCH, *TABLES, *LAYERS, "material_rule", "edit"]
             raise InputError(
                 f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
                 f"{did_you_mean(key, known)}"
@@ -76,6 +82,10 @@ def settings_text(sketch: Sketch) -> str:
             lines.append(f"# {name}.png: {LAYERS[name].help}")
             explained.add(name)
         lines += [f"[{name}.{label}]", *_lines(properties, LAYERS[name].parameters)]
+    if sketch.material_rules:
+        lines += ["", "# Rules by which materials cover the ground, where they differ from the table's."]
+    for change in sketch.material_rules:
+        lines += _rule_lines(change)
     if sketch.edits:
         lines += ["", f"# Changed by hand: {', '.join(ACTIONS)}."]
     for edit in sketch.edits:
@@ -87,16 +97,26 @@ def settings_text(sketch: Sketch) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _edits(value: object) -> tuple[Edit, ...]:
+def _rows(key: str, value: object, read: Callable[[Mapping[str, object]], _Row]) -> tuple[_Row, ...]:
+    """Return what each of the tables ``[[key]]`` says."""
     if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
-        raise InputError(f"edit = {shown(value)}: expected tables, each with [[edit]] on a line of its own")
-    edits = []
+        raise InputError(f"{key} = {shown(value)}: expected tables, each with [[{key}]] on a line of its own")
+    rows = []
     for number, table in enumerate(value, 1):
         try:
-            edits.append(edit_of(table))
+            rows.append(read(table))
         except InputError as error:
-            raise InputError(f"[[edit]] number {number}: {error}") from None
-    return tuple(edits)
+            raise InputError(f"[[{key}]] number {number}: {error}") from None
+    return tuple(rows)
+
+
+def _rule_lines(change: RuleChange) -> list[str]:
+    lines = ["", "[[material_rule]]", *_lines(change.values, RULE)]
+    if change.factors == ():
+        lines.append("factor = []".ljust(_COMMENT_COLUMN) + " # it covers as much everywhere")
+    for factor in change.factors or ():
+        lines += ["[[material_rule.factor]]", *_lines(factor.values, FACTOR)]
+    return lines
 
 
 def _edit_entries(edit: Edit) -> dict[str, Value]:

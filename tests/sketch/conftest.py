@@ -88,7 +88,18 @@ def same() -> Callable[[Sketch, Sketch], None]:
     """Assert that two sketches are the same in everything."""
 
     def compare(a: Sketch, b: Sketch) -> None:
-        for key in ("name", "extent", "seed", "fidelity", "density", "ground", "climate", "labels", "edits"):
+        for key in (
+            "name",
+            "extent",
+            "seed",
+            "fidelity",
+            "density",
+            "ground",
+            "climate",
+            "labels",
+            "edits",
+            "material_rules",
+        ):
             assert getattr(a, key) == getattr(b, key), key
         assert list(a.labels) == list(b.labels)
         assert list(a.layers) == list(b.layers)

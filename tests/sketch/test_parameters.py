@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Parameter, reference_table
+from sketchterrain.sketch import FACTOR, LAYERS, RULE, SKETCH, TABLES, Parameter, reference_table
 
 _TABLES = {
     "sketch": SKETCH,
     **TABLES,
     **{name: layer.parameters for name, layer in LAYERS.items()},
+    "material_rule": RULE,
+    "material_rule.factor": FACTOR,
 }
 _ALL = [pytest.param(p, id=f"{table}.{p.name}") for table, ps in _TABLES.items() for p in ps.values()]
 
@@ -87,7 +89,7 @@ def test_layers_are_keyed_by_their_names_and_differ_in_colour() -> None:
 
 
 def test_no_two_things_at_the_top_of_the_file_share_a_name() -> None:
-    names = ["format", *SKETCH, *TABLES, *LAYERS]
+    names = ["format", *SKETCH, *TABLES, *LAYERS, "material_rule", "edit"]
     assert len(set(names)) == len(names)
 
 

@@ -1,0 +1,209 @@
+"""One rule by which a material covers the ground: what it says, and what a sketch may say of it.
+
+`RULE` and `FACTOR` declare what can be set, as `parameters` declares the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch.parameter import Parameter, Value, table_of
+from sketchterrain.sketch.parameters import MATERIALS
+from sketchterrain.sketch.wording import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+__all__ = [
+    "FACTOR",
+    "INPUTS",
+    "MOST_FACTORS",
+    "MOST_INPUTS",
+    "RULE",
+    "Factor",
+    "MaterialRule",
+    "RuleChange",
+]
+
+MOST_FACTORS = 4
+"""The most factors of a rule."""
+
+MOST_INPUTS = 4
+"""The most inputs that a factor weighs."""
+
+_FARTHEST = 1e4
+_STEEPEST = 1e-4  # a ramp's least width: narrower ones are steps
+
+
+def _weight(name: str, unit: str, text: str) -> Parameter:
+    return Parameter(name, float, 0.0, -_FARTHEST, _FARTHEST, unit, text)
+
+
+INPUTS: Mapping[str, Parameter] = table_of(
+    _weight("height", "1/m", "weight of the elevation"),
+    _weight("above_snow_line", "1/m", "weight of the elevation above [climate] snow_line"),
+    _weight("above_tree_line", "1/m", "weight of the elevation above [climate] tree_line"),
+    _weight("steepness", "", "weight of the slope, rise over run"),
+    _weight("hollow", "", "weight of how hollow the ground is: by how much the slope changes over a cell"),
+    _weight("aridity", "", "weight of [climate] aridity"),
+    _weight("water", "", "weight of water: 1 in the middle, 0.75 at its edge, 0 away from it"),
+    _weight("wetness", "", "weight of the wet ground beside water: 0.69 at its edge, 0 where the bank ends"),
+    _weight("mountain", "", "weight of how much of a mountain it is, 0 to 1"),
+    _weight("dune", "", "weight of desert sand, 0 to 1"),
+    _weight("forest", "", "weight of the share of the places for trees that are taken, 0 to 1"),
+    _weight("mottle", "", "weight of the ground cover's noise, about -1 to 1"),
+)
+"""What a factor can depend on."""
+
+FACTOR: Mapping[str, Parameter] = table_of(
+    Parameter("start", float, 0.0, -_FARTHEST, _FARTHEST, "", "weighted sum of the inputs that gives 0"),
+    Parameter(
+        "full", float, 1.0, -_FARTHEST, _FARTHEST, "", "weighted sum that gives 1; below start it falls"
+    ),
+    Parameter(
+        "shape", str, "smooth", 0, 10, "", "flat at both ends, or a line", choices=("smooth", "straight")
+    ),
+    *INPUTS.values(),
+)
+"""Keys of ``[[material_rule.factor]]``."""
+
+RULE: Mapping[str, Parameter] = table_of(
+    Parameter("name", str, "mine", 1, 40, "characters", "one of the table's rules to change, or a new name"),
+    Parameter("material", str, "rock", 0, 40, "", "what it lays on the ground", choices=MATERIALS),
+    Parameter("cover", float, 1.0, 0.0, 1.0, "", "the most of the ground that it covers; 0 takes it away"),
+    Parameter("before", str, "", 0, 40, "characters", "the rule below which it lies; by default on top"),
+)
+"""Keys of ``[[material_rule]]``."""
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A ramp from 0 to 1 over a weighted sum of inputs: 0 at ``start``, 1 at ``full`` and beyond.
+
+    Parameters
+    ----------
+    start, full, shape
+        As `FACTOR` says.
+    height, above_snow_line, above_tree_line, steepness, hollow, aridity
+    water, wetness, mountain, dune, forest, mottle
+        Weights of the inputs by the names in `INPUTS`.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, the ramp has no width, or it weighs no input or too many.
+    """
+
+    start: float = cast(float, FACTOR["start"].default)
+    full: float = cast(float, FACTOR["full"].default)
+    shape: str = cast(str, FACTOR["shape"].default)
+    height: float = 0.0
+    above_snow_line: float = 0.0
+    above_tree_line: float = 0.0
+    steepness: float = 0.0
+    hollow: float = 0.0
+    aridity: float = 0.0
+    water: float = 0.0
+    wetness: float = 0.0
+    mountain: float = 0.0
+    dune: float = 0.0
+    forest: float = 0.0
+    mottle: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, parameter in FACTOR.items():
+            object.__setattr__(self, name, parameter.check(getattr(self, name), f"factor.{name}"))
+        if abs(self.full - self.start) < _STEEPEST:
+            raise InputError(
+                f"factor.full = {self.full!r}: expected at least {_STEEPEST} from start = {self.start!r}"
+            )
+        if not 1 <= len(self.weights) <= MOST_INPUTS:
+            given = ", ".join(self.weights) or "none"
+            raise InputError(f"factor: expected 1 to {MOST_INPUTS} of {', '.join(INPUTS)}, got {given}")
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """The weights that are not 0, by name, in the order of their declaration."""
+        return {name: value for name in INPUTS if (value := getattr(self, name)) != 0}
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """What a file says of it, by name."""
+        ramp: dict[str, Value] = {"start": self.start, "full": self.full}
+        if self.shape != FACTOR["shape"].default:
+            ramp["shape"] = self.shape
+        return ramp | self.weights
+
+
+@dataclass(frozen=True)
+class MaterialRule:
+    """Lays a material over what is there: its cover is ``cover`` times all factors.
+
+    Parameters
+    ----------
+    name
+        What it is changed by.
+    material
+        A name in `MATERIALS`.
+    cover
+        0 … 1: the most that it covers.
+    factors
+        None: it covers as much everywhere.
+    """
+
+    name: str
+    material: str
+    cover: float = 1.0
+    factors: tuple[Factor, ...] = ()
+
+
+@dataclass(frozen=True)
+class RuleChange:
+    """What a sketch says of one rule: one of the table to change, or a new one.
+
+    Parameters
+    ----------
+    name
+        Of the rule; an unknown one makes a new rule.
+    material, cover, factors
+        None: as before; for a new rule the defaults of `RULE`, and no factors. A new one needs a material.
+    before
+        The rule that it is laid before; empty: a new one on top of all, one of the table where it is.
+
+    Raises
+    ------
+    InputError
+        If a value is not as declared.
+    """
+
+    name: str
+    material: str | None = None
+    cover: float | None = None
+    before: str = ""
+    factors: tuple[Factor, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name, parameter in RULE.items():
+            value = getattr(self, name)
+            if value is not None or name == "name":
+                object.__setattr__(self, name, parameter.check(value, name))
+        if self.factors is not None:
+            object.__setattr__(self, "factors", _checked_factors(self.factors))
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """What a file says of it but for its factors, by name."""
+        given = {name: getattr(self, name) for name in RULE}
+        return {name: value for name, value in given.items() if value not in (None, "")}
+
+
+def _checked_factors(factors: Iterable[Factor]) -> tuple[Factor, ...]:
+    kept = tuple(factors)
+    for factor in kept:
+        if not isinstance(factor, Factor):
+            raise InputError(f"factors: expected Factor values, got {shown(factor)}")
+    if len(kept) > MOST_FACTORS:
+        raise InputError(f"{len(kept)} factors: expected at most {MOST_FACTORS}")
+    return kept

@@ -1,0 +1,153 @@
+"""The table of rules by which materials cover the ground, and what a sketch changes in it.
+
+Each rule lays its material over what the rules before it left.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, cast
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch.material_rule import FACTOR, RULE, Factor, MaterialRule, RuleChange
+from sketchterrain.sketch.parameter import named
+from sketchterrain.sketch.wording import did_you_mean, shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+__all__ = ["DEFAULT_RULES", "MOST_RULES", "change_of", "checked_changes", "resolved_rules"]
+
+MOST_RULES = 32
+"""The most rules of a sketch, those of the default table included."""
+
+_DRY = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
+_ALPINE = {"above_tree_line": 1.0, "mottle": 90.0}
+_STONY = {"steepness": 1.0, "mottle": 0.15, "mountain": 0.12, "hollow": -0.5}
+_IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
+
+DEFAULT_RULES: tuple[MaterialRule, ...] = (
+    MaterialRule("dry_soil", "soil", 1.0, (Factor(0.3, 0.3 + 1 / 3, **_DRY),)),
+    MaterialRule("patchy_soil", "soil", 0.55, (Factor(0.25, 0.65, mottle=1.0),)),
+    MaterialRule("desert_sand", "sand", 1.0, (Factor(0.62, 0.87, **_DRY),)),
+    # Above the tree line grass thins out into bare stone.
+    MaterialRule("alpine_scree", "scree", 0.8, (Factor(40.0, 290.0, **_ALPINE), _IN_MOUNTAINS)),
+    MaterialRule(
+        "forest_floor",
+        "forest_floor",
+        1.0,
+        (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
+    ),
+    MaterialRule("slope_scree", "scree", 0.75, (_IN_MOUNTAINS, Factor(0.6, 0.6 + 1 / 3.5, **_STONY))),
+    MaterialRule("rock_face", "rock", 1.0, (Factor(0.85, 0.85 + 1 / 3, **_STONY),)),
+    MaterialRule(
+        "dune_sand",
+        "sand",
+        1.0,
+        (Factor(shape="straight", dune=1.0), Factor(1.15, 0.9, steepness=1.0)),
+    ),
+    MaterialRule(
+        "snow",
+        "snow",
+        1.0,
+        (
+            Factor(0.0, 125.0, above_snow_line=1.0, mottle=110.0, hollow=160.0),
+            Factor(1.3 + 1 / 1.4, 1.3, steepness=1.0, mottle=0.25),
+        ),
+    ),
+    MaterialRule("beach", "sand", 0.7, (Factor(0.6, 0.6 + 1 / 12, water=1.0, mottle=0.05),)),
+    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.7, 0.7 + 1 / 14, water=1.0),)),
+)
+"""The table, in the order in which each lies over those before it; below them all is grass."""
+
+
+def resolved_rules(changes: Iterable[RuleChange]) -> tuple[MaterialRule, ...]:
+    """Return the table of rules with a sketch's changes, done one after the other.
+
+    Raises
+    ------
+    InputError
+        If a new rule has no material, ``before`` names no rule, or there are more than `MOST_RULES`.
+    """
+    rules = list(DEFAULT_RULES)
+    for change in changes:
+        old = next((rule for rule in rules if rule.name == change.name), None)
+        if old is None and change.material is None:
+            names = [rule.name for rule in rules]
+            raise InputError(
+                f"name = {shown(change.name)}: a new rule needs a material; there are {', '.join(names)}"
+                f"{did_you_mean(change.name, names)}"
+            )
+        at = len(rules) if old is None else rules.index(old)
+        given = {key: getattr(change, key) for key in ("material", "cover", "factors")}
+        given = {key: value for key, value in given.items() if value is not None}
+        rule = dataclasses.replace(old or MaterialRule(change.name, cast(str, change.material)), **given)
+        if old is not None:
+            rules.remove(old)
+        if change.before:
+            at = _index_of(change.before, rules)
+        rules.insert(at, rule)
+    if len(rules) > MOST_RULES:
+        raise InputError(f"{len(rules)} rules with those of the table: expected at most {MOST_RULES}")
+    return tuple(rules)
+
+
+def checked_changes(changes: Iterable[RuleChange]) -> tuple[RuleChange, ...]:
+    """Return changes as a sketch keeps them.
+
+    Raises
+    ------
+    InputError
+        If one is no `RuleChange`, or they can't be done.
+    """
+    kept = tuple(changes)
+    for number, change in enumerate(kept, 1):
+        if not isinstance(change, RuleChange):
+            raise InputError(f"material_rules: expected RuleChange values, got {shown(change)}")
+        try:
+            resolved_rules(kept[:number])
+        except InputError as error:
+            raise InputError(f"[[material_rule]] number {number}: {error}") from None
+    return kept
+
+
+def change_of(table: Mapping[str, object]) -> RuleChange:
+    """Return what one ``[[material_rule]]`` table says.
+
+    Raises
+    ------
+    InputError
+        If a key or a value is not as declared.
+    """
+    for key, value in table.items():
+        if key != "factor" and key not in RULE:
+            known = [*RULE, "factor"]
+            raise InputError(
+                f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
+                f"{did_you_mean(key, known)}"
+            )
+    if "name" not in table:
+        raise InputError(f"no name: expected {', '.join(RULE)}, factor")
+    given = {name: value for name, value in table.items() if name != "factor"}
+    factors = _factors_of(table["factor"]) if "factor" in table else None
+    return RuleChange(**given, factors=factors)  # type: ignore[arg-type] # RuleChange checks every value
+
+
+def _factors_of(value: object) -> tuple[Factor, ...]:
+    if not isinstance(value, list) or not all(isinstance(each, dict) for each in value):
+        raise InputError(
+            f"factor = {shown(value)}: expected tables, each with [[material_rule.factor]] above it"
+        )
+    for table in value:
+        for key, given in table.items():
+            named(FACTOR, key, given, "[[material_rule.factor]]")
+    return tuple(Factor(**table) for table in value)
+
+
+def _index_of(name: str, rules: Sequence[MaterialRule]) -> int:
+    names = [rule.name for rule in rules]
+    if name not in names:
+        raise InputError(
+            f"before = {shown(name)}: expected one of {', '.join(names)}{did_you_mean(name, names)}"
+        )
+    return names.index(name)

@@ -24,7 +24,17 @@ MAY_IMPORT = {
     "render": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
     "export": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
 }
-ANYTHING = {"__init__", "__main__", "arguments", "benchmarks", "cli", "generate", "listings", "progress"}
+ANYTHING = {
+    "__init__",
+    "__main__",
+    "arguments",
+    "benchmarks",
+    "cli",
+    "generate",
+    "jobs",
+    "listings",
+    "progress",
+}
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sketchterrain.compute.drivers import all_drivers_visible
 from sketchterrain.errors import DeviceError
@@ -18,9 +18,14 @@ with all_drivers_visible():
     except cl.LogicError:  # the loader's way to say that there is no driver at all
         _PLATFORMS = ()
 
-__all__ = ["Device", "choose_device", "list_devices"]
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+__all__ = ["Device", "choose_device", "list_devices", "spare_device"]
 
 _TYPES = {cl.device_type.GPU: "GPU", cl.device_type.CPU: "CPU", cl.device_type.ACCELERATOR: "accelerator"}
+_INTEL, _POCL = "Intel", "Portable Computing Language"
+_KNOWN = (_INTEL, _POCL)
 _INSTALL_HINT = (
     "no OpenCL device found: install a GPU driver, or a CPU driver with "
     "pip install 'sketchterrain[cpu]' or apt install pocl-opencl-icd"
@@ -60,6 +65,11 @@ class Device:
     has_double: bool
     gl_sharing: str
     handle: Any
+
+    @property
+    def known(self) -> bool:
+        """Whether the tests hold its driver's bits: Intel's CPU runtime and PoCL on a CPU."""
+        return self.type == "CPU" and any(name in self.platform for name in _KNOWN)
 
 
 @cache
@@ -102,6 +112,11 @@ def choose_device(selector: str | None = None) -> Device:
     return fitting[0]
 
 
+def spare_device(failed: Collection[Device]) -> Device | None:
+    """Return the CPU device that work starts again on after others failed, None if none is left."""
+    return next((d for d in list_devices() if d.type == "CPU" and d not in failed), None)
+
+
 def _devices_of(platform: Any) -> list[Any]:
     try:
         return list(platform.get_devices())
@@ -112,9 +127,9 @@ def _devices_of(platform: Any) -> list[Any]:
 def _preference(handle: Any) -> tuple[int, int]:
     if handle.type & cl.device_type.GPU:
         return 0, -int(handle.max_compute_units)
-    if "Intel" in handle.platform.name:
+    if _INTEL in handle.platform.name:
         return 1, 0
-    return (2 if "Portable" in handle.platform.name else 3), 0
+    return (2 if _POCL in handle.platform.name else 3), 0
 
 
 def _describe(index: int, handle: Any) -> Device:

@@ -2,6 +2,7 @@
 
 from sketchterrain.terrain.adherence import Adherence, measure_adherence
 from sketchterrain.terrain.changes import changed_areas, touches
+from sketchterrain.terrain.device_verdict import Verdict, self_test
 from sketchterrain.terrain.foliage import SPECIES
 from sketchterrain.terrain.from_sketch import build, make_recipe, rebuild
 from sketchterrain.terrain.materials import MATERIALS
@@ -17,10 +18,12 @@ __all__ = [
     "TerrainFeatures",
     "TerrainRecipe",
     "Tile",
+    "Verdict",
     "build",
     "changed_areas",
     "make_recipe",
     "measure_adherence",
     "rebuild",
+    "self_test",
     "touches",
 ]

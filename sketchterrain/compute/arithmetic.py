@@ -1,0 +1,142 @@
+"""Whether a device adds and multiplies as IEEE 754 says, step by step, and shifts and hashes right.
+
+What it must compute needs no stored constant: NumPy does the same steps in 32 bits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.compute.context import ComputeContext
+
+    Floats = npt.NDArray[np.float32]
+    Words = npt.NDArray[np.uint32]
+
+__all__ = ["wrong_arithmetic"]
+
+_COUNT = 1 << 12
+_SEED = 754
+_STEPS = 32
+_REAL_NAMES = (
+    "a product and a sum",
+    "a chain of products and sums",
+    "inverse_sqrt",
+    "square_root",
+    "reciprocal",
+    "cubic",
+    "smooth_rise",
+    "real_of",
+)
+_WHOLE_NAMES = ("mixed", "scrambled", "a shift", "a long product", "a conversion")
+_f = np.float32
+
+
+def wrong_arithmetic(context: ComputeContext) -> tuple[str, ...]:
+    """Return the names of the operations of which a device computes other bits; of none where all is well.
+
+    Parameters
+    ----------
+    context
+        Of 32-bit reals.
+
+    Raises
+    ------
+    DeviceError, BuildError
+        If the device cannot do them at all.
+    """
+    given = _operands()
+    real, whole = (
+        context.empty(len(_REAL_NAMES) * _COUNT, "f4"),
+        context.empty(len(_WHOLE_NAMES) * _COUNT, "u4"),
+    )
+    uploads = [context.upload(operand) for operand in given]
+    context.launch("self_test.cl", "self_test", (_COUNT,), *uploads, np.int32(_COUNT), real, whole)
+    found: list[tuple[str, npt.NDArray[Any]]] = [
+        *zip(_REAL_NAMES, context.download(real, (len(_REAL_NAMES), _COUNT), "u4"), strict=True),
+        *zip(_WHOLE_NAMES, context.download(whole, (len(_WHOLE_NAMES), _COUNT), "u4"), strict=True),
+    ]
+    expected = _expected(*given)
+    return tuple(name for name, bits in found if not np.array_equal(bits, expected[name].view(np.uint32)))
+
+
+def _operands() -> tuple[Floats, Floats, Floats, Floats, Words, npt.NDArray[np.int64]]:
+    """Return what ``kernels/self_test.cl`` takes, in its order."""
+    draw = np.random.default_rng(_SEED)
+    a, b, c = draw.uniform(-2, 2, (3, _COUNT)).astype(_f)
+    positive = (2.0 ** draw.uniform(-30, 30, _COUNT)).astype(_f)
+    word = draw.integers(0, 1 << 32, _COUNT, dtype=np.uint32)
+    return a, b, c, positive, word, draw.integers(-(1 << 47), 1 << 47, _COUNT)
+
+
+def _expected(
+    a: Floats, b: Floats, c: Floats, positive: Floats, word: Words, place: npt.NDArray[np.int64]
+) -> dict[str, npt.NDArray[Any]]:
+    root = _inverse_sqrt(positive)
+    mixed = _mixed(word)
+    longs = (mixed.astype(np.uint64) * (word >> np.uint32(8)).astype(np.uint64)) >> np.uint64(32)
+    reals = (
+        a * b + c,
+        _chain(a, b, c),
+        root,
+        positive * root,
+        root * root,
+        _cubic(positive),
+        _smooth_rise(a, b),
+        _real_of(place),
+    )
+    wholes = (
+        mixed,
+        _scrambled(word),
+        (place >> (word & np.uint32(31)).astype(np.int64)).astype(np.uint32),
+        longs.astype(np.uint32),
+        (a * _f(1e6)).astype(np.int32),
+    )
+    return dict(zip((*_REAL_NAMES, *_WHOLE_NAMES), (*reals, *wholes), strict=True))
+
+
+def _chain(a: Floats, b: Floats, c: Floats) -> Floats:
+    x, y = a, b
+    for _ in range(_STEPS):
+        after = np.clip(x * y + c * _f(0.25) - x * x * _f(0.125), _f(-2), _f(2))
+        y = np.clip(y * _f(0.75) + after * after * c, _f(-2), _f(2))
+        x = after
+    return np.asarray(x + y)
+
+
+def _inverse_sqrt(x: Floats) -> Floats:
+    y = (np.int32(0x5F375A86) - (x.view(np.int32) >> 1)).view(_f)
+    half = _f(0.5) * x
+    for _ in range(4):
+        y = y * (_f(1.5) - half * y * y)
+    return np.asarray(y)
+
+
+def _cubic(t: Floats) -> Floats:
+    s = np.minimum(t, _f(1))
+    return np.asarray(s * s * (_f(2) * s - _f(3)) + _f(1))
+
+
+def _smooth_rise(x: Floats, low: Floats) -> Floats:
+    t = np.clip((x - low) * _f(0.5), _f(0), _f(1))
+    return np.asarray(t * t * (_f(3) - _f(2) * t))
+
+
+def _real_of(n: npt.NDArray[np.int64]) -> Floats:
+    high, low = (n >> 24).astype(np.int32).astype(_f), (n & 0xFFFFFF).astype(np.int32).astype(_f)
+    return np.asarray(high * _f(16777216) + low)
+
+
+def _mixed(h: Words) -> Words:
+    h = (h ^ (h >> np.uint32(16))) * np.uint32(0x7FEB352D)
+    h = (h ^ (h >> np.uint32(15))) * np.uint32(0x846CA68B)
+    return h ^ (h >> np.uint32(16))
+
+
+def _scrambled(h: Words) -> Words:
+    h = (h ^ (h >> np.uint32(15))) * np.uint32(0x735A2D97)
+    return h ^ (h >> np.uint32(15))

@@ -1,0 +1,170 @@
+"""Whether a device computes the program's bits, found out on a terrain with something of everything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.arithmetic import wrong_arithmetic
+from sketchterrain.errors import SketchterrainError
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain.from_sketch import make_recipe
+from sketchterrain.terrain.reference import reference_heights
+from sketchterrain.terrain.terrain import Terrain
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.compute import Device
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+__all__ = ["Verdict", "probe_terrain", "self_test"]
+
+_EXTENT = 1024.0
+_PIXELS = 32
+_VERTICES = 33
+_PLANTS = (300.0, 100.0, 620.0, 420.0)  # m: west, south, east, north
+_POINTS = 256
+_CLOSE = 10.0  # mm: float32 heights of this terrain are far nearer to float64
+# Rows from the north and columns of what each layer paints.
+_PAINTED = {
+    "mountain": (slice(3, 12), slice(18, 30)),
+    "hill": (slice(4, 12), slice(2, 10)),
+    "river": (slice(15, 17), slice(0, 32)),
+    "dune": (slice(20, 30), slice(2, 12)),
+    "forest": (slice(20, 30), slice(14, 20)),
+    "lake": (slice(22, 28), slice(23, 30)),
+    "material": (slice(13, 15), slice(4, 9)),
+}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the self-test found.
+
+    Attributes
+    ----------
+    bits : {'same', 'other', 'failed'}
+    detail : str
+        What it was compared with, by how much it is off, or what failed.
+    """
+
+    bits: str
+    detail: str
+
+    @property
+    def line(self) -> str:
+        """All in one line."""
+        return f"failed: {self.detail}" if self.bits == "failed" else f"{self.bits} bits: {self.detail}"
+
+
+@dataclass(frozen=True)
+class _Probe:
+    """What a device makes of the small terrain."""
+
+    height: npt.NDArray[np.float32]
+    rest: dict[str, npt.NDArray[np.generic]]
+
+
+@cache
+def self_test(device: Device, *, compare: bool = True) -> Verdict:
+    """Decide whether a device computes the program's bits; kept for the process.
+
+    Its arithmetic must be that of IEEE 754, step by step. With `compare` a small terrain must also come out
+    as on a CPU driver whose bits the program's tests hold, or where there is no other one, near the float64
+    reference.
+
+    Parameters
+    ----------
+    device
+    compare
+        Whether to evaluate the terrain too.
+    """
+    try:
+        wrong = wrong_arithmetic(ComputeContext(device))
+        if not compare:
+            return Verdict("other", _off_in(wrong)) if wrong else Verdict("same", "its arithmetic is right")
+        own = _probe(device)
+    except SketchterrainError as error:
+        return Verdict("failed", str(error))
+    return _compared(device, own, wrong)
+
+
+@cache
+def probe_terrain() -> Sketch:
+    """Return the sketch of the small terrain: every kind of feature on noise."""
+    layers = {}
+    for name, painted in _PAINTED.items():
+        layers[name] = np.zeros((_PIXELS, _PIXELS), np.uint8)
+        layers[name][painted] = 1
+    return Sketch(name="self-test", extent=_EXTENT, seed=1, layers=layers)
+
+
+@cache
+def _recipe_of_probe() -> TerrainRecipe:
+    return make_recipe(probe_terrain())
+
+
+def _probe(device: Device) -> _Probe:
+    terrain = Terrain(probe_terrain(), _recipe_of_probe(), ComputeContext(device))
+    raster = terrain.raster(_VERTICES)
+    tile = terrain.tile(3, 4, 5)
+    heights = (raster.height, tile.height, tile.parent_height, terrain.heights(*_places()))
+    rest = {
+        "normals": np.concatenate([part.ravel() for part in (raster.normal, tile.normal)]),
+        "materials": np.concatenate([part.ravel() for part in (raster.materials, tile.materials)]),
+        "plants": terrain.foliage(*_PLANTS),
+    }
+    return _Probe(np.concatenate([part.ravel() for part in heights]), rest)
+
+
+def _places() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    east = np.linspace(0, _EXTENT, _POINTS)
+    return east, (east * 7.3) % _EXTENT
+
+
+def _compared(device: Device, own: _Probe, wrong: tuple[str, ...]) -> Verdict:
+    for other in list_devices():
+        if other == device or not other.known:
+            continue
+        try:
+            expected = None if wrong_arithmetic(ComputeContext(other)) else _probe(other)
+        except SketchterrainError:  # one that fails is nothing to compare with
+            continue
+        if expected is not None:
+            return _against(expected, other.platform, own, wrong)
+    return _against_float64(own, wrong)
+
+
+def _against(expected: _Probe, name: str, own: _Probe, wrong: tuple[str, ...]) -> Verdict:
+    parts = [part for part, values in own.rest.items() if not np.array_equal(values, expected.rest[part])]
+    off = _millimetres(own.height, expected.height)
+    if not (parts or off or wrong):
+        return Verdict("same", f"as {name}")
+    others = [f"other {' and '.join(parts)}"] if parts else []
+    return Verdict("other", "; ".join([f"off by up to {off:.3g} mm from {name}", *others, *_named(wrong)]))
+
+
+def _against_float64(own: _Probe, wrong: tuple[str, ...]) -> Verdict:
+    exact = reference_heights(_recipe_of_probe(), *_places(), cell_size=0.0)
+    off = _millimetres(own.height[-_POINTS:], exact)
+    told = f"off by up to {off:.3g} mm from float64"
+    if wrong or off > _CLOSE:
+        return Verdict("other", "; ".join([told, *_named(wrong)]))
+    return Verdict("same", f"its arithmetic is right, {told}, no other driver to compare with")
+
+
+def _millimetres(one: npt.NDArray[np.floating], other: npt.NDArray[np.floating]) -> float:
+    return float(np.max(np.abs(one.astype(np.float64) - other))) * 1e3
+
+
+def _named(wrong: tuple[str, ...]) -> list[str]:
+    return [_off_in(wrong)] if wrong else []
+
+
+def _off_in(wrong: tuple[str, ...]) -> str:
+    return f"wrong in {', '.join(wrong)}"

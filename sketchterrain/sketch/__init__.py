@@ -13,7 +13,15 @@ from __future__ import annotations
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, ADDED_BIT, Edit
 from sketchterrain.sketch.files import load_sketch, new_sketch, save_sketch
-from sketchterrain.sketch.material_rule import FACTOR, INPUTS, RULE, Factor, MaterialRule, RuleChange
+from sketchterrain.sketch.material_rule import (
+    FACTOR,
+    INPUTS,
+    MOST_INPUTS,
+    RULE,
+    Factor,
+    MaterialRule,
+    RuleChange,
+)
 from sketchterrain.sketch.material_rules import DEFAULT_RULES, resolved_rules
 from sketchterrain.sketch.parameter import Parameter, Properties
 from sketchterrain.sketch.parameters import (
@@ -39,6 +47,7 @@ __all__ = [
     "INPUTS",
     "LAYERS",
     "MATERIALS",
+    "MOST_INPUTS",
     "RULE",
     "SKETCH",
     "TABLES",

@@ -43,8 +43,8 @@ def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     -------
     list of (west, south, east, north)
         Rectangles in metres, the borders included: empty if nothing changed, one without bounds if anything
-        did that the whole world depends on (ground, climate, seed, extent, fidelity, densities). A tile's
-        normals read one vertex beyond its border: widen the areas by the cell size to choose tiles.
+        did that the whole world depends on (ground, climate, materials' rules, seed, extent, fidelity,
+        densities). A tile's normals read one vertex beyond its border: widen the areas by the cell size to choose tiles.
     """
     if _of_the_world(old) != _of_the_world(new):
         return [EVERYWHERE]
@@ -75,7 +75,7 @@ def touches(areas: Sequence[Box], bounds: Box, *, margin: float = 0.0) -> bool:
 
 def _of_the_world(recipe: TerrainRecipe) -> tuple[object, ...]:
     """Return what heights and masks depend on everywhere."""
-    settings = (dict(recipe.ground), dict(recipe.climate))
+    settings = (dict(recipe.ground), dict(recipe.climate), recipe.material_rules)
     return recipe.extent, recipe.seed, recipe.fidelity, settings, recipe.stacks, support_radii(recipe)
 
 

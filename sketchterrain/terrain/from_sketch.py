@@ -13,6 +13,7 @@ from sketchterrain.features.covers import lay_covers
 from sketchterrain.features.edits import EditedFill, EditedPoints, edited_fill, edited_painted
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.rivers import trace_waters
+from sketchterrain.sketch import resolved_rules
 from sketchterrain.terrain.balance import balanced
 from sketchterrain.terrain.centrelines import valley_reach
 from sketchterrain.terrain.changes import changed_areas
@@ -98,6 +99,7 @@ def make_recipe(sketch: Sketch, *, memory: ShapeMemory | None = None) -> Terrain
         painted=painted.points,
         fill=EditedFill(fill, adopted.hidden) if adopted.hidden.size else fill,
         covers=lay_covers(sketch),
+        material_rules=resolved_rules(sketch.material_rules),
     )
     dry = replace(dry, painted=np.concatenate([_with_strengths(dry, painted), adopted.points]))
     cell = sketch.extent / _RIVER_CELLS_PER_EXTENT

@@ -11,6 +11,7 @@ import numpy as np
 
 from sketchterrain.terrain.culling import feature_lists, features_near, field_lists, river_lists
 from sketchterrain.terrain.field_packing import pack_covers, pack_fields, pack_lakes
+from sketchterrain.terrain.material_rules import pack_rules
 from sketchterrain.terrain.packing import effective_cell, pack_features, pack_rivers, pack_world
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ class KernelArguments:
         self._lake_samples = context.upload(self._lakes.samples.astype(context.real_dtype))
         self._covers = pack_fields(recipe, [cover.shape for cover in recipe.covers])
         self._cover_buffers = self._upload_covers()
+        self.rules = self._upload_rules()
         self._world = lru_cache(maxsize=64)(self._upload_world)
 
     def with_strengths(self, strength: npt.NDArray[np.floating]) -> KernelArguments:
@@ -106,7 +108,6 @@ class KernelArguments:
         return {
             "scalars": upload(packed.scalars),
             "styles": upload(packed.styles),
-            "climate": upload(packed.climate),
             "lakes_shown": lakes.shown,
             "lakes": [
                 upload(self._lakes.at),
@@ -117,6 +118,17 @@ class KernelArguments:
             "table": octaves,
             "octaves": [upload(octaves.form), upload(octaves.offset), upload(octaves.scale.astype(real))],
         }
+
+    def _upload_rules(self) -> list[Any]:
+        """Return what ``RULE_ARGUMENTS`` in ``kernels/materials.clh`` names, in its order."""
+        upload, real, rules = self.context.upload, self.context.real_dtype, pack_rules(self.recipe)
+        return [
+            np.int32(rules.count),
+            upload(rules.form),
+            upload(rules.cover.astype(real)),
+            upload(rules.input),
+            upload(rules.ramp.astype(real)),
+        ]
 
     def _upload_covers(self) -> list[Any]:
         upload, real = self.context.upload, self.context.real_dtype

@@ -44,14 +44,11 @@ class PackedWorld:
         ``World`` of ``kernels/world.clh``.
     styles : structured ndarray
         ``DuneStyle``, at least one row.
-    climate : ndarray, shape (4,)
-        ``Climate`` of ``kernels/materials.clh``.
     octaves : OctaveTable
     """
 
     scalars: npt.NDArray[np.void]
     styles: npt.NDArray[np.void]
-    climate: npt.NDArray[np.floating]
     octaves: OctaveTable
 
 
@@ -120,8 +117,7 @@ def pack_world(recipe: TerrainRecipe, cell_size: float, *, real: npt.DTypeLike) 
     integers |= {"dune_styles": len(recipe.dune_styles), "unused": 0}
     dtype = np.dtype([(name, real) for name in reals] + [(name, np.int32) for name in integers], align=True)
     scalars = np.array([(*reals.values(), *integers.values())], dtype=dtype)
-    climate = [recipe.climate["snow_line"], recipe.climate["tree_line"], recipe.climate["aridity"], 0.0]
-    return PackedWorld(scalars, _pack_styles(recipe, cell, real), np.array(climate, dtype=real), octaves)
+    return PackedWorld(scalars, _pack_styles(recipe, cell, real), octaves)
 
 
 def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> npt.NDArray[np.void]:

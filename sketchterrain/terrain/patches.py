@@ -147,7 +147,7 @@ class PatchLauncher:
             vertices.file,
             "surfaces",
             (rounded_up(store.inner**2), patches.count),
-            self._arguments.world(patches.cell_size)["climate"],
+            *self._arguments.rules,
             *vertices.places,
             context.upload(_inverse_spans(patches.axis_x, unit).astype(real)),
             context.upload(_inverse_spans(-patches.axis_y, unit).astype(real)),

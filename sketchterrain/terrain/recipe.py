@@ -10,6 +10,7 @@ import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.profiles import flank
+from sketchterrain.sketch import DEFAULT_RULES
 from sketchterrain.terrain.octaves import FINEST_WAVELENGTH, NoiseStack
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
     from sketchterrain.features.catalogue import Cover, Lake, Points
+    from sketchterrain.sketch import MaterialRule
 
 __all__ = ["FeatureSource", "NoFill", "TerrainRecipe"]
 
@@ -78,6 +80,8 @@ class TerrainRecipe:
     lakes : tuple of Lake
     covers : tuple of Cover
         Painted materials, in the order in which each lies over the ones before it.
+    material_rules : tuple of MaterialRule
+        By which materials cover the ground under the painted ones, from below to the top.
     resolutions : tuple of str
         What was decided where layers contradict each other, one line each.
     orphans : tuple of str
@@ -95,6 +99,7 @@ class TerrainRecipe:
     river_reach: tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...] = ()
     lakes: tuple[Lake, ...] = ()
     covers: tuple[Cover, ...] = ()
+    material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
     resolutions: tuple[str, ...] = ()
     orphans: tuple[str, ...] = ()
 

@@ -20,6 +20,7 @@ __all__ = [
     "AsJson",
     "DeviceName",
     "Eye",
+    "Fast",
     "Folder",
     "LookAt",
     "OptionalPictureFile",
@@ -75,6 +76,7 @@ Eye = Annotated[
     Any,
     typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Where the camera stands, m."),
 ]
+Fast = Annotated[bool, typer.Option("--fast", help="Trade the same bits everywhere for speed.")]
 Folder = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write into.")]
 LookAt = Annotated[
     Any,

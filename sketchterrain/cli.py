@@ -12,7 +12,7 @@ import os
 import sys
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,6 +20,7 @@ from sketchterrain.arguments import (
     AsJson,
     DeviceName,
     Eye,
+    Fast,
     Folder,
     LookAt,
     OptionalPictureFile,
@@ -30,14 +31,14 @@ from sketchterrain.arguments import (
     Vertices,
     camera_at,
 )
-from sketchterrain.errors import SketchterrainError
+from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, fail, told
 from sketchterrain.listings import (
     adherence_lines,
-    device_entry,
     device_lines,
     generated_lines,
     preset_entry,
     preset_lines,
+    tested_entry,
     undescribed_labels,
 )
 from sketchterrain.progress import Stages
@@ -45,16 +46,11 @@ from sketchterrain.progress import Stages
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sketchterrain.compute import ComputeContext
     from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Adherence, Terrain
 
 __all__ = ["app", "main"]
-
-_FAILED = 1
-_PARTIAL = 5
-_INTERRUPTED = 130
-_DEBUG = "SKETCHTERRAIN_DEBUG"
-# The base of every usage error of typer, whichever version of click it brings along.
-_USAGE_ERROR: Any = typer.BadParameter.__base__
 
 app = typer.Typer(
     name="sketchterrain",
@@ -79,35 +75,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = typer.main.get_command(app).main(arguments, prog_name="sketchterrain", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
-        code = _INTERRUPTED
+        code = INTERRUPTED
     except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
-        if os.environ.get(_DEBUG):
+        if os.environ.get(DEBUG):
             traceback.print_exc()
-        return _fail(*_told(error))
-    if code == _INTERRUPTED:
-        return _fail("interrupted", _INTERRUPTED)
+        return fail(*told(error))
+    if code == INTERRUPTED:
+        return fail("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
-
-
-def _told(error: Exception) -> tuple[str, int]:
-    """Return what to say of an error, and its exit code."""
-    if isinstance(error, _USAGE_ERROR):
-        return error.format_message(), error.exit_code
-    if isinstance(error, SketchterrainError):
-        return str(error), error.exit_code
-    if isinstance(error, OSError):
-        reason = error.strerror or str(error)
-        return (f"{error.filename}: {reason}" if error.filename else reason), _FAILED
-    if isinstance(error, MemoryError):
-        return "out of memory", _FAILED
-    kind = type(error).__name__
-    return f"unexpected {kind}: {error}; please report it, with what {_DEBUG}=1 shows", _FAILED
-
-
-def _fail(message: str, code: int) -> int:
-    line = "".join(char if char.isprintable() else "\ufffd" for char in " ".join(message.split()))
-    sys.stderr.write(f"sketchterrain: error: {line}\n")
-    return code
 
 
 def _say(*lines: str) -> None:
@@ -134,7 +109,7 @@ def _program(
     ] = False,
 ) -> None:
     if context.invoked_subcommand is None:
-        raise _USAGE_ERROR("expected a command; `sketchterrain --help` lists them")
+        raise USAGE_ERROR("expected a command; `sketchterrain --help` lists them")
 
 
 @app.command()
@@ -156,6 +131,7 @@ def generate(
     seed: Seed = None,
     size: Vertices = 1025,
     device: DeviceName = None,
+    fast: Fast = False,
     preview: Annotated[bool, typer.Option("--preview/--no-preview", help="Render preview.png too.")] = True,
     as_json: AsJson = False,
 ) -> None:
@@ -165,20 +141,17 @@ def generate(
             document = _load(sketch, seed)
         with stages.stage("program", "Loading the program"):
             from sketchterrain import generate as whole
-            from sketchterrain.compute import ComputeContext
-            from sketchterrain.export import prepare_folder
 
             whole.check_size(document, size)
-        with stages.stage("device", "Opening the device"):
-            context = ComputeContext(device)
-        prepare_folder(output)
-        done = whole.generate(document, output, context=context, size=size, preview=preview, stages=stages)
+        done = whole.generate(
+            document, output, device=device, fast=fast, size=size, preview=preview, stages=stages
+        )
     if as_json:
         _say_json(done.report | {"folder": str(output)})
     else:
         _say(*generated_lines(done.report, output))
     if done.problem is not None:
-        raise typer.Exit(_fail(f"no preview, all other files are written: {done.problem}", _PARTIAL))
+        raise typer.Exit(fail(f"no preview, all other files are written: {done.problem}", PARTIAL))
 
 
 @app.command()
@@ -190,23 +163,29 @@ def render(
     look_at: LookAt = None,
     seed: Seed = None,
     device: DeviceName = None,
+    fast: Fast = False,
 ) -> None:
     """Render one picture of a sketch's terrain, from a camera that shows it all or from your own."""
     if look_at is not None and (eye is None or eye == look_at):
-        raise _USAGE_ERROR("--look-at needs an --eye at another place")
+        raise USAGE_ERROR("--look-at needs an --eye at another place")
     with Stages() as stages:
         with stages.stage("sketch", "Reading the sketch"):
             document = _load(sketch, seed)
-        with stages.stage("features", "Placing features"):
+        with stages.stage("program", "Loading the program"):
+            from sketchterrain.export import prepare_folder, write_picture
+            from sketchterrain.jobs import run_job
+            from sketchterrain.render import render_picture
             from sketchterrain.terrain import build
 
-            terrain = build(document, device=device)
-        with stages.stage("picture", "Rendering"):
-            from sketchterrain.export import prepare_folder, write_picture
-            from sketchterrain.render import render_picture
+        def work(context: ComputeContext, _: tuple[str, ...]) -> None:
+            with stages.stage("features", "Placing features"):
+                terrain = build(document, device=context)
+            with stages.stage("picture", "Rendering"):
+                prepare_folder(output.parent)
+                picture = render_picture(terrain, size=size, camera=camera_at(terrain, eye, look_at))
+                write_picture(output, picture)
 
-            prepare_folder(output.parent)
-            write_picture(output, render_picture(terrain, size=size, camera=camera_at(terrain, eye, look_at)))
+        run_job(work, device=device, fast=fast, stages=stages)
     _say(str(output))
 
 
@@ -222,23 +201,28 @@ def adherence(
     with Stages() as stages:
         with stages.stage("sketch", "Reading the sketch"):
             document = _load(sketch, seed)
-        with stages.stage("features", "Placing features"):
+        with stages.stage("program", "Loading the program"):
+            from sketchterrain.jobs import run_job
             from sketchterrain.terrain import build, measure_adherence
 
-            terrain = build(document, device=device)
-        with stages.stage("adherence", "Comparing with the sketch"):
-            found = measure_adherence(terrain)
+        def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[Terrain, Adherence]:
+            with stages.stage("features", "Placing features"):
+                terrain = build(document, device=context)
+            with stages.stage("adherence", "Comparing with the sketch"):
+                return terrain, measure_adherence(terrain)
+
+        terrain, found = run_job(work, device=device, stages=stages)
         if output is not None:
             from sketchterrain.export import prepare_folder, write_agreement
 
             prepare_folder(output.parent)
             write_agreement(output, terrain, found)
-    told = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
-    told |= {**found.as_dict(), "notes": undescribed_labels(document)}
+    entry = {"sketch": document.name, "seed": document.seed, "fidelity": document.fidelity}
+    entry |= {**found.as_dict(), "notes": undescribed_labels(document)}
     if as_json:
-        _say_json(told)
+        _say_json(entry)
     else:
-        _say(*adherence_lines(told), *([f"picture: {output}"] if output is not None else []))
+        _say(*adherence_lines(entry), *([f"picture: {output}"] if output is not None else []))
 
 
 @app.command()
@@ -259,15 +243,17 @@ def bench(
 
 @app.command()
 def devices(as_json: AsJson = False) -> None:
-    """List the OpenCL devices and tell which one is taken."""
+    """List the OpenCL devices, test whether each computes the same bits, and tell which one is taken."""
     from sketchterrain.compute import choose_device, list_devices
+    from sketchterrain.terrain import self_test
 
     chosen = choose_device()
+    tested = [(device, self_test(device)) for device in list_devices()]
     if as_json:
-        _say_json([device_entry(device) | {"default": device == chosen} for device in list_devices()])
+        _say_json([tested_entry(*each) | {"default": each[0] == chosen} for each in tested])
         return
-    for device in list_devices():
-        _say(*device_lines(device, chosen=device == chosen))
+    for device, verdict in tested:
+        _say(*device_lines(device, verdict, chosen=device == chosen))
 
 
 @app.command()

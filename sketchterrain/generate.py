@@ -8,7 +8,7 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain import export
-from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
 from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.jobs import run_job
 from sketchterrain.listings import device_entry, undescribed_labels
 from sketchterrain.terrain import build, measure_adherence
 
@@ -90,30 +91,61 @@ def check_size(sketch: Sketch, size: int) -> None:
 
 
 def generate(
-    sketch: Sketch, folder: Path, *, context: ComputeContext, size: int, preview: bool, stages: Stages
+    sketch: Sketch,
+    folder: Path,
+    *,
+    device: str | None,
+    fast: bool,
+    size: int,
+    preview: bool,
+    stages: Stages,
 ) -> Generated:
     """Write a sketch's terrain: heights, normals, materials, plants, features, a picture and a report.
+
+    All files come into the folder together, when all of them are there. Where a device fails everything is
+    done again on a CPU device: the files are never a mixture.
 
     Parameters
     ----------
     sketch
         With the seed that counts.
     folder
-        Is there and can be written into; each file is written whole or not at all.
-    context
-        An open device.
+        Made if it is not there.
+    device
+        Selector as for :func:`~sketchterrain.compute.choose_device`.
+    fast
+        Whether the kernels may trade bits for speed.
     size
         Vertices along the longer side.
     preview
         Whether to render ``preview.png`` too.
     stages
-        Told and timed: ``features``, ``ground``, ``plants``, ``adherence``, ``preview``, ``files``.
+        Told and timed: ``device``, ``features``, ``ground``, ``plants``, ``adherence``, ``preview`` and
+        ``files``.
 
     Raises
     ------
+    DeviceError
+        If there is no such device, or none that did not fail.
     SketchterrainError
         If a file cannot be written.
     """
+
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> Generated:
+        export.prepare_folder(folder)
+        with export.staging(folder) as hidden:
+            done = _generate(sketch, hidden, context=context, size=size, preview=preview, stages=stages)
+            done.report["restarts"] = list(restarts)
+            report = export.write_json(hidden / "report.json", done.report)
+            return replace(done, files=export.move_into(folder, (*done.files, report)))
+
+    return run_job(work, device=device, fast=fast, stages=stages)
+
+
+def _generate(
+    sketch: Sketch, folder: Path, *, context: ComputeContext, size: int, preview: bool, stages: Stages
+) -> Generated:
+    """Write all files but the report."""
     with _Writer() as writer:
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
@@ -143,8 +175,7 @@ def generate(
     told["writing"] = _rounded(writer.seconds)
     told["peak_memory"] = _peak_memory()
     told["files"] = [path.name for path in files] + ["report.json"]
-    report = export.write_json(folder / "report.json", told)
-    return Generated(told, (*files, report), problem)
+    return Generated(told, files, problem)
 
 
 class _Writer:
@@ -188,6 +219,8 @@ def _add_preview(writer: _Writer, folder: Path, terrain: Terrain, rendering: dic
 
     try:
         picture = render_picture(terrain, timings=rendering)
+    except DeviceFailedError:  # not OpenGL's failure: what the device made before is not to be trusted either
+        raise
     except SketchterrainError as error:
         return str(error)
     writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
@@ -209,6 +242,7 @@ def _report(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) -> d
         "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
         "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
         "device": device_entry(terrain.context.device),
+        "fast": terrain.context.fast,
         "counts": {
             "features": {name: kinds[name] for name in FEATURE_TYPES},
             "rivers": len(features.rivers),

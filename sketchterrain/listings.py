@@ -9,6 +9,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import Device
     from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Verdict
 
 __all__ = [
     "adherence_lines",
@@ -17,6 +18,7 @@ __all__ = [
     "generated_lines",
     "preset_entry",
     "preset_lines",
+    "tested_entry",
     "undescribed_labels",
 ]
 
@@ -44,14 +46,20 @@ def device_entry(device: Device) -> dict[str, Any]:
     }
 
 
-def device_lines(device: Device, *, chosen: bool) -> list[str]:
-    """Return the same for a person; `chosen` says whether it is the one that is taken by default."""
+def tested_entry(device: Device, verdict: Verdict) -> dict[str, Any]:
+    """Return that and what the self-test found."""
+    return device_entry(device) | {"self_test": {"bits": verdict.bits, "detail": verdict.detail}}
+
+
+def device_lines(device: Device, verdict: Verdict, *, chosen: bool) -> list[str]:
+    """Return the same and what the self-test found for a person; `chosen` is the one taken by default."""
     doubles = "float64" if device.has_double else "no float64"
     return [
         f"{device.index}: {device.name}{' (taken by default)' if chosen else ''}",
         f"   {device.platform}, {device.version}, driver {device.driver}",
         f"   {device.type}, {device.compute_units} compute units, "
         f"{device.memory_bytes / (1 << 30):.1f} GiB, {doubles}",
+        f"   self-test: {verdict.line}",
         f"   OpenGL: {_GL_SHARING.get(device.gl_sharing, device.gl_sharing)}",
     ]
 
@@ -86,11 +94,13 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
         f"{_counted(sum(counts['features'].values()), 'feature')}, {_counted(counts['rivers'], 'river')}, "
         f"{_counted(counts['lakes'], 'lake')}, "
         f"{_counted(sum(counts['plants'].values()), 'plant')}",
-        f"in {seconds:.1f} s on {device['name']} ({device['platform']})",
+        f"in {seconds:.1f} s on {device['name']} ({device['platform']})"
+        f"{', with --fast: other bits than without' if report['fast'] else ''}",
         f"files: {folder}: {' '.join(report['files'])}",
     ]
     if "preview.png" in report["files"]:
         lines.append(f"preview: {folder / 'preview.png'}")
+    lines += [f"started again: {line}" for line in report["restarts"]]
     lines += [f"decided: {line}" for line in report["resolutions"]]
     return [*lines, *(f"note: {line}" for line in report["notes"])]
 

@@ -30,6 +30,7 @@ ANYTHING = {
     "arguments",
     "benchmarks",
     "cli",
+    "exit_codes",
     "generate",
     "jobs",
     "listings",

@@ -3,4 +3,4 @@
 from sketchterrain.compute.context import ComputeContext, KernelTime
 from sketchterrain.compute.device import Device, choose_device, list_devices, spare_device
 
-__all__ = ["ComputeContext", "Device", "KernelTime", "Staging", "choose_device", "list_devices", "spare_device"]
+__all__ = ["ComputeContext", "Device", "KernelTime", "choose_device", "list_devices", "spare_device"]

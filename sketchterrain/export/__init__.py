@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from sketchterrain.export.agreement import agreement_picture, write_agreement
 from sketchterrain.export.features import write_features
-from sketchterrain.export.files import prepare_folder, write_json
+from sketchterrain.export.files import move_into, prepare_folder, staging, write_json
 from sketchterrain.export.geotiff import write_height_tif
 from sketchterrain.export.images import write_height_png, write_normals
 from sketchterrain.export.picture import write_picture
@@ -16,8 +16,10 @@ from sketchterrain.export.weights import quantised_weights, write_materials
 
 __all__ = [
     "agreement_picture",
+    "move_into",
     "prepare_folder",
     "quantised_weights",
+    "staging",
     "write_agreement",
     "write_features",
     "write_foliage",

@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import tempfile
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from sketchterrain.errors import InputError
+from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.whole_files import telling_failure, write_whole
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from collections.abc import Iterable, Iterator
     from typing import Any
 
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["prepare_folder", "write_json", "write_png"]
+__all__ = ["move_into", "prepare_folder", "staging", "write_json", "write_png"]
 
 # Level 6 takes three times as long to save a tenth of the bytes.
 _PNG_LEVEL = 3
@@ -41,6 +44,44 @@ def prepare_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+
+
+@contextmanager
+def staging(folder: Path) -> Iterator[Path]:
+    """Yield a hidden folder inside another, for files that shall come into it together or not at all.
+
+    What is still there afterwards is deleted. Failures to write name the outer folder.
+
+    Raises
+    ------
+    SketchterrainError
+        If the system cannot write there.
+    """
+    with telling_failure(folder):
+        hidden = Path(tempfile.mkdtemp(prefix=".sketchterrain-", dir=folder))
+    try:
+        yield hidden
+    except SketchterrainError as error:
+        if str(hidden) not in str(error):
+            raise
+        raise type(error)(str(error).replace(str(hidden), str(folder))) from error
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
+
+
+def move_into(folder: Path, files: Iterable[Path]) -> tuple[Path, ...]:
+    """Move finished files into a folder of the same file system, over old ones, and return their new paths.
+
+    Raises
+    ------
+    SketchterrainError
+        If the system cannot.
+    """
+    moved = []
+    for file in files:
+        with telling_failure(folder / file.name):
+            moved.append(file.replace(folder / file.name))
+    return tuple(moved)
 
 
 def write_json(path: Path, value: Any) -> Path:

@@ -59,7 +59,8 @@ class Verdict:
     @property
     def line(self) -> str:
         """All in one line."""
-        return f"failed: {self.detail}" if self.bits == "failed" else f"{self.bits} bits: {self.detail}"
+        told = {"same": "same bits", "other": "other bits"}.get(self.bits, self.bits)
+        return f"{told} ({self.detail})" if self.bits == "same" else f"{told}: {self.detail}"
 
 
 @dataclass(frozen=True)

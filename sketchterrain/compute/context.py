@@ -118,6 +118,17 @@ class ComputeContext:
         nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
         return self._call("a buffer", cl.Buffer, self._context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
 
+    def part(self, buffer: Any, start: int, size: int) -> Any:
+        """Return ``size`` bytes of a buffer as one; ``start`` must be as the device aligns them."""
+        return self._call("a buffer", buffer.get_sub_region, start, size)
+
+    def write(self, buffer: Any, array: npt.NDArray[Any]) -> Any:
+        """Enqueue a copy of a contiguous array to the start of a buffer; return what to ``wait()`` for.
+
+        The array must stay as it is until then.
+        """
+        return self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, is_blocking=False)
+
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Wait for the queue and copy a buffer into a new array."""
         array = np.empty(shape, dtype=dtype)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.packing import slot_count, support_radii
+from sketchterrain.terrain.packing import pack_features, support_radii
+from sketchterrain.terrain.reach_index import ReachIndex
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -17,14 +19,24 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.packing import PackedFeatures, PackedRivers
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["feature_lists", "features_near", "field_lists", "river_lists"]
+    Lattice = npt.NDArray[np.int64]
+    Lists = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
-# Blocks times features that one comparison may hold at a time.
-_CHUNK = 4_000_000
+__all__ = [
+    "feature_index",
+    "feature_lists",
+    "features_near",
+    "field_index",
+    "item_lists",
+    "painted_near",
+    "river_index",
+]
+
+_painted: WeakKeyDictionary[TerrainRecipe, ReachIndex] = WeakKeyDictionary()
 
 
-def features_near(recipe: TerrainRecipe, blocks: npt.NDArray[np.int64], min_radius: float) -> Points:
-    """Return painted features and the fill that may reach any of the blocks, sorted by id.
+def features_near(recipe: TerrainRecipe, blocks: Lattice, min_radius: float) -> Points:
+    """Return the painted features that reach any of the blocks, and the fill that may, sorted by id.
 
     Parameters
     ----------
@@ -32,17 +44,29 @@ def features_near(recipe: TerrainRecipe, blocks: npt.NDArray[np.int64], min_radi
     blocks
         West, south, east, north of each block, lattice units, shape (n, 4).
     min_radius
-        Features below it are not wanted, m.
+        Features of the fill below it are not wanted, m.
     """
-    painted = recipe.painted
-    if recipe.fill.max_radius < min_radius or recipe.fill.max_radius == 0:
-        return painted
-    margin = recipe.fill.max_radius * support_radii(recipe) + 1
-    metres = blocks * metres_per_unit(recipe.extent) + margin * np.array([-1, -1, 1, 1])
-    fill = [recipe.fill.within(*area, min_radius=min_radius) for area in _joined(metres)]
-    found = np.concatenate([painted, *fill])
+    found = np.concatenate([painted_near(recipe, blocks), _fill_near(recipe, blocks, min_radius)])
     _, unique = np.unique(found["id"], return_index=True)
     return found[unique]
+
+
+def painted_near(recipe: TerrainRecipe, blocks: Lattice) -> Points:
+    """Return the painted features that reach any of the blocks, sorted by id."""
+    if recipe not in _painted:
+        packed = pack_features(recipe, recipe.painted, 0.0)
+        _painted[recipe] = ReachIndex(packed.at, packed.at, packed.support / metres_per_unit(recipe.extent))
+    _, item = _painted[recipe].touching(blocks)
+    return recipe.painted[np.unique(item)]
+
+
+def _fill_near(recipe: TerrainRecipe, blocks: Lattice, min_radius: float) -> Points:
+    """Return the fill that may reach any of the blocks; what may reach several can come twice."""
+    if recipe.fill.max_radius < min_radius or recipe.fill.max_radius == 0:
+        return recipe.painted[:0]
+    margin = recipe.fill.max_radius * support_radii(recipe) + 1
+    metres = blocks * metres_per_unit(recipe.extent) + margin * np.array([-1, -1, 1, 1])
+    return np.concatenate([recipe.fill.within(*area, min_radius=min_radius) for area in _joined(metres)])
 
 
 def _joined(areas: npt.NDArray[np.float64]) -> list[tuple[float, float, float, float]]:
@@ -55,71 +79,58 @@ def _joined(areas: npt.NDArray[np.float64]) -> list[tuple[float, float, float, f
     return [(float(w), float(s), float(e), float(n)) for w, s, e, n in areas]
 
 
-def feature_lists(
-    recipe: TerrainRecipe, packed: PackedFeatures, blocks: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return ``starts`` (blocks × (slots + 1)) and ``list`` of ``Features`` in ``kernels/world.clh``."""
-    slots = slot_count(recipe)
+def feature_index(recipe: TerrainRecipe, packed: PackedFeatures) -> tuple[ReachIndex, Lattice]:
+    """Return an index of features sorted by slot and then by id, and which feature each of its items is."""
     order = np.lexsort((np.arange(packed.slot.size), packed.slot))
     reach = packed.support[order] / metres_per_unit(recipe.extent)
-    block, position = _touching(blocks, packed.at[order], packed.at[order], reach)
-    # Rows come sorted by block and then by slot, so that each list is one run.
-    key = block * slots + packed.slot[order][position]
-    counts = np.bincount(key, minlength=len(blocks) * slots).reshape(-1, slots)
-    return _starts(counts), order[position].astype(np.int32)
+    return ReachIndex(packed.at[order], packed.at[order], reach), order
 
 
-def river_lists(
-    recipe: TerrainRecipe, packed: PackedRivers, blocks: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return ``starts`` (blocks + 1) and ``list`` of ``Rivers`` in ``kernels/world.clh``."""
+def river_index(recipe: TerrainRecipe, packed: PackedRivers) -> ReachIndex:
+    """Return an index of the pieces of centrelines."""
     unit = metres_per_unit(recipe.extent)
     end = packed.start + np.rint(packed.along[:, :2] / unit).astype(np.int64)
     reach = np.maximum(packed.up[:, 3], packed.down[:, 3]) / unit * (1 + 1e-5) + 2
-    low, high = np.minimum(packed.start, end), np.maximum(packed.start, end)
-    block, position = _touching(blocks, low, high, reach)
-    counts = np.bincount(block, minlength=len(blocks))
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    return starts, position.astype(np.int32)
+    return ReachIndex(np.minimum(packed.start, end), np.maximum(packed.start, end), reach)
 
 
-def field_lists(
-    fields: PackedFields, shown: npt.NDArray[np.bool_], blocks: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return ``starts`` (blocks + 1) and ``list`` of ``Fields`` in ``kernels/fields.clh``, of those shown."""
-    chosen = np.flatnonzero(shown)
-    block, position = _touching(blocks, fields.at[chosen], fields.far[chosen], np.full(chosen.size, 2.0))
-    counts = np.bincount(block, minlength=len(blocks))
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-    return starts, chosen[position].astype(np.int32)
+def field_index(fields: PackedFields) -> ReachIndex:
+    """Return an index of lakes or covers."""
+    return ReachIndex(fields.at, fields.far, np.full(len(fields.at), 2.0))
 
 
-def _touching(
-    blocks: npt.NDArray[np.int64],
-    low: npt.NDArray[np.int64],
-    high: npt.NDArray[np.int64],
-    reach: npt.NDArray[np.float64],
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Pairs (block, item) in which the item's box, widened by its reach, touches the block; in order."""
-    grow = np.ceil(reach).astype(np.int64)[:, None]
-    low, high = low - grow, high + grow
-    rows = max(1, _CHUNK // max(len(low), 1))
-    found_block, found_item = [], []
-    for first in range(0, len(blocks), rows):
-        part = blocks[first : first + rows, None, :]
-        touch = (
-            (part[..., 0] <= high[:, 0])
-            & (part[..., 2] >= low[:, 0])
-            & (part[..., 1] <= high[:, 1])
-            & (part[..., 3] >= low[:, 1])
-        )
-        block, item = np.nonzero(touch)
-        found_block.append(block + first)
-        found_item.append(item)
-    return np.concatenate(found_block), np.concatenate(found_item)
+def feature_lists(index: ReachIndex, order: Lattice, slot: Lattice, slots: int, blocks: Lattice) -> Lists:
+    """Return ``starts`` (blocks × (slots + 1)) and ``list`` of ``Features`` in ``kernels/world.clh``.
+
+    Parameters
+    ----------
+    index, order
+        From :func:`feature_index`.
+    slot
+        Kind of each feature.
+    slots
+        How many kinds there are.
+    blocks
+        As in :func:`features_near`.
+    """
+    block, position = index.touching(blocks)
+    member = order[position]
+    # Rows come sorted by block and then by slot, so that each list is one run.
+    counts = np.bincount(block * slots + slot[member], minlength=len(blocks) * slots)
+    ends = np.cumsum(counts).reshape(-1, slots)
+    starts = np.empty((len(blocks), slots + 1), np.int32)
+    starts[:, :-1] = ends - counts.reshape(-1, slots)
+    starts[:, -1] = ends[:, -1]
+    return starts, member.astype(np.int32)
 
 
-def _starts(counts: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
-    """Turn list lengths (blocks × slots) into starts with the end of each block's last list appended."""
-    ends = np.cumsum(counts).reshape(counts.shape)
-    return np.column_stack([ends - counts, ends[:, -1]]).astype(np.int32)
+def item_lists(index: ReachIndex, blocks: Lattice, shown: npt.NDArray[np.bool_] | None = None) -> Lists:
+    """Return ``starts`` (blocks + 1) and ``list`` of items that reach each block, of those shown."""
+    starts = np.zeros(len(blocks) + 1, np.int32)
+    if not len(index):
+        return starts, np.zeros(0, np.int32)
+    block, item = index.touching(blocks)
+    if shown is not None:
+        block, item = block[shown[item]], item[shown[item]]
+    np.cumsum(np.bincount(block, minlength=len(blocks)), out=starts[1:])
+    return starts, item.astype(np.int32)

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.compute.staging import Staging
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.terrain.batches import Batches
-from sketchterrain.terrain.culling import feature_lists, features_near
+from sketchterrain.terrain.culling import feature_index, features_near
 from sketchterrain.terrain.finite import require_finite
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS
@@ -53,6 +54,7 @@ class Evaluator:
         self.context = context
         self._arguments = KernelArguments(recipe, context)
         self._launcher = PatchLauncher(self._arguments)
+        self._staged = Staging(context)
         self._kept: SurfaceStore | None = None
         self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
         self._points_at_once = Batches(_POINTS_PER_LAUNCH)
@@ -161,21 +163,23 @@ class Evaluator:
         blocks, block = _blocks_of(x, y)
         near = features_near(self.recipe, blocks, min_radius=0.0)
         packed = pack_features(self.recipe, near[near["type"] == FEATURE_TYPES.index(kind)], 0.0)
-        starts, _ = feature_lists(self.recipe, packed, blocks)
-        starts = starts.reshape(len(blocks), -1)
-        return np.asarray((starts[:, -1] > starts[:, 0])[block])
+        index, _ = feature_index(self.recipe, packed)
+        held, _ = index.touching(blocks)
+        return np.isin(block, held)
 
     def _points(
         self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], cell_size: float
     ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
         context, real = self.context, self.context.real_dtype
         blocks, block = _blocks_of(x, y)
+        reaching = self._arguments.reaching(blocks, cell_size)
+        lists = self._staged.put(reaching.lists)
         height, masks = context.empty(x.size, real), context.empty(4 * x.size, real)
         context.launch(
             _FILE,
             "points",
             (rounded_up(x.size),),
-            *self._arguments.terrain(blocks, cell_size),
+            *self._arguments.terrain(reaching, cell_size, lists),
             context.upload(x),
             context.upload(y),
             context.upload(block.astype(np.int32)),

@@ -3,24 +3,47 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.terrain.culling import feature_lists, features_near, field_lists, river_lists
+from sketchterrain.terrain.culling import field_index, item_lists, river_index
 from sketchterrain.terrain.field_packing import pack_covers, pack_fields, pack_lakes
 from sketchterrain.terrain.material_rules import pack_rules
-from sketchterrain.terrain.packing import effective_cell, pack_features, pack_rivers, pack_world
+from sketchterrain.terrain.packing import effective_cell, pack_rivers, pack_world
+from sketchterrain.terrain.surroundings import Surroundings
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain.culling import Lists
     from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.surroundings import Gathered
 
-__all__ = ["KernelArguments"]
+__all__ = ["KernelArguments", "Reaching"]
+
+_PARTS = ("starts", "list")
+
+
+@dataclass(frozen=True, eq=False)
+class Reaching:
+    """What reaches blocks of ground.
+
+    Attributes
+    ----------
+    features : Gathered
+        Features, of which some do.
+    lists : dict of str to ndarray of int32
+        Which features, lakes and pieces of river reach which block, by the names of the kernels' arguments.
+    """
+
+    features: Gathered
+    lists: dict[str, npt.NDArray[np.int32]]
 
 
 class KernelArguments:
@@ -38,11 +61,15 @@ class KernelArguments:
         self.context = context
         self._rivers = pack_rivers(recipe)
         self._river_buffers = self._upload_rivers()
+        self._river_index = river_index(recipe, self._rivers)
         self._lakes = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
+        self._lake_index = field_index(self._lakes)
         self._lake_samples = context.upload(self._lakes.samples.astype(context.real_dtype))
         self._covers = pack_fields(recipe, [cover.shape for cover in recipe.covers])
+        self._cover_index = field_index(self._covers)
         self._cover_buffers = self._upload_covers()
         self.rules = self._upload_rules()
+        self._around = Surroundings(recipe, context)
         self._world = lru_cache(maxsize=64)(self._upload_world)
 
     def with_strengths(self, strength: npt.NDArray[np.floating]) -> KernelArguments:
@@ -54,14 +81,15 @@ class KernelArguments:
         painted["strength"] = strength
         other = copy(self)
         other.recipe = replace(self.recipe, painted=painted)
+        other._around = self._around.with_recipe(other.recipe)
         return other
 
     def world(self, cell_size: float) -> dict[str, Any]:
         """Return what does not depend on the place, by the names of the kernels' arguments; kept."""
         return self._world(effective_cell(cell_size))
 
-    def terrain(self, blocks: npt.NDArray[np.int64], cell_size: float) -> list[Any]:
-        """Return the arguments that ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh`` names, in its order.
+    def reaching(self, blocks: npt.NDArray[np.int64], cell_size: float) -> Reaching:
+        """Return what reaches blocks of ground.
 
         Parameters
         ----------
@@ -70,35 +98,52 @@ class KernelArguments:
         cell_size : float
             Metres between samples.
         """
-        context, real = self.context, self.context.real_dtype
+        shown = self.world(cell_size)["lakes_shown"]
+        gathered = self._around.gathered(blocks, effective_cell(cell_size))
+        lists = {
+            "feature": gathered.lists(blocks),
+            "lake": item_lists(self._lake_index, blocks, shown),
+            "river": item_lists(self._river_index, blocks),
+        }
+        return Reaching(gathered, _named(lists))
+
+    def terrain(self, reaching: Reaching, cell_size: float, lists: Mapping[str, Any]) -> list[Any]:
+        """Return the arguments that ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh`` names, in its order.
+
+        Parameters
+        ----------
+        reaching
+            Of the blocks that are evaluated.
+        cell_size : float
+            Metres between samples, as it was told there.
+        lists
+            Device buffers of ``reaching.lists``, by their names.
+        """
         world = self.world(cell_size)
-        near = features_near(self.recipe, blocks, min_radius=effective_cell(cell_size))
-        packed = pack_features(self.recipe, near, cell_size)
-        starts, members = feature_lists(self.recipe, packed, blocks)
-        lake_starts, lake_members = field_lists(self._lakes, world["lakes_shown"], blocks)
-        river_starts, river_members = river_lists(self.recipe, self._rivers, blocks)
         return [
             world["scalars"],
             world["styles"],
             *world["octaves"],
-            context.upload(packed.at),
-            context.upload(packed.shape.astype(real)),
-            context.upload(starts),
-            context.upload(members),
+            reaching.features.at,
+            reaching.features.shape,
+            lists["feature_starts"],
+            lists["feature_list"],
             *world["lakes"],
             self._lake_samples,
-            context.upload(lake_starts),
-            context.upload(lake_members),
+            lists["lake_starts"],
+            lists["lake_list"],
             *self._river_buffers,
-            context.upload(river_starts),
-            context.upload(river_members),
+            lists["river_starts"],
+            lists["river_list"],
         ]
 
-    def covers(self, blocks: npt.NDArray[np.int64]) -> list[Any]:
-        """Return the arguments that name the painted materials in blocks as in :meth:`terrain`."""
-        everywhere = np.ones(len(self.recipe.covers), np.bool_)
-        starts, members = field_lists(self._covers, everywhere, blocks)
-        return [*self._cover_buffers, self.context.upload(starts), self.context.upload(members)]
+    def cover_lists(self, blocks: npt.NDArray[np.int64]) -> dict[str, npt.NDArray[np.int32]]:
+        """Return which painted materials reach blocks of ground, by the names of the kernel's arguments."""
+        return _named({"cover": item_lists(self._cover_index, blocks)})
+
+    def covers(self, lists: Mapping[str, Any]) -> list[Any]:
+        """Return the arguments that name painted materials, given buffers of :meth:`cover_lists`."""
+        return [*self._cover_buffers, lists["cover_starts"], lists["cover_list"]]
 
     def _upload_world(self, cell: float) -> dict[str, Any]:
         upload, real = self.context.upload, self.context.real_dtype
@@ -146,3 +191,11 @@ class KernelArguments:
             upload(rivers.start),
             *(upload(part.astype(real)) for part in (rivers.along, rivers.up, rivers.down)),
         ]
+
+
+def _named(lists: Mapping[str, Lists]) -> dict[str, npt.NDArray[np.int32]]:
+    return {
+        f"{name}_{part}": array
+        for name, pair in lists.items()
+        for part, array in zip(_PARTS, pair, strict=True)
+    }

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, tile_axes
+from sketchterrain.compute.staging import Staging
+from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.octaves import corner_table, fits_patches
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -106,12 +107,10 @@ def tile_patches(level: int, keys: Sequence[tuple[int, int]], extent: float, *, 
         If there is no such level.
     """
     step = level_step(level)
-    axes = [tile_axes(level, *key) for key in keys]
-    x, y = np.stack([x for x, _ in axes]), np.stack([y for _, y in axes])
-    if up:
-        offsets = np.arange(-1, QUADS // 2 + 2, dtype=np.int64) * 2 * step
-        x, y = x[:, 1:2] + offsets, y[:, 1:2] - offsets
-    return Patches(x, y, step * 2**up * metres_per_unit(extent))
+    column, row = np.array(keys, np.int64).reshape(-1, 2).T[..., None] * (QUADS * step)
+    quads = QUADS >> up
+    offsets = np.arange(-1, quads + 2, dtype=np.int64) * (step << up)
+    return Patches(column + offsets, row + QUADS * step - offsets, step * 2**up * metres_per_unit(extent))
 
 
 class PatchLauncher:
@@ -125,7 +124,8 @@ class PatchLauncher:
     def __init__(self, arguments: KernelArguments) -> None:
         self._arguments = arguments
         self._context = arguments.context
-        self._scratch: dict[tuple[str, int], Any] = {}
+        self._scratch: dict[str, tuple[int, Any]] = {}
+        self._staged = {name: Staging(self._context) for name in ("whole", "bare")}
 
     def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> None:
         """Enqueue heights, normals and materials of patches.
@@ -140,23 +140,26 @@ class PatchLauncher:
             Which place in it each of them has, shape (patches,).
         """
         context, real = self._context, self._context.real_dtype
-        vertices = self._vertices(patches)
-        height, masks, mottle = self._heights(patches, vertices, bare=False)
         unit = metres_per_unit(self._arguments.recipe.extent)
+        more = {
+            "inverse_x": _inverse_spans(patches.axis_x, unit).astype(real),
+            "inverse_y": _inverse_spans(-patches.axis_y, unit).astype(real),
+            "slot": np.asarray(slots, np.int32),
+            **self._arguments.cover_lists(patches.blocks),
+        }
+        launch = self._heights(patches, more, bare=False)
         context.launch(
-            vertices.file,
+            launch.file,
             "surfaces",
             (rounded_up(store.inner**2), patches.count),
             *self._arguments.rules,
-            *vertices.places,
-            context.upload(_inverse_spans(patches.axis_x, unit).astype(real)),
-            context.upload(_inverse_spans(-patches.axis_y, unit).astype(real)),
+            *launch.places,
+            launch.small["inverse_x"],
+            launch.small["inverse_y"],
             np.int32(patches.side),
-            height,
-            masks,
-            mottle,
-            *self._arguments.covers(patches.blocks),
-            context.upload(np.asarray(slots, np.int32)),
+            *launch.results,
+            *self._arguments.covers(launch.small),
+            launch.small["slot"],
             store.height,
             store.normal,
             store.materials,
@@ -174,7 +177,7 @@ class PatchLauncher:
             As in :meth:`surfaces`.
         """
         context, real = self._context, self._context.real_dtype
-        height, _, _ = self._heights(patches, self._vertices(patches), bare=True)
+        launch = self._heights(patches, {"slot": np.asarray(slots, np.int32)}, bare=True)
         unit = metres_per_unit(self._arguments.recipe.extent)
         inverse = _inverse_spans(patches.axis_x[:1, :3], unit)[0, 1]
         context.launch(
@@ -183,63 +186,100 @@ class PatchLauncher:
             (rounded_up(store.inner**2), patches.count),
             real.type(inverse),
             np.int32(patches.side),
-            height,
-            context.upload(np.asarray(slots, np.int32)),
+            launch.results[0],
+            launch.small["slot"],
             store.parent_height,
             store.parent_normal,
             group=(GROUP, 1),
         )
 
-    def _heights(self, patches: Patches, vertices: _Vertices, *, bare: bool) -> tuple[Any, Any, Any]:
-        """Enqueue heights, masks and mottle with their border, and return their buffers."""
+    def _heights(self, patches: Patches, more: Mapping[str, npt.NDArray[Any]], *, bare: bool) -> _Launch:
+        """Enqueue heights, masks and mottle with their border; put more small arrays where those go."""
         count, side = patches.count, patches.side
         size = 1 if bare else count * side * side
-        buffers = (
-            self._room("bare height" if bare else "height", count * side * side),
-            self._room("masks", 4 * size),
-            self._room("mottle", size),
+        reaching = self._arguments.reaching(patches.blocks, patches.cell_size)
+        vertices = self._vertices(patches)
+        staging = self._staged["bare" if bare else "whole"]
+        small = staging.put({**reaching.lists, **vertices.arrays, **more})
+        launch = _Launch(
+            vertices.file,
+            small,
+            [*(small[name] for name in vertices.places), *vertices.step],
+            (
+                self._room("bare height" if bare else "height", count * side * side),
+                self._room("masks", 4 * size),
+                self._room("mottle", size),
+            ),
         )
         self._context.launch(
             vertices.file,
             "patches",
             (rounded_up(side * side), count),
-            *self._arguments.terrain(patches.blocks, patches.cell_size),
-            *vertices.noise,
-            *vertices.places,
+            *self._arguments.terrain(reaching, patches.cell_size, small),
+            *(small[name] for name in vertices.noise),
+            *vertices.octaves,
+            *launch.places,
             np.int32(side),
             np.int32(bare),
-            *buffers,
+            *launch.results,
             group=(GROUP, 1),
         )
-        return buffers
+        return launch
 
     def _vertices(self, patches: Patches) -> _Vertices:
         """Say where vertices lie, in 32 bits where they do."""
-        upload, bits = self._context.upload, patches.step_bits
+        bits = patches.step_bits
         octaves: OctaveTable = self._arguments.world(patches.cell_size)["table"]
         if bits is None or not fits_patches(octaves, bits):
-            return _Vertices(_ANYWHERE, [], [upload(patches.axis_x), upload(patches.axis_y)])
-        table = corner_table(octaves, patches.corners, bits)
-        noise = [upload(table), np.int32(len(octaves.form))]
-        return _Vertices(_WHOLE_STEPS, noise, [upload(patches.corners), np.int32(bits)])
+            return _Vertices(_ANYWHERE, {"axis_x": patches.axis_x, "axis_y": patches.axis_y})
+        return _Vertices(
+            _WHOLE_STEPS,
+            {
+                "octave_corner": corner_table(octaves, patches.corners, bits),
+                "corner_at": patches.corners,
+            },
+            (np.int32(len(octaves.form)),),
+            (np.int32(bits),),
+        )
 
     def _room(self, name: str, size: int) -> Any:
         """Return a buffer for ``size`` values; kept, and made anew only where one is too small."""
-        kept = self._scratch.get((name, size))
-        if kept is None:
-            for key in [key for key in self._scratch if key[0] == name]:
-                del self._scratch[key]
-            kept = self._scratch[name, size] = self._context.empty(size, self._context.real_dtype)
-        return kept
+        held, buffer = self._scratch.get(name, (0, None))
+        if held < size:
+            self._scratch.pop(name, None)
+            buffer = self._context.empty(size, self._context.real_dtype)
+            self._scratch[name] = size, buffer
+        return buffer
 
 
 @dataclass(frozen=True, eq=False)
 class _Vertices:
-    """Which file's kernels place vertices, and the arguments that say where: for noise, and for all else."""
+    """Which file's kernels place vertices, and what says where, by the names of the kernels' arguments."""
 
     file: str
-    noise: list[Any]
+    arrays: dict[str, npt.NDArray[Any]]
+    octaves: tuple[np.int32, ...] = ()
+    step: tuple[np.int32, ...] = ()
+
+    @property
+    def noise(self) -> tuple[str, ...]:
+        """Arrays that noise reads."""
+        return tuple(name for name in self.arrays if name == "octave_corner")
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Arrays that all else reads."""
+        return tuple(name for name in self.arrays if name != "octave_corner")
+
+
+@dataclass(frozen=True, eq=False)
+class _Launch:
+    """A launch of ``patches``: its file, small arrays, where vertices lie, and what it writes."""
+
+    file: str
+    small: dict[str, Any]
     places: list[Any]
+    results: tuple[Any, Any, Any]
 
 
 def _inverse_spans(axis: Lattice, unit: float) -> npt.NDArray[np.float64]:

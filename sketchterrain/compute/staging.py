@@ -1,0 +1,78 @@
+"""Small arrays for a device, many in one transfer and none of them a new buffer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import numpy.typing as npt
+
+    from sketchterrain.compute.context import ComputeContext
+
+__all__ = ["Staging"]
+
+# Parts start where any device lets a buffer start, and no two of them share a cache line.
+_ALIGNED = 512
+# How many transfers may be under way before the oldest is waited for.
+_TURNS = 3
+
+
+class Staging:
+    """A buffer in parts, each with a name and room for what was ever put there.
+
+    Kernels that still read what was put before are not disturbed: the queue is in order. What is put
+    is copied, so the arrays may change at once.
+
+    Parameters
+    ----------
+    context : ComputeContext
+    """
+
+    def __init__(self, context: ComputeContext) -> None:
+        self._context = context
+        self._room: dict[str, int] = {}
+        self._start: dict[str, int] = {}
+        self._parts: dict[str, Any] = {}
+        self._whole: Any = None
+        self._turns: list[tuple[npt.NDArray[np.uint8], Any]] = []
+
+    def put(self, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+        """Enqueue one transfer of arrays and return the buffer of each, by name.
+
+        A buffer holds what was last put under its name; it may be larger than that. The same names at every
+        call cost no allocation once there is room.
+        """
+        if any(self._room.get(name, -1) < array.nbytes for name, array in arrays.items()):
+            self._make_room(arrays)
+        host, transfer = self._turns[0]
+        if transfer is not None:
+            transfer.wait()
+        end = 0
+        for name, array in arrays.items():
+            start = self._start[name]
+            host[start : start + array.nbytes] = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
+            end = max(end, start + array.nbytes)
+        transfer = self._context.write(self._whole, host[:end]) if end else None
+        self._turns = [*self._turns[1:], (host, transfer)]
+        return {name: self._parts[name] for name in arrays}
+
+    def _make_room(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        for name, array in arrays.items():
+            if self._room.get(name, -1) < array.nbytes:
+                self._room[name] = _ALIGNED << max(-(-array.nbytes // _ALIGNED) - 1, 0).bit_length()
+        ends = np.cumsum(list(self._room.values()))
+        starts = ends - np.array(list(self._room.values()))
+        self._start = {name: int(start) for name, start in zip(self._room, starts, strict=True)}
+        self._whole = self._context.empty(int(ends[-1]), np.uint8)
+        self._parts = {
+            name: self._context.part(self._whole, self._start[name], size)
+            for name, size in self._room.items()
+        }
+        for _, transfer in self._turns:
+            if transfer is not None:
+                transfer.wait()
+        self._turns = [(np.zeros(int(ends[-1]), np.uint8), None) for _ in range(_TURNS)]

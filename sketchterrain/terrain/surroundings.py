@@ -1,0 +1,200 @@
+"""The features around what is evaluated, on the device; kept while the same ground is asked for."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from copy import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.terrain.culling import (
+    feature_index,
+    feature_lists,
+    features_near,
+    painted_near,
+)
+from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.packing import pack_features, slot_count, support_radii
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.features.catalogue import Points
+    from sketchterrain.terrain.culling import Lists
+    from sketchterrain.terrain.reach_index import ReachIndex
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+    Lattice = npt.NDArray[np.int64]
+
+__all__ = ["Gathered", "Surroundings"]
+
+_MOST_SHEETS = 1024
+_MOST_GATHERED = 64
+# A sheet is at least so many times as wide as half of the painted features reach.
+_PAINTED_REACHES = 4
+# Blocks wider than so many sheets are looked after one by one.
+_WIDEST_BLOCK = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """Features that may reach some ground, for one cell size, in the order of their ids.
+
+    Attributes
+    ----------
+    at, shape
+        Device buffers of ``Features`` in ``kernels/world.clh``.
+    strength : (n,) float64
+        What is left of their strength at the cell size.
+    slot : (n,) int64
+        Kind of each.
+    slots : int
+        How many kinds there are.
+    index, order
+        From :func:`~sketchterrain.terrain.culling.feature_index`.
+    """
+
+    at: Any
+    shape: Any
+    strength: npt.NDArray[np.float64]
+    slot: Lattice
+    slots: int
+    index: ReachIndex
+    order: Lattice
+
+    def lists(self, blocks: Lattice) -> Lists:
+        """Return which of them reach which block: ``starts`` and ``list`` of the kernels' ``Features``."""
+        return feature_lists(self.index, self.order, self.slot, self.slots, blocks)
+
+
+class Surroundings:
+    """Features of a recipe by the ground they may reach.
+
+    The world is cut into square sheets about as wide as features reach. What stands on a sheet is found once;
+    blocks of ground are given the features of all sheets around them. Which of those reach a block is for
+    :meth:`Gathered.lists` to say, exactly, so that sheets change no bit.
+
+    Parameters
+    ----------
+    recipe : TerrainRecipe
+    context : ComputeContext
+    """
+
+    def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
+        self._recipe = recipe
+        self._context = context
+        self._slots = slot_count(recipe)
+        self._margin = 0
+        unit = metres_per_unit(recipe.extent)
+        if recipe.fill.max_radius > 0:
+            self._margin = int((recipe.fill.max_radius * support_radii(recipe) + 1) / unit) + 1
+        painted = float(np.median(recipe.painted["radius"])) if recipe.painted.size else 0.0
+        width = max(self._margin, int(_PAINTED_REACHES * support_radii(recipe) * painted / unit), 1)
+        self._bits = width.bit_length()
+        self._sheets: OrderedDict[tuple[int, int], Points] = OrderedDict()
+        self._gathered: OrderedDict[tuple[float, bytes], Gathered] = OrderedDict()
+
+    def with_recipe(self, recipe: TerrainRecipe) -> Surroundings:
+        """Return those of a recipe that differs in its painted features' strengths alone."""
+        other = copy(self)
+        other._recipe = recipe
+        other._gathered = OrderedDict()
+        return other
+
+    def gathered(self, blocks: Lattice, cell: float) -> Gathered:
+        """Return the features that may reach any of the blocks.
+
+        Parameters
+        ----------
+        blocks : (n, 4) int64
+            West, south, east, north of each block, lattice units.
+        cell : float
+            Effective cell size, m: smaller features are left out.
+        """
+        wide = int((blocks[:, 2:] - blocks[:, :2]).max()) > _WIDEST_BLOCK << self._bits
+        sheets = blocks if wide else self._sheets_around(blocks)
+        key = (cell, bytes([wide]) + sheets.tobytes())
+        if key in self._gathered:
+            self._gathered.move_to_end(key)
+            return self._gathered[key]
+        near = features_near(self._recipe, blocks, cell) if wide else self._features_of(sheets, cell)
+        found = self._gathered[key] = self._packed(near, cell)
+        if len(self._gathered) > _MOST_GATHERED:
+            self._gathered.popitem(last=False)
+        return found
+
+    def _packed(self, near: Points, cell: float) -> Gathered:
+        packed = pack_features(self._recipe, near, cell)
+        index, order = feature_index(self._recipe, packed)
+        upload = self._context.upload
+        return Gathered(
+            upload(packed.at),
+            upload(packed.shape.astype(self._context.real_dtype)),
+            packed.shape[:, 1],
+            packed.slot,
+            self._slots,
+            index,
+            order,
+        )
+
+    def _sheets_around(self, blocks: Lattice) -> Lattice:
+        """Columns and rows of the sheets that hold what may reach the blocks, shape (n, 2)."""
+        first = (blocks[:, :2] - self._margin) >> self._bits
+        last = (blocks[:, 2:] + self._margin) >> self._bits
+        if len(blocks) == 1:
+            (west, south), (east, north) = first[0], last[0]
+            grid = np.mgrid[west : east + 1, south : north + 1]
+            return np.ascontiguousarray(grid.reshape(2, -1).T)
+        most = (last - first).max(axis=0) + 1
+        step = np.indices(tuple(most)).reshape(2, -1).T
+        sheets = (first[:, None] + step)[np.all(step <= (last - first)[:, None], axis=-1)]
+        return np.unique(sheets, axis=0)
+
+    def _features_of(self, sheets: Lattice, cell: float) -> Points:
+        """All features of sheets that show at a cell size, sorted by id."""
+        ground = np.concatenate([sheets, sheets + 1], axis=1) << self._bits
+        found = painted_near(self._recipe, ground)
+        if self._margin and self._recipe.fill.max_radius >= cell:
+            fill = np.concatenate(self._fill_of(sheets))
+            fill = fill[fill["radius"] >= cell]
+            found = np.concatenate([found, fill])
+        _, unique = np.unique(found["id"], return_index=True)
+        return found[unique]
+
+    def _fill_of(self, sheets: Lattice) -> list[Points]:
+        """Return the fill whose centres lie in each sheet."""
+        keys = [(int(column), int(row)) for column, row in sheets]
+        missing = [key for key in keys if key not in self._sheets]
+        if missing:
+            side = metres_per_unit(self._recipe.extent) * 2.0**self._bits
+            lost = np.array(missing)
+            found = self._within(lost)
+            # Found in a little more ground, so that rounding at a sheet's border loses and doubles none.
+            column, row = (np.floor(found[axis] / side).astype(np.int64) for axis in ("x", "y"))
+            for key in missing:
+                self._sheets[key] = found[(column == key[0]) & (row == key[1])]
+        result = [self._sheets[key] for key in keys]
+        for key in keys:
+            self._sheets.move_to_end(key)
+        while len(self._sheets) > max(_MOST_SHEETS, len(keys)):
+            self._sheets.popitem(last=False)
+        return result
+
+    def _within(self, sheets: Lattice) -> Points:
+        """Return the fill with centres in the sheets and a little around, each once."""
+        side = metres_per_unit(self._recipe.extent) * 2.0**self._bits
+        parts = []
+        whole = np.ptp(sheets, axis=0) + 1
+        if np.prod(whole) <= 2 * len(sheets):
+            areas = [(*sheets.min(axis=0), *(sheets.max(axis=0) + 1))]
+        else:
+            areas = [(*sheet, *(sheet + 1)) for sheet in sheets]
+        for west, south, east, north in areas:
+            box = (west * side - 1, south * side - 1, east * side + 1, north * side + 1)
+            parts.append(self._recipe.fill.within(*(float(edge) for edge in box)))
+        found = np.concatenate(parts)
+        _, unique = np.unique(found["id"], return_index=True)
+        return found[unique]

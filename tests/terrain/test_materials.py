@@ -1,0 +1,272 @@
+"""Material weights: the table against the formulas it stands for, and the kernels against NumPy float64."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sketchterrain import resources
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.sketch import (
+    DEFAULT_RULES,
+    INPUTS,
+    Factor,
+    MaterialRule,
+    RuleChange,
+    load_sketch,
+    resolved_rules,
+)
+from sketchterrain.terrain import build, changed_areas
+from sketchterrain.terrain.changes import EVERYWHERE
+from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.material_rules import pack_rules
+from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.reference import reference_ground
+from sketchterrain.terrain.reference_materials import Site, patch_weights, rule_weights
+
+from .conftest import CASES, LAKES, cover, feature, straight_river
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from sketchterrain.terrain import TerrainRecipe
+
+CLIMATES = (
+    {"snow_line": 900.0, "tree_line": 500.0, "aridity": 0.2},
+    {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.86},
+    {"snow_line": -100.0, "tree_line": 40.0, "aridity": 0.55},
+)
+
+# `weights` gives points of any values what `surfaces` gives vertices.
+KERNEL = """
+__kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global const REAL4 *masks,
+                      __global REAL *out)
+{
+    COLLECT_RULES
+    const size_t i = get_global_id(0);
+    const Site site = {values[4 * i], values[4 * i + 1], values[4 * i + 2], values[4 * i + 3], masks[i]};
+    REAL w[MATERIALS];
+    lay_rules(rules, site, w);
+    for (int m = 0; m < MATERIALS; ++m) out[MATERIALS * i + m] = w[m];
+}
+"""
+
+
+def sites(count: int = 20_000, *, seed: int = 1, real: Any = np.float64) -> Site:
+    """Points of all kinds, half of each mask 0 or 1."""
+    rng = np.random.default_rng(seed)
+    masks = np.clip(rng.uniform(-0.5, 1.5, (4, count)), 0, 1)
+    values = (
+        rng.uniform(-50, 1500, count),
+        rng.gamma(1.5, 0.4, count),
+        rng.normal(0, 0.3, count),
+        rng.normal(0, 0.5, count),
+        *masks,
+    )
+    return Site(*(value.astype(real) for value in values))
+
+
+def rise(x: np.ndarray, low: float, inverse_width: float) -> np.ndarray:
+    t = np.clip((x - low) * inverse_width, 0, 1)
+    return t * t * (3 - 2 * t)
+
+
+def formulas(c: dict[str, float], s: Site) -> np.ndarray:
+    """The rules as they were written down before there was a table."""
+    w = np.zeros((len(s.height), len(MATERIALS)))
+    w[:, 0] = 1
+
+    def lay_over(material: str, cover: np.ndarray) -> None:
+        w[:] *= 1 - cover[:, None]
+        w[:, MATERIALS.index(material)] += cover
+
+    dryness = c["aridity"] + 0.12 * s.mottle - 0.35 * np.maximum(s.water - 0.2, 0)
+    lay_over("soil", rise(dryness, 0.3, 3))
+    lay_over("soil", 0.55 * rise(s.mottle, 0.25, 2.5))
+    lay_over("sand", rise(dryness, 0.62, 4))
+    alpine = rise(s.height + 90 * s.mottle, c["tree_line"] + 40, 0.004)
+    lay_over("scree", 0.8 * alpine * s.mountain)
+    lay_over("forest_floor", np.minimum(1.25 * s.forest, 1) * (1 - alpine))
+    stony = 0.15 * s.mottle + 0.12 * s.mountain - 0.5 * s.hollow
+    lay_over("scree", 0.75 * s.mountain * rise(s.steepness + stony, 0.6, 3.5))
+    lay_over("rock", rise(s.steepness + stony, 0.85, 3))
+    lay_over("sand", s.dune * (1 - rise(s.steepness, 0.9, 4)))
+    snow = rise(s.height + 110 * s.mottle + 160 * s.hollow, c["snow_line"], 0.008)
+    lay_over("snow", snow * (1 - rise(s.steepness + 0.25 * s.mottle, 1.3, 1.4)))
+    lay_over("sand", 0.7 * rise(s.water + 0.05 * s.mottle, 0.6, 12))
+    lay_over("river_bed", rise(s.water, 0.7, 14))
+    return w
+
+
+@pytest.fixture
+def weigh(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., np.ndarray]]:
+    """Evaluate a recipe's rules at sites on a device."""
+    source = resources.source
+    monkeypatch.setattr(
+        resources,
+        "source",
+        lambda name: source("tiles.cl") + KERNEL if name == "weights.cl" else source(name),
+    )
+
+    def run(recipe: TerrainRecipe, site: Site, context: ComputeContext) -> np.ndarray:
+        real, rules = context.real_dtype, pack_rules(recipe)
+        parts = [np.asarray(getattr(site, each.name), real) for each in fields(Site)]
+        out = context.empty((len(parts[0]), len(MATERIALS)), real)
+        context.launch(
+            "weights.cl",
+            "weights",
+            (len(parts[0]),),
+            np.int32(rules.count),
+            context.upload(rules.form),
+            context.upload(rules.cover.astype(real)),
+            context.upload(rules.input),
+            context.upload(rules.ramp.astype(real)),
+            context.upload(np.stack(parts[:4], axis=-1)),
+            context.upload(np.stack(parts[4:], axis=-1)),
+            out,
+        )
+        return context.download(out, (len(parts[0]), len(MATERIALS)), real)
+
+    return run
+
+
+def some_rules(count: int = 12, *, seed: int = 7) -> tuple[MaterialRule, ...]:
+    """Rules that weigh everything that can be weighed."""
+    rng = np.random.default_rng(seed)
+    scale = {"height": 1e-3, "above_snow_line": 1e-3, "above_tree_line": -1e-3}
+
+    def ramp(first: str) -> Factor:
+        names = {first, *rng.choice(list(INPUTS), 3)}
+        weights = {name: scale.get(name, 1.0) * rng.uniform(0.3, 1.0) for name in names}
+        start = rng.uniform(-0.5, 0.5)
+        return Factor(start, start + rng.choice([-1, 1]) * rng.uniform(0.3, 1.5), "smooth", **weights)
+
+    names = list(INPUTS)
+    return tuple(
+        MaterialRule(str(n), MATERIALS[n % 8], 0.9, (ramp(names[n % 12]),) * (1 + n % 2))
+        for n in range(count)
+    )
+
+
+@pytest.mark.parametrize("climate", CLIMATES)
+def test_the_table_is_the_formulas_that_were(climate: dict[str, float]) -> None:
+    site = sites()
+    weights = rule_weights(DEFAULT_RULES, climate, site)
+    np.testing.assert_allclose(weights, formulas(climate, site), atol=1e-12, rtol=0)
+    np.testing.assert_allclose(weights.sum(axis=-1), 1, atol=1e-12)
+
+
+@pytest.mark.parametrize("climate", CLIMATES)
+def test_the_kernel_lays_the_formulas_that_were(
+    climate: dict[str, float], make_recipe: Any, context: ComputeContext, weigh: Callable[..., np.ndarray]
+) -> None:
+    site = sites(real=np.float32)
+    weights = weigh(make_recipe(climate=climate), site, context)
+    expected = formulas(climate, Site(*(getattr(site, each.name).astype(float) for each in fields(Site))))
+    np.testing.assert_allclose(weights, expected, atol=1e-6, rtol=0)
+    np.testing.assert_allclose(weights.astype(np.float64).sum(axis=-1), 1, atol=1e-6)
+    assert weights.min() >= 0
+
+
+@pytest.mark.parametrize("rules", [(), (MaterialRule("all", "snow"),), DEFAULT_RULES, some_rules()])
+def test_any_table_is_what_numpy_says(
+    rules: Sequence[MaterialRule],
+    make_recipe: Any,
+    context: ComputeContext,
+    double_context: ComputeContext,
+    weigh: Callable[..., np.ndarray],
+) -> None:
+    recipe = make_recipe(material_rules=tuple(rules))
+    site = sites(5000, seed=2)
+    expected = rule_weights(rules, recipe.climate, site)
+    np.testing.assert_allclose(weigh(recipe, site, double_context), expected, atol=1e-12, rtol=0)
+    single = sites(5000, seed=2, real=np.float32)
+    again = rule_weights(rules, recipe.climate, Site(*(getattr(single, f.name) for f in fields(Site))))
+    np.testing.assert_allclose(weigh(recipe, single, context), again, atol=2e-6, rtol=0)
+
+
+def test_all_devices_weigh_bit_for_bit(make_recipe: Any, weigh: Callable[..., np.ndarray]) -> None:
+    devices = list_devices()
+    if len(devices) < 2:
+        pytest.skip("one device has nothing to differ from")
+    for rules in (DEFAULT_RULES, some_rules()):
+        first, *others = (
+            weigh(make_recipe(material_rules=rules), sites(real=np.float32), ComputeContext(device))
+            for device in devices
+        )
+        for other in others:
+            np.testing.assert_array_equal(first, other)
+
+
+def patch(recipe: TerrainRecipe, cell: float, west: float, north: float, side: int = 67) -> Any:
+    """Lattice coordinates of a patch's columns and rows, and the true cell size."""
+    unit = metres_per_unit(recipe.extent)
+    step = round(cell / unit)
+    x = round(west / unit) + step * np.arange(side)
+    y = round(north / unit) - step * np.arange(side)
+    return x, y, step * unit
+
+
+@pytest.mark.parametrize("cell", [4.0, 16.0])
+def test_surfaces_have_the_weights_of_numpy(
+    cell: float, make_recipe: Any, context: ComputeContext, double_context: ComputeContext
+) -> None:
+    """Every kind of feature, water and a painted cover in one place."""
+    recipe = make_recipe(
+        *(one for ones in CASES.values() for one in ones),
+        rivers=(straight_river(),),
+        lakes=LAKES,
+        covers=(cover(1900.0, 2000.0, 60.0, MATERIALS.index("snow"), 0.8),),
+        climate={"snow_line": 500.0, "tree_line": 250.0, "aridity": 0.35},
+    )
+    x, y, cell = patch(recipe, cell, 2048 - 33 * cell, 2048 + 33 * cell)
+    at_x, at_y = (each.astype(np.int64) for each in np.meshgrid(x, y))
+    ground = reference_ground(recipe, at_x.ravel(), at_y.ravel(), cell_size=cell)
+    expected = patch_weights(recipe, ground, at_x, at_y, cell_size=cell)
+    np.testing.assert_allclose(expected.sum(axis=-1), 1, atol=1e-12)
+    for opened, tolerance in ((double_context, 1e-6), (context, 5e-4)):
+        surface = Evaluator(recipe, opened).surface(x[None], y[None], cell_size=cell)
+        np.testing.assert_allclose(surface.materials[0], expected, atol=tolerance, rtol=0)
+        np.testing.assert_allclose(surface.materials.astype(np.float64).sum(axis=-1), 1, atol=1e-6)
+
+
+def test_the_sites_reach_every_material() -> None:
+    most = np.max([formulas(climate, sites()).max(axis=0) for climate in CLIMATES], axis=0)
+    assert (most > 0.7).all()
+
+
+def test_banks_are_lusher_than_dry_ground_by_rule() -> None:
+    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.45}
+    zero = np.zeros(2)
+    site = Site(zero, zero, zero, zero, zero, zero, zero, np.array([0.0, 0.55]))
+    dry, bank = rule_weights(DEFAULT_RULES, climate, site)[:, MATERIALS.index("grass")]
+    assert bank > dry + 0.3
+    desert = climate | {"aridity": 0.9}
+    assert rule_weights(DEFAULT_RULES, desert, site)[1, MATERIALS.index("grass")] < 0.1
+    greener = resolved_rules([RuleChange("lush", "grass", 0.9, "beach", (Factor(0.0, 0.4, wetness=1.0),))])
+    oasis = rule_weights(greener, desert, site)[:, MATERIALS.index("grass")]
+    assert oasis[0] < 0.1 < 0.8 < oasis[1]
+
+
+def test_a_sketch_overrides_the_table(context: ComputeContext) -> None:
+    sketch = load_sketch("desert_mountains")
+    bare = sketch.replace(material_rules=())
+    snowy = bare.replace(material_rules=(RuleChange("frost", "snow", 0.25, factors=()),))
+    before, after = (build(each, device=context) for each in (bare, snowy))
+    old, new = (terrain.raster(65).materials for terrain in (before, after))
+    expected = 0.75 * old
+    expected[..., MATERIALS.index("snow")] += 0.25
+    np.testing.assert_allclose(new, expected, atol=1e-6)
+    assert changed_areas(before.recipe, after.recipe) == [EVERYWHERE]
+    np.testing.assert_array_equal(before.raster(65).height, after.raster(65).height)
+
+
+def test_a_feature_still_decides(make_recipe: Any, context: ComputeContext) -> None:
+    recipe = make_recipe(feature("dune", 2000, 2000, 1500, 18, wavelength=150, wind=250))
+    x, y, cell = patch(recipe, 4.0, 1900, 2100, side=19)
+    surface = Evaluator(recipe, context).surface(x[None], y[None], cell_size=cell)
+    assert surface.materials[..., MATERIALS.index("sand")].min() > 0.5

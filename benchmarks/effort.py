@@ -29,6 +29,8 @@ class Effort:
         Ground and number of tiles evaluated for each size of batch.
     tile_batches : tuple of int
         Tiles a launch; sizes above a ground's number of tiles are left out.
+    thesis_tiles : int
+        Tiles evaluated in the thesis's way.
     foliage_side : float
         Side of the square that is planted, m.
     poisson_cells : int
@@ -55,6 +57,7 @@ class Effort:
     noise_side: int
     tile_counts: tuple[tuple[str, int], ...]
     tile_batches: tuple[int, ...]
+    thesis_tiles: int
     foliage_side: float
     poisson_cells: int
     sketch_sides: tuple[int, ...]
@@ -75,6 +78,7 @@ QUICK = Effort(
     noise_side=512,
     tile_counts=(("bare", 256), ("valley_river", 16)),
     tile_batches=(1, 16, 64, 256),
+    thesis_tiles=9,
     foliage_side=400.0,
     poisson_cells=400,
     sketch_sides=(256, 512, 1024),
@@ -96,6 +100,7 @@ FULL = Effort(
     noise_side=2048,
     tile_counts=(("bare", 256), ("valley_river", 256)),
     tile_batches=(1, 16, 64, 256),
+    thesis_tiles=256,
     foliage_side=2000.0,
     poisson_cells=1024,
     sketch_sides=(256, 512, 1024, 2048, 4096),

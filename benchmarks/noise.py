@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.benchmarks.baselines.problem import NoiseProblem
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.terrain.octaves import NoiseStack, corner_table, octave_table
@@ -51,11 +52,12 @@ class NoiseGrid:
             [NoiseStack(_STACK, _LONGEST, _GAIN, most=OCTAVES)], extent=_EXTENT, seed=SEED
         )
         table, real = self._octaves, context.real_dtype
+        self._corner = corner_table(table, np.zeros((1, 2), np.int64), _STEP_BITS)
         self._arguments: tuple[Any, ...] = (
             context.upload(table.form),
             context.upload(table.offset),
             context.upload(table.scale.astype(real)),
-            context.upload(corner_table(table, np.zeros((1, 2), np.int64), _STEP_BITS)),
+            context.upload(self._corner),
             np.int32(len(table.form)),
             np.int32(side),
         )
@@ -74,6 +76,16 @@ class NoiseGrid:
     def download(self) -> npt.NDArray[Any]:
         """Return what the kernel computed last, shape (side, side)."""
         return self._context.download(self._sum, (self._side, self._side), self._context.real_dtype)
+
+    def problem(self, threads: int) -> NoiseProblem:
+        """Return the same sum as plain arrays, for rivals that use so many threads."""
+        return NoiseProblem(
+            self._corner[0],
+            self._octaves.form[:, 2].astype(np.uint32),
+            self._octaves.scale[:, 0].astype(np.float32),
+            self._side,
+            threads,
+        )
 
     def reference(self) -> npt.NDArray[np.float64]:
         """Compute the same in NumPy float64."""

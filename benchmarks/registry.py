@@ -14,6 +14,7 @@ from sketchterrain.benchmarks import (
     placement,
     planting,
     sketch_scaling,
+    speed,
     tile_rates,
 )
 from sketchterrain.benchmarks.grounds import BARE_SEED
@@ -67,6 +68,12 @@ BENCHMARKS = {
             f"{_PRESETS}, and bare ground: 4096 m of default relief without features",
             f"{_OWN}; bare ground and noise: {BARE_SEED}",
             kernel_times.measure,
+        ),
+        Benchmark(
+            "speed",
+            "a square grid of vertices 1 m apart; bare ground and valley_river",
+            f"noise {noise.SEED}, bare ground {BARE_SEED}, valley_river its own",
+            speed.measure,
         ),
         Benchmark("noise", "a square grid of vertices 1 m apart", str(noise.SEED), noise.measure),
         Benchmark(

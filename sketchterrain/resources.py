@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 __all__ = ["preset", "preset_names", "source"]
 
+_BASELINES = "baselines/"
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
 
 
@@ -26,7 +27,8 @@ def source(name: str) -> str:
     Parameters
     ----------
     name
-        File name relative to ``kernels/``, for example ``"terrain.cl"``.
+        File name relative to ``kernels/``, for example ``"terrain.cl"``; ``"baselines/…"`` are those that the
+        benchmarks compare with.
 
     Returns
     -------
@@ -43,7 +45,8 @@ def source(name: str) -> str:
 
 def _inline(name: str, seen: set[str]) -> str:
     seen.add(name)
-    text = files("sketchterrain.kernels").joinpath(name).read_text(encoding="utf-8")
+    package = "sketchterrain.benchmarks" if name.startswith(_BASELINES) else "sketchterrain.kernels"
+    text = files(package).joinpath(name).read_text(encoding="utf-8")
 
     def put_in(match: re.Match[str]) -> str:
         """Return the text that an include stands for, and where its own file goes on."""

@@ -16,6 +16,7 @@ TINY = Effort(
     noise_side=32,
     tile_counts=(("bare", 4),),
     tile_batches=(1, 4, 16),
+    thesis_tiles=2,
     foliage_side=60.0,
     poisson_cells=32,
     sketch_sides=(64, 96),

@@ -50,7 +50,7 @@ def test_context_counts_the_items_of_each_launch(context: TimedContext) -> None:
         context.upload(np.zeros((1, 2), np.int64)),
         context.upload(np.zeros((1, 2), np.float32)),
     )
-    place = (np.int32(0), np.int64(0), np.int64(0), np.int64(1), np.int32(8))
+    place = (context.upload(np.full((1, 4), 10, np.uint32)), np.int32(1), np.int32(8))
 
     def work() -> None:
         context.launch("bench.cl", "bench_fbm", (8, 8), *octaves, *place, sums)

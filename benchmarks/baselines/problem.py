@@ -1,0 +1,64 @@
+"""The noise that every baseline computes: octaves as plain arrays, and how rows are shared by threads."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = ["Absent", "NoiseProblem", "Rival", "in_threads"]
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseProblem:
+    """fBm on a square grid, as ``bench_fbm`` in ``kernels/bench.cl`` sums it.
+
+    Attributes
+    ----------
+    corner : (octaves, 4) uint32
+        Fractions along u and v in steps, hash of the cell, bits of a cell in steps: see
+        :func:`~sketchterrain.terrain.octaves.corner_table`.
+    turned : (octaves,) uint32
+        1 where the lattice is turned by 90 degrees.
+    amplitude : (octaves,) float32
+    side : int
+        Vertices along the grid's side, one step apart.
+    threads : int
+        Rivals that can use threads use so many.
+    """
+
+    corner: npt.NDArray[np.uint32]
+    turned: npt.NDArray[np.uint32]
+    amplitude: npt.NDArray[np.float32]
+    side: int
+    threads: int
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A way to compute the problem: its name with version, its threads, and the work of one lap."""
+
+    name: str
+    threads: int
+    run: Callable[[], npt.NDArray[np.float32]]
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A rival that is not on this machine, and how to get it."""
+
+    name: str
+    reason: str
+
+
+def in_threads(rows: Callable[[int, int], object], *, side: int, threads: int) -> None:
+    """Call ``rows(first, last)`` for as many bands of rows as there are threads, at the same time."""
+    bounds = [side * i // threads for i in range(threads + 1)]
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(rows, bounds[:-1], bounds[1:]))

@@ -1,0 +1,142 @@
+"""Tiles in the way of Zaaijer 2013, chapters 3 and 7 (``thesis.cl``): what the program's are compared with.
+
+Noise from a permutation table, all octaves at every level, iterated sampling of splines with square roots,
+one launch of each kernel a tile, normals by finite differences. Where the thesis leaves a choice it gets the
+cheaper one: features and pieces of rivers that can't reach a tile are left out on the host, before the clock
+starts; hills and mountains are the thesis's cubic cones; there are no materials and no parents.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.octaves import FINEST_WAVELENGTH
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain import TerrainRecipe
+
+    Reals = npt.NDArray[np.floating]
+
+__all__ = ["Sampling", "ThesisTiles"]
+
+_FILE = "baselines/thesis.cl"
+_SIDE = QUADS + 3
+_RISING = ("mountain", "hill")
+_DEPTH = 2.0  # m, of a river's bed
+_REACH = 20.0  # half widths that a valley reaches
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How the nearest place on a piece of spline is found: so many samples, again in so many rounds."""
+
+    samples: int
+    rounds: int
+
+
+class ThesisTiles:
+    """Tiles of one level of a terrain's ground, hills, mountains and rivers.
+
+    Parameters
+    ----------
+    recipe
+        Whose relief, features and rivers' control points are taken.
+    context
+        An open device; with ``real='double'`` the tiles are their own reference.
+    keys
+        Level, column and row of each tile; all of one level.
+    """
+
+    def __init__(
+        self, recipe: TerrainRecipe, context: ComputeContext, keys: Sequence[tuple[int, int, int]]
+    ) -> None:
+        self._context = context
+        real = context.real_dtype
+        width = recipe.extent / 2.0 ** keys[0][0]
+        ground = recipe.ground
+        self.spacing = width / QUADS
+        octaves = int(np.log2(ground["wavelength"] / FINEST_WAVELENGTH)) + 1
+        permutation = np.random.default_rng(recipe.seed).permutation(256).astype(np.int32)
+        self._noise = (
+            context.upload(np.tile(permutation, 2)),
+            np.int32(octaves),
+            *(real.type(ground[name]) for name in ("wavelength", "roughness")),
+            real.type(ground["relief"] / 2),
+        )
+        features, segments = _rising(recipe), _segments(recipe)
+        reach = _REACH * float(segments[:, 1:3, 3].max()) if len(segments) else 0.0
+        self._valley = (real.type(reach), real.type(_DEPTH))
+        self._tiles: list[tuple[Any, ...]] = []
+        for _, column, row in keys:
+            west, south = column * width, row * width
+            f = features[_reaching(features[:, :2], features[:, 2], west, south, width)]
+            middle = segments[:, 1:3, :2].mean(axis=1)
+            # A piece stays within its control points' spread of its middle.
+            spread = np.ptp(segments[:, :, :2], axis=1).max(axis=1, initial=0.0)
+            s = segments[_reaching(middle, spread + reach, west, south, width)]
+            self._tiles.append(
+                (
+                    *(context.upload(f.astype(real)), np.int32(len(f))),
+                    *(context.upload(s.astype(real)), np.int32(len(s))),
+                    *(real.type(west), real.type(south + width)),
+                )
+            )
+        self._height = context.empty(_SIDE**2, real)
+        self._inner = context.empty(len(keys) * (QUADS + 1) ** 2, real)
+        self._normal = context.empty(3 * len(keys) * (QUADS + 1) ** 2, real)
+
+    def launch(self, sampling: Sampling) -> None:
+        """Enqueue the tiles one by one and wait for the last."""
+        context, real = self._context, self._context.real_dtype
+        spacing, side = real.type(self.spacing), np.int32(_SIDE)
+        looking = np.int32(sampling.samples), np.int32(sampling.rounds)
+        inner = (QUADS + 1, QUADS + 1)
+        for number, (*near, west, north) in enumerate(self._tiles):
+            place = (west, north, spacing, side)
+            heights = (*self._noise, *near, *self._valley, *looking, *place, self._height)
+            normals = (self._height, side, spacing, np.int32(number), self._inner, self._normal)
+            context.launch(_FILE, "thesis_heights", (_SIDE, _SIDE), *heights)
+            context.launch(_FILE, "thesis_normals", inner, *normals)
+        context.download(self._inner, 1, real)
+
+    def heights(self) -> Reals:
+        """Return the heights of the last launch, m, shape (tiles, 65, 65)."""
+        shape = (len(self._tiles), QUADS + 1, QUADS + 1)
+        return self._context.download(self._inner, shape, self._context.real_dtype)
+
+
+def _rising(recipe: TerrainRecipe) -> Reals:
+    """Return x, y, radius and height of the hills and mountains, shape (n, 4)."""
+    kinds = [FEATURE_TYPES.index(name) for name in _RISING]
+    rising = recipe.painted[np.isin(recipe.painted["type"], kinds)]
+    return np.stack([rising[name] for name in ("x", "y", "radius", "strength")], axis=-1).astype(np.float64)
+
+
+def _segments(recipe: TerrainRecipe) -> Reals:
+    """Return the rivers' control points, four for each piece: x, y, water, half width; shape (n, 4, 4)."""
+    pieces = [np.empty((0, 4, 4))]
+    for river in recipe.rivers:
+        points = np.column_stack([river.points, river.width / 2])
+        ends = 2 * points[[0, -1]] - points[[1, -2]]
+        padded = np.concatenate([ends[:1], points, ends[1:]])
+        padded[:, 3] = np.maximum(padded[:, 3], points[:, 3].min())
+        pieces.append(np.stack([padded[i : i + 4] for i in range(len(points) - 1)]))
+    return np.concatenate(pieces)
+
+
+def _reaching(centre: Reals, radius: Reals, west: float, south: float, width: float) -> npt.NDArray[np.bool_]:
+    """Return which discs reach a square tile, its border included."""
+    border = width / QUADS
+    low = np.array([west, south]) - border
+    nearest = np.clip(centre, low, low + width + 2 * border)
+    return np.asarray(np.linalg.norm(nearest - centre, axis=1) < radius)

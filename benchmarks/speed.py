@@ -1,0 +1,131 @@
+"""The program against its rivals, in one run: noise, and tiles against the thesis's way."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.benchmarks import thesis_tiles
+from sketchterrain.benchmarks.baselines import c_noise, fastnoise2, numba_noise, numpy_noise
+from sketchterrain.benchmarks.baselines.problem import Absent, Rival
+from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
+from sketchterrain.compute import list_devices
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    import numpy.typing as npt
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.timing import Lap
+
+__all__ = ["ASKED", "measure"]
+
+ASKED: Mapping[str, float] = {"FastNoise2": 1.0, "numba": 8.0, "NumPy": 25.0}
+"""How many times as fast as each rival the first device shall be."""
+
+_RIVALS = (c_noise.rival, fastnoise2.rival, numba_noise.rival, numpy_noise.rival)
+
+_COLUMNS = (
+    Column("method", "method"),
+    Column("threads", "threads"),
+    Column("rounds", "rounds"),
+    Column("median_ms", "median, ms"),
+    Column("p95_ms", "95 %, ms"),
+    Column("million_octaves_per_s", "M points × octaves/s"),
+    Column("ours_over_it", "the first row is so many times as fast"),
+    Column("asked", "asked"),
+    Column("difference", "largest difference from the first row"),
+    Column("note", "note"),
+)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Compare times of this program and of others that do the same, in one run, in turn; medians.
+
+    Noise: simplex fBm of 8 octaves on a square grid. This program's kernel is timed by profiling events on
+    the chosen device and on every CPU device, with the settings that give the same bits everywhere; the
+    others by the clock, with as many threads as the process may use. The loop in C, numba and NumPy compute
+    the same sum; FastNoise2 has its own hash and gradients. What is not on the machine is named, with how to
+    get it.
+
+    Tiles: 64 quads, heights and normals, against a re-implementation of the thesis's way (permutation table,
+    all octaves at every level, iterated sampling of splines, a launch a tile, finite differences), both by
+    the clock from the first launch to the end of the last, the tiles left on the device. This program's carry
+    weights of materials too. Each method's error is that of its heights against its own float64 build, the
+    thesis's with the nearest place on each spline sampled 64 times in 5 rounds; the ratio that counts is the
+    one to the thesis's cheapest sampling whose error (99 % of the vertices) is no larger than this program's,
+    or to its most accurate one where none is.
+    """
+    return Outcome((_noise(context, effort), thesis_tiles.table(context, effort)))
+
+
+@dataclass(frozen=True)
+class _Method:
+    name: str
+    threads: int
+    lap: Callable[[], Lap]
+    seconds: Callable[[Lap], float]
+    result: Callable[[], npt.NDArray[Any]]
+
+
+def _noise(context: TimedContext, effort: Effort) -> Table:
+    side = effort.noise_side
+    grid = NoiseGrid(context, side)
+    problem = grid.problem(len(os.sched_getaffinity(0)))
+    found = [make(problem) for make in _RIVALS]
+    methods = [*_kernels(context, side), *(_method(one) for one in found if isinstance(one, Rival))]
+    laps = alternate({method.name: method.lap for method in methods}, rounds=effort.rounds)
+    first = methods[0].result()
+    rows: list[Row] = []
+    fastest = spread([methods[0].seconds(one) for one in laps[methods[0].name]]).median
+    for method in methods:
+        seconds = [method.seconds(one) for one in laps[method.name]]
+        times = spread(seconds)
+        same = not method.name.startswith("FastNoise2")
+        rows.append(
+            {
+                "method": method.name,
+                "threads": method.threads,
+                "rounds": times.count,
+                "median_ms": times.median * 1e3,
+                "p95_ms": times.p95 * 1e3,
+                "million_octaves_per_s": side**2 * OCTAVES / times.median * 1e-6,
+                "ours_over_it": times.median / fastest,
+                "asked": next((v for k, v in ASKED.items() if method.name.startswith(k)), None),
+                "difference": float(np.max(np.abs(method.result() - first))) if same else None,
+                "note": None if same else "another noise: its own hash and gradients",
+                "seconds": seconds,
+            }
+        )
+    rows += [
+        {"method": one.name, "asked": ASKED.get(one.name), "note": f"absent: {one.reason}"}
+        for one in found
+        if isinstance(one, Absent)
+    ]
+    return Table(f"Noise: simplex fBm, {OCTAVES} octaves, {side}²", _COLUMNS, tuple(rows))
+
+
+def _kernels(context: TimedContext, side: int) -> Iterator[_Method]:
+    """Yield the chosen device, then every other CPU device."""
+    others = [d for d in list_devices() if d.type == "CPU" and d != context.device]
+    for opened in (context, *(TimedContext(str(device.index)) for device in others)):
+        grid = NoiseGrid(opened, side)
+        device = opened.device
+        yield _Method(
+            f"this program, {device.platform}",
+            device.compute_units,
+            partial(opened.lap, grid.launch),
+            lambda one: one.device,
+            grid.download,
+        )
+
+
+def _method(rival: Rival) -> _Method:
+    return _Method(rival.name, rival.threads, lambda: lap(rival.run), lambda one: one.wall, rival.run)

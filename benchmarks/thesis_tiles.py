@@ -1,0 +1,156 @@
+"""Tiles against the thesis's way, at equal measured error."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
+from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
+from sketchterrain.benchmarks.outcome import Column, Row, Table
+from sketchterrain.benchmarks.tile_rates import LEVEL
+from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
+from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.patches import PatchLauncher, tile_patches
+from sketchterrain.terrain.surfaces import SurfaceStore
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.grounds import TileKey
+    from sketchterrain.benchmarks.timing import Lap
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain import TerrainRecipe
+
+__all__ = ["ASKED", "OURS", "table"]
+
+OURS = "this program"
+ASKED = 10.0
+"""How many times as fast as the thesis's way at equal error the tiles shall be."""
+
+_GROUNDS = (BARE, "valley_river")
+_CONVERGED = Sampling(64, 5)
+_SAMPLINGS = (Sampling(8, 1), Sampling(8, 3), Sampling(8, 5), Sampling(16, 5))
+_TRUTH = "converged"
+_ERROR_TILES = 16
+
+_COLUMNS = (
+    Column("ground", "ground"),
+    Column("method", "method"),
+    Column("tiles", "tiles"),
+    Column("rounds", "rounds"),
+    Column("us_per_tile", "µs a tile"),
+    Column("p95_us_per_tile", "95 %, µs a tile"),
+    Column("million_vertices_per_s", "M vertices/s"),
+    Column("error_mm", "height error, 99 %, mm"),
+    Column("largest_mm", "largest, mm"),
+    Column("ours_over_it", "this program is so many times as fast"),
+    Column("asked", "asked"),
+)
+
+
+def table(context: TimedContext, effort: Effort) -> Table:
+    """Measure tiles of bare ground and of valley_river around the middle of the sketch, both ways."""
+    exact = TimedContext(str(context.device.index), real="double") if context.device.has_double else None
+    rows: list[Row] = []
+    for ground in _GROUNDS:
+        rows += _rows(ground, context, exact, effort)
+    return Table(f"Tiles of level {LEVEL} against the thesis's way", _COLUMNS, tuple(rows))
+
+
+def _rows(ground: str, context: TimedContext, exact: TimedContext | None, effort: Effort) -> list[Row]:
+    terrain = open_ground(ground, context)
+    keys = central_keys(LEVEL, effort.thesis_tiles)
+    ours, thesis = _Ours(terrain.recipe, context, keys), ThesisTiles(terrain.recipe, context, keys)
+    samplings = _SAMPLINGS if terrain.recipe.rivers else _SAMPLINGS[:1]
+    works: dict[str, Callable[[], Lap]] = {OURS: partial(lap, ours.launch)}
+    works |= {_name(one): partial(lap, partial(thesis.launch, one)) for one in samplings}
+    laps = alternate(works, rounds=effort.rounds)
+    errors = {}
+    if exact is not None:
+        errors = _errors(terrain.recipe, samplings, context, exact, keys[:: -(-len(keys) // _ERROR_TILES)])
+    equal = _equal(errors)
+    fastest = spread([one.wall for one in laps[OURS]]).median
+    rows: list[Row] = []
+    for name in works:
+        seconds = [one.wall for one in laps[name]]
+        times = spread(seconds)
+        rows.append(
+            {
+                "ground": ground,
+                "method": name,
+                "tiles": len(keys),
+                "rounds": times.count,
+                "us_per_tile": times.median / len(keys) * 1e6,
+                "p95_us_per_tile": times.p95 / len(keys) * 1e6,
+                "million_vertices_per_s": len(keys) * (QUADS + 1) ** 2 / times.median * 1e-6,
+                **errors.get(name, {}),
+                "ours_over_it": times.median / fastest,
+                "asked": ASKED if name == equal and terrain.recipe.rivers else None,
+                "seconds": seconds,
+            }
+        )
+    return rows
+
+
+class _Ours:
+    """The same tiles by this program's kernels, in one launch of each, left on the device."""
+
+    def __init__(self, recipe: TerrainRecipe, context: ComputeContext, keys: Sequence[TileKey]) -> None:
+        self._context = context
+        self._launcher = PatchLauncher(KernelArguments(recipe, context))
+        self._patches = tile_patches(keys[0][0], [key[1:] for key in keys], recipe.extent, up=0)
+        self._store = SurfaceStore(context, QUADS + 1, len(keys))
+
+    def launch(self) -> None:
+        """Enqueue the tiles and wait for them."""
+        self._launcher.surfaces(self._patches, self._store, np.arange(self._patches.count))
+        self._context.download(self._store.height, 1, self._context.real_dtype)
+
+    def heights(self) -> npt.NDArray[Any]:
+        """Return the heights of the last launch, m, shape (tiles, 65, 65)."""
+        shape = (self._patches.count, QUADS + 1, QUADS + 1)
+        return self._context.download(self._store.height, shape, self._context.real_dtype)
+
+
+def _name(sampling: Sampling) -> str:
+    return f"the thesis's way, {sampling.samples} samples × {sampling.rounds}"
+
+
+def _errors(
+    recipe: TerrainRecipe,
+    samplings: Sequence[Sampling],
+    context: TimedContext,
+    exact: TimedContext,
+    keys: Sequence[TileKey],
+) -> dict[str, dict[str, float]]:
+    """Return the errors of each method's heights against its own float64 build, for the table."""
+    heights = {}
+    for opened in (exact, context):
+        ours, thesis = _Ours(recipe, opened, keys), ThesisTiles(recipe, opened, keys)
+        ours.launch()
+        heights[opened, OURS] = ours.heights()
+        for name, sampling in {_TRUTH: _CONVERGED, **{_name(one): one for one in samplings}}.items():
+            thesis.launch(sampling)
+            heights[opened, name] = thesis.heights()
+    errors = {}
+    for name in (OURS, *map(_name, samplings)):
+        truth = heights[exact, OURS if name == OURS else _TRUTH]
+        error = np.abs(heights[context, name].astype(np.float64) - truth) * 1e3
+        errors[name] = {"error_mm": float(np.percentile(error, 99)), "largest_mm": float(error.max())}
+    return errors
+
+
+def _equal(errors: Mapping[str, Mapping[str, float]]) -> str | None:
+    """Return the thesis's cheapest sampling that errs no more than this program, or its most accurate."""
+    theirs = {name: error["error_mm"] for name, error in errors.items() if name != OURS}
+    if not theirs:
+        return None
+    good = [name for name, error in theirs.items() if error <= errors[OURS]["error_mm"]]
+    return good[0] if good else min(theirs, key=theirs.__getitem__)

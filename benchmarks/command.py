@@ -26,7 +26,15 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 
-def run(names: Sequence[str], *, output: Path | None, quick: bool, device: str | None, as_json: bool) -> int:
+def run(
+    names: Sequence[str],
+    *,
+    output: Path | None,
+    quick: bool,
+    device: str | None,
+    fast: bool = False,
+    as_json: bool,
+) -> int:
     """Run benchmarks and show or write their results.
 
     Parameters
@@ -39,6 +47,8 @@ def run(names: Sequence[str], *, output: Path | None, quick: bool, device: str |
         Small sizes and few rounds: under a minute altogether.
     device
         Selector as for :func:`~sketchterrain.compute.choose_device`.
+    fast
+        Whether the kernels may trade bits for speed.
     as_json
         The raw numbers as JSON to stdout, in place of tables.
 
@@ -58,7 +68,8 @@ def run(names: Sequence[str], *, output: Path | None, quick: bool, device: str |
     """
     chosen = choose(names)
     effort = QUICK if quick else FULL
-    report = _measure(chosen, TimedContext(device), effort, _command(chosen, quick=quick, device=device))
+    command = _command(chosen, quick=quick, device=device, fast=fast)
+    report = _measure(chosen, TimedContext(device, fast=fast), effort, command)
     if output is not None and not report.write(output):
         sys.stderr.write("no charts: matplotlib is not installed; pip install 'sketchterrain[bench]'\n")
     if as_json:
@@ -82,12 +93,13 @@ def _measure(chosen: Sequence[Benchmark], context: TimedContext, effort: Effort,
     return Report(describe(context.device, command=command), effort.rounds, tuple(outcomes))
 
 
-def _command(chosen: Sequence[Benchmark], *, quick: bool, device: str | None) -> str:
+def _command(chosen: Sequence[Benchmark], *, quick: bool, device: str | None, fast: bool) -> str:
     words = ["sketchterrain", "bench"]
     if len(chosen) < len(BENCHMARKS):
         words += [benchmark.name for benchmark in chosen]
     words += ["--quick"] if quick else []
     words += ["--device", device] if device is not None else []
+    words += ["--fast"] if fast else []
     return " ".join([*words, "-o", "DIR"])
 
 

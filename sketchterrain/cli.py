@@ -233,12 +233,14 @@ def bench(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Small sizes, few rounds.")] = False,
     device: DeviceName = None,
+    fast: Fast = False,
     as_json: AsJson = False,
 ) -> None:
     """Time kernels, noise, tiles, features and plants, and chart them."""
     from sketchterrain.benchmarks import run
 
-    raise typer.Exit(run(names or [], output=output, quick=quick, device=device, as_json=as_json))
+    code = run(names or [], output=output, quick=quick, device=device, fast=fast, as_json=as_json)
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -247,8 +249,11 @@ def devices(as_json: AsJson = False) -> None:
     from sketchterrain.compute import choose_device, list_devices
     from sketchterrain.terrain import self_test
 
-    chosen = choose_device()
-    tested = [(device, self_test(device)) for device in list_devices()]
+    chosen, tested = choose_device(), []
+    with Stages() as stages:
+        for device in list_devices():
+            with stages.stage(str(device.index), f"Testing {device.name} ({device.platform})"):
+                tested.append((device, self_test(device)))
     if as_json:
         _say_json([tested_entry(*each) | {"default": each[0] == chosen} for each in tested])
         return

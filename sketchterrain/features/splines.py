@@ -68,6 +68,37 @@ def catmull_rom(points: Floats, u: Floats) -> Floats:
     return np.asarray(curve)
 
 
+def cubics(points: Floats) -> Floats:
+    """Return curves through control points as polynomials of the fraction t of each segment.
+
+    Parameters
+    ----------
+    points : (..., n, d) float64
+        Each as for `catmull_rom`, and the same curve.
+
+    Returns
+    -------
+    (..., n - 1, d, 4) float64
+        Segment k is ``c[k] @ [1, t, t², t³]`` for t from 0 to 1.
+    """
+    ends = 2.0 * points[..., [0, -1], :] - points[..., [1, -2], :]
+    p = np.concatenate([ends[..., :1, :], points, ends[..., 1:, :]], axis=-2)
+    step = np.diff(p, axis=-2)
+    knots = (step**2).sum(axis=-1, keepdims=True) ** 0.25
+    # The slope at a control point: the derivative there of Barry & Goldman's pyramid.
+    before, after = step[..., :-1, :] / knots[..., :-1, :], step[..., 1:, :] / knots[..., 1:, :]
+    across = (p[..., 2:, :] - p[..., :-2, :]) / (knots[..., :-1, :] + knots[..., 1:, :])
+    slope, middle, way = before + after - across, knots[..., 1:-1, :], step[..., 1:-1, :]
+    leaving, arriving = middle * slope[..., :-1, :], middle * slope[..., 1:, :]
+    powers = [
+        points[..., :-1, :],
+        leaving,
+        3.0 * way - 2.0 * leaving - arriving,
+        leaving + arriving - 2.0 * way,
+    ]
+    return np.stack(powers, axis=-1)
+
+
 def sample_catmull_rom(points: Floats, step: float) -> tuple[Floats, Floats]:
     """Sample the curve through control points so that neighbours are at most about `step` apart.
 

@@ -1,23 +1,31 @@
-"""River centrelines as few straight pieces, and how far their valleys reach."""
+"""River centrelines as few arcs, and how far their valleys reach."""
 
 from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+
+from sketchterrain.features.splines import catmull_rom, cubics
+from sketchterrain.terrain.arcs import flattened, position
+from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.features import River
 
-__all__ = ["simplified", "valley_reach"]
+__all__ = ["TOLERANCE_CELLS", "Reach", "as_arcs", "tolerance_cell", "valley_reach"]
 
-# Straight pieces stay within this share of the width of the curve, and of the depth of its surface.
-_TOLERANCE = 0.01
+_CELL_SHARE = 0.01  # of a cell: how near arcs stay to the spline
+_MOST_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
+_SAME = 1e-6  # m
+# How near a straight course of levels, widths and depths stays to what they are, as a share of the width.
+_WIDTH_SHARE = 0.01
 _SMALLEST_TOLERANCE = 0.02  # m
 _BED_TOLERANCE = 0.004  # m
 # A river is steep where it falls by this share of its depth over its width, and so many widths around.
@@ -53,10 +61,44 @@ def valley_reach(river: River, ground: npt.NDArray[np.float64]) -> npt.NDArray[n
     return np.maximum(np.minimum(smooth, _LARGEST_REACH), _LEAST_WIDTHS * width)
 
 
-def simplified(
-    river: River, reach: npt.NDArray[np.float64], meeting: npt.NDArray[np.float64] | None = None
-) -> npt.NDArray[np.float64]:
-    """Return the points of the centreline that straight pieces need (Douglas & Peucker 1973).
+@dataclass(frozen=True)
+class Reach:
+    """A river's centreline as arcs.
+
+    Attributes
+    ----------
+    points : ndarray of float64, shape (k, 6)
+        Ends of the arcs: x, y (m), water surface (m), half width (m), depth (m), reach (m); upstream first.
+    bend : ndarray of float64, shape (k - 1,)
+        Of each arc; see `sketchterrain.terrain.arcs.nearest_on_arc`.
+    """
+
+    points: npt.NDArray[np.float64]
+    bend: npt.NDArray[np.float64]
+
+
+def tolerance_cell(cell_size: float) -> float:
+    """Return the cell size (m) that centrelines are flattened for: few enough of them that all can be kept.
+
+    The finest cell times a power of two, not above the cell size.
+    """
+    doublings = math.floor(math.log2(max(cell_size, FINEST_CELL) / FINEST_CELL) + 1e-9)
+    return FINEST_CELL * 2.0 ** min(doublings, _MOST_DOUBLINGS)
+
+
+TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MOST_DOUBLINGS + 1))
+"""Every value of `tolerance_cell`."""
+
+
+def as_arcs(
+    river: River,
+    reach: npt.NDArray[np.float64],
+    meeting: npt.NDArray[np.float64] | None = None,
+    *,
+    cell_size: float = FINEST_CELL,
+    least: float = 0.0,
+) -> Reach:
+    """Flatten a river's spline to arcs within 1 % of a cell.
 
     Parameters
     ----------
@@ -66,22 +108,55 @@ def simplified(
     meeting
         Positions (m) where rivers end, shape (n, 2): those on this centreline are kept, so that where
         two rivers meet both have one level.
-
-    Returns
-    -------
-    ndarray of float64, shape (k, 6)
-        x, y (m), water surface (m), half width (m), depth (m), reach (m); upstream first.
+    cell_size
+        Metres between the samples that the terrain is wanted at: one of `TOLERANCE_CELLS`.
+    least
+        Metres that ends of arcs are rounded to anyway: a finer tolerance would be no better.
     """
     line = np.column_stack(
         [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), reach]
     )
+    curve, u = _curve(river)
+    kept = _kept(river, line, _met(river, meeting))
+    if float(river.centreline_width.max()) > cell_size:  # else there is no channel that water could leave
+        kept |= _steep(river)
+    cuts = np.union1d(u[kept], np.arange(len(curve) + 1.0))
+    cubic = np.minimum(cuts[:-1].astype(np.intp), len(curve) - 1)
+    tolerance = max(_CELL_SHARE * cell_size - 0.75 * least, 0.5 * _CELL_SHARE * cell_size)
+    pieces = flattened(curve, tolerance, spans=(cubic, cuts[:-1] - cubic, cuts[1:] - cubic))
+    at = np.append(pieces.cubic + pieces.first, float(len(curve)))
+    points = np.stack([np.interp(at, u, column) for column in line.T], axis=-1)
+    between = np.flatnonzero(~np.isin(at, u))
+    # What was sampled stays to the bit, so that rivers that meet there have one point.
+    points[between, :2] = position(curve[pieces.cubic[between]], pieces.first[between, None])[:, 0]
+    return Reach(points, pieces.bend)
+
+
+def _curve(river: River) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Find the cubics of a river's spline, and where on it the centreline's points are.
+
+    A centreline that is not the spline through its control points is one through all of its own points.
+    """
+    own = np.arange(len(river.centreline), dtype=np.float64)
+    ends = {row.tobytes(): number for number, row in enumerate(river.centreline)}
+    controls = np.array([ends.get(row.tobytes(), -1) for row in river.points])
+    if controls[0] == 0 and controls[-1] == own[-1] and (np.diff(controls) > 0).all():
+        u = np.interp(own, controls, np.arange(len(controls), dtype=np.float64))
+        if np.abs(catmull_rom(river.points[:, :2], u) - river.centreline[:, :2]).max() < _SAME:
+            return cubics(river.points[:, :2]), u
+    return cubics(river.centreline[:, :2]), own
+
+
+def _kept(river: River, line: npt.NDArray[np.float64], kept: npt.NDArray[np.intp]) -> npt.NDArray[np.bool_]:
+    """Which points of the centreline its level, width, depth and reach need, straight in between."""
     width, depth = float(river.centreline_width.min()), float(river.centreline_depth.max())
     # Half a width is one in the bed's parabola: off its line it is shallower by depth * (2 off / width)^2.
-    tolerance = min(_TOLERANCE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
+    tolerance = min(_WIDTH_SHARE * width, 0.5 * width * math.sqrt(_BED_TOLERANCE / depth))
     tolerance = max(tolerance, _SMALLEST_TOLERANCE)
     # Levels must agree where waters meet; the reach only widens a blend.
-    weighted = line * np.array([1, 1, 20, 1, 20, 0.02])
-    return line[_douglas_peucker(weighted, tolerance, _met(river, meeting)) | _steep(river)]
+    profile = line[:, 2:] * np.array([20, 1, 20, 0.02]) / tolerance
+    steps = np.hypot(*np.diff(line[:, :2], axis=0).T)
+    return _douglas_peucker(np.concatenate([[0.0], np.cumsum(steps)]), profile, kept)
 
 
 def _steep(river: River) -> npt.NDArray[np.bool_]:
@@ -106,22 +181,22 @@ def _met(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[n
 
 
 def _douglas_peucker(
-    line: npt.NDArray[np.float64], tolerance: float, kept: npt.NDArray[np.intp]
+    arc: npt.NDArray[np.float64], values: npt.NDArray[np.float64], kept: npt.NDArray[np.intp]
 ) -> npt.NDArray[np.bool_]:
-    """Which points to keep so that every other one is within the tolerance of the piece that replaces it."""
-    keep = np.zeros(len(line), dtype=bool)
+    """Which points to keep so that values straight in between stay within 1 (Douglas & Peucker 1973)."""
+    keep = np.zeros(len(arc), dtype=bool)
     keep[kept] = True
     ranges = list(itertools.pairwise(kept.tolist()))
     while ranges:
         first, last = ranges.pop()
         if last - first < 2:
             continue
-        chord = line[last] - line[first]
-        inner = line[first + 1 : last] - line[first]
-        t = np.clip(np.sum(inner * chord, axis=1) / max(float(np.sum(chord**2)), 1e-12), 0, 1)
-        distance = np.sqrt(np.sum((inner - t[:, None] * chord) ** 2, axis=1))
-        worst = int(np.argmax(distance))
-        if distance[worst] > tolerance:
+        inner = slice(first + 1, last)
+        share = (arc[inner] - arc[first]) / max(arc[last] - arc[first], 1e-12)
+        straight = values[first] + share[:, None] * (values[last] - values[first])
+        off = np.abs(values[inner] - straight).max(axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] > 1.0:
             middle = first + 1 + worst
             keep[middle] = True
             ranges += [(first, middle), (middle, last)]

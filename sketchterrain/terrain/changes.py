@@ -11,6 +11,7 @@ import numpy as np
 from sketchterrain.features import Fill
 from sketchterrain.features.edits import EditedFill
 from sketchterrain.features.fill_changes import fill_difference, joined_boxes, only_in
+from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_features, pack_rivers, support_radii
 
@@ -111,12 +112,10 @@ def _around_rivers(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
 
 
 def _river_rows(recipe: TerrainRecipe) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """Every straight piece of river in one row: start, way, reach, and all the rest."""
-    packed = pack_rivers(recipe)
-    reach = np.maximum(packed.up[:, 3], packed.down[:, 3])
-    return np.column_stack(
-        [packed.start, packed.along[:, :2], reach, packed.along[:, 2:], packed.up, packed.down]
-    )
+    """Every piece of river for every cell size in one row: start, way, reach, and all the rest."""
+    sets = [pack_rivers(recipe, cell) for cell in TOLERANCE_CELLS]
+    rows = [[p.start, p.along[:, :2], p.reach, p.along[:, 2:], p.up, p.down] for p in sets]
+    return np.concatenate([np.column_stack(row) for row in rows])
 
 
 def _around_fields(

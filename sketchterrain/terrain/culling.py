@@ -90,7 +90,7 @@ def river_index(recipe: TerrainRecipe, packed: PackedRivers) -> ReachIndex:
     """Return an index of the pieces of centrelines."""
     unit = metres_per_unit(recipe.extent)
     end = packed.start + np.rint(packed.along[:, :2] / unit).astype(np.int64)
-    reach = np.maximum(packed.up[:, 3], packed.down[:, 3]) / unit * (1 + 1e-5) + 2
+    reach = packed.reach / unit * (1 + 1e-5) + 2
     return ReachIndex(np.minimum(packed.start, end), np.maximum(packed.start, end), reach)
 
 

@@ -10,6 +10,7 @@ from sketchterrain.features.edits import EditedFill
 from sketchterrain.features.fill_reach import fill_reach
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.placement import looks_around
+from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_rivers, support_radii
 
@@ -61,6 +62,5 @@ def _around_waters(recipe: TerrainRecipe) -> list[float]:
     fields = [lake.shape for lake in recipe.lakes] + [cover.shape for cover in recipe.covers]
     far = [_FIELD_MARGIN * field.spacing - float(field.inside.min()) for field in fields]
     if recipe.rivers:
-        packed = pack_rivers(recipe)
-        far.append(max(float(packed.up[:, 3].max()), float(packed.down[:, 3].max())) * (1 + 1e-5))
+        far += [float(pack_rivers(recipe, cell).reach.max()) * (1 + 1e-5) for cell in TOLERANCE_CELLS]
     return far

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.terrain.centrelines import tolerance_cell
 from sketchterrain.terrain.culling import field_index, item_lists, river_index
 from sketchterrain.terrain.field_packing import pack_covers, pack_fields, pack_lakes
 from sketchterrain.terrain.material_rules import pack_rules
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain.culling import Lists
+    from sketchterrain.terrain.reach_index import ReachIndex
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surroundings import Gathered
 
@@ -59,9 +61,7 @@ class KernelArguments:
     def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
-        self._rivers = pack_rivers(recipe)
-        self._river_buffers = self._upload_rivers()
-        self._river_index = river_index(recipe, self._rivers)
+        self._rivers = lru_cache(maxsize=16)(self._upload_rivers)
         self._lakes = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
         self._lake_index = field_index(self._lakes)
         self._lake_samples = context.upload(self._lakes.samples.astype(context.real_dtype))
@@ -103,7 +103,7 @@ class KernelArguments:
         lists = {
             "feature": gathered.lists(blocks),
             "lake": item_lists(self._lake_index, blocks, shown),
-            "river": item_lists(self._river_index, blocks),
+            "river": item_lists(self._rivers(tolerance_cell(cell_size))[1], blocks),
         }
         return Reaching(gathered, _named(lists))
 
@@ -132,7 +132,7 @@ class KernelArguments:
             self._lake_samples,
             lists["lake_starts"],
             lists["lake_list"],
-            *self._river_buffers,
+            *self._rivers(tolerance_cell(cell_size))[0],
             lists["river_starts"],
             lists["river_list"],
         ]
@@ -185,12 +185,12 @@ class KernelArguments:
             upload(self._covers.samples.astype(real)),
         ]
 
-    def _upload_rivers(self) -> list[Any]:
-        upload, real, rivers = self.context.upload, self.context.real_dtype, self._rivers
-        return [
-            upload(rivers.start),
-            *(upload(part.astype(real)) for part in (rivers.along, rivers.up, rivers.down)),
-        ]
+    def _upload_rivers(self, cell: float) -> tuple[list[Any], ReachIndex]:
+        upload, real = self.context.upload, self.context.real_dtype
+        rivers = pack_rivers(self.recipe, cell)
+        parts = (rivers.along, rivers.up, rivers.down)
+        buffers = [upload(rivers.start), *(upload(part.astype(real)) for part in parts)]
+        return buffers, river_index(self.recipe, rivers)
 
 
 def _named(lists: Mapping[str, Lists]) -> dict[str, npt.NDArray[np.int32]]:

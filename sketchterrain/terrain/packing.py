@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.terrain.centrelines import simplified
+from sketchterrain.terrain.centrelines import as_arcs, tolerance_cell
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.octaves import band_weight, octave_table
 from sketchterrain.terrain.recipe import FINEST_CELL
@@ -76,19 +76,27 @@ class PackedFeatures:
 
 @dataclass(frozen=True)
 class PackedRivers:
-    """Straight pieces of all centrelines (``Rivers`` of ``kernels/world.clh``).
+    """Arcs of all centrelines (``Rivers`` of ``kernels/world.clh``).
 
     Attributes
     ----------
     start : ndarray of int64, shape (n, 2)
         Upstream ends, lattice units.
-    along, up, down : ndarray of float64, shape (n, 4)
+    along : ndarray of float64, shape (n, 8)
+    up, down : ndarray of float64, shape (n, 4)
     """
 
     start: npt.NDArray[np.int64]
     along: npt.NDArray[np.float64]
     up: npt.NDArray[np.float64]
     down: npt.NDArray[np.float64]
+
+    @property
+    def reach(self) -> npt.NDArray[np.float64]:
+        """How far (m) from the box around its two ends a piece has any effect, shape (n,)."""
+        chord = np.hypot(self.along[:, 0], self.along[:, 1])
+        sagitta = 0.5 * np.abs(self.along[:, 4]) * chord
+        return np.asarray(np.maximum(self.up[:, 3], self.down[:, 3]) + sagitta)
 
 
 def effective_cell(cell_size: float) -> float:
@@ -185,24 +193,28 @@ def _slots(recipe: TerrainRecipe, features: Points) -> npt.NDArray[np.int64]:
     return slot
 
 
-def pack_rivers(recipe: TerrainRecipe) -> PackedRivers:
-    """Return the rivers' centrelines as few straight pieces, within a hundredth of the width of the curve.
+def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> PackedRivers:
+    """Return the rivers' centrelines as arcs, within 1 % of the cell size of their splines.
 
     Where rivers meet, both keep the point. A piece's say in a blend is its length, but a long one has no more
     than one of half a width: a straight river would shout down a winding one beside it.
     """
     meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
-    pieces = [
-        simplified(river, reach, meeting)
+    cell, unit = tolerance_cell(cell_size), metres_per_unit(recipe.extent)
+    courses = [
+        as_arcs(river, reach, meeting, cell_size=cell, least=unit)
         for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True)
     ]
-    if not pieces:
-        return PackedRivers(np.zeros((0, 2), np.int64), *(np.zeros((0, 4)) for _ in range(3)))
-    starts, ends = (np.concatenate([p[part] for p in pieces]) for part in (slice(-1), slice(1, None)))
+    if not courses:
+        empty = np.zeros((0, 4))
+        return PackedRivers(np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
+    starts, ends = (np.concatenate([c.points[part] for c in courses]) for part in (slice(-1), slice(1, None)))
     start, end = to_lattice(starts[:, :2], recipe.extent), to_lattice(ends[:, :2], recipe.extent)
-    vector = (end - start) * metres_per_unit(recipe.extent)
+    vector = (end - start) * unit
     length2 = np.sum(vector**2, axis=1)
     kept = length2 > 0
     say = np.minimum(np.sqrt(length2), 0.5 * (starts[:, 3] + ends[:, 3]))
-    along = np.column_stack([vector, 1 / np.where(kept, length2, 1), say])
+    along = np.zeros((len(start), 8))
+    along[:, :2], along[:, 2], along[:, 3] = vector, 1 / np.where(kept, length2, 1), say
+    along[:, 4] = np.concatenate([course.bend for course in courses])
     return PackedRivers(start[kept], along[kept], starts[kept, 2:], ends[kept, 2:])

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.features.profiles import area_profile, cubic, hill_profile, mountain_profile
+from sketchterrain.terrain.arcs import nearest_on_arc
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import pack_features, pack_rivers, pack_world
@@ -125,7 +126,7 @@ def reference_ground(
     water, lake = np.zeros((2, *x.shape))
     if recipe.lakes:
         height, water, lake = lay_lakes(recipe, height, x, y, cell=cell)
-    rivers = pack_rivers(recipe)
+    rivers = pack_rivers(recipe, cell_size)
     if len(rivers.start):
         carved, river = _carved(height, rivers, place, cell=cell)
         height = carved + (np.minimum(carved, height) - carved) * lake
@@ -197,11 +198,10 @@ def _carved(height: Reals, rivers: PackedRivers, place: _Place, *, cell: float) 
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
     for i in range(len(rivers.start)):
-        vx, vy, inverse_length2, say = rivers.along[i]
+        chord, say, bend = rivers.along[i, :2], rivers.along[i, 3], rivers.along[i, 4]
         dx = (place.x - rivers.start[i, 0]) * place.unit
         dy = (place.y - rivers.start[i, 1]) * place.unit
-        t = np.clip((dx * vx + dy * vy) * inverse_length2, 0, 1)
-        d2 = (dx - t * vx) ** 2 + (dy - t * vy) ** 2
+        t, d2 = nearest_on_arc(chord, bend, np.stack([dx, dy], axis=-1))
         here = rivers.up[i][:, None] + (rivers.down[i] - rivers.up[i])[:, None] * t
         share2 = d2 / here[3] ** 2
         inside = np.maximum(1 - share2, 0)

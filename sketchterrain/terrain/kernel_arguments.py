@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 __all__ = ["KernelArguments", "Reaching"]
 
 _PARTS = ("starts", "list")
+# Lists of a block, as kernels/world.clh counts them.
+_MOUNTAIN, _FOREST, _DUNES = 0, 2, slice(3, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,14 @@ class Reaching:
 
     features: Gathered
     lists: dict[str, npt.NDArray[np.int32]]
+
+    @property
+    def absent(self) -> npt.NDArray[np.int32]:
+        """Bits of the masks that are 0 on all of a block: mountain, dune, forest, water; shape (blocks,)."""
+        kind = np.diff(self.lists["feature_starts"], axis=-1) > 0
+        water = (np.diff(self.lists["lake_starts"]) > 0) | (np.diff(self.lists["river_starts"]) > 0)
+        there = (kind[:, _MOUNTAIN], kind[:, _DUNES].any(axis=-1), kind[:, _FOREST], water)
+        return np.asarray(sum(~mask << bit for bit, mask in enumerate(there)), np.int32)
 
 
 class KernelArguments:
@@ -171,7 +181,6 @@ class KernelArguments:
             np.int32(rules.count),
             upload(rules.form),
             upload(rules.cover.astype(real)),
-            upload(rules.input),
             upload(rules.ramp.astype(real)),
         ]
 

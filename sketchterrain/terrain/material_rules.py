@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.sketch import MOST_INPUTS
 from sketchterrain.terrain.materials import MATERIALS
 
 if TYPE_CHECKING:
@@ -20,7 +21,12 @@ if TYPE_CHECKING:
 
 __all__ = ["PackedRules", "pack_rules"]
 
-_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", "mountain", "dune", "forest", "water", "wetness")
+_MASKS = ("mountain", "dune", "forest", "water")
+_KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")
+_ROUNDING = 1e-3
+# What a factor's inputs lie within; the mottle's own range is less than half of this.
+_RANGES = {"steepness": (0.0, np.inf), "mottle": (-4.0, 4.0), "wetness": (0.0, 1.0)}
+_RANGES |= dict.fromkeys(_MASKS, (0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -33,14 +39,12 @@ class PackedRules:
         How many rules there are.
     form : ndarray of int32, shape (rules, 4)
     cover : ndarray of float64, shape (rules,)
-    input : ndarray of int32, shape (factors, 4)
-    ramp : ndarray of float64, shape (factors, 2, 4)
+    ramp : ndarray of float64, shape (factors, 3, 4)
     """
 
     count: int
     form: npt.NDArray[np.int32]
     cover: npt.NDArray[np.float64]
-    input: npt.NDArray[np.int32]
     ramp: npt.NDArray[np.float64]
 
 
@@ -53,30 +57,37 @@ def pack_rules(recipe: TerrainRecipe) -> PackedRules:
     form[: len(rules), 0] = [MATERIALS.index(rule.material) for rule in rules]
     form[1 : len(rules), 1] = ends[:-1]
     form[: len(rules), 2] = ends
+    for row in form[: len(rules)]:
+        row[3] = reduce(or_, (_needed(factor) for factor in factors[row[1] : row[2]]), 0)
     cover = np.zeros(len(form))
     cover[: len(rules)] = [rule.cover for rule in rules]
-    return PackedRules(
-        len(rules),
-        form,
-        cover,
-        np.array([inputs for inputs, _ in factors], np.int32).reshape(-1, MOST_INPUTS),
-        np.array([ramp for _, ramp in factors], np.float64).reshape(-1, 2, MOST_INPUTS),
-    )
+    ramp = np.array(factors, np.float64).reshape(-1, 3, 4)
+    return PackedRules(len(rules), form, cover, ramp)
 
 
-def _pack_factor(factor: Factor, climate: Mapping[str, float]) -> tuple[list[int], list[list[float]]]:
-    """Return which inputs a factor weighs, and its weights and ramp."""
+def _pack_factor(factor: Factor, climate: Mapping[str, float]) -> list[float]:
+    """Return the weights of a factor's inputs, its start, 1 / (full - start), and 1 for a straight ramp."""
     weights = factor.weights
     # The climate is one for the whole terrain: what it adds is taken from the ramp's start.
     start = factor.start - weights.pop("aridity", 0.0) * climate["aridity"]
-    height = weights.pop("height", 0.0)
     for line in ("snow_line", "tree_line"):
         weight = weights.pop(f"above_{line}", 0.0)
         start += weight * climate[line]
-        height += weight
-    # Height comes first: less its line it keeps its digits.
-    known = {"height": height} | weights if height or not weights else weights
-    none = MOST_INPUTS - len(known)
-    inputs = [*(_KERNEL_INPUTS.index(name) for name in known), *([-1] * none)]
-    ramp = [start, 1 / (factor.full - factor.start), float(factor.shape == "straight"), 0.0]
-    return inputs, [[*known.values(), *([0.0] * none)], ramp]
+        weights["height"] = weights.get("height", 0.0) + weight
+    ramp = [start, 1 / (factor.full - factor.start), float(factor.shape == "straight")]
+    return [*(weights.get(name, 0.0) for name in _KERNEL_INPUTS), *ramp]
+
+
+def _needed(factor: list[float]) -> int:
+    """Return the bits of the masks without which a packed factor is 0, whatever its other inputs."""
+    *weights, start, inverse, _ = factor
+    sign = np.sign(inverse)
+    bits = 0
+    for number, mask in enumerate(_MASKS):
+        gone = {mask, "wetness"} if mask == "water" else {mask}
+        others = {name: w for name, w in zip(_KERNEL_INPUTS, weights, strict=True) if w and name not in gone}
+        ends = {name: _RANGES.get(name, (-np.inf, np.inf)) for name in others}
+        most = sum(max(sign * w * end for end in ends[name]) for name, w in others.items()) - sign * start
+        # A sum of several may be rounded up.
+        bits |= bool(most < -_ROUNDING if others else most <= 0) << number
+    return bits

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -139,23 +139,16 @@ class PatchLauncher:
         slots
             Which place in it each of them has, shape (patches,).
         """
-        context, real = self._context, self._context.real_dtype
-        unit = metres_per_unit(self._arguments.recipe.extent)
-        more = {
-            "inverse_x": _inverse_spans(patches.axis_x, unit).astype(real),
-            "inverse_y": _inverse_spans(-patches.axis_y, unit).astype(real),
-            "slot": np.asarray(slots, np.int32),
-            **self._arguments.cover_lists(patches.blocks),
-        }
-        launch = self._heights(patches, more, bare=False)
-        context.launch(
+        covers = self._arguments.cover_lists(patches.blocks)
+        launch = self._heights(patches, {"slot": np.asarray(slots, np.int32), **covers}, bare=False)
+        self._context.launch(
             launch.file,
             "surfaces",
-            (rounded_up(store.inner**2), patches.count),
+            (rounded_up(patches.side * store.inner), patches.count),
             *self._arguments.rules,
             *launch.places,
-            launch.small["inverse_x"],
-            launch.small["inverse_y"],
+            *launch.across,
+            launch.small["absent"],
             np.int32(patches.side),
             *launch.results,
             *self._arguments.covers(launch.small),
@@ -176,15 +169,12 @@ class PatchLauncher:
         store, slots
             As in :meth:`surfaces`.
         """
-        context, real = self._context, self._context.real_dtype
         launch = self._heights(patches, {"slot": np.asarray(slots, np.int32)}, bare=True)
-        unit = metres_per_unit(self._arguments.recipe.extent)
-        inverse = _inverse_spans(patches.axis_x[:1, :3], unit)[0, 1]
-        context.launch(
+        self._context.launch(
             _ANYWHERE,
             "parents",
-            (rounded_up(store.inner**2), patches.count),
-            real.type(inverse),
+            (rounded_up(patches.side * (patches.side - 2)), patches.count),
+            self._context.real_dtype.type(self._inverse_spans(patches.axis_x[:1, :3])[0, 1]),
             np.int32(patches.side),
             launch.results[0],
             launch.small["slot"],
@@ -200,13 +190,17 @@ class PatchLauncher:
         reaching = self._arguments.reaching(patches.blocks, patches.cell_size)
         vertices = self._vertices(patches)
         staging = self._staged["bare" if bare else "whole"]
+        if not bare:
+            more = {**more, **vertices.inverse, "absent": reaching.absent}
         small = staging.put({**reaching.lists, **vertices.arrays, **more})
         launch = _Launch(
             vertices.file,
             small,
             [*(small[name] for name in vertices.places), *vertices.step],
+            vertices.across or [small[name] for name in vertices.inverse if name in small],
             (
-                self._room("bare height" if bare else "height", count * side * side),
+                # Two rows more than there are: see `parents`.
+                self._room("bare height" if bare else "height", (count * side + 2) * side),
                 self._room("masks", 4 * size),
                 self._room("mottle", size),
             ),
@@ -228,10 +222,15 @@ class PatchLauncher:
 
     def _vertices(self, patches: Patches) -> _Vertices:
         """Say where vertices lie, in 32 bits where they do."""
-        bits = patches.step_bits
+        bits, real = patches.step_bits, self._context.real_dtype
         octaves: OctaveTable = self._arguments.world(patches.cell_size)["table"]
         if bits is None or not fits_patches(octaves, bits):
-            return _Vertices(_ANYWHERE, {"axis_x": patches.axis_x, "axis_y": patches.axis_y})
+            inverse = {
+                "inverse_x": self._inverse_spans(patches.axis_x).astype(real),
+                "inverse_y": self._inverse_spans(-patches.axis_y).astype(real),
+            }
+            axes = {"axis_x": patches.axis_x, "axis_y": patches.axis_y}
+            return _Vertices(_ANYWHERE, axes, inverse=inverse)
         return _Vertices(
             _WHOLE_STEPS,
             {
@@ -240,7 +239,15 @@ class PatchLauncher:
             },
             (np.int32(len(octaves.form)),),
             (np.int32(bits),),
+            across=[real.type(self._inverse_spans(patches.axis_x[:1, :3])[0, 1])],
         )
+
+    def _inverse_spans(self, axis: Lattice) -> npt.NDArray[np.float64]:
+        """1 / distance between a vertex's two neighbours (1/m); 0 where there is none."""
+        inverse = np.zeros(axis.shape)
+        spans = np.maximum(axis[:, 2:] - axis[:, :-2], 1) * metres_per_unit(self._arguments.recipe.extent)
+        inverse[:, 1:-1] = 1 / spans
+        return inverse
 
     def _room(self, name: str, size: int) -> Any:
         """Return a buffer for ``size`` values; kept, and made anew only where one is too small."""
@@ -254,12 +261,14 @@ class PatchLauncher:
 
 @dataclass(frozen=True, eq=False)
 class _Vertices:
-    """Which file's kernels place vertices, and what says where, by the names of the kernels' arguments."""
+    """Which file's kernels place vertices, and what says where and how far apart, by the kernels' names."""
 
     file: str
     arrays: dict[str, npt.NDArray[Any]]
     octaves: tuple[np.int32, ...] = ()
     step: tuple[np.int32, ...] = ()
+    inverse: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    across: list[Any] = field(default_factory=list)
 
     @property
     def noise(self) -> tuple[str, ...]:
@@ -274,17 +283,10 @@ class _Vertices:
 
 @dataclass(frozen=True, eq=False)
 class _Launch:
-    """A launch of ``patches``: its file, small arrays, where vertices lie, and what it writes."""
+    """A launch of ``patches``: its file, small arrays, where vertices lie, how far apart, what it writes."""
 
     file: str
     small: dict[str, Any]
     places: list[Any]
+    across: list[Any]
     results: tuple[Any, Any, Any]
-
-
-def _inverse_spans(axis: Lattice, unit: float) -> npt.NDArray[np.float64]:
-    """1 / distance between a vertex's two neighbours (1/m); 0 where there is none."""
-    inverse = np.zeros(axis.shape)
-    spans = axis[:, 2:] - axis[:, :-2]
-    inverse[:, 1:-1] = 1 / (np.maximum(spans, 1) * unit)
-    return inverse

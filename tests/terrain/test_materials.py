@@ -123,7 +123,6 @@ def weigh(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., np.ndarray]
             np.int32(rules.count),
             context.upload(rules.form),
             context.upload(rules.cover.astype(real)),
-            context.upload(rules.input),
             context.upload(rules.ramp.astype(real)),
             context.upload(np.stack(parts[:4], axis=-1)),
             context.upload(np.stack(parts[4:], axis=-1)),

@@ -8,7 +8,8 @@ from pathlib import Path
 from sketchterrain.sketch import reference_table
 
 ROOT = Path(__file__).parents[1]
-DOCS = [ROOT / "README.md", ROOT / "ARCHITECTURE.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")]
+PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")
+DOCS = [*(ROOT / name for name in PAGES), *(ROOT / "docs").rglob("*.md")]
 
 
 def test_the_table_of_parameters_is_made_from_their_declaration() -> None:

@@ -10,7 +10,9 @@ __kernel void points(TERRAIN_ARGUMENTS, __global const long *x, __global const l
     COLLECT_FEATURES
     const int item = get_global_id(0);
     const int i = min(item, count - 1);
-    const Ground g = terrain_at(octaves, features, lakes, rivers, styles, world, block[i], place_of(x[i], y[i]));
+    const Place p = place_of(x[i], y[i]);
+    const REAL mottle = has_forest(features, *world, block[i]) ? mottle_at(octaves, *world, p) : R(0);
+    const Ground g = terrain_at(octaves, features, lakes, rivers, styles, world, block[i], p, true, mottle);
     if (item >= count) return;
     height[item] = g.height;
     masks[item] = (REAL4)(g.mountain, g.dune, g.forest, g.water);

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.adherence_chart import draw_adherence
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
+from sketchterrain.benchmarks.spline_chart import draw_splines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -270,6 +271,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     ),
     "kernels": _kernels,
     "sketch": draw_scaling,
+    "splines": draw_splines,
     "tiles": _tiles,
 }
 """How each benchmark that has a chart draws it, from the rows of its first table."""

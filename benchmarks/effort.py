@@ -31,6 +31,8 @@ class Effort:
         Tiles a launch; sizes above a ground's number of tiles are left out.
     thesis_tiles : int
         Tiles evaluated in the thesis's way.
+    spline_count : int
+        Splines of each kind of trap.
     foliage_side : float
         Side of the square that is planted, m.
     poisson_cells : int
@@ -58,6 +60,7 @@ class Effort:
     tile_counts: tuple[tuple[str, int], ...]
     tile_batches: tuple[int, ...]
     thesis_tiles: int
+    spline_count: int
     foliage_side: float
     poisson_cells: int
     sketch_sides: tuple[int, ...]
@@ -79,6 +82,7 @@ QUICK = Effort(
     tile_counts=(("bare", 256), ("valley_river", 16)),
     tile_batches=(1, 16, 64, 256),
     thesis_tiles=9,
+    spline_count=24,
     foliage_side=400.0,
     poisson_cells=400,
     sketch_sides=(256, 512, 1024),
@@ -101,6 +105,7 @@ FULL = Effort(
     tile_counts=(("bare", 256), ("valley_river", 256)),
     tile_batches=(1, 16, 64, 256),
     thesis_tiles=256,
+    spline_count=1737,
     foliage_side=2000.0,
     poisson_cells=1024,
     sketch_sides=(256, 512, 1024, 2048, 4096),

@@ -11,6 +11,8 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.spline_cases import splines_and_places
+from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
 from sketchterrain.terrain.lattice import QUADS
 
@@ -34,6 +36,7 @@ WRITTEN: Mapping[str, float] = {
     "resolve": 0.18,  # 8 bytes for an accepted point: 0.31 of the cells over 14 rounds
     "bench_fbm": _REAL,
     "bench_fbm_slope": 3 * _REAL,
+    **dict.fromkeys(KERNELS.values(), _REAL),
 }
 """Bytes that a work item writes, for every kernel in ``kernels/*.cl``."""
 
@@ -57,7 +60,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
     `patches` has a border of one around each tile), `parents` what they keep of their parents, `points` a
     square grid over the same ground at the same cell size, `propose` and `resolve` the places of plants (an
-    item is a cell of the window), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes.
+    item is a cell of the window), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes,
+    `spline_…_distances` the distance to a spline of six control points, flattened for cells of 1 m.
     Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
     they write, over the median. Launches are padded to whole groups of 64 items; the padding, under 1.5 %,
     counts as items.
@@ -93,6 +97,10 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
     yield _Case(("bench_fbm_slope",)), partial(context.lap, grid.launch_slope)
+    drawn = splines_and_places("river", effort.kernel_points // 64, each=64, seed=1)
+    queries = SplineQueries(context, *drawn)
+    for method, kernel in KERNELS.items():
+        yield _Case((kernel,)), partial(context.lap, queries.work(method, 1.0))
 
 
 def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:

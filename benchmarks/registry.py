@@ -15,6 +15,7 @@ from sketchterrain.benchmarks import (
     planting,
     sketch_scaling,
     speed,
+    splines,
     tile_rates,
 )
 from sketchterrain.benchmarks.grounds import BARE_SEED
@@ -86,6 +87,9 @@ BENCHMARKS = {
         Benchmark("adherence", f"the sketches of {_PRESETS}", _OWN, adherence.measure),
         Benchmark("sketch", "blobs and a river", str(sketch_scaling.SEED), sketch_scaling.measure),
         Benchmark("foliage", f"the middle of {_PRESETS}", f"{_OWN}; points: 7", planting.measure),
+        Benchmark(
+            "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
+        ),
         Benchmark(
             "accuracy",
             "tiles drawn from the whole of valley_river (full run: of desert_mountains too)",

@@ -17,6 +17,7 @@ TINY = Effort(
     tile_counts=(("bare", 4),),
     tile_batches=(1, 4, 16),
     thesis_tiles=2,
+    spline_count=2,
     foliage_side=60.0,
     poisson_cells=32,
     sketch_sides=(64, 96),

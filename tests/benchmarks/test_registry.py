@@ -26,6 +26,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "adherence",
         "sketch",
         "foliage",
+        "splines",
         "accuracy",
     ]
     for name, benchmark in BENCHMARKS.items():

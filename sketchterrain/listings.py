@@ -65,13 +65,14 @@ def device_lines(device: Device, verdict: Verdict, *, chosen: bool) -> list[str]
 
 
 def preset_entry(name: str, sketch: Sketch) -> dict[str, Any]:
-    """Return what a preset is: its name, title, extent (m), seed and painted layers."""
+    """Return what a preset is: its name, title, extent (m), seed, painted layers and rules of materials."""
     return {
         "name": name,
         "title": sketch.name,
         "extent": sketch.extent,
         "seed": sketch.seed,
         "layers": [layer for layer, image in sketch.layers.items() if image.any()],
+        "material_rules": [change.name for change in sketch.material_rules],
     }
 
 
@@ -80,6 +81,7 @@ def preset_lines(entries: list[dict[str, Any]]) -> list[str]:
     width = max((len(entry["name"]) for entry in entries), default=0)
     return [
         f"{entry['name']:<{width}}  {entry['title']}: {entry['extent']:g} m, {', '.join(entry['layers'])}"
+        + (f"; own rules of materials: {', '.join(rules)}" if (rules := entry["material_rules"]) else "")
         for entry in entries
     ]
 

@@ -73,7 +73,12 @@ def test_presets_tells_each(call: Callable[..., Any]) -> None:
     told = json.loads(call("presets", "--json").out)
     assert [entry["name"] for entry in told] == list(preset_names())
     assert all(entry["layers"] and entry["extent"] > 0 for entry in told)
-    assert [line.split()[0] for line in call("presets").out.splitlines()] == list(preset_names())
+    lines = call("presets").out.splitlines()
+    assert [line.split()[0] for line in lines] == list(preset_names())
+    for entry, line in zip(told, lines, strict=True):
+        assert ("own rules of materials: " in line) == bool(entry["material_rules"])
+        assert all(name in line for name in entry["material_rules"])
+    assert any(entry["material_rules"] for entry in told)
 
 
 @pytest.fixture

@@ -269,3 +269,21 @@ def test_a_feature_still_decides(make_recipe: Any, context: ComputeContext) -> N
     x, y, cell = patch(recipe, 4.0, 1900, 2100, side=19)
     surface = Evaluator(recipe, context).surface(x[None], y[None], cell_size=cell)
     assert surface.materials[..., MATERIALS.index("sand")].min() > 0.5
+
+
+def test_the_desert_has_rules_of_its_own() -> None:
+    """Slip faces are sand however steep they are, flat open ground is stony, hollows at feet hold soil."""
+    sketch = load_sketch("desert_mountains")
+    own = resolved_rules(sketch.material_rules)
+    zero, one = np.zeros(1), np.ones(1)
+    places = {
+        "sand": Site(zero, 1.3 * one, zero, zero, zero, one, zero, zero),
+        "scree": Site(zero, 0.05 * one, -0.02 * one, 0.8 * one, zero, zero, zero, zero),
+        "soil": Site(zero, 0.4 * one, 0.05 * one, zero, zero, zero, zero, zero),
+    }
+    for material, place in places.items():
+        of_own, of_table = (
+            rule_weights(rules, sketch.climate, place)[0, MATERIALS.index(material)]
+            for rules in (own, DEFAULT_RULES)
+        )
+        assert of_own > of_table + 0.3, material

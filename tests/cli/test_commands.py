@@ -149,14 +149,18 @@ def test_bench_is_called_with_what_was_asked(
         return 0
 
     monkeypatch.setattr(sketchterrain.benchmarks, "run", run)
-    assert call("bench", "noise", "tiles", "-o", tmp_path, "--quick", "--device", "0", "--json").code == 0
+    flags = ["--quick", "--device", "0", "--fast", "--json"]
+    assert call("bench", "noise", "tiles", "-o", tmp_path, *flags).code == 0
     assert asked == {
         "names": ["noise", "tiles"],
         "output": tmp_path,
         "quick": True,
         "device": "0",
+        "fast": True,
         "as_json": True,
     }
+    assert call("bench").code == 0
+    assert (asked["names"], asked["fast"]) == ([], False)
 
 
 def test_adherence_tells_numbers_and_shows_where(

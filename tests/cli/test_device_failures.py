@@ -10,7 +10,6 @@ import numpy as np
 import pyopencl as cl
 import pytest
 
-import sketchterrain.benchmarks
 import sketchterrain.jobs
 import sketchterrain.render
 from sketchterrain.compute import ComputeContext, list_devices
@@ -229,15 +228,3 @@ def test_fast_is_told_and_close(call: Callable[..., Any], tiny: Path, tmp_path: 
     assert (report(tmp_path / "exact")["fast"], report(tmp_path / "fast")["fast"]) == (False, True)
     heights = [rasterio.open(tmp_path / name / "height.tif").read(1) for name in ("exact", "fast")]
     np.testing.assert_allclose(*heights, atol=1e-3, rtol=0)
-
-
-def test_bench_takes_fast(call: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[dict[str, Any]] = []
-
-    def run(names: list[str], **options: Any) -> int:
-        asked.append(options)
-        return 0
-
-    monkeypatch.setattr(sketchterrain.benchmarks, "run", run)
-    assert (call("bench", "--fast").code, call("bench").code) == (0, 0)
-    assert [options["fast"] for options in asked] == [True, False]

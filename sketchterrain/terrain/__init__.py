@@ -1,19 +1,22 @@
 """From a recipe to heights, normals, materials and plants, on the device and in float64."""
 
 from sketchterrain.terrain.adherence import Adherence, measure_adherence
+from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
 from sketchterrain.terrain.changes import changed_areas, touches
 from sketchterrain.terrain.device_verdict import Verdict, self_test
 from sketchterrain.terrain.foliage import SPECIES
 from sketchterrain.terrain.from_sketch import build, make_recipe, rebuild
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.terrain import Raster, Terrain, TerrainFeatures, Tile
+from sketchterrain.terrain.surfaces import SurfaceStore
+from sketchterrain.terrain.terrain import Terrain
 
 __all__ = [
     "MATERIALS",
     "SPECIES",
     "Adherence",
     "Raster",
+    "SurfaceStore",
     "Terrain",
     "TerrainFeatures",
     "TerrainRecipe",

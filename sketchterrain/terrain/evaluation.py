@@ -13,7 +13,7 @@ from sketchterrain.terrain.batches import Batches
 from sketchterrain.terrain.culling import feature_index, features_near
 from sketchterrain.terrain.finite import require_finite
 from sketchterrain.terrain.kernel_arguments import KernelArguments
-from sketchterrain.terrain.lattice import LATTICE_BITS
+from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
 from sketchterrain.terrain.packing import pack_features
 from sketchterrain.terrain.patches import GROUP, Patches, PatchLauncher, rounded_up, tile_patches
 from sketchterrain.terrain.surfaces import ParentSurface, Surface, SurfaceStore
@@ -112,19 +112,42 @@ class Evaluator:
         level
             −12 … 18.
         """
-        own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
-        surface = Surface.empty(own.count, own.side - 2, real=self.context.real_dtype)
-        parent = ParentSurface.empty(own.count, own.side - 2, real=self.context.real_dtype)
+        surface = Surface.empty(len(keys), QUADS + 1, real=self.context.real_dtype)
+        parent = ParentSurface.empty(len(keys), QUADS + 1, real=self.context.real_dtype)
 
         def evaluate(part: slice) -> None:
-            store, slots = self._store(own.side - 2), np.arange(part.stop - part.start)
-            self._launcher.surfaces(own.part(part), store, slots)
-            self._launcher.parents(coarse.part(part), store, slots)
+            store = self._store(QUADS + 1)
+            self._fill(keys[part], level, store, np.arange(part.stop - part.start))
             store.download_surface(surface.part(part))
             store.download_parents(parent.part(part))
 
-        self._patches_at_once.run(own.count, evaluate, smaller=self._give_back)
+        self._patches_at_once.run(len(keys), evaluate, smaller=self._give_back)
         return surface, parent
+
+    def fill(
+        self,
+        keys: Sequence[tuple[int, int]],
+        level: int,
+        store: SurfaceStore,
+        slots: npt.NDArray[np.integer],
+    ) -> None:
+        """Enqueue the same into slots of a store of tiles; nothing comes back and nothing is waited for."""
+
+        def evaluate(part: slice) -> None:
+            self._fill(keys[part], level, store, slots[part])
+
+        self._patches_at_once.run(len(keys), evaluate, smaller=self._give_back)
+
+    def _fill(
+        self,
+        keys: Sequence[tuple[int, int]],
+        level: int,
+        store: SurfaceStore,
+        slots: npt.NDArray[np.integer],
+    ) -> None:
+        own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
+        self._launcher.surfaces(own, store, slots)
+        self._launcher.parents(coarse, store, slots)
 
     def points(
         self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], *, cell_size: float

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.surfaces import SurfaceStore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -19,84 +20,12 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.features import Lake, River
-    from sketchterrain.features.catalogue import Points
     from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import ParentSurface, Surface
 
-__all__ = ["Raster", "Terrain", "TerrainFeatures", "Tile"]
-
-
-@dataclass(frozen=True)
-class Tile:
-    """One tile of 64×64 quads; row 0 is its north edge.
-
-    Attributes
-    ----------
-    level, column, row : int
-        The tile covers [column, column + 1] × [row, row + 1] · extent/2^level metres.
-    bounds : tuple of float
-        West, south, east, north, m.
-    cell_size : float
-        Metres between vertices.
-    height : ndarray of float32, shape (65, 65)
-        Metres.
-    normal : ndarray of float32, shape (65, 65, 3)
-        Unit vectors: east, north, up.
-    materials : ndarray of float32, shape (65, 65, 8)
-        Weights in the order of ``MATERIALS``; they sum to 1.
-    parent_height, parent_normal : ndarray of float32, shapes (65, 65) and (65, 65, 3)
-        What the coarser tile over it holds here: bit-equal at the vertices they share; between two of the
-        parent's vertices half their sum, along its edges or its diagonals from north-west to south-east.
-    """
-
-    level: int
-    column: int
-    row: int
-    bounds: tuple[float, float, float, float]
-    cell_size: float
-    height: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.float32]
-    materials: npt.NDArray[np.float32]
-    parent_height: npt.NDArray[np.float32]
-    parent_normal: npt.NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Raster:
-    """The whole sketch as images of rows × columns vertices; row 0 is the north edge.
-
-    Attributes
-    ----------
-    spacing : tuple of float
-        Metres between columns and between rows.
-    height, normal, materials : ndarray of float32
-        As in :class:`Tile`.
-    """
-
-    spacing: tuple[float, float]
-    height: npt.NDArray[np.float32]
-    normal: npt.NDArray[np.float32]
-    materials: npt.NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class TerrainFeatures:
-    """What was placed.
-
-    Attributes
-    ----------
-    points : structured ndarray
-        Mountains, hills, dunes and forests (dtype ``FEATURE``) in and near the sketch, sorted by id.
-    rivers : tuple of River
-    lakes : tuple of Lake
-    """
-
-    points: Points
-    rivers: tuple[River, ...]
-    lakes: tuple[Lake, ...] = ()
+__all__ = ["Terrain"]
 
 
 class Terrain:
@@ -194,6 +123,43 @@ class Terrain:
             surface, parent = self._evaluator.tiles([key[1:] for key in of_level], level)
             tiles |= {key: self._tile(key, surface, parent, i) for i, key in enumerate(of_level)}
         return [tiles[key] for key in keys]
+
+    def tile_store(self, slots: int) -> SurfaceStore:
+        """Return buffers on the device with room for so many tiles, for :meth:`fill_tiles`."""
+        return SurfaceStore(self.context, QUADS + 1, slots)
+
+    def fill_tiles(
+        self, keys: Sequence[tuple[int, int, int]], store: SurfaceStore, slots: Sequence[int]
+    ) -> None:
+        """Write tiles where they live on the device: the values of :meth:`tiles`, and nothing comes back.
+
+        The tiles of a level cost four launches, up to 256 of them at once: heights, then normals and
+        materials, and the same of their parents. The queue is in order, so whatever is enqueued next finds
+        them written.
+
+        Parameters
+        ----------
+        keys
+            (level, column, row) of each.
+        store
+            From :meth:`tile_store`.
+        slots
+            Which place in the store each of them has; all different.
+
+        Raises
+        ------
+        InputError
+            If there is no such level or slot, or not one slot a tile.
+        """
+        place = np.asarray(slots, np.int64).reshape(-1)
+        if place.size != len(keys) or np.unique(place).size != place.size:
+            raise InputError(f"{len(keys)} tiles need as many slots, each another one")
+        if place.size and not (place.min() >= 0 and place.max() < store.slots):
+            raise InputError(f"slots must be 0 … {store.slots - 1}")
+        levels = np.array([key[0] for key in keys])
+        for level in np.unique(levels):
+            chosen = np.flatnonzero(levels == level)
+            self._evaluator.fill([keys[i][1:] for i in chosen], int(level), store, place[chosen])
 
     def raster(self, longer_side: int, *, progress: Callable[[float], None] | None = None) -> Raster:
         """Return the whole sketch as one grid.

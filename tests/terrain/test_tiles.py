@@ -9,7 +9,9 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.terrain import Terrain
+from sketchterrain.terrain.kernel_arguments import KernelArguments, Reaching
 from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.patches import tile_patches
 
 if TYPE_CHECKING:
     import sketchterrain as st
@@ -208,3 +210,70 @@ def test_either_way_to_tell_places_gives_the_same_bits(
     for one, two in zip(near, valley.tiles(keys), strict=True):
         for name in ("height", "normal", "materials", "parent_height", "parent_normal"):
             np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_tiles_are_filled_where_they_live(valley: st.Terrain) -> None:
+    """In slots of a store, of several levels in one call; other slots stay as they are."""
+    keys = [(6, 20, 31), (6, 21, 31), (2, 1, 2), (9, -4, 700), (6, 30, 30)]
+    slots = [7, 0, 3, 6, 2]
+    store = valley.tile_store(9)
+    buffers = {
+        "height": (store.height, 1),
+        "normal": (store.normal, 3),
+        "materials": (store.materials, 8),
+        "parent_height": (store.parent_height, 1),
+        "parent_normal": (store.parent_normal, 3),
+    }
+    for buffer, width in buffers.values():
+        valley.context.write(buffer, np.full(9 * 65 * 65 * width, np.nan, np.float32)).wait()
+    valley.fill_tiles(keys, store, slots)
+    for name, (buffer, width) in buffers.items():
+        shape = (9, 65, 65) if width == 1 else (9, 65, 65, width)
+        filled = valley.context.download(buffer, shape, np.float32)
+        for tile, slot in zip(valley.tiles(keys), slots, strict=True):
+            np.testing.assert_array_equal(filled[slot], getattr(tile, name))
+        assert np.isnan(filled[[1, 4, 5, 8]]).all()
+
+
+@pytest.mark.parametrize("slots", [[0], [1, 1], [0, 4], [-1, 0]])
+def test_each_tile_needs_a_slot_of_its_own(valley: st.Terrain, slots: list[int]) -> None:
+    store = valley.tile_store(4)
+    with pytest.raises(InputError, match="slots"):
+        valley.fill_tiles([(3, 0, 0), (3, 1, 0)], store, slots)
+
+
+def test_filling_allocates_nothing_and_waits_for_nothing(
+    valley: st.Terrain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Once there is room, a batch on ground that was looked at before is one transfer a launch of heights."""
+    keys = [(5, c, r) for c in range(10, 18) for r in range(10, 18)]
+    store = valley.tile_store(len(keys))
+    valley.fill_tiles(keys, store, range(len(keys)))
+    calls: list[str] = []
+    whole = type(valley.context)._call
+
+    def counted(self: object, doing: str, *given: object, **named: object) -> object:
+        calls.append(doing)
+        return whole(self, doing, *given, **named)
+
+    monkeypatch.setattr(type(valley.context), "_call", counted)
+    valley.fill_tiles(keys, store, range(len(keys)))
+    heights = ["uploading", "launching patches"]
+    assert calls == [*heights, "launching surfaces", *heights, "launching parents"]
+
+
+def test_rules_that_are_left_out_would_cover_nothing(
+    valley: st.Terrain, desert: st.Terrain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Materials' rules on tiles without mountain, dune, forest or water: the same bits as with all rules."""
+    for terrain in (valley, desert):
+        keys = [(5, c, r) for c in range(0, 32, 5) for r in range(0, 32, 5)]
+        left_out = terrain.tiles(keys)
+        blocks = tile_patches(5, [key[1:] for key in keys], terrain.extent, up=0).blocks
+        absent = KernelArguments(terrain.recipe, terrain.context).reaching(blocks, 4.0).absent
+        assert len(np.unique(absent)) > 2
+        with monkeypatch.context() as patch:
+            patch.setattr(Reaching, "absent", np.zeros(len(keys), np.int32))
+            every = terrain.tiles(keys)
+        for one, two in zip(left_out, every, strict=True):
+            np.testing.assert_array_equal(one.materials, two.materials)

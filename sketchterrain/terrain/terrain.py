@@ -159,7 +159,7 @@ class Terrain:
         levels = np.array([key[0] for key in keys])
         for level in np.unique(levels):
             chosen = np.flatnonzero(levels == level)
-            self._evaluator.fill([keys[i][1:] for i in chosen], int(level), store, place[chosen])
+            self._evaluator.fill([keys[int(i)][1:] for i in chosen], int(level), store, place[chosen])
 
     def raster(self, longer_side: int, *, progress: Callable[[float], None] | None = None) -> Raster:
         """Return the whole sketch as one grid.

@@ -22,13 +22,15 @@ MOST_RULES = 32
 """The most rules of a sketch, those of the default table included."""
 
 _DRY = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
+# Grass thins out on crests and slopes, and holds in hollows and beside water.
+_BARE = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
 _ALPINE = {"above_tree_line": 1.0, "mottle": 90.0}
 _STONY = {"steepness": 1.0, "mottle": 0.15, "mountain": 0.12, "hollow": -0.5}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
     MaterialRule("dry_soil", "soil", 1.0, (Factor(0.3, 0.3 + 1 / 3, **_DRY),)),
-    MaterialRule("patchy_soil", "soil", 0.55, (Factor(0.25, 0.65, mottle=1.0),)),
+    MaterialRule("patchy_soil", "soil", 0.55, (Factor(0.25, 0.65, **_BARE),)),
     MaterialRule("desert_sand", "sand", 1.0, (Factor(0.62, 0.87, **_DRY),)),
     # Above the tree line grass thins out into bare stone.
     MaterialRule("alpine_scree", "scree", 0.8, (Factor(40.0, 290.0, **_ALPINE), _IN_MOUNTAINS)),

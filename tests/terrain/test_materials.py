@@ -76,7 +76,7 @@ def rise(x: np.ndarray, low: float, inverse_width: float) -> np.ndarray:
 
 
 def formulas(c: dict[str, float], s: Site) -> np.ndarray:
-    """The rules as they were written down before there was a table."""
+    """The rules written down without a table."""
     w = np.zeros((len(s.height), len(MATERIALS)))
     w[:, 0] = 1
 
@@ -86,7 +86,8 @@ def formulas(c: dict[str, float], s: Site) -> np.ndarray:
 
     dryness = c["aridity"] + 0.12 * s.mottle - 0.35 * np.maximum(s.water - 0.2, 0)
     lay_over("soil", rise(dryness, 0.3, 3))
-    lay_over("soil", 0.55 * rise(s.mottle, 0.25, 2.5))
+    bareness = s.mottle - 3 * s.hollow + 0.4 * s.steepness - 0.75 * np.maximum(s.water - 0.2, 0)
+    lay_over("soil", 0.55 * rise(bareness, 0.25, 2.5))
     lay_over("sand", rise(dryness, 0.62, 4))
     alpine = rise(s.height + 90 * s.mottle, c["tree_line"] + 40, 0.004)
     lay_over("scree", 0.8 * alpine * s.mountain)
@@ -152,7 +153,7 @@ def some_rules(count: int = 12, *, seed: int = 7) -> tuple[MaterialRule, ...]:
 
 
 @pytest.mark.parametrize("climate", CLIMATES)
-def test_the_table_is_the_formulas_that_were(climate: dict[str, float]) -> None:
+def test_the_table_is_the_formulas(climate: dict[str, float]) -> None:
     site = sites()
     weights = rule_weights(DEFAULT_RULES, climate, site)
     np.testing.assert_allclose(weights, formulas(climate, site), atol=1e-12, rtol=0)
@@ -160,7 +161,7 @@ def test_the_table_is_the_formulas_that_were(climate: dict[str, float]) -> None:
 
 
 @pytest.mark.parametrize("climate", CLIMATES)
-def test_the_kernel_lays_the_formulas_that_were(
+def test_the_kernel_lays_the_formulas(
     climate: dict[str, float], make_recipe: Any, context: ComputeContext, weigh: Callable[..., np.ndarray]
 ) -> None:
     site = sites(real=np.float32)
@@ -249,6 +250,20 @@ def test_banks_are_lusher_than_dry_ground_by_rule() -> None:
     greener = resolved_rules([RuleChange("lush", "grass", 0.9, "beach", (Factor(0.0, 0.4, wetness=1.0),))])
     oasis = rule_weights(greener, desert, site)[:, MATERIALS.index("grass")]
     assert oasis[0] < 0.1 < 0.8 < oasis[1]
+
+
+def test_soil_shows_on_crests_and_slopes_and_grass_holds_in_hollows_and_beside_water() -> None:
+    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.2}
+    zero, one = np.zeros(1), np.ones(1)
+    mottle = 0.35 * one
+
+    def soil(steepness: float = 0.0, hollow: float = 0.0, water: float = 0.0) -> float:
+        site = Site(zero, steepness * one, hollow * one, mottle, zero, zero, zero, water * one)
+        return float(rule_weights(DEFAULT_RULES, climate, site)[0, MATERIALS.index("soil")])
+
+    assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
+    assert soil(steepness=0.4) > soil() + 0.1
+    assert soil(water=0.5) < soil() - 0.08
 
 
 def test_a_sketch_overrides_the_table(context: ComputeContext) -> None:

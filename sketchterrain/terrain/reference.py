@@ -214,7 +214,7 @@ def _carved(height: Reals, rivers: PackedRivers, place: _Place, *, cell: float) 
     d = np.sqrt(nearest[near] * half_width)
     ground = height[near]
 
-    channel = _smooth(2 * half_width / cell, 1, 2)
+    channel = _smooth(2 * half_width / cell, 2, 4)
     bank = 0.5 * depth
     across = d / half_width
     bed = -depth * np.maximum(1 - across**2, 0)

@@ -6,7 +6,7 @@ Each rule lays its material over what the rules before it left.
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.material_rule import FACTOR, RULE, Factor, MaterialRule, RuleChange
@@ -21,11 +21,12 @@ __all__ = ["DEFAULT_RULES", "MOST_RULES", "change_of", "checked_changes", "resol
 MOST_RULES = 32
 """The most rules of a sketch, those of the default table included."""
 
-_DRY = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
+Weights: TypeAlias = dict[str, Any]  # floats by an input's name; mypy takes them for any argument
+_DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
 # Grass thins out on crests and slopes, and holds in hollows and beside water.
-_BARE = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
-_ALPINE = {"above_tree_line": 1.0, "mottle": 90.0}
-_STONY = {"steepness": 1.0, "mottle": 0.15, "mountain": 0.12, "hollow": -0.5}
+_BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
+_ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
+_STONY: Weights = {"steepness": 1.0, "mottle": 0.15, "mountain": 0.12, "hollow": -0.5}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (

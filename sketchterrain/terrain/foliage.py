@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["PLANT", "SPECIES", "FoliageSampler"]
+__all__ = ["PLANT", "SPACING", "SPECIES", "FoliageSampler"]
 
 SPECIES = ("conifer", "broadleaf", "shrub")
 """Names of the species, in the order of the ``species`` field."""
@@ -33,7 +33,9 @@ PLANT = np.dtype(
 )
 """One plant: position (m), ground height (m), index into ``SPECIES``, size (1 is grown), radians."""
 
-_SPACING = 5.0  # m between plants, at least
+SPACING = 5.0
+"""Metres between plants, at least."""
+
 _LONE_PLANTS = 0.014  # share of places outside forests that bear a plant where it is not dry
 _STEEPEST = 1.0  # rise over run on which trees hold
 _WATERSIDE = 0.7  # water mask from which on it is too wet
@@ -58,7 +60,7 @@ class FoliageSampler:
         area = (int(corners[0]), int(corners[1]), int(corners[2]), int(corners[3]))
         metre = 1 / metres_per_unit(self._recipe.extent)
         places = poisson_disk(
-            self._evaluator.context, area, max(round(_SPACING * metre), 2), seed=self._recipe.seed
+            self._evaluator.context, area, max(round(SPACING * metre), 2), seed=self._recipe.seed
         )
         if not len(places):
             return np.zeros(0, PLANT)

@@ -58,6 +58,12 @@ def test_batches_larger_than_the_ground_are_left_out(outcomes: dict[str, Outcome
     assert [(row["ground"], row["batch"]) for row in rows(outcomes["tiles"])] == [(BARE, 1), (BARE, 4)]
 
 
+def test_parts_are_those_of_the_ground(outcomes: dict[str, Outcome]) -> None:
+    found = rows(outcomes["parts"])
+    assert [row["part"] for row in found] == ["mountain", "hill", "forest", "lakes", "rivers", "rules"]
+    assert all(row["tiles"] == 1 for row in found)
+
+
 def test_features_report_each_stage(outcomes: dict[str, Outcome]) -> None:
     found = {row["stage"]: row["found"] for row in rows(outcomes["features"])}
     assert list(found) == ["shapes", "darts", "place", "rivers", "recipe"]

@@ -22,6 +22,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "speed",
         "noise",
         "tiles",
+        "parts",
         "features",
         "adherence",
         "sketch",
@@ -60,7 +61,7 @@ def test_every_kernel_is_timed() -> None:
             r"\b__?kernel\s+(?:\w+(?:\(\(.*?\)\))?\s+)*?void\s+(\w+)", file.read_text(encoding="utf-8")
         )
     }
-    assert found == set(WRITTEN)
+    assert found == set(WRITTEN) | {"self_test"}  # which decides on a device and makes no terrain
 
 
 def test_charts_belong_to_benchmarks() -> None:

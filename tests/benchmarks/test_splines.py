@@ -1,0 +1,179 @@
+"""Ways to the distance to a spline: which are never wrong, how often others are, and the yardstick itself."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.benchmarks.spline_cases import KINDS, distances, splines_and_places
+from sketchterrain.benchmarks.spline_methods import ARCS, KERNELS, SEGMENTS, SplineQueries, pieces_of
+from sketchterrain.benchmarks.splines import CELL_SIZES, failures
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.features.splines import catmull_rom, cubics
+from sketchterrain.terrain.arcs import flattened, nearest_on_arc, position
+
+if TYPE_CHECKING:
+    from sketchterrain.benchmarks.timing import TimedContext
+
+COUNT, EACH = 20, 64
+NEVER_WRONG = ("all roots", SEGMENTS, ARCS)
+# Failures at cells of 2 m among 20 splines with 64 places each, %: at least, at most.
+KNOWN = {
+    "Newton": {"river": (0.0, 2.0), "random": (25.0, 45.0), "cusps": (25.0, 45.0), "hairpins": (5.0, 15.0)},
+    "two steps": {"river": (5.0, 20.0), "random": (20.0, 40.0), "loops": (25.0, 45.0)},
+    "iterated sampling": {"river": (0.0, 0.5), "cusps": (4.0, 25.0), "hairpins": (2.0, 10.0)},
+}
+
+
+@pytest.fixture(scope="module")
+def suite(context: TimedContext) -> dict[str, tuple[SplineQueries, np.ndarray]]:
+    """Splines and places of every kind, and the true distances."""
+    found = {}
+    for kind in KINDS:
+        queries = SplineQueries(context, *splines_and_places(kind, COUNT, each=EACH, seed=4))
+        found[kind] = (queries, distances(queries.cubics, queries.places))
+    return found
+
+
+Suite = dict[str, tuple[SplineQueries, np.ndarray]]
+
+
+@pytest.mark.parametrize("method", NEVER_WRONG)
+@pytest.mark.parametrize("cell", CELL_SIZES)
+def test_some_methods_are_never_wrong_by_a_hundredth_of_a_cell(
+    suite: Suite, method: str, cell: float
+) -> None:
+    for queries, expected in suite.values():
+        assert not failures(np.abs(queries.distances(method, cell) - expected), cell).any()
+
+
+def test_all_roots_are_exact_to_rounding(suite: Suite) -> None:
+    for queries, expected in suite.values():
+        # float32 positions of some hundreds of metres step by 3e-5 m.
+        assert np.abs(queries.distances("all roots", 1.0) - expected).max() < 1e-4
+
+
+@pytest.mark.parametrize(("method", "kind"), [(m, k) for m, kinds in KNOWN.items() for k in kinds])
+def test_the_other_methods_fail_as_known(suite: Suite, method: str, kind: str) -> None:
+    queries, expected = suite[kind]
+    failed = failures(np.abs(queries.distances(method, 2.0) - expected), 2.0)
+    least, most = KNOWN[method][kind]
+    assert least <= 100 * failed.mean() <= most
+
+
+@pytest.mark.parametrize("method", ["Newton", "two steps", "iterated sampling"])
+def test_a_failing_method_is_wrong_by_more_than_the_river_is_wide(suite: Suite, method: str) -> None:
+    """So that a picture shows it: by metres, and never nearer than the curve is."""
+    worst = 0.0
+    for queries, expected in suite.values():
+        error = queries.distances(method, 2.0) - expected
+        assert error.min() > -1e-3
+        worst = max(worst, float(error.max()))
+    assert worst > 3.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_yardstick_lies_within_bounds(kind: str) -> None:
+    """The distances' reference against branch and bound: no interval left out can hold a nearer place."""
+    controls, places = splines_and_places(kind, 4, each=12, seed=9)
+    curves = cubics(controls)
+    expected = distances(curves, places)
+    for curve, around, known in zip(curves, places, expected, strict=True):
+        for place, distance in zip(around, known, strict=True):
+            lowest, highest = bounded_distance(curve, place, gap=2e-4)
+            assert lowest - 1e-9 <= distance <= highest + 1e-9
+
+
+def bounded_distance(curve: np.ndarray, place: np.ndarray, *, gap: float) -> tuple[float, float]:
+    """Bounds of the distance, at most `gap` (m) apart: stretches that can't come so near are dropped."""
+    piece, low, high = np.arange(len(curve)), np.zeros(len(curve)), np.ones(len(curve))
+    best, dropped = np.inf, np.inf
+    while piece.size:
+        c, half = curve[piece], 0.5 * (high - low)
+        middle = 0.5 * (low + high)
+        distance = np.hypot(*(position(c, middle[:, None])[:, 0] - place).T)
+        best = min(best, float(distance.min()))
+        slope = c[..., 1] + 2 * middle[:, None] * c[..., 2] + 3 * middle[:, None] ** 2 * c[..., 3]
+        bend = 2 * np.abs(c[..., 2]) + 6 * np.maximum(np.abs(low), np.abs(high))[:, None] * np.abs(c[..., 3])
+        reach = half * np.hypot(*(np.abs(slope) + half[:, None] * bend).T)
+        least = distance - reach
+        kept = least < best - gap
+        dropped = min(dropped, float(least[~kept].min(initial=np.inf)))
+        piece, low, middle, high = piece[kept], low[kept], middle[kept], high[kept]
+        piece = np.repeat(piece, 2)
+        low, high = np.stack([low, middle], -1).ravel(), np.stack([middle, high], -1).ravel()
+    return min(dropped, best), best
+
+
+def test_every_device_gives_the_same_bits() -> None:
+    devices = list_devices()
+    if len(devices) < 2:
+        pytest.skip("one device has nothing to differ from")
+    drawn = [splines_and_places(kind, 3, each=EACH, seed=6) for kind in KINDS]
+    controls, places = (np.concatenate(part) for part in zip(*drawn, strict=True))
+    first, *others = (SplineQueries(ComputeContext(device), controls, places) for device in devices)
+    for method in KERNELS:
+        expected = first.distances(method, 0.5)
+        for other in others:
+            np.testing.assert_array_equal(other.distances(method, 0.5), expected, err_msg=method)
+
+
+def test_in_double_all_roots_are_the_reference() -> None:
+    with_double = [device for device in list_devices() if device.has_double]
+    if not with_double:
+        pytest.skip("no device with 64-bit floats")
+    drawn = [splines_and_places(kind, 6, each=EACH, seed=8) for kind in KINDS]
+    controls, places = (np.concatenate(part) for part in zip(*drawn, strict=True))
+    queries = SplineQueries(ComputeContext(with_double[0], real="double"), controls, places)
+    expected = distances(queries.cubics, queries.places)
+    np.testing.assert_allclose(queries.distances("all roots", 1.0), expected, rtol=0, atol=1e-6)
+
+
+def test_cubics_are_the_spline() -> None:
+    controls = splines_and_places("random", 1, each=1, seed=1)[0][0]
+    u = np.linspace(0, 5, 501)[:-1]
+    piece = u.astype(int)
+    at = position(cubics(controls)[piece], (u - piece)[:, None])[:, 0]
+    np.testing.assert_allclose(at, catmull_rom(controls, u), atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [-1.9, -0.3, 1e-6, 0.7, 1.9])
+def test_distance_to_an_arc_is_that_to_its_circle_and_ends(angle: float, context: TimedContext) -> None:
+    """An arc of the given angle around the origin, with a radius of 50 m."""
+    rng = np.random.default_rng(3)
+    radius = 50.0
+    # Positive angles turn left: the bulge is to the right then.
+    first, last = (radius * np.array([np.cos(a), np.sin(a)]) for a in (0.3, 0.3 + angle))
+    places = rng.uniform(-120, 120, (500, 2))
+    bend = -np.tan(angle / 4)
+    t, square = nearest_on_arc(last - first, np.array(bend), places - first)
+    around = (np.arctan2(places[:, 1], places[:, 0]) - 0.3) * np.sign(angle)
+    within = np.mod(around, 2 * np.pi) < abs(angle)
+    ends = np.minimum(*(np.hypot(*(places - end).T) for end in (first, last)))
+    expected = np.where(within, np.abs(np.hypot(*places.T) - radius), ends)
+    clear = np.hypot(*places.T) > 0.02 * radius  # near the centre an end stands for the arc
+    np.testing.assert_allclose(np.sqrt(square)[clear], expected[clear], atol=1e-6)
+    assert np.all((t >= 0) & (t <= 1))
+
+
+def test_arcs_of_a_circle_are_few_and_straight_lines_one() -> None:
+    angle = np.linspace(0, 1.5 * np.pi, 9)
+    circle = cubics(100.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+    arcs, chords = (flattened(circle, 0.01, arcs=each) for each in (True, False))
+    assert len(arcs.bend) * 3 < len(chords.bend)
+    line = cubics(np.array([[0.0, 0.0], [10.0, 5.0], [30.0, 15.0]]))
+    assert len(flattened(line, 1e-6).bend) == 2
+    assert np.all(flattened(line, 1e-6).bend == 0.0)
+
+
+def test_pieces_join_and_stay_in_order() -> None:
+    controls, _ = splines_and_places("loops", 5, each=1, seed=2)
+    starts, begins, chords = pieces_of(cubics(controls), 0.02, arcs=True)
+    assert starts[0] == 0
+    assert starts[-1] == len(begins)
+    for first, last in itertools.pairwise(starts):
+        ends = begins[first:last] + chords[first:last, :2]
+        np.testing.assert_allclose(begins[first + 1 : last], ends[:-1], atol=1e-9)

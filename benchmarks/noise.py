@@ -67,6 +67,10 @@ class NoiseGrid:
         """Enqueue the kernel once."""
         self._context.launch("bench.cl", "bench_fbm", (self._side, self._side), *self._arguments, self._sum)
 
+    def finish(self) -> None:
+        """Wait for what was enqueued."""
+        self._context.download(self._sum, 1, self._context.real_dtype)
+
     def launch_slope(self) -> None:
         """Enqueue the kernel that gives slopes too, once."""
         out = self._sum, self._east, self._north

@@ -49,11 +49,11 @@ _COLUMNS = (
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Compare times of this program and of others that do the same, in one run, in turn; medians.
 
-    Noise: simplex fBm of 8 octaves on a square grid. This program's kernel is timed by profiling events on
-    the chosen device and on every CPU device, with the settings that give the same bits everywhere; the
-    others by the clock, with as many threads as the process may use. The loop in C, numba and NumPy compute
-    the same sum; FastNoise2 has its own hash and gradients. What is not on the machine is named, with how to
-    get it.
+    Noise: float32 simplex fBm of 8 octaves in two dimensions on a square grid, by the clock from call to the
+    last value in memory. This program's kernel runs on the chosen device and on every CPU device, with the
+    settings that give the same bits everywhere; the others with as many threads as the process may use. C,
+    numba and NumPy compute the same sum; FastNoise2 sums gradient noise on the same kind of lattice with its
+    own hash and gradients. What is not on the machine is named, with how to get it.
 
     Tiles: 64 quads, heights and normals, against a re-implementation of the thesis's way (permutation table,
     all octaves at every level, iterated sampling of splines, a launch a tile, finite differences), both by
@@ -71,7 +71,6 @@ class _Method:
     name: str
     threads: int
     lap: Callable[[], Lap]
-    seconds: Callable[[Lap], float]
     result: Callable[[], npt.NDArray[Any]]
 
 
@@ -84,9 +83,9 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
     laps = alternate({method.name: method.lap for method in methods}, rounds=effort.rounds)
     first = methods[0].result()
     rows: list[Row] = []
-    fastest = spread([methods[0].seconds(one) for one in laps[methods[0].name]]).median
+    fastest = spread([one.wall for one in laps[methods[0].name]]).median
     for method in methods:
-        seconds = [method.seconds(one) for one in laps[method.name]]
+        seconds = [one.wall for one in laps[method.name]]
         times = spread(seconds)
         same = not method.name.startswith("FastNoise2")
         rows.append(
@@ -121,11 +120,15 @@ def _kernels(context: TimedContext, side: int) -> Iterator[_Method]:
         yield _Method(
             f"this program, {device.platform}",
             device.compute_units,
-            partial(opened.lap, grid.launch),
-            lambda one: one.device,
+            partial(lap, partial(_once, grid)),
             grid.download,
         )
 
 
 def _method(rival: Rival) -> _Method:
-    return _Method(rival.name, rival.threads, lambda: lap(rival.run), lambda one: one.wall, rival.run)
+    return _Method(rival.name, rival.threads, lambda: lap(rival.run), rival.run)
+
+
+def _once(grid: NoiseGrid) -> None:
+    grid.launch()
+    grid.finish()

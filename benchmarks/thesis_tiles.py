@@ -34,7 +34,7 @@ OURS = "this program"
 ASKED = 10.0
 """How many times as fast as the thesis's way at equal error the tiles shall be."""
 
-_GROUNDS = (BARE, "valley_river")
+_GROUNDS = (BARE, "valley_river", "alpine_range")
 _CONVERGED = Sampling(64, 5)
 _SAMPLINGS = (Sampling(8, 1), Sampling(8, 3), Sampling(8, 5), Sampling(16, 5))
 _TRUTH = "converged"

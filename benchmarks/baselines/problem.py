@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 __all__ = ["Absent", "NoiseProblem", "Rival", "in_threads"]
+
+_BANDS = 4  # a thread: where one is held up, the others do more
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,12 @@ class Absent:
 
 
 def in_threads(rows: Callable[[int, int], object], *, side: int, threads: int) -> None:
-    """Call ``rows(first, last)`` for as many bands of rows as there are threads, at the same time."""
-    bounds = [side * i // threads for i in range(threads + 1)]
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(rows, bounds[:-1], bounds[1:]))
+    """Call ``rows(first, last)`` for bands of rows, four a thread; threads are kept for the next call."""
+    bands = min(_BANDS * threads, side)
+    bounds = [side * i // bands for i in range(bands + 1)]
+    list(_pool(threads).map(rows, bounds[:-1], bounds[1:]))
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads)

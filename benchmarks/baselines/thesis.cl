@@ -6,6 +6,7 @@
 
 #define UNSKEW R(0.21132486540518713)  // (3 - sqrt 3) / 6
 #define SKEWED R(0.3660254037844386)   // (sqrt 3 - 1) / 2
+#define HILL_OCTAVES 6                 // "several" in section 3.5
 
 // One of eight directions from the table, as in Perlin's simplex noise (Gustavson 2005).
 inline REAL corner(__global const int *permutation, int i, int j, REAL dx, REAL dy)
@@ -34,6 +35,18 @@ inline REAL simplex(__global const int *permutation, REAL x, REAL y)
     return R(40) * sum;
 }
 
+// NoiseOctaves of section 3.5: its first octave has amplitude 1, each next one is `gain` times that.
+inline REAL fractal(__global const int *permutation, REAL x, REAL y, int octaves, REAL gain)
+{
+    REAL sum = R(0), amplitude = R(1), frequency = R(1);
+    for (int i = 0; i < octaves; ++i) {
+        sum += amplitude * simplex(permutation, x * frequency, y * frequency);
+        frequency *= 2;
+        amplitude *= gain;
+    }
+    return sum;
+}
+
 // A Catmull-Rom segment at t: x, y, height of the water, half width.
 inline REAL4 spline_at(__global const REAL4 *p, REAL t)
 {
@@ -46,14 +59,15 @@ inline REAL4 spline_at(__global const REAL4 *p, REAL t)
 
 // Heights of one tile with a border of one vertex, row 0 northernmost.
 //   permutation  512: the numbers 0 ... 255, shuffled, twice
-//   feature      REAL4: x, y, radius, height, m
+//   feature      REAL4: x, y, radius, height, m; the first `hills` of them are hills, the others mountains
 //   segment      4 REAL4 each: control points x, y, height of the water, half width
-//   reach        m: how far a river's valley reaches; depth: of its bed, m
+//   reach        one a segment, m: how far the river's valley reaches there; depth: of its bed, m
 //   samples      of a segment in each of `rounds`; a round looks around the best sample of the one before
 // Global size: (side, side).
 __kernel void thesis_heights(__global const int *permutation, int octaves, REAL wavelength, REAL gain, REAL relief,
-                             __global const REAL4 *feature, int features, __global const REAL4 *segment, int segments,
-                             REAL reach, REAL depth, int samples, int rounds, REAL west, REAL north, REAL spacing,
+                             __global const REAL4 *feature, int hills, int features,
+                             __global const REAL4 *segment, int segments,
+                             __global const REAL *reach, REAL depth, int samples, int rounds, REAL west, REAL north, REAL spacing,
                              int side, __global REAL *height)
 {
     const int column = get_global_id(0);
@@ -61,21 +75,20 @@ __kernel void thesis_heights(__global const int *permutation, int octaves, REAL 
     const REAL x = west + (column - 1) * spacing;
     const REAL y = north - (row - 1) * spacing;
 
-    REAL z = R(0);
-    REAL frequency = R(1) / wavelength;
-    REAL amplitude = relief * (R(1) - gain);
-    for (int i = 0; i < octaves; ++i) {
-        z += amplitude * simplex(permutation, x * frequency, y * frequency);
-        frequency *= 2;
-        amplitude *= gain;
-    }
+    REAL z = relief * (R(1) - gain) * fractal(permutation, x / wavelength, y / wavelength, octaves, gain);
     for (int k = 0; k < features; ++k) {
         const REAL4 f = feature[k];
         const REAL t = sqrt((x - f.s0) * (x - f.s0) + (y - f.s1) * (y - f.s1)) / f.s2;
-        if (t < R(1)) z += f.s3 * cubic(t);
+        if (t < R(1)) {
+            // A fractal of its own gives each feature a distinct and natural look: hills as a multiplier, mountains
+            // down to the finest detail and by a sum of cubics of which one has a sharp tip.
+            const REAL own = fractal(permutation, x / f.s2 + k, y / f.s2 - k, k < hills ? HILL_OCTAVES : octaves, gain);
+            if (k < hills) z += f.s3 * cubic(t) * (R(1) + R(0.2) * own);
+            else z += f.s3 * (R(0.7) * cubic(t) + R(0.3) * cubic(2 * t) + R(0.1) * (cubic(t) + cubic(sqrt(t))) * own);
+        }
     }
 
-    REAL nearest = reach;
+    REAL nearest = R(1e30), wide = R(0);
     REAL4 at = (REAL4)(R(0));
     for (int k = 0; k < segments; ++k) {
         REAL low = R(0), high = R(1);
@@ -94,17 +107,18 @@ __kernel void thesis_heights(__global const int *permutation, int octaves, REAL 
                 if (d < nearest) {
                     nearest = d;
                     at = p;
+                    wide = reach[k];
                 }
             }
             low = real_max(best_t - step, R(0));
             high = real_min(best_t + step, R(1));
         }
     }
-    if (nearest < reach) {
+    if (nearest < wide) {
         // z = b z_enforced + (1 - b) z_terrain: a bed, and from the water's edge on the water's height.
         const REAL across = nearest / at.s3;
         const REAL bed = at.s2 - depth * real_max(R(1) - across * across, R(0));
-        const REAL b = cubic(real_max(nearest - at.s3, R(0)) / (reach - at.s3));
+        const REAL b = cubic(real_max(nearest - at.s3, R(0)) / (wide - at.s3));
         z = b * bed + (R(1) - b) * z;
     }
     height[row * side + column] = z;

@@ -3,7 +3,8 @@
 Noise from a permutation table, all octaves at every level, iterated sampling of splines with square roots,
 one launch of each kernel a tile, normals by finite differences. Where the thesis leaves a choice it gets the
 cheaper one: features and pieces of rivers that can't reach a tile are left out on the host, before the clock
-starts; hills and mountains are the thesis's cubic cones; there are no materials and no parents.
+starts; a hill's own fractal has six octaves (it says "several"); there are no dunes, lakes, materials and
+parents.
 """
 
 from __future__ import annotations
@@ -31,9 +32,8 @@ __all__ = ["Sampling", "ThesisTiles"]
 
 _FILE = "baselines/thesis.cl"
 _SIDE = QUADS + 3
-_RISING = ("mountain", "hill")
+_RISING = ("hill", "mountain")
 _DEPTH = 2.0  # m, of a river's bed
-_REACH = 20.0  # half widths that a valley reaches
 
 
 @dataclass(frozen=True)
@@ -73,21 +73,23 @@ class ThesisTiles:
             *(real.type(ground[name]) for name in ("wavelength", "roughness")),
             real.type(ground["relief"] / 2),
         )
-        features, segments = _rising(recipe), _segments(recipe)
-        reach = _REACH * float(segments[:, 1:3, 3].max()) if len(segments) else 0.0
-        self._valley = (real.type(reach), real.type(_DEPTH))
+        (features, hill), segments = _rising(recipe), _segments(recipe)
+        reach = _reaches(recipe)
         self._tiles: list[tuple[Any, ...]] = []
         for _, column, row in keys:
             west, south = column * width, row * width
-            f = features[_reaching(features[:, :2], features[:, 2], west, south, width)]
+            near = _reaching(features[:, :2], features[:, 2], west, south, width)
+            f = features[near]
             middle = segments[:, 1:3, :2].mean(axis=1)
             # A piece stays within its control points' spread of its middle.
             spread = np.ptp(segments[:, :, :2], axis=1).max(axis=1, initial=0.0)
-            s = segments[_reaching(middle, spread + reach, west, south, width)]
+            along = _reaching(middle, spread + reach, west, south, width)
+            s = segments[along]
             self._tiles.append(
                 (
-                    *(context.upload(f.astype(real)), np.int32(len(f))),
+                    *(context.upload(f.astype(real)), np.int32(np.sum(hill[near])), np.int32(len(f))),
                     *(context.upload(s.astype(real)), np.int32(len(s))),
+                    *(context.upload(reach[along].astype(real)), real.type(_DEPTH)),
                     *(real.type(west), real.type(south + width)),
                 )
             )
@@ -103,7 +105,7 @@ class ThesisTiles:
         inner = (QUADS + 1, QUADS + 1)
         for number, (*near, west, north) in enumerate(self._tiles):
             place = (west, north, spacing, side)
-            heights = (*self._noise, *near, *self._valley, *looking, *place, self._height)
+            heights = (*self._noise, *near, *looking, *place, self._height)
             normals = (self._height, side, spacing, np.int32(number), self._inner, self._normal)
             context.launch(_FILE, "thesis_heights", (_SIDE, _SIDE), *heights)
             context.launch(_FILE, "thesis_normals", inner, *normals)
@@ -115,11 +117,14 @@ class ThesisTiles:
         return self._context.download(self._inner, shape, self._context.real_dtype)
 
 
-def _rising(recipe: TerrainRecipe) -> Reals:
-    """Return x, y, radius and height of the hills and mountains, shape (n, 4)."""
-    kinds = [FEATURE_TYPES.index(name) for name in _RISING]
-    rising = recipe.painted[np.isin(recipe.painted["type"], kinds)]
-    return np.stack([rising[name] for name in ("x", "y", "radius", "strength")], axis=-1).astype(np.float64)
+def _rising(recipe: TerrainRecipe) -> tuple[Reals, npt.NDArray[np.bool_]]:
+    """Return x, y, radius and height of hills, then of mountains, shape (n, 4), and which are hills."""
+    parts = [recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index(name)] for name in _RISING]
+    rising = np.concatenate(parts)
+    numbers = np.stack([rising[name] for name in ("x", "y", "radius", "strength")], axis=-1).astype(
+        np.float64
+    )
+    return numbers, np.arange(len(rising)) < len(parts[0])
 
 
 def _segments(recipe: TerrainRecipe) -> Reals:
@@ -132,6 +137,16 @@ def _segments(recipe: TerrainRecipe) -> Reals:
         padded[:, 3] = np.maximum(padded[:, 3], points[:, 3].min())
         pieces.append(np.stack([padded[i : i + 4] for i in range(len(points) - 1)]))
     return np.concatenate(pieces)
+
+
+def _reaches(recipe: TerrainRecipe) -> Reals:
+    """Return how far the rivers' valleys reach, m, for each piece: as far as this program's."""
+    parts = [np.empty(0)]
+    for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
+        apart = river.points[:, None, :2] - river.centreline[None, :, :2]
+        far = reach[np.argmin(np.linalg.norm(apart, axis=-1), axis=1)]
+        parts.append(np.maximum(far[1:], far[:-1]))
+    return np.concatenate(parts)
 
 
 def _reaching(centre: Reals, radius: Reals, west: float, south: float, width: float) -> npt.NDArray[np.bool_]:

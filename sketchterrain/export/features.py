@@ -25,7 +25,11 @@ __all__ = ["write_features"]
 
 _CENTIMETRES = 2  # decimals of an outline
 # What only some types have; for the others the field says nothing.
-_ONLY = {"mountain": ("peakiness",), "dune": ("wavelength", "wind")}
+_ONLY = {
+    "mountain": ("peakiness", "erosion", "gullies"),
+    "hill": ("erosion", "gullies"),
+    "dune": ("wavelength", "wind"),
+}
 
 
 def write_features(folder: Path, features: TerrainFeatures) -> tuple[Path, ...]:

@@ -22,10 +22,15 @@ FEATURE: Final = np.dtype(
         ("peakiness", "f4"),  # mountain: 0 rounded .. 1 sharp; forest: see `conifer_code`; 0 for the others
         ("wavelength", "f4"),  # dune: m from crest to crest; 0 for the others
         ("wind", "f4"),  # dune: degrees the wind blows from; 0 for the others
+        ("erosion", "f4"),  # mountain, hill: 0 no gullies .. 1 deep ones
+        ("gullies", "f4"),  # mountain, hill: width of the widest gullies, in radii
         ("painted", "?"),  # False for features that fill unpainted ground
     ]
 )
 """One placed feature. Arrays of it are sorted by id, the order in which terrain sums them."""
+
+STYLE: Final = ("peakiness", "wavelength", "wind", "erosion", "gullies")
+"""What a feature has as its label says it, by the names of the label's parameters; 0 where it has none."""
 
 FILL_BIT: Final = np.uint64(1 << 63)
 """Set in the id of every feature that fills unpainted ground."""

@@ -17,14 +17,18 @@ from sketchterrain.features.catalogue import (
     conifer_share,
 )
 from sketchterrain.features.river_edits import concerns_lake, concerns_river
-from sketchterrain.sketch import ACTIONS, Edit
+from sketchterrain.sketch import ACTIONS, LAYERS, Edit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from sketchterrain.features.fill import Fill
 
-_STYLE = {"mountain": ("peakiness",), "dune": ("wavelength", "wind")}
+_STYLE = {
+    "mountain": ("peakiness", "erosion", "gullies"),
+    "hill": ("erosion", "gullies"),
+    "dune": ("wavelength", "wind"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +190,14 @@ def _stored(edit: Edit) -> Points:
     """Return the feature that a lock or an addition holds."""
     row = np.zeros(1, dtype=FEATURE)
     row["id"], row["painted"] = edit.feature, not _of_fill(edit)
-    row["type"] = FEATURE_TYPES.index(cast(str, edit.type))
-    table = ACTIONS[edit.action].values
+    name = cast(str, edit.type)
+    row["type"] = FEATURE_TYPES.index(name)
+    # What is not given is as the type's own labels have it.
+    table = {**ACTIONS[edit.action].values, **LAYERS[name].parameters}
     given = {key: edit.values.get(key, parameter.default) for key, parameter in table.items()}
-    for key in ("x", "y", "radius", "strength", *_STYLE.get(cast(str, edit.type), ())):
+    for key in ("x", "y", "radius", "strength", *_STYLE.get(name, ())):
         row[key] = given[key]
-    if edit.type == "forest":
+    if name == "forest":
         row["peakiness"] = conifer_code(cast(float, given["conifers"]))
     return row
 

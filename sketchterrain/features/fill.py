@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, Points, conifer_code
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, STYLE, Points, conifer_code
 from sketchterrain.features.fill_proposals import Proposal, proposals_of
 from sketchterrain.features.hashing import hashed, unit
 from sketchterrain.features.memory import ShapeMemory
@@ -220,7 +220,7 @@ class Fill:
         else:
             strength = properties["height"] * (radius / proposal.high) ** 0.8 * (0.8 + 0.2 * chance)
         features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius)
-        for field in ("peakiness", "wavelength", "wind"):
+        for field in STYLE:
             features[field] = properties.get(field, 0.0)
         if proposal.name == "forest":
             features["peakiness"] = conifer_code(float(properties["conifers"]))

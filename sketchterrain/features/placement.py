@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points, conifer_code
+from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, STYLE, Points, conifer_code
 from sketchterrain.features.density import cubic
 from sketchterrain.features.density_memory import Named
 from sketchterrain.features.hashing import unit
@@ -184,7 +184,7 @@ def _features(sketch: Sketch, name: str, users: npt.NDArray[np.void], positions:
         properties = sketch.properties(name, int(label))
         strength = properties["density" if name == "forest" else "height"] * users["share"][of_label]
         result["strength"][of_label] = np.minimum(strength, rule.most_slope * disc[of_label])
-        for field in ("peakiness", "wavelength", "wind"):
+        for field in STYLE:
             result[field][of_label] = properties.get(field, 0.0)
         if name == "forest":
             result["peakiness"][of_label] = conifer_code(float(properties["conifers"]))

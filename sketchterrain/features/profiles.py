@@ -17,7 +17,7 @@ SHOWN: Final = 0.25
 
 _STEEPEST = 0.6  # added to the flank at fidelity 1
 _LOOSE = 0.6  # fidelity up to which flanks are as gentle as they can be
-_POINTED = 4.0  # of hills' tops: 0 is (1 - s²)², without end (1 - s)²
+_TIP = 0.12  # share of a radius over which a mountain's tip is rounded
 _CUT_IN = 0.25  # how much farther a mountain reaches at fidelity 0, as valleys cut into its outline
 _HALVINGS = 30
 
@@ -41,14 +41,32 @@ def hill_profile(t: Floats, steepness: float | Floats) -> Floats:
     nearly (1 - s)², but level at s = 0.
     """
     s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
-    left = (1.0 - s) * (1.0 + (1.0 + _POINTED) * s) / (1.0 + _POINTED * s)
-    return np.asarray(left * left)
+    return np.asarray((1.0 - s) ** 2 * (1.0 + s * (2.0 + s * (1.4 * s - 3.0))))
+
+
+def hill_slope(t: Floats, steepness: float | Floats) -> Floats:
+    """Return how a hill's profile changes with the distance."""
+    s = np.maximum(1.0 - steepness * (1.0 - np.minimum(t, 1.0)), 0.0)
+    swell = 1.0 + s * (2.0 + s * (1.4 * s - 3.0))
+    return np.asarray(steepness * (1.0 - s) * ((1.0 - s) * (2.0 + s * (4.2 * s - 6.0)) - 2.0 * swell))
 
 
 def mountain_profile(t: Floats, peakiness: float | Floats, steepness: float | Floats) -> Floats:
-    """Return what a mountain keeps of its height: a hill's profile and a tip (1 - t)², by peakiness."""
+    """Return what a mountain keeps of its height: a hill's profile and a round tip (1 - t)², by peakiness."""
     share = 0.1 + 0.6 * peakiness
-    return np.asarray((1.0 - share) * hill_profile(t, steepness) + share * np.maximum(1.0 - t, 0.0) ** 2)
+    tip = (1.0 - _rounded(t)) ** 2 / (1.0 - 0.5 * _TIP) ** 2
+    return np.asarray((1.0 - share) * hill_profile(t, steepness) + share * tip)
+
+
+def mountain_slope(t: Floats, peakiness: float | Floats, steepness: float | Floats) -> Floats:
+    """Return how a mountain's profile changes with the distance."""
+    share = 0.1 + 0.6 * peakiness
+    tip = -2.0 * (1.0 - _rounded(t)) * np.minimum(t / _TIP, 1.0) / (1.0 - 0.5 * _TIP) ** 2
+    return np.asarray((1.0 - share) * hill_slope(t, steepness) + share * tip)
+
+
+def _rounded(t: Floats) -> Floats:
+    return np.where(t < _TIP, 0.5 * (t * t / _TIP + _TIP), np.minimum(t, 1.0))
 
 
 def area_profile(t: Floats) -> Floats:

@@ -32,7 +32,7 @@ LARGEST_FILE = 64 << 20
 LARGEST_TOTAL = 256 << 20
 """The most bytes of all files of a sketch together."""
 
-_LARGEST_SETTINGS = 1 << 20
+_LARGEST_SETTINGS = 2 << 20
 _OTHER_IMAGES = frozenset({".jpg", ".jpeg", ".gif", ".bmp", ".tif", ".tiff", ".webp"})
 
 

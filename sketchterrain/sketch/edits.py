@@ -64,6 +64,8 @@ _FEATURE = Parameter("feature", int, 0, 0, 2**64 - 1, "", "id of the feature, as
 _SHAPE = (_TYPE, _X, _Y, _RADIUS, _STRENGTH)
 _STYLE = table_of(
     LAYERS["mountain"].parameters["peakiness"],
+    LAYERS["mountain"].parameters["erosion"],
+    LAYERS["mountain"].parameters["gullies"],
     LAYERS["dune"].parameters["wavelength"],
     LAYERS["dune"].parameters["wind"],
     LAYERS["forest"].parameters["conifers"],
@@ -99,7 +101,8 @@ class Edit:
     feature
         Id of the feature or river that it changes. That of an ``add`` is made from its values, whatever is
         given here.
-    type, x, y, radius, strength, peakiness, wavelength, wind, conifers, index, from_x, from_y, width
+    type, x, y, radius, strength, peakiness, erosion, gullies, wavelength, wind, conifers, index, from_x,
+    from_y, width
         Values by the names in `ACTIONS`, None where there is none.
 
     Raises
@@ -116,6 +119,8 @@ class Edit:
     radius: float | None = None
     strength: float | None = None
     peakiness: float | None = None
+    erosion: float | None = None
+    gullies: float | None = None
     wavelength: float | None = None
     wind: float | None = None
     conifers: float | None = None

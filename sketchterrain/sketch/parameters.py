@@ -68,6 +68,15 @@ def _density(name: str, what: str) -> Parameter:
     return Parameter(name, float, 0.0, 0.0, 100.0, "1/km²", f"{what} per km² where nothing is painted")
 
 
+def _erosion(default: float) -> tuple[Parameter, Parameter]:
+    return (
+        Parameter(
+            "erosion", float, default, 0.0, 1.0, "", "how deep water has cut its gullies; 0 is not at all"
+        ),
+        Parameter("gullies", float, 0.5, 0.02, 1.0, "", "width of the widest gullies, over the radius"),
+    )
+
+
 SKETCH: Mapping[str, Parameter] = table_of(
     Parameter("name", str, "Untitled", 0, 200, "characters", "what the sketch is called"),
     Parameter("extent", float, 4096.0, 1.0, 1e6, "m", "length of the sketch's longer side"),
@@ -117,6 +126,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 table_of(
                     Parameter("height", float, 600.0, 1.0, 9000.0, "m", "from foot to summit"),
                     Parameter("peakiness", float, 0.5, 0.0, 1.0, "", "0 is a broad dome, 1 is a sharp peak"),
+                    *_erosion(0.7),
                     _multitude(1, "mountains"),
                 ),
             ),
@@ -127,6 +137,7 @@ LAYERS: Mapping[str, Layer] = MappingProxyType(
                 "where hills roll",
                 table_of(
                     Parameter("height", float, 80.0, 1.0, 2000.0, "m", "from foot to top"),
+                    *_erosion(0.3),
                     _multitude(6, "hills"),
                 ),
             ),

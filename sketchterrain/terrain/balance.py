@@ -34,7 +34,8 @@ _PLACES = 240
 _FEWEST_PLACES = 12
 _WIDE = 0.04  # of the extent: ground radius from which on a feature gets all places
 _TOP = 0.35  # radii around the centre
-_SAY = 0.1  # share of the sum of fourth powers from which on a feature answers for the height of a place
+_POWER = {"mountain": 4, "hill": 2}  # of heights, by which they join (``kernels/features.clh``)
+_SAY = 0.1  # share of the sum of powers from which on a feature answers for the height of a place
 _MISSED = 1.025  # what the places miss of the highest point, on average over the presets
 _CELLS_PER_EXTENT = 4096
 _GOLDEN_ANGLE = 2.399963229728653
@@ -43,9 +44,9 @@ _GOLDEN_ANGLE = 2.399963229728653
 def balanced(recipe: TerrainRecipe, *, locked: npt.NDArray[np.bool_] | None = None) -> Points:
     """Return a recipe's painted features with the strengths of mountains and of hills solved for.
 
-    Heights of one type add up as ``(sum h^4)^(1/4)`` (``kernels/features.clh``) and are then raised and
-    lowered by ridges or swells. Fixed-point iteration: each strength is scaled by asked height over the
-    greatest height that is reached around the feature's centre, where it outweighs the others.
+    Heights of one type add up as ``(sum h^p)^(1/p)`` and are then raised and lowered by
+    ridges or swells. Fixed-point iteration: each strength is scaled by asked height over the greatest height
+    that is reached around the feature's centre, where it outweighs the others.
 
     Parameters
     ----------
@@ -67,7 +68,9 @@ def balanced(recipe: TerrainRecipe, *, locked: npt.NDArray[np.bool_] | None = No
 
 def _solved(recipe: TerrainRecipe, features: Points, free: npt.NDArray[np.bool_], name: str) -> Reals:
     places, owner, first = _places(recipe, features)
-    at, of, weight = _weights(recipe, features, places, name)
+    at, of, height = _heights(recipe, features, places, name)
+    power = _POWER[name]
+    weight = height**power
     own = np.zeros(len(places))
     mine = owner[at] == of
     own[at[mine]] = weight[mine]
@@ -75,12 +78,12 @@ def _solved(recipe: TerrainRecipe, features: Points, free: npt.NDArray[np.bool_]
     least = (_LEAST_SHARE + (_LEAST_SHARE_HELD - _LEAST_SHARE) * recipe.fidelity**8) * asked
     strength = asked.copy()
     for _ in range(_ROUNDS):
-        total = np.bincount(at, weights=strength[of] ** 4 * weight, minlength=len(places))
+        total = np.bincount(at, weights=strength[of] ** power * weight, minlength=len(places))
         # Ground that mostly belongs to other features is theirs to judge, but for the centre.
-        counts = own * strength[owner] ** 4 >= _SAY * total
+        counts = own * strength[owner] ** power >= _SAY * total
         counts[first] = True
         highest = np.maximum.reduceat(np.where(counts, total, 0.0), first)
-        reached = _MISSED * np.sqrt(np.sqrt(highest))
+        reached = _MISSED * highest ** (1 / power)
         scale = asked / np.where(free, np.maximum(reached, 1e-3 * asked), 1.0)
         strength = np.where(free, np.maximum(strength * scale, least), asked)
     return strength
@@ -103,10 +106,10 @@ def _places(
     return np.stack([x, y], axis=-1), owner, first
 
 
-def _weights(
+def _heights(
     recipe: TerrainRecipe, features: Points, places: Reals, name: str
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Reals]:
-    """Pair places with features that reach them: place, feature, fourth power of the height per strength."""
+    """Pair places with features that reach them: place, feature, height per strength."""
     x, y = (to_lattice(places[:, axis], recipe.extent) for axis in (0, 1))
     relief = relief_of(recipe, x, y, cell_size=recipe.extent / _CELLS_PER_EXTENT)
     radius = features["radius"].astype(np.float64)
@@ -114,13 +117,15 @@ def _weights(
     found = cKDTree(places).query_ball_point(centre, radius * support_radii(recipe))
     of = np.repeat(np.arange(len(features)), [len(near) for near in found])
     at = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
-    offset = (places[at] - centre[of]) / radius[of, None] + relief.bend[at]
+    bend = np.stack([each.value for each in relief.bend], axis=-1)
+    offset = (places[at] - centre[of]) / radius[of, None] + bend[at]
     t = np.sqrt(np.sum(offset * offset, axis=1))
     if name == "mountain":
         peakiness = features["peakiness"][of].astype(np.float64)
-        t = np.maximum(t - relief.spur[at], 0.0)
-        height = mountain_profile(t, peakiness, recipe.flank) * relief.ridges[at]
+        rest = np.maximum(1 - t, 0)
+        t = np.maximum(t - relief.spur.value[at] * (1 - rest * rest), 0.0)
+        height = mountain_profile(t, peakiness, recipe.flank) * relief.ridges.value[at]
     else:
-        height = hill_profile(t, recipe.flank) * relief.swell[at]
+        height = hill_profile(t, recipe.flank) * relief.swell.value[at]
     kept = height > 0.0
-    return at[kept], of[kept], height[kept] ** 4
+    return at[kept], of[kept], height[kept]

@@ -118,7 +118,9 @@ def as_arcs(
     )
     curve, u = _curve(river)
     kept = _kept(river, line, _met(river, meeting))
-    if float(river.centreline_width.max()) > 2.0 * cell_size:  # else there is no channel that water could leave
+    if (
+        float(river.centreline_width.max()) > 2.0 * cell_size
+    ):  # else there is no channel that water could leave
         kept |= _steep(river)
     cuts = np.union1d(u[kept], np.arange(len(curve) + 1.0))
     cubic = np.minimum(cuts[:-1].astype(np.intp), len(curve) - 1)

@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FINEST_WAVELENGTH",
+    "SKEW",
     "SKEW_OTHER",
     "SKEW_SAME",
     "STRIDES",
+    "UNSKEW",
     "NoiseStack",
     "OctaveTable",
     "band_weight",
@@ -37,6 +39,10 @@ STRIDES = (0x9E3779B1, 0x85EBCA77)
 """What a step from cell to cell adds to the hash, along u and along v."""
 
 _SKEW_BITS = 10
+SKEW = SKEW_OTHER / 2**_SKEW_BITS
+UNSKEW = SKEW / (1 + 2 * SKEW)
+"""How positions are skewed into a simplex lattice, and how vectors come back."""
+
 # A lattice is shifted by so many bits of a cell: few enough that the last is a whole step of any tile that
 # shows the octave, many enough that no two octaves line up.
 _OFFSET_CELL_BITS = 11

@@ -25,10 +25,11 @@ __all__ = ["PackedFeatures", "PackedRivers", "PackedWorld", "pack_features", "pa
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
 _RIDGE_DEPTH = 0.62
-_RIDGE_MEAN = 0.64
-_RIDGE_WARP = 0.3
 # Ridges push outlines further than the warp does; the noise stays within [-1, 1].
 _SPUR_WARPS = 1.5
+# How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
+_GULLY_DEPTH = 0.09
+_CRAG_DEPTH = 0.06
 _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
 _SLOTS = ("mountain", "hill", "forest")
@@ -60,8 +61,9 @@ class PackedFeatures:
     ----------
     at : ndarray of int64, shape (n, 2)
         Centres, lattice units.
-    shape : ndarray of float64, shape (n, 4)
-        1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``).
+    shape : ndarray of float64, shape (n, 8)
+        1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``),
+        erosion, widest gully (m), 0, 0.
     support : ndarray of float64, shape (n,)
         Metres from the centre beyond which there is no effect.
     slot : ndarray of int64, shape (n,)
@@ -111,13 +113,14 @@ def pack_world(recipe: TerrainRecipe, cell_size: float, *, real: npt.DTypeLike) 
     unit = metres_per_unit(recipe.extent)
     reals = {
         "metres_per_unit": unit,
+        "units_per_metre": 1 / unit,
         "inverse_cell": 1 / cell,
         "half_relief": recipe.ground["relief"] / 2 * _GROUND_SPAN,
         "warp": recipe.warp,
         "ridge_depth": _RIDGE_DEPTH,
-        "ridge_mean": _RIDGE_MEAN,
-        "ridge_warp": _RIDGE_WARP * recipe.ridge_wavelength / unit,
         "spur": _SPUR_WARPS * recipe.warp,
+        "gully_depth": _depth_scale("gully", recipe, _GULLY_DEPTH),
+        "crag_depth": _depth_scale("crag", recipe, _CRAG_DEPTH),
     }
     integers = {}
     for name, (first, last) in octaves.ranges.items():
@@ -126,6 +129,14 @@ def pack_world(recipe: TerrainRecipe, cell_size: float, *, real: npt.DTypeLike) 
     dtype = np.dtype([(name, real) for name in reals] + [(name, np.int32) for name in integers], align=True)
     scalars = np.array([(*reals.values(), *integers.values())], dtype=dtype)
     return PackedWorld(scalars, _pack_styles(recipe, cell, real), octaves)
+
+
+def _depth_scale(stack: str, recipe: TerrainRecipe, depth: float) -> float:
+    """Return metres per amplitude of a stack whose octaves are each ``depth`` of their wavelength deep."""
+    chosen = next(each for each in recipe.stacks if each.name == stack)
+    unit = metres_per_unit(recipe.extent)
+    longest = 2.0 ** round(np.log2(chosen.wavelength / unit)) * unit
+    return float(depth * longest / (1 - chosen.gain))
 
 
 def _pack_styles(recipe: TerrainRecipe, cell: float, real: npt.DTypeLike) -> npt.NDArray[np.void]:
@@ -171,11 +182,13 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     fade = fade * fade * (3 - 2 * fade)
     kept = fade > 0
     features, radius, fade = features[kept], radius[kept], fade[kept]
-    shape = np.zeros((features.size, 4))
+    shape = np.zeros((features.size, 8))
     shape[:, 0] = 1 / radius
     shape[:, 1] = features["strength"] * fade
     shape[:, 2] = features["peakiness"]
     shape[:, 3] = np.where(features["painted"], recipe.flank, 1.0)
+    shape[:, 4] = features["erosion"]
+    shape[:, 5] = features["gullies"] * radius
     at = to_lattice(np.stack([features["x"], features["y"]], axis=-1), recipe.extent)
     # A little more for rounding.
     support = radius * support_radii(recipe) * (1 + 1e-5) + 2 * metres_per_unit(recipe.extent)

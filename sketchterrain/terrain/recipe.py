@@ -135,9 +135,11 @@ class TerrainRecipe:
         crest = min(self.extent * _CREST_SHARE, _LONGEST_CREST)
         return (
             NoiseStack("ground", self.ground["wavelength"], self.ground["roughness"]),
-            NoiseStack("warp_u", outline, 0.55, most=6),
-            NoiseStack("warp_v", outline, 0.55, most=6),
-            NoiseStack("ridge", self.ridge_wavelength, 0.42),
+            NoiseStack("warp_u", outline, 0.45, most=3),
+            NoiseStack("warp_v", outline, 0.45, most=3),
+            NoiseStack("ridge", self.ridge_wavelength, 0.42, most=2),
+            NoiseStack("gully", self.extent / 16, 0.5, most=8),
+            NoiseStack("crag", self.extent / 512, 0.5),
             NoiseStack("crest", crest, 0.42, most=4),
             NoiseStack("mottle", self.extent / 12, 0.62, most=8),
         )

@@ -11,18 +11,28 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.features.profiles import area_profile, cubic, hill_profile, mountain_profile
+from sketchterrain.features.profiles import area_profile, cubic
 from sketchterrain.terrain.arcs import nearest_on_arc
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import pack_features, pack_rivers, pack_world
 from sketchterrain.terrain.reference_lakes import lay_lakes
-from sketchterrain.terrain.reference_noise import fbm, ridged
+from sketchterrain.terrain.reference_noise import Slope, fbm
+from sketchterrain.terrain.reference_relief import (
+    Relief,
+    Rise,
+    Site,
+    crags,
+    gullies,
+    hills,
+    mountains,
+    relief_at,
+    risen,
+)
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.packing import PackedFeatures, PackedRivers
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -30,6 +40,10 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
 
 __all__ = ["ReferenceGround", "Relief", "reference_ground", "reference_heights", "relief_of"]
+
+
+_ZERO = np.zeros(1)
+_LEVEL = Rise(Slope(_ZERO, _ZERO, _ZERO), _ZERO, _ZERO)
 
 
 @dataclass(frozen=True)
@@ -56,43 +70,10 @@ def reference_heights(recipe: TerrainRecipe, x: Reals, y: Reals, *, cell_size: f
     return ground.height.reshape(x.shape)
 
 
-@dataclass(frozen=True)
-class Relief:
-    """What noise makes of mountains and hills at points.
-
-    Attributes
-    ----------
-    bend : (n, 2) float64
-        How far outlines are bent, in radii.
-    swell, ridges : (n,) float64
-        What the heights of hills and of mountains are multiplied by.
-    spur : (n,) float64
-        How far ridges carry the mountains' flanks outward, in radii.
-    """
-
-    bend: Reals
-    swell: Reals
-    ridges: Reals
-    spur: Reals
-
-
 def relief_of(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Relief:
     """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
     world = pack_world(recipe, cell_size, real=np.float64)
-    return _relief(world.scalars[0], world.octaves, x, y)
-
-
-def _relief(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
-    warp_u = np.clip(fbm(octaves, "warp_u", x, y), -1, 1)
-    warp_v = np.clip(fbm(octaves, "warp_v", x, y), -1, 1)
-    bend = float(w["ridge_warp"])
-    ridge = ridged(octaves, "ridge", x, y, bend * warp_u, bend * warp_v) - w["ridge_mean"]
-    return Relief(
-        bend=w["warp"] * np.stack([warp_u, warp_v], axis=-1),
-        swell=1 + 0.4 * warp_u,
-        ridges=1 + w["ridge_depth"] * ridge,
-        spur=w["spur"] * np.clip(ridge, -1, 1),
-    )
+    return relief_at(world.scalars[0], world.octaves, x, y)
 
 
 def reference_ground(
@@ -107,11 +88,14 @@ def reference_ground(
     octaves = world.octaves
 
     height = w["half_relief"] * fbm(octaves, "ground", x, y)
-    relief = _relief(w, octaves, x, y)
-    place = _Place(x, y, relief.bend[:, 0], relief.bend[:, 1], metres_per_unit(recipe.extent))
-    height = height + _hills(packed, place) * relief.swell
-    massif = _mountains(packed, place, relief.spur)
-    height = height + massif * relief.ridges
+    relief = relief_at(w, octaves, x, y)
+    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    massif = mountains(packed, place, relief.spur)
+    rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.ridges)
+    mountain = _smooth(massif.height.value, 20, 100)
+    cut = gullies(w, octaves, x, y, rise)
+    slopes = (a + b for a, b in zip(rise.height[1:], cut[1:], strict=True))
+    height = height + rise.height.value + cut.value + mountain * crags(w, octaves, x, y, *slopes)
     cover, share = _areas(packed, place, slot=2)
     mottle = 2.2 * fbm(octaves, "mottle", x, y)
     forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
@@ -121,7 +105,6 @@ def reference_ground(
         cover, amplitude = _areas(packed, place, slot=3 + number)
         height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
         dune = np.maximum(dune, cover)
-    mountain = _smooth(massif, 20, 100)
     cell = 1 / float(w["inverse_cell"])
     water, lake = np.zeros((2, *x.shape))
     if recipe.lakes:
@@ -134,48 +117,15 @@ def reference_ground(
     return ReferenceGround(height, mountain, dune, forest, water, lake)
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Lattice positions and how far the outlines are bent there, in radii."""
-
-    x: Lattice
-    y: Lattice
-    bend_u: Reals
-    bend_v: Reals
-    unit: float
-
-    def distance(self, packed: PackedFeatures, i: np.intp) -> Reals:
-        """Distance from a feature in radii."""
-        scale = packed.shape[i, 0] * self.unit
-        dx = (self.x - packed.at[i, 0]) * scale + self.bend_u
-        dy = (self.y - packed.at[i, 1]) * scale + self.bend_v
-        return np.asarray(np.sqrt(dx * dx + dy * dy))
-
-
 def _smooth(x: Reals, low: float, high: float) -> Reals:
     t = np.clip((x - low) / (high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t))
 
 
-def _hills(packed: PackedFeatures, place: _Place) -> Reals:
-    total = np.zeros(place.x.shape)
-    for i in np.flatnonzero(packed.slot == 1):
-        total += (packed.shape[i, 1] * hill_profile(place.distance(packed, i), packed.shape[i, 3])) ** 4
-    return np.asarray(np.sqrt(np.sqrt(total)))
-
-
-def _mountains(packed: PackedFeatures, place: _Place, spur: Reals) -> Reals:
-    total = np.zeros(place.x.shape)
-    for i in np.flatnonzero(packed.slot == 0):
-        t = np.maximum(place.distance(packed, i) - spur, 0)
-        total += (packed.shape[i, 1] * mountain_profile(t, *packed.shape[i, 2:])) ** 4
-    return np.asarray(np.sqrt(np.sqrt(total)))
-
-
-def _areas(packed: PackedFeatures, place: _Place, *, slot: int) -> tuple[Reals, Reals]:
+def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Reals, Reals]:
     total, weights, strengths = (np.zeros(place.x.shape) for _ in range(3))
     for i in np.flatnonzero(packed.slot == slot):
-        cover = area_profile(place.distance(packed, i))
+        cover = area_profile(place.approach(packed, i).value)
         total += cover**4
         weights += cover
         strengths += cover * packed.shape[i, 1]
@@ -194,7 +144,7 @@ def _dune_pattern(style: np.void, x: Lattice, y: Lattice, crest: Reals) -> Reals
     return np.asarray(0.35 + (pattern - 0.35) * style["visible"])
 
 
-def _carved(height: Reals, rivers: PackedRivers, place: _Place, *, cell: float) -> tuple[Reals, Reals]:
+def _carved(height: Reals, rivers: PackedRivers, place: Site, *, cell: float) -> tuple[Reals, Reals]:
     weights, nearest = np.zeros(height.shape), np.full(height.shape, 1e30)
     sums = np.zeros((4, *height.shape))
     for i in range(len(rivers.start)):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sketchterrain.terrain.octaves import SKEW_OTHER, SKEW_SAME, STRIDES
+from sketchterrain.terrain.octaves import SKEW, SKEW_OTHER, SKEW_SAME, STRIDES, UNSKEW
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -16,12 +16,10 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["Slope", "fbm", "fbm_slope", "gradients", "ridged", "ridged_slope", "simplex"]
+__all__ = ["Slope", "fbm", "fbm_slope", "gradients", "ridged", "ridged_slope", "simplex", "skewed"]
 
-_SKEW_BITS = 10
-_SKEW = SKEW_OTHER / 2**_SKEW_BITS
-_UNSKEW = _SKEW / (1 + 2 * _SKEW)
 _RIDGE_WEIGHT = 1.5
+_RIDGE_EDGE = 0.125
 
 
 class Slope(NamedTuple):
@@ -67,9 +65,13 @@ def ridged_slope(
     weight, weight_slopes = np.ones(x.shape), np.zeros((2, *x.shape))
     for i in range(*octaves.ranges[stack]):
         noise = _octave(octaves, i, x, y, east, north)
-        edge = np.maximum(1 - np.abs(noise.value), 0)
+        size = np.abs(noise.value)
+        near = size < _RIDGE_EDGE
+        edge = 1 - np.where(near, 0.5 * (size * size / _RIDGE_EDGE + _RIDGE_EDGE), size)
+        lean = np.where(edge > 0, -np.sign(noise.value) * np.where(near, size / _RIDGE_EDGE, 1), 0)
+        edge = np.maximum(edge, 0)
         ridge = edge**2
-        ridge_slopes = np.where(noise.value < 0, 2 * edge, -2 * edge) * np.stack(noise[1:])
+        ridge_slopes = 2 * edge * lean * np.stack(noise[1:])
         amplitude = octaves.scale[i, 0]
         total += amplitude * ridge * weight
         slopes += amplitude * (ridge_slopes * weight + ridge * weight_slopes)
@@ -78,23 +80,35 @@ def ridged_slope(
     return Slope(total, *slopes)
 
 
-def _octave(
-    octaves: OctaveTable, i: int, x: Lattice, y: Lattice, east: Reals | float, north: Reals | float
-) -> Slope:
-    shift, seed, turn, _ = (int(word) for word in octaves.form[i])
+def skewed(
+    octaves: OctaveTable,
+    i: int,
+    x: Lattice,
+    y: Lattice,
+    east: Reals | float = 0.0,
+    north: Reals | float = 0.0,
+) -> tuple[Lattice, Lattice, Reals, Reals]:
+    """Return the cells of an octave's lattice that places bent by (east, north) lie in, and the fractions."""
+    shift, _, turn, _ = (int(word) for word in octaves.form[i])
     inverse = octaves.scale[i, 1]
     if turn:  # the lattice's own directions are the world's north and west
         x, y, east, north = y, -x, north, -np.asarray(east)
     u = SKEW_SAME * x + SKEW_OTHER * y + octaves.offset[i, 0]
     v = SKEW_OTHER * x + SKEW_SAME * y + octaves.offset[i, 1]
     cell_u, cell_v = u >> shift, v >> shift
-    both = (east + north) * _SKEW
+    both = (east + north) * SKEW
     fu = (u - (cell_u << shift)) / 2.0**shift + (east + both) * inverse
     fv = (v - (cell_v << shift)) / 2.0**shift + (north + both) * inverse
     whole_u, whole_v = (np.floor(f).astype(np.int64) for f in (fu, fv))
-    noise = _simplex_in(cell_u + whole_u, cell_v + whole_v, fu - whole_u, fv - whole_v, seed)
-    slopes = (-noise.north, noise.east) if turn else noise[1:]
-    return Slope(noise.value, *(inverse * slope for slope in slopes))
+    return cell_u + whole_u, cell_v + whole_v, fu - whole_u, fv - whole_v
+
+
+def _octave(
+    octaves: OctaveTable, i: int, x: Lattice, y: Lattice, east: Reals | float, north: Reals | float
+) -> Slope:
+    noise = _simplex_in(*skewed(octaves, i, x, y, east, north), int(octaves.form[i, 1]))
+    slopes = (-noise.north, noise.east) if octaves.form[i, 2] else noise[1:]
+    return Slope(noise.value, *(octaves.scale[i, 1] * slope for slope in slopes))
 
 
 def _simplex_in(cell_u: Lattice, cell_v: Lattice, fu: Reals, fv: Reals, seed: int) -> Slope:
@@ -102,7 +116,7 @@ def _simplex_in(cell_u: Lattice, cell_v: Lattice, fu: Reals, fv: Reals, seed: in
     total, slopes = np.zeros(fu.shape), np.zeros((2, *fu.shape))
     for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
         du, dv = fu - iu, fv - iv
-        d = np.stack([du, dv]) - (du + dv) * _UNSKEW
+        d = np.stack([du, dv]) - (du + dv) * UNSKEW
         g = gradients(cell_u + iu, cell_v + iv, seed=seed)
         fade = np.maximum(0.5 - (d * d).sum(axis=0), 0)
         ramp = (g * d).sum(axis=0)

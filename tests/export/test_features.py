@@ -49,8 +49,8 @@ def test_only_the_types_that_have_a_property_tell_it(tmp_path: Path) -> None:
     told = json.loads(path.read_text(encoding="utf-8"))
     own = {entry["type"]: entry.keys() - COMMON for entry in told["features"]}
     assert own == {
-        "mountain": {"peakiness"},
-        "hill": set(),
+        "mountain": {"peakiness", "erosion", "gullies"},
+        "hill": {"erosion", "gullies"},
         "dune": {"wavelength", "wind"},
         "forest": {"conifers"},
     }

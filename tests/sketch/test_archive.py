@@ -183,7 +183,7 @@ def test_ten_gigabytes_of_zeros_take_neither_time_nor_memory(
 
 def test_settings_of_gigabytes_are_refused(packed: Callable[..., Path], refusal: Callable[..., str]) -> None:
     path = packed(("sketch.toml", _SETTINGS + bytes(2 << 20)))
-    assert "sketch.toml: too large: expected at most 1 MiB" in refusal(path)
+    assert "sketch.toml: too large: expected at most 2 MiB" in refusal(path)
 
 
 def test_a_file_larger_than_any_sketch_is_refused_unread(tmp_path: Path, refusal: Callable[..., str]) -> None:

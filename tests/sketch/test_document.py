@@ -59,7 +59,13 @@ def test_replace_shares_what_stays_the_same() -> None:
 
 def test_properties_are_the_declared_ones_over_the_defaults() -> None:
     sketch = Sketch(labels={("mountain", 2): {"height": 900}})
-    assert sketch.properties("mountain", 2) == {"height": 900.0, "peakiness": 0.5, "multitude": 1}
+    assert sketch.properties("mountain", 2) == {
+        "height": 900.0,
+        "peakiness": 0.5,
+        "erosion": 0.7,
+        "gullies": 0.5,
+        "multitude": 1,
+    }
     assert sketch.properties("mountain", np.uint8(1))["height"] == 600.0
     assert isinstance(sketch.properties("mountain", 2)["multitude"], int)
     with pytest.raises(InputError, match=r"unknown layer 'mountin'.*did you mean 'mountain'"):

@@ -114,6 +114,11 @@ CASES = {
         feature("mountain", 2000, 2000, 1200, 1000, peakiness=0.6),
         feature("mountain", 2900, 2300, 900, 700, peakiness=0.2),
     ],
+    "eroded": [
+        feature("mountain", 2000, 2000, 1200, 1000, peakiness=0.6, erosion=0.7, gullies=0.5),
+        feature("mountain", 2900, 2300, 900, 700, peakiness=0.2, erosion=1.0, gullies=0.3),
+        feature("hill", 900, 2900, 700, 200, erosion=0.6, gullies=0.4),
+    ],
     "dune": [
         feature("dune", 2000, 2000, 1500, 18, wavelength=150, wind=250),
         feature("dune", 900, 3000, 700, 9, wavelength=90, wind=10),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 HEIGHT_TOLERANCE_M = 3e-3
 MASK_TOLERANCE = 2e-5
 CELLS = (0.0, 8.0, 64.0)
-WET = {"river": "water", "lake": "water"}
+WET = {"river": "water", "lake": "water", "eroded": "mountain"}
 
 
 def places(count: int = 4000, *, far: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,218 @@
+"""Mountains and hills with their slopes, and the gullies that erosion cuts, in plain NumPy float64.
+
+What ``kernels/features.clh`` and ``kernels/erosion.clh`` are measured against.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.features.profiles import hill_profile, hill_slope, mountain_profile, mountain_slope
+from sketchterrain.terrain.octaves import UNSKEW
+from sketchterrain.terrain.reference_noise import Slope, fbm, fbm_slope, gradients, skewed
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.octaves import OctaveTable
+    from sketchterrain.terrain.packing import PackedFeatures
+
+    Reals = npt.NDArray[np.float64]
+    Lattice = npt.NDArray[np.int64]
+
+__all__ = ["Relief", "Rise", "Site", "crags", "gullies", "hills", "mountains", "relief_at", "risen"]
+
+_MOUNTAIN, _HILL = 0, 1
+_HILL_SWELL = 0.4
+_WAVES, _PIVOT, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 3.2e-10 * 2.0**31, 0.2, 0.2, 0.5, 0.7
+
+
+@dataclass(frozen=True)
+class Relief:
+    """What noise makes of mountains and hills at points; slopes are per metre.
+
+    Attributes
+    ----------
+    bend : (Slope, Slope)
+        How far outlines are bent eastward and northward, in radii.
+    swell, ridges : Slope
+        What the heights of hills and of mountains are multiplied by.
+    spur : Slope
+        How far ridges carry the mountains' flanks outward, in radii.
+    """
+
+    bend: tuple[Slope, Slope]
+    swell: Slope
+    ridges: Slope
+    spur: Slope
+
+
+@dataclass(frozen=True)
+class Rise:
+    """Heights (m) with their slopes, and what erosion does to them: its strength and its widest gully (m)."""
+
+    height: Slope
+    erosion: Reals
+    widest: Reals
+
+
+@dataclass(frozen=True)
+class Site:
+    """Lattice positions, and what noise makes of features there."""
+
+    x: Lattice
+    y: Lattice
+    unit: float
+    bend: tuple[Slope, Slope]
+
+    def approach(self, packed: PackedFeatures, i: np.intp) -> Slope:
+        """Distance from a feature in radii, with its slope per metre."""
+        return approached(
+            np.stack([self.x - packed.at[i, 0], self.y - packed.at[i, 1]]) * self.unit,
+            packed.shape[i, 0],
+            self.bend,
+        )
+
+
+def approached(offset: Reals, inverse_radius: float | Reals, bend: tuple[Slope, Slope]) -> Slope:
+    """Distance in radii at offsets (m), shape (2, n), from a centre, with its slope per metre."""
+    east, north = bend
+    dx, dy = offset[0] * inverse_radius + east.value, offset[1] * inverse_radius + north.value
+    t = np.sqrt(dx * dx + dy * dy)
+    back = 1 / np.maximum(t, 1e-12)
+    return Slope(
+        t,
+        back * (dx * (inverse_radius + east.east) + dy * north.east),
+        back * (dx * east.north + dy * (inverse_radius + north.north)),
+    )
+
+
+def carried(t: Slope, spur: Slope) -> Slope:
+    """Distance that ridges shorten or lengthen: t - spur t(2 - t) up to one radius, t - spur beyond."""
+    rest = np.maximum(1 - t.value, 0)
+    far = 1 - rest * rest
+    gain = 1 - 2 * spur.value * rest
+    return Slope(
+        np.maximum(t.value - spur.value * far, 0),
+        t.east * gain - spur.east * far,
+        t.north * gain - spur.north * far,
+    )
+
+
+def relief_at(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relief:
+    """Return what noise makes of mountains and hills at lattice positions of shape (n,)."""
+    per_metre = float(w["units_per_metre"])
+    east, north = (_warp(octaves, name, x, y, per_metre) for name in ("warp_u", "warp_v"))
+    noise = fbm_slope(octaves, "ridge", x, y)
+    ridge = Slope(noise.value, per_metre * noise.east, per_metre * noise.north)
+    warp, depth = float(w["warp"]), float(w["ridge_depth"])
+    return Relief(
+        bend=(_times(east, warp), _times(north, warp)),
+        swell=_over_one(_times(east, _HILL_SWELL)),
+        ridges=_over_one(_times(ridge, depth)),
+        spur=_times(ridge, float(w["spur"])),
+    )
+
+
+def _warp(octaves: OctaveTable, name: str, x: Lattice, y: Lattice, per_metre: float) -> Slope:
+    noise = fbm_slope(octaves, name, x, y)
+    keep = np.where(np.abs(noise.value) < 1, per_metre, 0)
+    return Slope(np.clip(noise.value, -1, 1), noise.east * keep, noise.north * keep)
+
+
+def _times(slope: Slope, by: float) -> Slope:
+    return Slope(*(part * by for part in slope))
+
+
+def _over_one(slope: Slope) -> Slope:
+    return Slope(1 + slope.value, *slope[1:])
+
+
+def mountains(packed: PackedFeatures, site: Site, spur: Slope) -> Rise:
+    """Join the mountains as (Σ h⁴)^¼."""
+    sums = np.zeros((5, *site.x.shape))
+    for i in np.flatnonzero(packed.slot == _MOUNTAIN):
+        strength, peakiness, flank = packed.shape[i, 1:4]
+        t = carried(site.approach(packed, i), spur)
+        h = strength * mountain_profile(t.value, peakiness, flank)
+        lean = h**3 * strength * mountain_slope(t.value, peakiness, flank)
+        sums += np.stack(
+            [h**4, lean * t.east, lean * t.north, h**4 * packed.shape[i, 4], h**4 * packed.shape[i, 5]]
+        )
+    total = np.maximum(sums[0], 1e-36)
+    return Rise(Slope(*(sums[:3] * total**-0.75)), *(sums[3:] / total))
+
+
+def hills(packed: PackedFeatures, site: Site) -> Rise:
+    """Join the hills as (Σ h²)^½."""
+    sums = np.zeros((5, *site.x.shape))
+    for i in np.flatnonzero(packed.slot == _HILL):
+        strength, flank = packed.shape[i, 1], packed.shape[i, 3]
+        t = site.approach(packed, i)
+        h = strength * hill_profile(t.value, flank)
+        lean = h * strength * hill_slope(t.value, flank)
+        sums += np.stack(
+            [h**2, lean * t.east, lean * t.north, h**2 * packed.shape[i, 4], h**2 * packed.shape[i, 5]]
+        )
+    total = np.maximum(sums[0], 1e-18)
+    return Rise(Slope(*(sums[:3] * total**-0.5)), *(sums[3:] / total))
+
+
+def risen(a: Rise, b: Rise, share: Slope) -> Rise:
+    """One rise upon another, whose heights are multiplied by a share."""
+    height = Slope(
+        a.height.value + b.height.value * share.value,
+        a.height.east + b.height.east * share.value + b.height.value * share.east,
+        a.height.north + b.height.north * share.value + b.height.value * share.north,
+    )
+    say, other = np.maximum(a.height.value, 0), np.maximum(b.height.value, 0)
+    part = other / np.maximum(say + other, 1e-9)
+    return Rise(height, a.erosion + (b.erosion - a.erosion) * part, a.widest + (b.widest - a.widest) * part)
+
+
+def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise) -> Slope:
+    """Return what erosion adds to the height, with its slope per metre, the waves' directions held."""
+    value, east_sum, north_sum = np.zeros((3, *x.shape))
+    for i in range(*octaves.ranges["gully"]):
+        east, north = rise.height.east + east_sum, rise.height.north + north_sum
+        square = east * east + north * north
+        across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
+        cosine, sine, weight = _waves(octaves, i, x, y, -north * across, east * across)
+        even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
+        v = cosine * even
+        per_metre = octaves.scale[i, 1] * w["units_per_metre"]
+        t = np.clip((rise.widest * per_metre - 0.5) * 2, 0, 1)
+        depth = w["gully_depth"] * octaves.scale[i, 0] * rise.erosion * t * t * (3 - 2 * t)
+        depth = depth * square / (square + _GENTLE**2)
+        value = value + depth * (v + _SHARP * (v * v - 0.5))
+        lean = depth * (1 + 2 * _SHARP * v) * -sine * even * 2 * np.pi * per_metre * across
+        east_sum, north_sum = east_sum - lean * north, north_sum + lean * east
+    return Slope(value, east_sum, north_sum)
+
+
+def _waves(
+    octaves: OctaveTable, i: int, x: Lattice, y: Lattice, east: Reals, north: Reals
+) -> tuple[Reals, Reals, Reals]:
+    """Sum an octave's waves (turns a cell eastward and northward) over the corners around each place."""
+    cell_u, cell_v, fu, fv = skewed(octaves, i, x, y)
+    if octaves.form[i, 2]:
+        east, north = north, -east
+    lower = fu > fv
+    sums = np.zeros((3, *x.shape))
+    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
+        du, dv = fu - iu, fv - iv
+        d = np.stack([du, dv]) - (du + dv) * UNSKEW
+        g = gradients(cell_u + iu, cell_v + iv, seed=int(octaves.form[i, 1]))
+        say = np.maximum(0.5 - (d * d).sum(axis=0), 0) ** 2
+        angle = 2 * np.pi * (east * (d[0] - _PIVOT * g[0]) + north * (d[1] - _PIVOT * g[1]))
+        sums += say * np.stack([np.cos(angle), np.sin(angle), np.ones(x.shape)])
+    return sums[0], sums[1], sums[2]
+
+
+def crags(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, east: Reals, north: Reals) -> Reals:
+    """Return what the roughness of bare rock adds to mountains of a slope."""
+    square = east * east + north * north
+    return np.asarray(w["crag_depth"] * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))

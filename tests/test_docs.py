@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from sketchterrain.sketch import reference_table
+from sketchterrain.sketch import reference_table, rule_table
 
 ROOT = Path(__file__).parents[1]
 PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")
@@ -33,3 +33,8 @@ def test_readme_names_every_command() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for name in get_command(app).commands:  # type: ignore[attr-defined]
         assert f"`{name}" in readme, name
+
+
+def test_the_table_of_rules_is_the_programs() -> None:
+    """Write it anew with: python -c 'from sketchterrain.sketch import *; print(rule_table())'."""
+    assert rule_table() in (ROOT / "docs/kernels/materials.md").read_text(encoding="utf-8")

@@ -34,7 +34,7 @@ from sketchterrain.sketch.parameters import (
     TABLES,
     Layer,
 )
-from sketchterrain.sketch.reference import reference_table
+from sketchterrain.sketch.reference import reference_table, rule_table
 
 __all__ = [
     "ACTIONS",
@@ -63,5 +63,6 @@ __all__ = [
     "new_sketch",
     "reference_table",
     "resolved_rules",
+    "rule_table",
     "save_sketch",
 ]

@@ -11,9 +11,11 @@ from sketchterrain.sketch.parameter import Parameter, Value, number_text
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
-__all__ = ["reference_table"]
+    from sketchterrain.sketch.material_rule import Factor, MaterialRule
+
+__all__ = ["reference_table", "rule_table"]
 
 
 def reference_table() -> str:
@@ -31,6 +33,27 @@ def reference_table() -> str:
     return "\n".join([*sections, _rules(), _edits()])
 
 
+def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
+    """Return rules by which materials cover the ground as a Markdown table, from below to the top."""
+    rows = [
+        f"| {number} | `{rule.name}` | {rule.material} | {number_text(rule.cover)} | "
+        f"{'<br>'.join(map(_factor_text, rule.factors))} |"
+        for number, rule in enumerate(rules, 1)
+    ]
+    return "\n".join(["| | rule | material | most | factors |", "|---|---|---|---|---|", *rows])
+
+
+def _factor_text(factor: Factor) -> str:
+    """Return a factor as in: `aridity` + 0.12 `mottle`: 0.3 to 0.633."""
+    total = ""
+    for name, weight in factor.weights.items():
+        sign = "−" if weight < 0 else "+"
+        amount = "" if abs(weight) == 1 else f"{abs(weight):g} "
+        total += f" {sign} {amount}`{name}`" if total else f"{'−' if weight < 0 else ''}{amount}`{name}`"
+    straight = ", straight" if factor.shape == "straight" else ""
+    return f"{total}: {factor.start:.3g} to {factor.full:.3g}{straight}"
+
+
 def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
     rows = [
         f"| `{p.name}` | {_toml_like(p.default)} | {p.range} | {p.unit} | {p.help} |" for p in table.values()
@@ -40,11 +63,13 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
 
 
 def _rules() -> str:
-    names = ", ".join(f"`{rule.name}`" for rule in DEFAULT_RULES)
     about_rules = (
-        f"A rule by which a material lies on the ground. The table holds, from below to the top, {names}; "
-        "under them all is grass. A name of the table changes that rule: only what is given is another. "
+        "A rule by which a material lies on the ground, over what the rules before it left; under them all is "
+        "grass. A name of the table changes that rule: only what is given is another. "
         "A new name makes a new rule on top."
+        f"\n\n{rule_table()}\n\n"
+        "A factor is 0 at the first number and 1 at the second. How the rules work together: "
+        "[kernels/materials.md](kernels/materials.md). The preset `desert_mountains` has rules of its own."
     )
     about_factors = (
         f"A ramp over a weighted sum of 1 to {MOST_INPUTS} inputs. A rule covers `cover` times all its "

@@ -64,8 +64,8 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
 
 def _rules() -> str:
     about_rules = (
-        "A rule by which a material lies on the ground, over what the rules before it left; under them all is "
-        "grass. A name of the table changes that rule: only what is given is another. "
+        "A rule by which a material lies on the ground, over what the rules before it left; under them all "
+        "is grass. A name of the table changes that rule: only what is given is another. "
         "A new name makes a new rule on top."
         f"\n\n{rule_table()}\n\n"
         "A factor is 0 at the first number and 1 at the second. How the rules work together: "

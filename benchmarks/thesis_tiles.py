@@ -111,12 +111,12 @@ class _Ours:
     def launch(self) -> None:
         """Enqueue the tiles and wait for them."""
         self._launcher.surfaces(self._patches, self._store, np.arange(self._patches.count))
-        self._context.download(self._store.height, 1, self._context.real_dtype)
+        self._context.download(self._store.ground, 1, self._context.real_dtype)
 
     def heights(self) -> npt.NDArray[Any]:
         """Return the heights of the last launch, m, shape (tiles, 65, 65)."""
-        shape = (self._patches.count, QUADS + 1, QUADS + 1)
-        return self._context.download(self._store.height, shape, self._context.real_dtype)
+        shape = (self._patches.count, QUADS + 1, QUADS + 1, 4)
+        return self._context.download(self._store.ground, shape, self._context.real_dtype)[..., 3]
 
 
 def _name(sampling: Sampling) -> str:

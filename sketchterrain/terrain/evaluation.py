@@ -16,7 +16,7 @@ from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
 from sketchterrain.terrain.packing import pack_features
 from sketchterrain.terrain.patches import GROUP, Patches, PatchLauncher, rounded_up, tile_patches
-from sketchterrain.terrain.surfaces import ParentSurface, Surface, SurfaceStore
+from sketchterrain.terrain.surfaces import Surface, SurfaceStore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -95,14 +95,14 @@ class Evaluator:
         def evaluate(part: slice) -> None:
             patches, store = Patches(axis_x[part], axis_y[part], cell_size), self._store(side - 2)
             self._launcher.surfaces(patches, store, np.arange(patches.count))
-            store.download_surface(surface.part(part))
+            store.download(surface.part(part))
             if progress is not None:
                 progress(part.stop / count)
 
         self._patches_at_once.run(count, evaluate, smaller=self._give_back)
         return surface
 
-    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, ParentSurface]:
+    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> Surface:
         """Evaluate tiles of one level, and what their parents hold at their vertices.
 
         Parameters
@@ -112,17 +112,15 @@ class Evaluator:
         level
             −12 … 18.
         """
-        surface = Surface.empty(len(keys), QUADS + 1, real=self.context.real_dtype)
-        parent = ParentSurface.empty(len(keys), QUADS + 1, real=self.context.real_dtype)
+        surface = Surface.empty(len(keys), QUADS + 1, real=self.context.real_dtype, parents=True)
 
         def evaluate(part: slice) -> None:
             store = self._store(QUADS + 1)
             self._fill(keys[part], level, store, np.arange(part.stop - part.start))
-            store.download_surface(surface.part(part))
-            store.download_parents(parent.part(part))
+            store.download(surface.part(part))
 
         self._patches_at_once.run(len(keys), evaluate, smaller=self._give_back)
-        return surface, parent
+        return surface
 
     def fill(
         self,

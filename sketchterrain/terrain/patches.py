@@ -153,8 +153,7 @@ class PatchLauncher:
             *launch.results,
             *self._arguments.covers(launch.small),
             launch.small["slot"],
-            store.height,
-            store.normal,
+            store.ground,
             store.materials,
             group=(GROUP, 1),
         )
@@ -178,8 +177,7 @@ class PatchLauncher:
             np.int32(patches.side),
             launch.results[0],
             launch.small["slot"],
-            store.parent_height,
-            store.parent_normal,
+            store.parent,
             group=(GROUP, 1),
         )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -15,63 +15,72 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["ParentSurface", "Surface", "SurfaceStore"]
+__all__ = ["Ground", "Surface", "SurfaceStore"]
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Heights and normals of patches of n×n vertices, as a device writes them.
+
+    Attributes
+    ----------
+    whole : ndarray, shape (patches, n, n, 4)
+        Unit normal (east, north, up), and the height (m).
+    """
+
+    whole: npt.NDArray[np.floating]
+
+    @property
+    def height(self) -> npt.NDArray[np.floating]:
+        """Metres, shape (patches, n, n); a view."""
+        return self.whole[..., 3]
+
+    @property
+    def normal(self) -> npt.NDArray[np.floating]:
+        """Unit vectors, shape (patches, n, n, 3); a view."""
+        return self.whole[..., :3]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Heights, normals and materials of patches of n×n vertices.
+    """Ground and materials of patches of n×n vertices.
 
     Attributes
     ----------
-    height : ndarray, shape (patches, n, n)
-        Metres.
-    normal : ndarray, shape (patches, n, n, 3)
-        Unit vectors: east, north, up.
+    ground : Ground
     materials : ndarray, shape (patches, n, n, len(MATERIALS))
         Weights that sum to 1.
+    parent : Ground
+        What the parents of tiles hold at the tiles' vertices; of no patch where that was not asked for.
     """
 
-    height: npt.NDArray[np.floating]
-    normal: npt.NDArray[np.floating]
+    ground: Ground
     materials: npt.NDArray[np.floating]
+    parent: Ground
+
+    @property
+    def height(self) -> npt.NDArray[np.floating]:
+        """Metres, shape (patches, n, n)."""
+        return self.ground.height
+
+    @property
+    def normal(self) -> npt.NDArray[np.floating]:
+        """Unit vectors: east, north, up; shape (patches, n, n, 3)."""
+        return self.ground.normal
 
     @classmethod
-    def empty(cls, count: int, inner: int, *, real: npt.DTypeLike) -> Self:
+    def empty(cls, count: int, inner: int, *, real: npt.DTypeLike, parents: bool = False) -> Self:
         """Return uninitialised arrays for ``count`` patches of inner × inner vertices."""
-        shape = (count, inner, inner)
-        parts = (shape, (*shape, 3), (*shape, len(MATERIALS)))
-        return cls(*(np.empty(part, real) for part in parts))
+        shape = (inner, inner)
+        ground, parent = (
+            Ground(np.empty((patches, *shape, 4), real)) for patches in (count, count if parents else 0)
+        )
+        return cls(ground, np.empty((count, *shape, len(MATERIALS)), real), parent)
 
     def part(self, part: slice) -> Surface:
         """Return views of some of the patches."""
-        return Surface(self.height[part], self.normal[part], self.materials[part])
-
-
-@dataclass(frozen=True)
-class ParentSurface:
-    """What the parents of tiles hold at the tiles' vertices.
-
-    Attributes
-    ----------
-    height : ndarray, shape (tiles, n, n)
-        Metres.
-    normal : ndarray, shape (tiles, n, n, 3)
-        Unit vectors: east, north, up.
-    """
-
-    height: npt.NDArray[np.floating]
-    normal: npt.NDArray[np.floating]
-
-    @classmethod
-    def empty(cls, count: int, inner: int, *, real: npt.DTypeLike) -> Self:
-        """Return uninitialised arrays for ``count`` tiles of inner × inner vertices."""
-        shape = (count, inner, inner)
-        return cls(np.empty(shape, real), np.empty((*shape, 3), real))
-
-    def part(self, part: slice) -> ParentSurface:
-        """Return views of some of the tiles."""
-        return ParentSurface(self.height[part], self.normal[part])
+        ground, parent = (Ground(each.whole[part]) for each in (self.ground, self.parent))
+        return Surface(ground, self.materials[part], parent)
 
 
 class SurfaceStore:
@@ -87,8 +96,12 @@ class SurfaceStore:
 
     Attributes
     ----------
-    height, normal, materials, parent_height, parent_normal
-        Device buffers of REAL with 1, 3, 8, 1 and 3 values a vertex.
+    ground : buffer
+        Four REAL a vertex: unit normal (east, north, up), and the height (m).
+    materials : buffer
+        Eight REAL a vertex: weights in the order of ``MATERIALS``.
+    parent : buffer
+        As ``ground``: what the coarser tile holds here.
     """
 
     def __init__(self, context: ComputeContext, inner: int, slots: int) -> None:
@@ -96,22 +109,17 @@ class SurfaceStore:
         self.inner = inner
         self.slots = slots
         vertices = slots * inner * inner
-        widths = (1, 3, len(MATERIALS), 1, 3)
-        self.height, self.normal, self.materials, self.parent_height, self.parent_normal = (
-            context.empty(width * vertices, context.real_dtype) for width in widths
+        self.ground, self.materials, self.parent = (
+            context.empty(width * vertices, context.real_dtype) for width in (4, len(MATERIALS), 4)
         )
 
-    def download_surface(self, out: Surface) -> None:
+    def download(self, out: Surface) -> None:
         """Wait, and copy the first slots into arrays."""
-        self._download(self.height, out.height, "heights")
-        self._download(self.normal, out.normal, "normals")
-        self._download(self.materials, out.materials, "materials")
-
-    def download_parents(self, out: ParentSurface) -> None:
-        """Wait, and copy what the parents of the first slots hold into arrays."""
-        self._download(self.parent_height, out.height, "heights")
-        self._download(self.parent_normal, out.normal, "normals")
-
-    def _download(self, buffer: Any, out: npt.NDArray[Any], what: str) -> None:
-        self.context.download_into(buffer, out)
-        require_finite(out, what, self.context.device)
+        parts = {
+            "normals and heights": (self.ground, out.ground.whole),
+            "materials": (self.materials, out.materials),
+            "parents' normals and heights": (self.parent, out.parent.whole),
+        }
+        for what, (buffer, array) in parts.items():
+            self.context.download_into(buffer, array)
+            require_finite(array, what, self.context.device)

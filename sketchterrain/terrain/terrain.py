@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.terrain.surfaces import ParentSurface, Surface
+    from sketchterrain.terrain.surfaces import Surface
 
 __all__ = ["Terrain"]
 
@@ -120,8 +120,8 @@ class Terrain:
         tiles: dict[tuple[int, int, int], Tile] = {}
         for level in sorted({key[0] for key in keys}):
             of_level = [key for key in dict.fromkeys(keys) if key[0] == level]
-            surface, parent = self._evaluator.tiles([key[1:] for key in of_level], level)
-            tiles |= {key: self._tile(key, surface, parent, i) for i, key in enumerate(of_level)}
+            surface = self._evaluator.tiles([key[1:] for key in of_level], level)
+            tiles |= {key: self._tile(key, surface, i) for i, key in enumerate(of_level)}
         return [tiles[key] for key in keys]
 
     def tile_store(self, slots: int) -> SurfaceStore:
@@ -218,13 +218,14 @@ class Terrain:
         """Names of the plants' species, in order."""
         return SPECIES
 
-    def _tile(self, key: tuple[int, int, int], surface: Surface, parent: ParentSurface, i: int) -> Tile:
+    def _tile(self, key: tuple[int, int, int], surface: Surface, i: int) -> Tile:
         level, column, row = key
         cell = level_step(level) * metres_per_unit(self.extent)
         width = cell * QUADS
         bounds = (column * width, row * width, (column + 1) * width, (row + 1) * width)
+        parent = surface.parent
         parts = (surface.height, surface.normal, surface.materials, parent.height, parent.normal)
-        arrays = (np.asarray(part[i], dtype=np.float32) for part in parts)
+        arrays = (np.ascontiguousarray(part[i], dtype=np.float32) for part in parts)
         return Tile(level, column, row, bounds, cell, *arrays)
 
 

@@ -217,22 +217,21 @@ def test_tiles_are_filled_where_they_live(valley: st.Terrain) -> None:
     keys = [(6, 20, 31), (6, 21, 31), (2, 1, 2), (9, -4, 700), (6, 30, 30)]
     slots = [7, 0, 3, 6, 2]
     store = valley.tile_store(9)
-    buffers = {
-        "height": (store.height, 1),
-        "normal": (store.normal, 3),
-        "materials": (store.materials, 8),
-        "parent_height": (store.parent_height, 1),
-        "parent_normal": (store.parent_normal, 3),
-    }
+    buffers = {"ground": (store.ground, 4), "materials": (store.materials, 8), "parent": (store.parent, 4)}
     for buffer, width in buffers.values():
         valley.context.write(buffer, np.full(9 * 65 * 65 * width, np.nan, np.float32)).wait()
     valley.fill_tiles(keys, store, slots)
-    for name, (buffer, width) in buffers.items():
-        shape = (9, 65, 65) if width == 1 else (9, 65, 65, width)
-        filled = valley.context.download(buffer, shape, np.float32)
-        for tile, slot in zip(valley.tiles(keys), slots, strict=True):
-            np.testing.assert_array_equal(filled[slot], getattr(tile, name))
-        assert np.isnan(filled[[1, 4, 5, 8]]).all()
+    filled = {
+        name: valley.context.download(buffer, (9, 65, 65, width), np.float32)
+        for name, (buffer, width) in buffers.items()
+    }
+    for tile, slot in zip(valley.tiles(keys), slots, strict=True):
+        np.testing.assert_array_equal(filled["ground"][slot, ..., 3], tile.height)
+        np.testing.assert_array_equal(filled["ground"][slot, ..., :3], tile.normal)
+        np.testing.assert_array_equal(filled["materials"][slot], tile.materials)
+        np.testing.assert_array_equal(filled["parent"][slot, ..., 3], tile.parent_height)
+        np.testing.assert_array_equal(filled["parent"][slot, ..., :3], tile.parent_normal)
+    assert all(np.isnan(part[[1, 4, 5, 8]]).all() for part in filled.values())
 
 
 @pytest.mark.parametrize("slots", [[0], [1, 1], [0, 4], [-1, 0]])

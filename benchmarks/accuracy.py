@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.benchmarks import choices
 from sketchterrain.benchmarks.grounds import open_ground, scattered_keys
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, lap, spread
@@ -94,6 +95,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     Errors are the largest of all vertices, and the 99th percentile. Rounds alternate between the methods.
     A device without 64-bit floats leaves the float64 kernels out. Either build keeps 24 bits of a position
     within a noise cell, where NumPy keeps all: that is what remains of the float64 kernels' error.
+
+    Other ways to the same, each choice by itself, on a square of valley_river: octaves left out for larger
+    cells, against full detail; the ways to the distance to a spline; normals of noise, analytic and by
+    differences (four more evaluations where the neighbours are not there anyway); float32, float64 and
+    `--fast`; quads of a tile, whose borders are evaluated twice; features left out of tiles that they
+    reach, with so much of their reach. Errors are the largest; times are of all launches together.
     """
     exact = TimedContext(str(context.device.index), real="double") if context.device.has_double else None
     rows: list[Row] = []
@@ -103,7 +110,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
             sample = _sample(terrain, level, effort.accuracy_tiles)
             shared: dict[str, Any] = {"ground": ground, "level": level, "cell_size": sample.cell_size}
             rows += [shared | row for row in _compare(sample, context, exact, effort.rounds)]
-    return Outcome((Table("Error against time", _COLUMNS, tuple(rows)),))
+    return Outcome((Table("Error against time", _COLUMNS, tuple(rows)), choices.table(context, effort)))
 
 
 def _sample(terrain: Terrain, level: int, count: int) -> _Sample:

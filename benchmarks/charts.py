@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.adherence_chart import draw_adherence
+from sketchterrain.benchmarks.choices_chart import draw_choices
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.spline_chart import draw_splines
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Outcome, Row
 
-__all__ = ["CHARTS", "available", "draw"]
+__all__ = ["CHARTS", "MORE", "available", "draw"]
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"
@@ -61,8 +62,14 @@ def draw(name: str, outcome: Outcome) -> dict[str, bytes]:
     import matplotlib as mpl
 
     with mpl.rc_context(_STYLE):
-        figure = CHARTS[name](outcome.tables[0].rows)
-        return {".png": _saved(figure, "png"), ".svg": _saved(figure, "svg")}
+        drawn = {"": CHARTS[name](outcome.tables[0].rows)}
+        for number, (ending, drawer) in enumerate(MORE.get(name, {}).items(), start=1):
+            drawn[f"-{ending}"] = drawer(outcome.tables[number].rows)
+        return {
+            f"{ending}.{kind}": _saved(figure, kind)
+            for ending, figure in drawn.items()
+            for kind in ("png", "svg")
+        }
 
 
 def _saved(figure: Any, kind: str) -> bytes:
@@ -275,3 +282,8 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "tiles": _tiles,
 }
 """How each benchmark that has a chart draws it, from the rows of its first table."""
+
+MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
+    "accuracy": {"choices": lambda rows: draw_choices(_figure(12.0, 6.6), rows)},
+}
+"""Charts of its second table and so on, by how their files' names end."""

@@ -47,6 +47,8 @@ class Effort:
         Tile levels, which set the cell size, at which errors are measured.
     accuracy_tiles : int
         Tiles a level.
+    choice_tiles : int
+        Tiles, a square number, on which other ways are compared.
     fidelities : tuple of float
         At which adherence is measured.
     """
@@ -69,6 +71,7 @@ class Effort:
     accuracy_grounds: tuple[str, ...]
     accuracy_levels: tuple[int, ...]
     accuracy_tiles: int
+    choice_tiles: int
     fidelities: tuple[float, ...]
 
 
@@ -91,6 +94,7 @@ QUICK = Effort(
     accuracy_grounds=("valley_river",),
     accuracy_levels=(2, 5, 8, 11),
     accuracy_tiles=2,
+    choice_tiles=4,
     fidelities=(0.0, 0.4, 0.8, 1.0),
 )
 """Under a minute on two shared cores."""
@@ -114,6 +118,7 @@ FULL = Effort(
     accuracy_grounds=("valley_river", "desert_mountains"),
     accuracy_levels=(2, 4, 6, 8, 10, 12),
     accuracy_tiles=4,
+    choice_tiles=16,
     fidelities=(0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

@@ -11,7 +11,7 @@ from sketchterrain.benchmarks.tables import markdown
 from sketchterrain.whole_files import telling_failure, write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from sketchterrain.benchmarks.outcome import Cell, Outcome
@@ -67,13 +67,13 @@ class Report:
             indent=1,
         )
 
-    def page(self, pictures: Mapping[str, str]) -> str:
+    def page(self, pictures: Mapping[str, Sequence[str]]) -> str:
         """Return the results as a Markdown page.
 
         Parameters
         ----------
         pictures
-            For benchmarks that have a chart, its file name.
+            For benchmarks that have charts, their file names.
         """
         lines = ["# Benchmarks", "", "| | |", "| :--- | :--- |"]
         lines += [f"| {heading} | {text} |" for heading, text in self.about.items()]
@@ -87,8 +87,8 @@ class Report:
         for benchmark, outcome in self.outcomes:
             lines += [f"## {benchmark.name}", "", benchmark.method, ""]
             lines += [f"Surface: {benchmark.surface}. Seed: {benchmark.seed}.", ""]
-            if benchmark.name in pictures:
-                lines += [f"![{benchmark.name}]({pictures[benchmark.name]})", ""]
+            for picture in pictures.get(benchmark.name, ()):
+                lines += [f"![{benchmark.name}]({picture})", ""]
             lines += [markdown(table) for table in outcome.tables]
         return "\n".join(lines)
 
@@ -105,13 +105,14 @@ class Report:
         SketchterrainError
             If the folder can't be made or written to.
         """
-        pictures = {}
+        pictures: dict[str, list[str]] = {}
         with telling_failure(folder):
             folder.mkdir(parents=True, exist_ok=True)
         for benchmark, outcome in self.outcomes:
             for suffix, image in charts.draw(benchmark.name, outcome).items():
                 write_whole(folder / f"{benchmark.name}{suffix}", image)
-                pictures[benchmark.name] = f"{benchmark.name}.png"
+                if suffix.endswith(".png"):
+                    pictures.setdefault(benchmark.name, []).append(f"{benchmark.name}{suffix}")
         write_whole(folder / "bench.json", (self.json() + "\n").encode())
         write_whole(folder / "bench.md", self.page(pictures).encode())
         return charts.available()

@@ -26,6 +26,7 @@ TINY = Effort(
     accuracy_grounds=("valley_river",),
     accuracy_levels=(6, 9),
     accuracy_tiles=1,
+    choice_tiles=1,
     fidelities=(0.8,),
 )
 

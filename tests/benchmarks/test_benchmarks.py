@@ -9,6 +9,7 @@ import pytest
 
 from sketchterrain.benchmarks import BENCHMARKS, charts
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
+from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
 from sketchterrain.benchmarks.kernel_times import WRITTEN
 
@@ -86,6 +87,19 @@ def test_errors_of_float_exceed_those_of_double(outcomes: dict[str, Outcome]) ->
         assert 0 < single["height_p99_mm"] <= single["height_mm"] < 10.0
         assert double["normal_p99_deg"] < single["normal_p99_deg"] < 0.1
         assert 0 <= single["material"] < 1e-2
+
+
+def test_every_choice_has_one_way_that_is_used(outcomes: dict[str, Outcome]) -> None:
+    found = rows(outcomes["accuracy"], 1)
+    assert list(dict.fromkeys(row["subject"] for row in found)) == list(SUBJECTS)
+    for subject in SUBJECTS:
+        assert sum(row["chosen"] == "yes" for row in found if row["subject"] == subject) == 1
+    error = {(row["subject"], row["choice"]): row["error"] for row in found}
+    assert error["octaves", "all octaves"] == 0.0
+    assert error["octaves", "cells of 16 m"] > error["octaves", "cells of 4 m"] > 0
+    assert error["normals", "analytic"] < error["normals", "differences, 1 m"]
+    assert error["precision", "float64"] < error["precision", "float32"] < 1.0
+    assert error["culling", "all of the reach"] == 0.0
 
 
 @pytest.mark.parametrize("name", charts.CHARTS)

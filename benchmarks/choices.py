@@ -1,0 +1,261 @@
+"""What was chosen, and what else there is: error against time of each way to do the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
+
+import numpy as np
+
+from sketchterrain.benchmarks import splines
+from sketchterrain.benchmarks.grounds import central_keys, open_ground
+from sketchterrain.benchmarks.noise import NoiseGrid
+from sketchterrain.benchmarks.outcome import Column, Row, Table
+from sketchterrain.benchmarks.spline_methods import ARCS
+from sketchterrain.benchmarks.timing import Lap, TimedContext, alternate, spread
+from sketchterrain.terrain import surroundings
+from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
+from sketchterrain.terrain.packing import pack_features
+from sketchterrain.terrain.reference import reference_ground
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    import numpy.typing as npt
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.features.catalogue import Points
+    from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.terrain.packing import PackedFeatures
+
+    Reals = npt.NDArray[np.floating[Any]]
+
+__all__ = ["CELLS", "GROUND", "SUBJECTS", "table"]
+
+GROUND = "valley_river"
+SUBJECTS: Mapping[str, str] = {
+    "octaves": "octaves left out: heights at full detail, mm",
+    "splines": "distance to a spline, mm",
+    "normals": "normals of noise 100 m high, degrees",
+    "precision": "heights against NumPy float64, mm",
+    "tile size": "size of a tile: heights against float64 kernels, mm",
+    "culling": "features left out of tiles too early: heights, mm",
+}
+"""What each choice is about, with the error's unit."""
+
+CELLS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+"""Cell sizes, m, that octaves are cut off for."""
+
+_LEVEL = 6
+_WIDE_LEVEL = 4  # of tiles that lie among hills and mountains too
+_RELIEF = 100.0  # m, of the noise whose normals are measured
+_FINER_BITS = (12, 10, 8)  # of the distance between differences' vertices, lattice units: 1, 1/4 and 1/16 m
+_SPLINE_CELL = 2.0
+_SPLINES = 64  # of each kind
+_QUADS = (8, 16, 32, 64, 128)
+_SHARES = (0.8, 0.6, 0.5, 0.4)
+
+_COLUMNS = (
+    Column("subject", "choice of"),
+    Column("choice", "way"),
+    Column("chosen", "chosen"),
+    Column("ns", "ns a point"),
+    Column("error", "largest error"),
+    Column("unit", "of"),
+)
+
+
+@dataclass(frozen=True)
+class _Way:
+    """One way to do something: what it is called, its work, points and largest error."""
+
+    name: str
+    lap: Callable[[], Lap]
+    points: int
+    error: Callable[[], float]
+    chosen: bool = False
+
+
+def table(context: TimedContext, effort: Effort) -> Table:
+    """Measure every way of every choice."""
+    recipe = open_ground(GROUND, context).recipe
+    rows: list[Row] = []
+    for subject, ways in (
+        ("octaves", _octaves(recipe, context, effort)),
+        ("normals", _normals(context, effort)),
+        ("precision", _precisions(recipe, context, effort)),
+        ("tile size", _tile_sizes(recipe, context, effort)),
+        ("culling", _shares(recipe, context, effort)),
+    ):
+        rows += _rows(subject, list(ways), effort.rounds)
+    rows += _splines(context, effort)
+    order = list(SUBJECTS)
+    rows.sort(key=lambda row: order.index(str(row["subject"])))
+    return Table("Other ways", _COLUMNS, tuple(rows))
+
+
+def _rows(subject: str, ways: list[_Way], rounds: int) -> Iterator[Row]:
+    laps = alternate({way.name: way.lap for way in ways}, rounds=rounds)
+    for way in ways:
+        seconds = [one.device for one in laps[way.name]]
+        yield {
+            "subject": subject,
+            "choice": way.name,
+            "chosen": "yes" if way.chosen else "",
+            "ns": spread(seconds).median / way.points * 1e9,
+            "error": way.error(),
+            "unit": SUBJECTS[subject],
+            "seconds": seconds,
+        }
+
+
+class _Ground:
+    """Heights of a square in the middle of the sketch, cut into so many quads a patch."""
+
+    def __init__(self, recipe: TerrainRecipe, count: int, *, quads: int = QUADS, level: int = _LEVEL) -> None:
+        self.cell = level_step(level) * metres_per_unit(recipe.extent)
+        _, column, row = central_keys(level, count)[0]
+        side = int(np.ceil(np.sqrt(count))) * QUADS // quads
+        step, first = level_step(level), np.arange(side) * quads
+        offsets = np.arange(-1, quads + 2)
+        x = ((column * QUADS + first[:, None]) + offsets) * step
+        y = ((row * QUADS + first[:, None] + quads) - offsets) * step
+        self.x, self.y = np.tile(x, (side, 1)), np.repeat(y, side, axis=0)
+        self.points = len(self.x) * (quads + 1) ** 2
+
+    def work(self, evaluator: Evaluator, cell: float | None = None) -> Callable[[], Reals]:
+        """Return what evaluates it and returns heights, m."""
+        size = self.cell if cell is None else cell
+        return lambda: evaluator.surface(self.x, self.y, cell_size=size).height
+
+    def reference(self, recipe: TerrainRecipe) -> Reals:
+        """Return the heights in NumPy float64, m."""
+        x, y = (axis[:, 1:-1] for axis in (self.x, self.y))
+        grids = [np.meshgrid(a, b) for a, b in zip(x, y, strict=True)]
+        parts = [reference_ground(recipe, a.ravel(), b.ravel(), cell_size=self.cell).height for a, b in grids]
+        return np.stack(parts).reshape(len(x), x.shape[1], x.shape[1])
+
+
+def _octaves(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+    ground, evaluator = _Ground(recipe, effort.choice_tiles), Evaluator(recipe, context)
+    truth = ground.work(evaluator, 0.0)()
+    for cell in CELLS:
+        work = ground.work(evaluator, cell)
+        name = f"cells of {cell:g} m" if cell else "all octaves"
+        chosen = 0.5 * ground.cell <= cell <= ground.cell
+        yield _Way(name, partial(context.lap, work), ground.points, partial(_worst, work, truth), chosen)
+
+
+def _normals(context: TimedContext, effort: Effort) -> Iterator[_Way]:
+    side = min(effort.noise_side, 512)
+    grid = NoiseGrid(context, side)
+    truth = _normal(grid.reference_slope())
+
+    def analytic() -> Reals:
+        grid.launch_slope()
+        return grid.download_slope()
+
+    lap = partial(context.lap, grid.launch_slope)
+    yield _Way("analytic", lap, side**2, lambda: _angle(_normal(analytic()), truth))
+    for bits in _FINER_BITS:
+        fine = NoiseGrid(context, side, step_bits=bits)
+        launches = 1 if bits == _FINER_BITS[0] else 5
+
+        # Neighbours of a grid are there already; nearer ones are four more evaluations.
+        def work(fine: NoiseGrid = fine, launches: int = launches) -> None:
+            for _ in range(launches):
+                fine.launch()
+
+        name = f"differences, {fine.spacing:g} m"
+        yield _Way(name, partial(context.lap, work), side**2, partial(_difference_error, fine), launches == 1)
+
+
+def _difference_error(grid: NoiseGrid) -> float:
+    grid.launch()
+    height, span = grid.download().astype(np.float64), 2 * grid.spacing
+    east = (height[1:-1, 2:] - height[1:-1, :-2]) / span
+    north = (height[2:, 1:-1] - height[:-2, 1:-1]) / span
+    truth = _normal(grid.reference_slope()[1:-1, 1:-1])
+    return _angle(_normal(np.stack([east, north], axis=-1)), truth)
+
+
+def _normal(slope: Reals) -> Reals:
+    steep = _RELIEF * slope.astype(np.float64)
+    normal = np.concatenate([-steep, np.ones((*steep.shape[:-1], 1))], axis=-1)
+    return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+
+def _angle(normal: Reals, truth: Reals) -> float:
+    chord = np.linalg.norm(normal - truth, axis=-1)
+    return float(np.degrees(2 * np.arcsin(chord.max() / 2)))
+
+
+def _precisions(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+    ground = _Ground(recipe, 1)
+    truth, index = ground.reference(recipe), str(context.device.index)
+    contexts = {"float32": context, "float32, --fast": TimedContext(index, fast=True)}
+    if context.device.has_double:
+        contexts["float64"] = TimedContext(index, real="double")
+    timed = _Ground(recipe, effort.choice_tiles)
+    for name, opened in contexts.items():
+        evaluator = Evaluator(recipe, opened)
+        lap = partial(opened.lap, timed.work(evaluator))
+        error = partial(_worst, ground.work(evaluator), truth)
+        yield _Way(name, lap, timed.points, error, name == "float32")
+
+
+def _tile_sizes(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+    evaluator = Evaluator(recipe, context)
+    device = str(context.device.index)
+    exact = TimedContext(device, real="double") if context.device.has_double else context
+    truth_of = Evaluator(recipe, exact)
+    for quads in _QUADS:
+        ground = _Ground(recipe, max(effort.choice_tiles, 4), quads=quads)
+        work, truth = ground.work(evaluator), ground.work(truth_of)()
+        # What counts are the quads: vertices on borders are evaluated twice.
+        points = len(ground.x) * quads**2
+        yield _Way(
+            f"{quads} quads", partial(context.lap, work), points, partial(_worst, work, truth), quads == QUADS
+        )
+
+
+def _shares(recipe: TerrainRecipe, context: TimedContext, effort: Effort) -> Iterator[_Way]:
+    ground = _Ground(recipe, max(effort.choice_tiles, 4), level=_WIDE_LEVEL)
+    whole = ground.work(Evaluator(recipe, context))
+    truth = whole()
+    yield _Way("all of the reach", partial(context.lap, whole), ground.points, lambda: 0.0, chosen=True)
+    for share in _SHARES:
+        # The program has no such tolerance: its features are made to end early here.
+        with patch.object(surroundings, "pack_features", partial(_cut_short, share)):
+            work = ground.work(Evaluator(recipe, context))
+            work()  # what reaches the ground is found once and kept
+        name = f"{share:.0%} of the reach"
+        yield _Way(name, partial(context.lap, work), ground.points, partial(_worst, work, truth))
+
+
+def _cut_short(share: float, recipe: TerrainRecipe, features: Points, cell: float) -> PackedFeatures:
+    """Pack features as if they reached less far."""
+    packed = pack_features(recipe, features, cell)
+    return replace(packed, support=packed.support * share)
+
+
+def _worst(work: Callable[[], Reals], truth: Reals) -> float:
+    return float(np.max(np.abs(work().astype(np.float64) - truth))) * 1e3
+
+
+def _splines(context: TimedContext, effort: Effort) -> Iterator[Row]:
+    few = replace(effort, spline_count=min(effort.spline_count, _SPLINES))
+    found = splines.measure(context, few).tables[0].rows
+    for row in found:
+        if row["cell_size"] == _SPLINE_CELL:
+            yield {
+                "subject": "splines",
+                "choice": row["method"],
+                "chosen": "yes" if row["method"] == ARCS else "",
+                "ns": row["ns_per_place"],
+                "error": row["worst_mm"],
+                "unit": SUBJECTS["splines"],
+            }

@@ -104,6 +104,12 @@ class ComputeContext:
         if self._launches is not None:
             self._launches.append((kernel, event))
 
+    def most_in_group(self, file: str, kernel: str) -> int:
+        """Return how many work items a group of a kernel may have; named as for :meth:`launch`."""
+        asked = cl.kernel_work_group_info.WORK_GROUP_SIZE
+        info = self._kernel(file, kernel).get_work_group_info
+        return int(self._call("asking for a group's size", info, asked, self.device.handle))
+
     def upload(self, array: npt.NDArray[Any], *, writable: bool = False) -> Any:
         """Copy an array to a new device buffer; an empty array gets a buffer of one element."""
         host = np.ascontiguousarray(array)
@@ -123,11 +129,15 @@ class ComputeContext:
         return self._call("a buffer", buffer.get_sub_region, start, size)
 
     def write(self, buffer: Any, array: npt.NDArray[Any]) -> Any:
-        """Enqueue a copy of a contiguous array to the start of a buffer; return what to ``wait()`` for.
+        """Enqueue a copy of a contiguous array to the start of a buffer; return what to `wait` for.
 
         The array must stay as it is until then.
         """
         return self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, is_blocking=False)
+
+    def wait(self, event: Any) -> None:
+        """Wait for what `write` enqueued."""
+        self._call("uploading", event.wait)
 
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Wait for the queue and copy a buffer into a new array."""
@@ -148,11 +158,11 @@ class ComputeContext:
         """Wait for the queue, stop recording and return the device time of each launch since the start."""
         self._call("finishing", self._queue.finish)
         launches, self._launches = self._launches or [], None
-        return [KernelTime(name, (e.profile.end - e.profile.start) * 1e-9) for name, e in launches]
+        return [KernelTime(name, self._call("profiling", _seconds, event)) for name, event in launches]
 
     def _kernel(self, file: str, name: str) -> Any:
         if (file, name) not in self._kernels:
-            for kernel in self._build(file).all_kernels():
+            for kernel in self._call("building", self._build(file).all_kernels):
                 self._kernels[file, kernel.function_name] = kernel
         return self._kernels[file, name]
 
@@ -183,3 +193,7 @@ def _built(context: Any, source: str, options: tuple[str, ...]) -> Any:
         # Drivers chat in the log of a build that worked.
         warnings.simplefilter("ignore", cl.CompilerWarning)
         return cl.Program(context, source).build(options=list(options))
+
+
+def _seconds(event: Any) -> float:
+    return float(event.profile.end - event.profile.start) * 1e-9

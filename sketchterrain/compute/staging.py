@@ -50,7 +50,7 @@ class Staging:
             self._make_room(arrays)
         host, transfer = self._turns[0]
         if transfer is not None:
-            transfer.wait()
+            self._context.wait(transfer)
         end = 0
         for name, array in arrays.items():
             start = self._start[name]
@@ -61,18 +61,18 @@ class Staging:
         return {name: self._parts[name] for name in arrays}
 
     def _make_room(self, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Make a buffer with room for arrays besides what there was; without room on the device all stays."""
+        room = dict(self._room)
         for name, array in arrays.items():
-            if self._room.get(name, -1) < array.nbytes:
-                self._room[name] = _ALIGNED << max(-(-array.nbytes // _ALIGNED) - 1, 0).bit_length()
-        ends = np.cumsum(list(self._room.values()))
-        starts = ends - np.array(list(self._room.values()))
-        self._start = {name: int(start) for name, start in zip(self._room, starts, strict=True)}
-        self._whole = self._context.empty(int(ends[-1]), np.uint8)
-        self._parts = {
-            name: self._context.part(self._whole, self._start[name], size)
-            for name, size in self._room.items()
-        }
+            if room.get(name, -1) < array.nbytes:
+                room[name] = _ALIGNED << max(-(-array.nbytes // _ALIGNED) - 1, 0).bit_length()
+        ends = np.cumsum(list(room.values()))
+        starts = ends - np.array(list(room.values()))
+        start = {name: int(first) for name, first in zip(room, starts, strict=True)}
+        whole = self._context.empty(int(ends[-1]), np.uint8)
+        parts = {name: self._context.part(whole, start[name], size) for name, size in room.items()}
         for _, transfer in self._turns:
             if transfer is not None:
-                transfer.wait()
+                self._context.wait(transfer)
+        self._room, self._start, self._whole, self._parts = room, start, whole, parts
         self._turns = [(np.zeros(int(ends[-1]), np.uint8), None) for _ in range(_TURNS)]

@@ -1,4 +1,4 @@
-"""Small arrays in one transfer: what was put comes out, whatever was put before and where there is no room."""
+"""Small arrays in one transfer: what was put comes out, whatever was put before and without room."""
 
 from __future__ import annotations
 

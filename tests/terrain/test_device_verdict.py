@@ -17,7 +17,7 @@ from sketchterrain.terrain import Terrain, build, self_test
 from sketchterrain.terrain.batches import Batches
 
 # SKETCHTERRAIN_SOAK=1 fails at every call.
-SHARE = 1 if os.environ.get("SKETCHTERRAIN_SOAK") else 5
+SHARE = 1 if os.environ.get("SKETCHTERRAIN_SOAK") else 9
 KNOWN = [device for device in list_devices() if device.known]
 
 
@@ -174,18 +174,18 @@ def test_no_room_once_anywhere(context: ComputeContext, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(ComputeContext, "_call", call)
     expected, kinds = job(), list(calls)
-    outcomes = set()
-    for failing in range(0, len(kinds), SHARE):  # noqa: B007 - `call` reads it
+    errors = []
+    chosen = range(0, len(kinds), SHARE)
+    for failing in chosen:  # `call` reads it
         try:
             found = job()
         except DeviceMemoryError as error:
-            assert f"has no memory left for {kinds[failing]}" in str(error)
-            outcomes.add("error")
-        else:
-            for one, other in zip(found, expected, strict=True):
-                np.testing.assert_array_equal(one, other)
-            outcomes.add("same")
-    assert "same" in outcomes
+            errors.append((kinds[failing], str(error)))
+            continue
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert len(errors) < len(chosen)
+    assert all(f"has no memory left for {kind}" in line for kind, line in errors)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +28,8 @@ __all__ = ["GROUP", "PatchLauncher", "Patches", "rounded_up", "tile_patches"]
 GROUP = 64
 """Work items of a group."""
 
+# Beyond it, registers get scarce on GPUs.
+_MOST_IN_GROUP = 512
 _ANYWHERE, _WHOLE_STEPS = "terrain.cl", "tiles.cl"
 
 
@@ -125,6 +127,7 @@ class PatchLauncher:
         self._arguments = arguments
         self._context = arguments.context
         self._scratch: dict[str, tuple[int, Any]] = {}
+        self._rows = lru_cache(maxsize=16)(self._whole_rows)
         self._staged = {name: Staging(self._context) for name in ("whole", "bare")}
 
     def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> None:
@@ -144,7 +147,7 @@ class PatchLauncher:
         self._context.launch(
             launch.file,
             "surfaces",
-            (rounded_up(patches.side * store.inner), patches.count),
+            (store.inner, store.inner, patches.count),
             *self._arguments.rules,
             *launch.places,
             *launch.across,
@@ -155,7 +158,7 @@ class PatchLauncher:
             launch.small["slot"],
             store.ground,
             store.materials,
-            group=(GROUP, 1),
+            group=self._rows(launch.file, "surfaces", store.inner),
         )
 
     def parents(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> None:
@@ -172,13 +175,13 @@ class PatchLauncher:
         self._context.launch(
             _ANYWHERE,
             "parents",
-            (rounded_up(patches.side * (patches.side - 2)), patches.count),
+            (patches.side - 2, patches.side - 2, patches.count),
             self._context.real_dtype.type(self._inverse_spans(patches.axis_x[:1, :3])[0, 1]),
             np.int32(patches.side),
             launch.results[0],
             launch.small["slot"],
             store.parent,
-            group=(GROUP, 1),
+            group=self._rows(_ANYWHERE, "parents", patches.side - 2),
         )
 
     def _heights(self, patches: Patches, more: Mapping[str, npt.NDArray[Any]], *, bare: bool) -> _Launch:
@@ -246,6 +249,12 @@ class PatchLauncher:
         spans = np.maximum(axis[:, 2:] - axis[:, :-2], 1) * metres_per_unit(self._arguments.recipe.extent)
         inverse[:, 1:-1] = 1 / spans
         return inverse
+
+    def _whole_rows(self, file: str, kernel: str, side: int) -> tuple[int, int, int] | None:
+        """Return groups of as many whole rows of a square as fit and divide it; None where none fits."""
+        most = min(self._context.most_in_group(file, kernel), _MOST_IN_GROUP)
+        rows = [number for number in range(1, side + 1) if side % number == 0 and number * side <= most]
+        return (side, rows[-1], 1) if rows else None
 
     def _room(self, name: str, size: int) -> Any:
         """Return a buffer for ``size`` values; kept, and made anew only where one is too small."""

@@ -45,7 +45,8 @@ def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     list of (west, south, east, north)
         Rectangles in metres, the borders included: empty if nothing changed, one without bounds if anything
         did that the whole world depends on (ground, climate, materials' rules, seed, extent, fidelity,
-        densities). A tile's normals read one vertex beyond its border: widen the areas by the cell size to choose tiles.
+        densities). A tile's normals read one vertex beyond its border: widen the areas by the cell size to
+        choose tiles.
     """
     if _of_the_world(old) != _of_the_world(new):
         return [EVERYWHERE]

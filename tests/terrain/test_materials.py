@@ -302,3 +302,18 @@ def test_the_desert_has_rules_of_its_own() -> None:
             for rules in (own, DEFAULT_RULES)
         )
         assert of_own > of_table + 0.3, material
+
+
+@pytest.mark.parametrize("name", ["valley_river", "desert_mountains"])
+def test_rules_that_are_left_out_would_cover_nothing(
+    name: str, context: ComputeContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def all_laid(recipe: TerrainRecipe) -> Any:
+        packed = pack_rules(recipe)
+        packed.form[:, 3] = 0
+        return packed
+
+    sketch = load_sketch(name)
+    some = build(sketch, device=context).raster(257).materials
+    monkeypatch.setattr("sketchterrain.terrain.kernel_arguments.pack_rules", all_laid)
+    np.testing.assert_array_equal(build(sketch, device=context).raster(257).materials, some)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.benchmarks import thesis_tiles
+from sketchterrain.benchmarks import roofline, thesis_tiles
 from sketchterrain.benchmarks.baselines import c_noise, fastnoise2, numba_noise, numpy_noise
 from sketchterrain.benchmarks.baselines.problem import Absent, Rival
 from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
@@ -62,8 +62,13 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     thesis's with the nearest place on each spline sampled 64 times in 5 rounds; the ratio that counts is the
     one to the thesis's cheapest sampling whose error (99 % of the vertices) is no larger than this program's,
     or to its most accurate one where none is.
+
+    Roofline: the most that the chosen device can write, and multiply and add without contraction, by small
+    kernels in the same run; noise and tiles without features as shares of the lower of the two bounds that
+    their bytes and the operations of their octaves set. By profiling events.
     """
-    return Outcome((_noise(context, effort), thesis_tiles.table(context, effort)))
+    tables = (_noise(context, effort), thesis_tiles.table(context, effort), roofline.table(context, effort))
+    return Outcome(tables)
 
 
 @dataclass(frozen=True)

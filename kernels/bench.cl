@@ -11,10 +11,9 @@ __kernel void bench_fbm(__global const int4 *octave_form, __global const long2 *
                         int side, __global REAL *sum)
 {
     const Octaves octaves = {octave_form, octave_offset, octave_scale, octave_corner, octave_count};
-    const int column = get_global_id(0);
-    const int row = get_global_id(1);
-    if (column >= side) return;
-    sum[row * side + column] = fbm(octaves, 0, octave_count, place_of(0, 0, 0, column, row, 0));
+    const size_t column = get_global_id(0);
+    const size_t row = get_global_id(1);
+    sum[row * side + column] = fbm(octaves, 0, octave_count, place_of(0, 0, 0, (int)column, (int)row, 0));
 }
 
 // The same with the slope of the sum, per lattice unit.
@@ -24,11 +23,11 @@ __kernel void bench_fbm_slope(__global const int4 *octave_form, __global const l
                               __global REAL *north)
 {
     const Octaves octaves = {octave_form, octave_offset, octave_scale, octave_corner, octave_count};
-    const int column = get_global_id(0);
-    const int row = get_global_id(1);
-    if (column >= side) return;
-    const Slope s = fbm_slope(octaves, 0, octave_count, place_of(0, 0, 0, column, row, 0));
-    sum[row * side + column] = s.value;
-    east[row * side + column] = s.east;
-    north[row * side + column] = s.north;
+    const size_t column = get_global_id(0);
+    const size_t row = get_global_id(1);
+    const Slope s = fbm_slope(octaves, 0, octave_count, place_of(0, 0, 0, (int)column, (int)row, 0));
+    const size_t at = row * side + column;
+    sum[at] = s.value;
+    east[at] = s.east;
+    north[at] = s.north;
 }

@@ -63,6 +63,10 @@ def _without(whole: TerrainRecipe) -> Iterator[tuple[str, TerrainRecipe]]:
         others = whole.painted["type"] != FEATURE_TYPES.index(name)
         if not others.all():
             yield name, dataclasses.replace(whole, painted=whole.painted[others])
+    if (whole.painted["erosion"] > 0).any():
+        smooth = whole.painted.copy()
+        smooth["erosion"] = 0.0
+        yield "erosion", dataclasses.replace(whole, painted=smooth)
     if whole.lakes:
         yield "lakes", dataclasses.replace(whole, lakes=())
     if whole.rivers:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.benchmarks import kernel_sizes
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
@@ -31,10 +32,14 @@ WRITTEN: Mapping[str, float] = {
     "patches": 6 * _REAL,  # height, four masks and the mottle
     "points": 5 * _REAL,
     "surfaces": 12 * _REAL,  # height, normal and eight weights
-    "parents": 4 * _REAL,  # height and normal
+    "parents": 4
+    * _REAL
+    * (QUADS + 1) ** 2
+    / (QUADS // 2 + 1) ** 2,  # height and normal of nearly four children
     "propose": 12,  # candidate and priority
     "resolve": 0.18,  # 8 bytes for an accepted point: 0.31 of the cells over 14 rounds
     "bench_fbm": _REAL,
+    "bench_write": 4 * _REAL,
     "bench_fbm_slope": 3 * _REAL,
     **dict.fromkeys(KERNELS.values(), _REAL),
 }
@@ -63,15 +68,18 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     item is a cell of the window), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes,
     `spline_…_distances` the distance to a spline of six control points, flattened for cells of 1 m.
     Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
-    they write, over the median. Launches are padded to whole groups of 64 items; the padding, under 1.5 %,
-    counts as items.
+    they write, over the median. Launches of `patches` are padded to whole groups of 192 items; the padding,
+    under 3 %, counts as items.
+
+    The second table has the kernels of tiles on every device there is: the same ground cut into tiles of 16
+    to 128 quads, at each level, per vertex that is kept.
     """
     works = dict(_works(context, effort))
     laps = alternate({str(case): work for case, work in works.items()}, rounds=effort.rounds)
     rows = [row for case in works for row in _rows(case, laps[str(case)])]
     order = list(WRITTEN)
     rows.sort(key=lambda row: order.index(str(row["kernel"])))
-    return Outcome((Table("Kernels", _COLUMNS, tuple(rows)),))
+    return Outcome((Table("Kernels", _COLUMNS, tuple(rows)), kernel_sizes.table(context, effort)))
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,12 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
     yield _Case(("bench_fbm_slope",)), partial(context.lap, grid.launch_slope)
+    items = effort.kernel_points
+    out = context.empty(4 * items, context.real_dtype)
+    yield (
+        _Case(("bench_write",)),
+        partial(context.lap, partial(context.launch, "bench_bytes.cl", "bench_write", (items,), out)),
+    )
     drawn = splines_and_places("river", effort.kernel_points // 64, each=64, seed=1)
     queries = SplineQueries(context, *drawn)
     for method, kernel in KERNELS.items():

@@ -14,7 +14,8 @@ from sketchterrain.benchmarks.tile_rates import LEVEL
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.patches import PatchLauncher, tile_patches
+from sketchterrain.terrain.patch_places import tile_patches
+from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.surfaces import SurfaceStore
 
 if TYPE_CHECKING:

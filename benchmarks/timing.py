@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 __all__ = ["Lap", "Launch", "Spread", "TimedContext", "alternate", "lap", "spread"]
+
+Name = TypeVar("Name")
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ def lap(work: Callable[[], object]) -> Lap:
     return Lap(perf_counter() - start)
 
 
-def alternate(rivals: Mapping[str, Callable[[], Lap]], *, rounds: int) -> dict[str, list[Lap]]:
+def alternate(rivals: Mapping[Name, Callable[[], Lap]], *, rounds: int) -> dict[Name, list[Lap]]:
     """Time rivals so that they can be compared: each once to warm up, then in turn, round after round.
 
     Every second round runs backwards, so that none always follows the same one. What slows the machine for
@@ -109,12 +111,12 @@ def alternate(rivals: Mapping[str, Callable[[], Lap]], *, rounds: int) -> dict[s
 
     Returns
     -------
-    dict of str to list of Lap
+    dict of name to list of Lap
         ``rounds`` laps a rival, in the order they were measured.
     """
     for work in rivals.values():
         work()
-    laps: dict[str, list[Lap]] = {name: [] for name in rivals}
+    laps: dict[Name, list[Lap]] = {name: [] for name in rivals}
     for number in range(rounds):
         turn = list(rivals.items())
         for name, work in reversed(turn) if number % 2 else turn:

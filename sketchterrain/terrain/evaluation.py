@@ -15,7 +15,8 @@ from sketchterrain.terrain.finite import require_finite
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
 from sketchterrain.terrain.packing import pack_features
-from sketchterrain.terrain.patches import GROUP, Patches, PatchLauncher, rounded_up, tile_patches
+from sketchterrain.terrain.patch_places import Patches, tile_patches
+from sketchterrain.terrain.patches import GROUP, PatchLauncher, rounded_up
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore
 
 if TYPE_CHECKING:

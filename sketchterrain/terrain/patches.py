@@ -2,117 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sketchterrain.compute.staging import Staging
-from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
+from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import corner_table, fits_patches
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     import numpy.typing as npt
 
     from sketchterrain.terrain.kernel_arguments import KernelArguments
     from sketchterrain.terrain.octaves import OctaveTable
+    from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.surfaces import SurfaceStore
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["GROUP", "PatchLauncher", "Patches", "rounded_up", "tile_patches"]
+__all__ = ["GROUP", "PatchLauncher", "rounded_up"]
 
 GROUP = 64
 """Work items of a group."""
 
 # Beyond it, registers get scarce on GPUs.
 _MOST_IN_GROUP = 512
+_PATCH_GROUP = 3 * GROUP
 _ANYWHERE, _WHOLE_STEPS = "terrain.cl", "tiles.cl"
 
 
 def rounded_up(count: int) -> int:
     """Return the number of work items in whole groups."""
     return -(-count // GROUP) * GROUP
-
-
-@dataclass(frozen=True, eq=False)
-class Patches:
-    """Squares of vertices, each with a border of one vertex around it.
-
-    Attributes
-    ----------
-    axis_x, axis_y : (patches, side) int64
-        Lattice coordinates; x runs west to east, y north to south.
-    cell_size : float
-        Metres between samples.
-    """
-
-    axis_x: Lattice
-    axis_y: Lattice
-    cell_size: float
-
-    @property
-    def count(self) -> int:
-        """How many patches there are."""
-        return len(self.axis_x)
-
-    @property
-    def side(self) -> int:
-        """Vertices along a side, border included."""
-        return int(self.axis_x.shape[1])
-
-    @property
-    def blocks(self) -> Lattice:
-        """West, south, east and north of each, shape (patches, 4)."""
-        x, y = self.axis_x, self.axis_y
-        return np.stack([x[:, 0], y[:, -1], x[:, -1], y[:, 0]], axis=-1)
-
-    @property
-    def corners(self) -> Lattice:
-        """The south-west vertex of each, shape (patches, 2)."""
-        return self.blocks[:, :2]
-
-    @cached_property
-    def step_bits(self) -> int | None:
-        """All vertices are whole steps of 2^step_bits lattice units apart and from the origin; else None."""
-        step = int(self.axis_x[0, 1] - self.axis_x[0, 0])
-        if step <= 0 or step & (step - 1) or np.any(self.corners & (step - 1)):
-            return None
-        even = np.all(np.diff(self.axis_x) == step) and np.all(np.diff(self.axis_y) == -step)
-        return step.bit_length() - 1 if even else None
-
-    def part(self, part: slice) -> Patches:
-        """Return some of the patches."""
-        return replace(self, axis_x=self.axis_x[part], axis_y=self.axis_y[part])
-
-
-def tile_patches(level: int, keys: Sequence[tuple[int, int]], extent: float, *, up: int) -> Patches:
-    """Return the patches of tiles, or with ``up=1`` those of their parents' vertices on the same ground.
-
-    Parameters
-    ----------
-    level
-        −12 … 18.
-    keys
-        Column and row of each tile.
-    extent
-        Metres along the sketch's longer side.
-    up
-        0 or 1.
-
-    Raises
-    ------
-    InputError
-        If there is no such level.
-    """
-    step = level_step(level)
-    column, row = np.array(keys, np.int64).reshape(-1, 2).T[..., None] * (QUADS * step)
-    quads = QUADS >> up
-    offsets = np.arange(-1, quads + 2, dtype=np.int64) * (step << up)
-    return Patches(column + offsets, row + QUADS * step - offsets, step * 2**up * metres_per_unit(extent))
 
 
 class PatchLauncher:
@@ -127,6 +52,7 @@ class PatchLauncher:
         self._arguments = arguments
         self._context = arguments.context
         self._scratch: dict[str, tuple[int, Any]] = {}
+        self._most = lru_cache(maxsize=8)(self._context.most_in_group)
         self._rows = lru_cache(maxsize=16)(self._whole_rows)
         self._staged = {name: Staging(self._context) for name in ("whole", "bare")}
 
@@ -206,10 +132,11 @@ class PatchLauncher:
                 self._room("mottle", size),
             ),
         )
+        group = _PATCH_GROUP if self._most(vertices.file, "patches") >= _PATCH_GROUP else GROUP
         self._context.launch(
             vertices.file,
             "patches",
-            (rounded_up(side * side), count),
+            (-(-side * side // group) * group, count),
             *self._arguments.terrain(reaching, patches.cell_size, small),
             *(small[name] for name in vertices.noise),
             *vertices.octaves,
@@ -217,7 +144,7 @@ class PatchLauncher:
             np.int32(side),
             np.int32(bare),
             *launch.results,
-            group=(GROUP, 1),
+            group=(group, 1),
         )
         return launch
 
@@ -252,7 +179,7 @@ class PatchLauncher:
 
     def _whole_rows(self, file: str, kernel: str, side: int) -> tuple[int, int, int] | None:
         """Return groups of as many whole rows of a square as fit and divide it; None where none fits."""
-        most = min(self._context.most_in_group(file, kernel), _MOST_IN_GROUP)
+        most = min(self._most(file, kernel), _MOST_IN_GROUP)
         rows = [number for number in range(1, side + 1) if side % number == 0 and number * side <= most]
         return (side, rows[-1], 1) if rows else None
 

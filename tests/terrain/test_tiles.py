@@ -11,7 +11,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.terrain import Terrain
 from sketchterrain.terrain.kernel_arguments import KernelArguments, Reaching
 from sketchterrain.terrain.lattice import QUADS
-from sketchterrain.terrain.patches import tile_patches
+from sketchterrain.terrain.patch_places import tile_patches
 
 if TYPE_CHECKING:
     import sketchterrain as st

@@ -1,8 +1,9 @@
-# The two commands: `make demo` shows what the program does, `make test` checks all of it.
+# `make demo` shows what the program does, `make test` checks all of it, `make soak` compares 10,000 random tiles on
+# each device with their neighbours and parents.
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 OUT := out
-.PHONY: demo test clean
+.PHONY: demo test soak clean
 
 demo: $(VENV)/demo.stamp
 	@$(VENV)/bin/sketchterrain generate valley_river -o $(OUT)/valley_river
@@ -12,6 +13,9 @@ test: $(VENV)/test.stamp
 	$(PYTHON) -m ruff format --check .
 	@bash .ci/typecheck
 	$(PYTHON) -m pytest -n auto
+
+soak: $(VENV)/test.stamp
+	SOAK_TILES=10000 $(PYTHON) -m pytest tests/terrain/test_random_tiles.py -n auto
 
 $(VENV)/demo.stamp: pyproject.toml .ci/setup
 	@bash .ci/setup $(VENV) cpu

@@ -1,4 +1,4 @@
-"""Tiles drawn at random over twelve levels: each agrees with its neighbours and carries what its parent holds.
+"""Random tiles over twelve levels: each agrees with its neighbours and carries what its parent holds.
 
 A few on each device and preset; ``make soak`` sets ``SOAK_TILES`` to 10,000 a device.
 """

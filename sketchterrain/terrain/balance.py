@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from sketchterrain.features import FEATURE_TYPES
-from sketchterrain.features.profiles import hill_profile, mountain_profile
+from sketchterrain.features.profiles import hill_profile, hill_slope, mountain_profile, mountain_slope
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.packing import support_radii
+from sketchterrain.terrain.packing import pack_world, support_radii
 from sketchterrain.terrain.reference import relief_of
+from sketchterrain.terrain.reference_noise import Slope
+from sketchterrain.terrain.reference_relief import Rise, approached, carried, gullies
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["balanced"]
 
 _ROUNDS = 12
+_ERODED_ROUNDS = 4  # the last ones: erosion is little beside the rest
 # A feature that its neighbours already lift above its own height keeps a little strength of its own: more
 # towards fidelity 1, where it may have to hold a part of the border.
 _LEAST_SHARE = 0.02
@@ -38,6 +42,7 @@ _POWER = {"mountain": 4, "hill": 2}  # of heights, by which they join (``kernels
 _SAY = 0.1  # share of the sum of powers from which on a feature answers for the height of a place
 _MISSED = 1.025  # what the places miss of the highest point, on average over the presets
 _CELLS_PER_EXTENT = 4096
+_CELLS_ERODED = 512  # coarser: fine gullies raise no summit
 _GOLDEN_ANGLE = 2.399963229728653
 
 
@@ -45,7 +50,7 @@ def balanced(recipe: TerrainRecipe, *, locked: npt.NDArray[np.bool_] | None = No
     """Return a recipe's painted features with the strengths of mountains and of hills solved for.
 
     Heights of one type add up as ``(sum h^p)^(1/p)`` and are then raised and lowered by
-    ridges or swells. Fixed-point iteration: each strength is scaled by asked height over the greatest height
+    noise and erosion. Fixed-point iteration: each strength is scaled by asked height over the greatest height
     that is reached around the feature's centre, where it outweighs the others.
 
     Parameters
@@ -68,22 +73,20 @@ def balanced(recipe: TerrainRecipe, *, locked: npt.NDArray[np.bool_] | None = No
 
 def _solved(recipe: TerrainRecipe, features: Points, free: npt.NDArray[np.bool_], name: str) -> Reals:
     places, owner, first = _places(recipe, features)
-    at, of, height = _heights(recipe, features, places, name)
-    power = _POWER[name]
-    weight = height**power
+    around = _Around.paired(recipe, features, places, name)
+    mine = owner[around.at] == around.of
     own = np.zeros(len(places))
-    mine = owner[at] == of
-    own[at[mine]] = weight[mine]
+    own[around.at[mine]] = around.profile[mine] ** around.power
     asked = features["strength"].astype(np.float64)
     least = (_LEAST_SHARE + (_LEAST_SHARE_HELD - _LEAST_SHARE) * recipe.fidelity**8) * asked
     strength = asked.copy()
-    for _ in range(_ROUNDS):
-        total = np.bincount(at, weights=strength[of] ** power * weight, minlength=len(places))
+    for round_ in range(_ROUNDS):
+        total = around.total(strength)
         # Ground that mostly belongs to other features is theirs to judge, but for the centre.
-        counts = own * strength[owner] ** power >= _SAY * total
+        counts = own * strength[owner] ** around.power >= _SAY * total
         counts[first] = True
-        highest = np.maximum.reduceat(np.where(counts, total, 0.0), first)
-        reached = _MISSED * highest ** (1 / power)
+        height = around.height(strength, total, eroded=round_ >= _ROUNDS - _ERODED_ROUNDS)
+        reached = _MISSED * np.maximum.reduceat(np.where(counts, height, 0.0), first)
         scale = asked / np.where(free, np.maximum(reached, 1e-3 * asked), 1.0)
         strength = np.where(free, np.maximum(strength * scale, least), asked)
     return strength
@@ -106,26 +109,96 @@ def _places(
     return np.stack([x, y], axis=-1), owner, first
 
 
-def _heights(
-    recipe: TerrainRecipe, features: Points, places: Reals, name: str
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Reals]:
-    """Pair places with features that reach them: place, feature, height per strength."""
-    x, y = (to_lattice(places[:, axis], recipe.extent) for axis in (0, 1))
-    relief = relief_of(recipe, x, y, cell_size=recipe.extent / _CELLS_PER_EXTENT)
-    radius = features["radius"].astype(np.float64)
-    centre = np.stack([features["x"], features["y"]], axis=-1)
-    found = cKDTree(places).query_ball_point(centre, radius * support_radii(recipe))
-    of = np.repeat(np.arange(len(features)), [len(near) for near in found])
-    at = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
-    bend = np.stack([each.value for each in relief.bend], axis=-1)
-    offset = (places[at] - centre[of]) / radius[of, None] + bend[at]
-    t = np.sqrt(np.sum(offset * offset, axis=1))
-    if name == "mountain":
-        peakiness = features["peakiness"][of].astype(np.float64)
-        rest = np.maximum(1 - t, 0)
-        t = np.maximum(t - relief.spur.value[at] * (1 - rest * rest), 0.0)
-        height = mountain_profile(t, peakiness, recipe.flank) * relief.ridges.value[at]
-    else:
-        height = hill_profile(t, recipe.flank) * relief.swell.value[at]
-    kept = height > 0.0
-    return at[kept], of[kept], height[kept]
+@dataclass(frozen=True)
+class _Around:
+    """Places paired with the features of one type that reach them.
+
+    Attributes
+    ----------
+    at, of : (n,) int64
+        Place and feature of each pair.
+    profile, east, north : (n,) float64
+        Height per strength, and its slope per metre.
+    share : Slope
+        What noise multiplies the joined heights by, at each place.
+    traits : (features, 2) float64
+        Erosion and the widest gully (m) of each feature.
+    """
+
+    recipe: TerrainRecipe
+    x: npt.NDArray[np.int64]
+    y: npt.NDArray[np.int64]
+    power: int
+    at: npt.NDArray[np.int64]
+    of: npt.NDArray[np.int64]
+    profile: Reals
+    east: Reals
+    north: Reals
+    share: Slope
+    traits: Reals
+
+    @classmethod
+    def paired(cls, recipe: TerrainRecipe, features: Points, places: Reals, name: str) -> _Around:
+        """Pair places (m) with the features whose support reaches them."""
+        x, y = (to_lattice(places[:, axis], recipe.extent) for axis in (0, 1))
+        relief = relief_of(recipe, x, y, cell_size=recipe.extent / _CELLS_PER_EXTENT)
+        radius = features["radius"].astype(np.float64)
+        centre = np.stack([features["x"], features["y"]], axis=-1)
+        found = cKDTree(places).query_ball_point(centre, radius * support_radii(recipe))
+        of = np.repeat(np.arange(len(features)), [len(near) for near in found])
+        at = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
+        bend = tuple(Slope(*(part[at] for part in each)) for each in relief.bend)
+        t = approached((places[at] - centre[of]).T, 1 / radius[of], (bend[0], bend[1]))
+        if name == "mountain":
+            t = carried(t, Slope(*(part[at] for part in relief.spur)))
+            style = (features["peakiness"][of].astype(np.float64), recipe.flank)
+            profile, slope = mountain_profile(t.value, *style), mountain_slope(t.value, *style)
+            share = relief.ridges
+        else:
+            profile, slope = hill_profile(t.value, recipe.flank), hill_slope(t.value, recipe.flank)
+            share = relief.swell
+        kept = profile > 0.0
+        east, north = slope * t.east, slope * t.north
+        erosion, gully = (features[key].astype(np.float64) for key in ("erosion", "gullies"))
+        return cls(
+            recipe,
+            x,
+            y,
+            _POWER[name],
+            at[kept],
+            of[kept],
+            profile[kept],
+            east[kept],
+            north[kept],
+            share,
+            np.stack([erosion, gully * radius], axis=-1),
+        )
+
+    def total(self, strength: Reals) -> Reals:
+        """Sum of powers of the heights at each place."""
+        return self._sum((strength[self.of] * self.profile) ** self.power)
+
+    def height(self, strength: Reals, total: Reals, *, eroded: bool) -> Reals:
+        """Height (m) at each place, with or without what erosion adds and takes."""
+        joined = np.maximum(total, 1e-36) ** (1 / self.power)
+        plain = joined * self.share.value
+        if not eroded or not self.traits[:, 0].any():
+            return np.asarray(plain)
+        weight = (strength[self.of] * self.profile) ** (self.power - 1) * strength[self.of]
+        east, north = (
+            self._sum(weight * part) / joined ** (self.power - 1) for part in (self.east, self.north)
+        )
+        traits = (
+            self._sum(weight * self.profile * trait) / np.maximum(total, 1e-36)
+            for trait in self.traits[self.of].T
+        )
+        slopes = (
+            slope * self.share.value + joined * leans
+            for slope, leans in zip((east, north), self.share[1:], strict=True)
+        )
+        world = pack_world(self.recipe, self.recipe.extent / _CELLS_ERODED, real=np.float64)
+        rise = Rise(Slope(plain, *slopes), *traits)
+        return np.asarray(plain + gullies(world.scalars[0], world.octaves, self.x, self.y, rise).value)
+
+    def _sum(self, values: Reals) -> Reals:
+        return np.asarray(np.bincount(self.at, weights=values, minlength=len(self.x)), np.float64)

@@ -24,11 +24,10 @@ __all__ = ["PackedFeatures", "PackedRivers", "PackedWorld", "pack_features", "pa
 
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
-_RIDGE_DEPTH = 0.62
 # Ridges push outlines further than the warp does; the noise stays within [-1, 1].
-_SPUR_WARPS = 1.5
+_SPUR_WARPS = 1.2
 # How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
-_GULLY_DEPTH = 0.09
+_GULLY_DEPTH = 0.15
 _CRAG_DEPTH = 0.06
 _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
@@ -117,7 +116,7 @@ def pack_world(recipe: TerrainRecipe, cell_size: float, *, real: npt.DTypeLike) 
         "inverse_cell": 1 / cell,
         "half_relief": recipe.ground["relief"] / 2 * _GROUND_SPAN,
         "warp": recipe.warp,
-        "ridge_depth": _RIDGE_DEPTH,
+        "ridge_depth": recipe.ridge_depth,
         "spur": _SPUR_WARPS * recipe.warp,
         "gully_depth": _depth_scale("gully", recipe, _GULLY_DEPTH),
         "crag_depth": _depth_scale("crag", recipe, _CRAG_DEPTH),

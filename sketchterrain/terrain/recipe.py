@@ -109,6 +109,11 @@ class TerrainRecipe:
         return 0.34 - 0.2 * self.fidelity - 0.5 * max(self.fidelity - 0.8, 0.0)
 
     @property
+    def ridge_depth(self) -> float:
+        """Share of its height that a mountain gains or loses by noise, at most."""
+        return 0.8 - 1.5 * max(self.fidelity - 0.8, 0.0)
+
+    @property
     def flank(self) -> float:
         """How much steeper than at a loose fidelity mountains and hills fall to their feet."""
         return flank(self.fidelity)
@@ -138,7 +143,7 @@ class TerrainRecipe:
             NoiseStack("warp_u", outline, 0.45, most=3),
             NoiseStack("warp_v", outline, 0.45, most=3),
             NoiseStack("ridge", self.ridge_wavelength, 0.42, most=2),
-            NoiseStack("gully", self.extent / 16, 0.5, most=8),
+            NoiseStack("gully", self.extent / 16, 0.45, most=8),
             NoiseStack("crag", self.extent / 512, 0.5),
             NoiseStack("crest", crest, 0.42, most=4),
             NoiseStack("mottle", self.extent / 12, 0.62, most=8),

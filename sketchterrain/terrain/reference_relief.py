@@ -27,7 +27,7 @@ __all__ = ["Relief", "Rise", "Site", "crags", "gullies", "hills", "mountains", "
 
 _MOUNTAIN, _HILL = 0, 1
 _HILL_SWELL = 0.4
-_WAVES, _PIVOT, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 3.2e-10 * 2.0**31, 0.2, 0.2, 0.5, 0.7
+_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 3.2e-10 * 2.0**31, 0.7, 0.3, 0.35, 0.5, 0.7
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise
     """Return what erosion adds to the height, with its slope per metre, the waves' directions held."""
     value, east_sum, north_sum = np.zeros((3, *x.shape))
     for i in range(*octaves.ranges["gully"]):
-        east, north = rise.height.east + east_sum, rise.height.north + north_sum
+        east, north = rise.height.east + _FEED * east_sum, rise.height.north + _FEED * north_sum
         square = east * east + north * north
         across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
         cosine, sine, weight = _waves(octaves, i, x, y, -north * across, east * across)

@@ -40,6 +40,7 @@ _COLUMNS = (
     Column("p95_ms", "95 %, ms"),
     Column("million_octaves_per_s", "M points × octaves/s"),
     Column("ours_over_it", "the first row is so many times as fast"),
+    Column("by_processor", "by processor time"),
     Column("asked", "asked"),
     Column("difference", "largest difference from the first row"),
     Column("note", "note"),
@@ -53,15 +54,17 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     last value in memory. This program's kernel runs on the chosen device and on every CPU device, with the
     settings that give the same bits everywhere; the others with as many threads as the process may use. C,
     numba and NumPy compute the same sum; FastNoise2 sums gradient noise on the same kind of lattice with its
-    own hash and gradients. What is not on the machine is named, with how to get it.
+    own hash and gradients. By processor time, of all the process's threads, too: other processes disturb it
+    less; NumPy has one thread. What is not on the machine is named, with how to get it.
 
     Tiles: 64 quads, heights and normals, against a re-implementation of the thesis's way (permutation table,
     all octaves at every level, iterated sampling of splines, a launch a tile, finite differences), both by
     the clock from the first launch to the end of the last, the tiles left on the device. This program's carry
-    weights of materials too. Each method's error is that of its heights against its own float64 build, the
-    thesis's with the nearest place on each spline sampled 64 times in 5 rounds; the ratio that counts is the
-    one to the thesis's cheapest sampling whose error (99 % of the vertices) is no larger than this program's,
-    or to its most accurate one where none is.
+    weights of materials too. Each method's error is that of its heights against its own float64 build, this
+    program's with rivers as arcs for the finest cells, the thesis's with the nearest place on each spline
+    sampled 64 times in 5 rounds. The ratios that count are those to the thesis's quickest way whose error is
+    no larger than this program's, or to its most accurate one where none is: by the error of 99 % of the
+    vertices, and by the largest, since a single wrong distance shows (Zaaijer 2013, section 3.4).
 
     Roofline: the most that the chosen device can write, and multiply and add without contraction, by small
     kernels in the same run; noise and tiles without features as shares of the lower of the two bounds that
@@ -89,6 +92,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
     first = methods[0].result()
     rows: list[Row] = []
     fastest = spread([one.wall for one in laps[methods[0].name]]).median
+    least = spread([one.processor for one in laps[methods[0].name]]).median
     for method in methods:
         seconds = [one.wall for one in laps[method.name]]
         times = spread(seconds)
@@ -102,6 +106,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
                 "p95_ms": times.p95 * 1e3,
                 "million_octaves_per_s": side**2 * OCTAVES / times.median * 1e-6,
                 "ours_over_it": times.median / fastest,
+                "by_processor": spread([one.processor for one in laps[method.name]]).median / least,
                 "asked": next((v for k, v in ASKED.items() if method.name.startswith(k)), None),
                 "difference": float(np.max(np.abs(method.result() - first))) if same else None,
                 "note": None if same else "another noise: its own hash and gradients",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -38,10 +38,13 @@ class Lap:
         Seconds from call to return, as a user waits for them.
     launches : tuple of Launch
         In the order they were made.
+    processor : float
+        Seconds of all of the process's threads, which other processes disturb less than the clock.
     """
 
     wall: float
     launches: tuple[Launch, ...] = ()
+    processor: float = 0.0
 
     @property
     def device(self) -> float:
@@ -91,9 +94,9 @@ class Spread:
 
 def lap(work: Callable[[], object]) -> Lap:
     """Do a piece of work that needs no device once and time it."""
-    start = perf_counter()
+    start, used = perf_counter(), process_time()
     work()
-    return Lap(perf_counter() - start)
+    return Lap(perf_counter() - start, processor=process_time() - used)
 
 
 def alternate(rivals: Mapping[Name, Callable[[], Lap]], *, rounds: int) -> dict[Name, list[Lap]]:

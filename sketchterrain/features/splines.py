@@ -99,7 +99,9 @@ def cubics(points: Floats) -> Floats:
     return np.stack(powers, axis=-1)
 
 
-def sample_catmull_rom(points: Floats, step: float) -> tuple[Floats, Floats]:
+def sample_catmull_rom(
+    points: Floats, step: float, *, sagitta: float = np.inf, most: float = np.inf
+) -> tuple[Floats, Floats]:
     """Sample the curve through control points so that neighbours are at most about `step` apart.
 
     Parameters
@@ -108,6 +110,10 @@ def sample_catmull_rom(points: Floats, step: float) -> tuple[Floats, Floats]:
         As for `catmull_rom`.
     step : float
         Wanted distance between samples, in the points' unit.
+    sagitta : float
+        How far the curve may be from straight lines between samples, > 0.
+    most : float
+        Samples between two control points for the sake of the sagitta.
 
     Returns
     -------
@@ -118,7 +124,11 @@ def sample_catmull_rom(points: Floats, step: float) -> tuple[Floats, Floats]:
     """
     chord = np.sqrt((np.diff(points, axis=0) ** 2).sum(axis=1))
     # Two at least, so that a bend between two control points is never cut; 5 % for the arc over its chord.
-    counts = np.maximum(np.ceil(1.05 * chord / step).astype(np.intp), 2)
+    counts = np.maximum(np.ceil(1.05 * chord / step), 2.0)
+    # Over a part h of a segment a chord misses the curve by |c''| h²/8; c'' is linear, so greatest at an end.
+    c = cubics(points)
+    bend = np.maximum(*(np.sqrt((part**2).sum(axis=-1)) for part in (c[..., 2], c[..., 2] + 3.0 * c[..., 3])))
+    counts = np.maximum(counts, np.minimum(np.ceil(np.sqrt(bend / (4.0 * sagitta))), most)).astype(np.intp)
     segment = np.repeat(np.arange(len(chord)), counts)
     within = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
     u = np.append(segment + within / counts[segment], float(len(chord)))

@@ -79,3 +79,14 @@ def test_repeated_points_are_refused_and_can_be_dropped() -> None:
         catmull_rom(WILD[:1], np.array([0.0]))
     np.testing.assert_array_equal(without_repeats(repeated), WILD[:4])
     assert np.isfinite(sample_catmull_rom(without_repeats(repeated), 1.0)[0]).all()
+
+
+def test_samples_stay_within_the_sagitta_of_the_curve() -> None:
+    controls = WILD[[0, 1, 3, 4, 6]]
+    for sagitta in (1.0, 0.1, 0.01):
+        curve, u = sample_catmull_rom(controls, 1000.0, sagitta=sagitta)
+        middle = catmull_rom(controls, 0.5 * (u[1:] + u[:-1]))
+        off = np.hypot(*(middle - 0.5 * (curve[1:] + curve[:-1])).T)
+        assert off.max() <= sagitta
+        few, _ = sample_catmull_rom(controls, 1000.0, sagitta=sagitta, most=7)
+        assert len(few) <= 4 * 7 + 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -213,15 +213,21 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     """
     meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
     cell, unit = tolerance_cell(cell_size), metres_per_unit(recipe.extent)
-    courses = [
-        as_arcs(river, reach, meeting, cell_size=cell, least=unit)
-        for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True)
-    ]
+    courses, anchors = [], []
+    for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
+        # Arcs are fitted from the spring, wherever that is: far away they would round otherwise.
+        anchor = to_lattice(river.centreline[0, :2], recipe.extent)
+        away = np.append(anchor * unit, 0.0)
+        local = replace(river, points=river.points - away, centreline=river.centreline - away)
+        course = as_arcs(local, reach, meeting - away[:2], cell_size=cell, least=unit)
+        courses.append(course)
+        anchors.append(np.tile(anchor, (len(course.bend), 1)))
     if not courses:
         empty = np.zeros((0, 4))
         return PackedRivers(np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
     starts, ends = (np.concatenate([c.points[part] for c in courses]) for part in (slice(-1), slice(1, None)))
-    start, end = to_lattice(starts[:, :2], recipe.extent), to_lattice(ends[:, :2], recipe.extent)
+    anchor = np.concatenate(anchors)
+    start, end = (to_lattice(each[:, :2], recipe.extent) + anchor for each in (starts, ends))
     vector = (end - start) * unit
     length2 = np.sum(vector**2, axis=1)
     kept = length2 > 0

@@ -18,7 +18,7 @@ SHOWN: Final = 0.25
 _STEEPEST = 0.6  # added to the flank at fidelity 1
 _LOOSE = 0.6  # fidelity up to which flanks are as gentle as they can be
 _TIP = 0.12  # share of a radius over which a mountain's tip is rounded
-_CUT_IN = 0.25  # how much farther a mountain reaches at fidelity 0, as valleys cut into its outline
+_CUT_IN = 0.2  # how much farther a mountain reaches at fidelity 0, as valleys cut into its outline
 _HALVINGS = 30
 
 

@@ -25,10 +25,10 @@ __all__ = ["PackedFeatures", "PackedRivers", "PackedWorld", "pack_features", "pa
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
 # Ridges push outlines further than the warp does; the noise stays within [-1, 1].
-_SPUR_WARPS = 1.2
+_SPUR_WARPS = 1.0
 # How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
 _GULLY_DEPTH = 0.15
-_CRAG_DEPTH = 0.06
+_CRAG_DEPTH = 0.05
 _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
 _SLOTS = ("mountain", "hill", "forest")

@@ -111,7 +111,7 @@ class TerrainRecipe:
     @property
     def ridge_depth(self) -> float:
         """Share of its height that a mountain gains or loses by noise, at most."""
-        return 0.8 - 1.5 * max(self.fidelity - 0.8, 0.0)
+        return 0.75 - 1.25 * max(self.fidelity - 0.8, 0.0)
 
     @property
     def flank(self) -> float:

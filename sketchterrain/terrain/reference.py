@@ -15,9 +15,9 @@ from sketchterrain.features.profiles import area_profile, cubic
 from sketchterrain.terrain.arcs import nearest_on_arc
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
-from sketchterrain.terrain.packing import pack_features, pack_rivers, pack_world
+from sketchterrain.terrain.packing import effective_cell, pack_features, pack_rivers, pack_world
 from sketchterrain.terrain.reference_lakes import lay_lakes
-from sketchterrain.terrain.reference_noise import Slope, fbm
+from sketchterrain.terrain.reference_noise import Slope, fbm, fbm_slope
 from sketchterrain.terrain.reference_relief import (
     Relief,
     Rise,
@@ -33,13 +33,21 @@ from sketchterrain.terrain.reference_relief import (
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.packing import PackedFeatures, PackedRivers
     from sketchterrain.terrain.recipe import TerrainRecipe
 
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["ReferenceGround", "Relief", "reference_ground", "reference_heights", "relief_of"]
+__all__ = [
+    "ReferenceGround",
+    "Relief",
+    "reference_ground",
+    "reference_heights",
+    "reference_slope",
+    "relief_of",
+]
 
 
 _ZERO = np.zeros(1)
@@ -82,20 +90,14 @@ def reference_ground(
     """Return the terrain at lattice positions of shape (n,), in float64."""
     world = pack_world(recipe, cell_size, real=np.float64)
     w = world.scalars[0]
-    block = np.array([[x.min(), y.min(), x.max(), y.max()]])
-    near = features_near(recipe, block, min_radius=1 / float(w["inverse_cell"]))
-    packed = pack_features(recipe, near, cell_size)
+    packed = _packed_around(recipe, x, y, cell_size)
     octaves = world.octaves
 
     height = w["half_relief"] * fbm(octaves, "ground", x, y)
     relief = relief_at(w, octaves, x, y)
     place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
-    massif = mountains(packed, place, relief.spur)
-    rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.ridges)
-    mountain = _smooth(massif.height.value, 20, 100)
-    cut = gullies(w, octaves, x, y, rise)
-    slopes = (a + b for a, b in zip(rise.height[1:], cut[1:], strict=True))
-    height = height + rise.height.value + cut.value + mountain * crags(w, octaves, x, y, *slopes)
+    eroded, mountain = _eroded(w, octaves, packed, place, relief)
+    height = height + eroded.value + mountain * crags(w, octaves, x, y, *eroded[1:])
     cover, share = _areas(packed, place, slot=2)
     mottle = 2.2 * fbm(octaves, "mottle", x, y)
     forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
@@ -115,6 +117,38 @@ def reference_ground(
         height = carved + (np.minimum(carved, height) - carved) * lake
         water = np.maximum(water, river)
     return ReferenceGround(height, mountain, dune, forest, water, lake)
+
+
+def reference_slope(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Slope:
+    """Return heights (m) and slopes of ground, hills and mountains with their gullies, without crags.
+
+    The slopes of gullies are taken with the direction of each wave held, as the filter takes them.
+    """
+    world = pack_world(recipe, cell_size, real=np.float64)
+    w, octaves = world.scalars[0], world.octaves
+    relief = relief_at(w, octaves, x, y)
+    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    eroded, _ = _eroded(w, octaves, _packed_around(recipe, x, y, cell_size), place, relief)
+    ground = fbm_slope(octaves, "ground", x, y)
+    scale = w["half_relief"] * np.array([1, w["units_per_metre"], w["units_per_metre"]])
+    return Slope(*(a + b * by for a, b, by in zip(eroded, ground, scale, strict=True)))
+
+
+def _packed_around(recipe: TerrainRecipe, x: Lattice, y: Lattice, cell_size: float) -> PackedFeatures:
+    block = np.array([[x.min(), y.min(), x.max(), y.max()]])
+    near = features_near(recipe, block, min_radius=effective_cell(cell_size))
+    return pack_features(recipe, near, cell_size)
+
+
+def _eroded(
+    w: np.void, octaves: OctaveTable, packed: PackedFeatures, place: Site, relief: Relief
+) -> tuple[Slope, Reals]:
+    """Return hills and mountains with their gullies, and how much of a mountain each place is."""
+    massif = mountains(packed, place, relief.spur)
+    rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.ridges)
+    cut = gullies(w, octaves, place.x, place.y, rise)
+    height = Slope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
+    return height, _smooth(massif.height.value, 20, 100)
 
 
 def _smooth(x: Reals, low: float, high: float) -> Reals:

@@ -27,6 +27,7 @@ __all__ = ["Relief", "Rise", "Site", "crags", "gullies", "hills", "mountains", "
 
 _MOUNTAIN, _HILL = 0, 1
 _HILL_SWELL = 0.4
+_TALUS = 2.1445069205095586
 _WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 3.2e-10 * 2.0**31, 0.7, 0.3, 0.35, 0.5, 0.7
 
 
@@ -186,7 +187,7 @@ def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise
         per_metre = octaves.scale[i, 1] * w["units_per_metre"]
         t = np.clip((rise.widest * per_metre - 0.5) * 2, 0, 1)
         depth = w["gully_depth"] * octaves.scale[i, 0] * rise.erosion * t * t * (3 - 2 * t)
-        depth = depth * square / (square + _GENTLE**2)
+        depth = depth * square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
         value = value + depth * (v + _SHARP * (v * v - 0.5))
         lean = depth * (1 + 2 * _SHARP * v) * -sine * even * 2 * np.pi * per_metre * across
         east_sum, north_sum = east_sum - lean * north, north_sum + lean * east

@@ -1,5 +1,5 @@
 # `make demo` shows what the program does, `make test` checks all of it, `make soak` compares 10,000 random tiles on
-# each device with their neighbours and parents.
+# each device with their neighbours and parents, and lets every single call of OpenCL fail once.
 VENV := .venv
 PYTHON := $(VENV)/bin/python
 OUT := out
@@ -15,7 +15,8 @@ test: $(VENV)/test.stamp
 	$(PYTHON) -m pytest -n auto
 
 soak: $(VENV)/test.stamp
-	SOAK_TILES=10000 $(PYTHON) -m pytest tests/terrain/test_random_tiles.py -n auto
+	SOAK_TILES=10000 SKETCHTERRAIN_SOAK=1 $(PYTHON) -m pytest -n auto tests/terrain/test_random_tiles.py \
+		tests/terrain/test_device_verdict.py tests/cli/test_device_failures.py
 
 $(VENV)/demo.stamp: pyproject.toml .ci/setup
 	@bash .ci/setup $(VENV) cpu

@@ -11,6 +11,7 @@ from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.adherence_chart import draw_adherence
 from sketchterrain.benchmarks.choices_chart import draw_choices
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
+from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
 
 if TYPE_CHECKING:
@@ -278,6 +279,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     ),
     "kernels": _kernels,
     "sketch": draw_scaling,
+    "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
     "splines": draw_splines,
     "tiles": _tiles,
 }
@@ -285,5 +287,6 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
 
 MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "accuracy": {"choices": lambda rows: draw_choices(_figure(12.0, 6.6), rows)},
+    "speed": {"tiles": lambda rows: draw_thesis(_figure(12.0, 4.2), rows)},
 }
 """Charts of its second table and so on, by how their files' names end."""

@@ -69,4 +69,5 @@ def _compiled(compiler: str) -> ctypes.CDLL:
 def _version(compiler: str) -> str:
     shown = subprocess.run([compiler, "--version"], check=False, capture_output=True, text=True).stdout
     words = shown.splitlines()[0].split() if shown else []
-    return " ".join([Path(compiler).name, *(word for word in words if word[:1].isdigit())][:2])
+    numbers = [word.rstrip(")") for word in words if word[:1].isdigit()]
+    return " ".join([Path(compiler).name, *numbers[:1]])

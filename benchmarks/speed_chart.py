@@ -42,7 +42,7 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
     grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
     panels = figure.subplots(1, len(grounds), squeeze=False, sharey=True)[0]
     for ground, axes in zip(grounds, panels, strict=True):
-        for row in (row for row in rows if row["ground"] == ground):
+        for number, row in enumerate(row for row in rows if row["ground"] == ground):
             own = row["method"] == OURS
             x, y = _number(row, "us_per_tile"), max(_number(row, "error_mm"), _LEAST)
             colour = _OWN if own else _OTHER
@@ -52,7 +52,7 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
             axes.annotate(
                 text,
                 (x, y),
-                (6, 3),
+                (6, -11 if number % 2 else 4),
                 textcoords="offset points",
                 color=colour,
                 fontsize=7.5,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.adherence_chart import draw_adherence
 from sketchterrain.benchmarks.choices_chart import draw_choices
+from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
@@ -277,6 +278,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "adherence": lambda rows: draw_adherence(
         _figure(9.0, 5.4), rows, (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)
     ),
+    "erosion": draw_erosion,
     "kernels": _kernels,
     "sketch": draw_scaling,
     "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
@@ -287,6 +289,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
 
 MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "accuracy": {"choices": lambda rows: draw_choices(_figure(12.0, 6.6), rows)},
+    "erosion": {"normals": draw_normals},
     "speed": {"tiles": lambda rows: draw_thesis(_figure(12.0, 4.2), rows)},
 }
 """Charts of its second table and so on, by how their files' names end."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sketchterrain.benchmarks import (
     accuracy,
     adherence,
+    erosion,
     kernel_times,
     noise,
     part_costs,
@@ -92,6 +93,7 @@ BENCHMARKS = {
         Benchmark(
             "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
         ),
+        Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "accuracy",
             "tiles drawn from the whole of valley_river (full run: of desert_mountains too)",

@@ -28,6 +28,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "sketch",
         "foliage",
         "splines",
+        "erosion",
         "accuracy",
     ]
     for name, benchmark in BENCHMARKS.items():

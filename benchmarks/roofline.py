@@ -106,7 +106,7 @@ def table(context: TimedContext, effort: Effort) -> Table:
     return Table("Share of the roofline", _COLUMNS, tuple(rows))
 
 
-def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], None], int, int]:
+def _bare_tiles(context: TimedContext, count: int) -> tuple[Callable[[], object], int, int]:
     """Return what launches tiles without features, their octaves at a vertex, and their vertices."""
     recipe = open_ground(BARE, context).recipe
     arguments, keys = KernelArguments(recipe, context), central_keys(LEVEL, count)

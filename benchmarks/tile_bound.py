@@ -81,7 +81,7 @@ def counted(terrain: Terrain, context: TimedContext, keys: Sequence[TileKey]) ->
         length = {name: last - first for name, (first, last) in table.ranges.items()}
         of_slot = np.diff(lists["feature_starts"], axis=-1)
         there = of_slot > 0
-        cut, rocky = _cut(recipe, context, reaching, patches), _rocky(terrain, patches)
+        cut, rocky = _cut(recipe, reaching, patches), _rocky(terrain, patches)
         plane = side * side
         octaves += plane * (
             len(keys) * (length["ground"] + (length["mottle"] if up == 0 else 0))
@@ -109,21 +109,17 @@ def _sampled(patches: Patches) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.in
     return east.reshape(patches.count, -1), north.reshape(patches.count, -1)
 
 
-def _cut(recipe: TerrainRecipe, context: TimedContext, reaching: Reaching, patches: Patches) -> float:
+def _cut(recipe: TerrainRecipe, reaching: Reaching, patches: Patches) -> float:
     """Tiles' worth of vertices that surely lie in a hill or mountain that water cuts."""
     features, lists = reaching.features, reaching.lists
-    count = len(features.slot)
-    if count == 0:
-        return 0.0
-    at = context.download(features.at, (count, 2), np.int64)
-    shape = context.download(features.shape, (count, 8), context.real_dtype)
+    at, shape = features.packed.at, features.packed.shape
     unit = metres_per_unit(recipe.extent)
     sure = max(1 - (support_radii(recipe) - 1), 0.0)
     east, north = _sampled(patches)
     whole = 0.0
     for patch, starts in enumerate(lists["feature_starts"]):
         near = lists["feature_list"][starts[0] : starts[2]]
-        near = near[(shape[near, 4] > 0) & (features.strength[near] > 0)]
+        near = near[(shape[near, 4] > 0) & (shape[near, 1] > 0)]
         away = np.stack([east[patch], north[patch]], axis=-1)[:, None] - at[near]
         radii = np.hypot(away[..., 0] * unit, away[..., 1] * unit) * shape[near, 0]
         whole += float(np.mean((radii < sure).any(axis=-1)))

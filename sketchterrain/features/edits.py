@@ -80,6 +80,10 @@ class EditedFill:
         """Distinct (wavelength in m, wind in degrees) of its dunes."""
         return self.fill.dune_styles
 
+    def strongest(self, name: str, radius: float) -> float:
+        """Return a strength that no feature of a type, up to a ground radius (m), exceeds."""
+        return self.fill.strongest(name, radius)
+
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> Points:

@@ -90,6 +90,15 @@ class Fill:
         """The types that it has features of, in the order in which they give way."""
         return tuple(self._proposals)
 
+    def strongest(self, name: str, radius: float) -> float:
+        """Return a strength that no feature of a type, up to a ground radius (m), exceeds; 0 if it has none."""
+        proposal = self._proposals.get(name)
+        if proposal is None or radius <= proposal.low:
+            return 0.0
+        properties = self.sketch.properties(name, 1)
+        most = properties["density"] if name == "forest" else properties["height"]
+        return float(min(most, TYPES[name].fill_slope * min(radius, proposal.high)))
+
     def heeds(self, name: str, radius: float | None = None) -> dict[str, float]:
         """How far (m) from what changed its features of each type may be other ones, at most.
 

@@ -27,6 +27,8 @@ class Tile:
         West, south, east, north, m.
     cell_size : float
         Metres between vertices.
+    detail_bound : float
+        Metres by which heights at full detail differ from those at this level, at most, anywhere in the tile.
     height : ndarray of float32, shape (65, 65)
         Metres.
     normal : ndarray of float32, shape (65, 65, 3)
@@ -43,6 +45,7 @@ class Tile:
     row: int
     bounds: tuple[float, float, float, float]
     cell_size: float
+    detail_bound: float
     height: npt.NDArray[np.float32]
     normal: npt.NDArray[np.float32]
     materials: npt.NDArray[np.float32]

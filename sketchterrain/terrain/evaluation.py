@@ -11,6 +11,7 @@ from sketchterrain.compute.staging import Staging
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.terrain.batches import Batches
 from sketchterrain.terrain.culling import feature_index, features_near
+from sketchterrain.terrain.detail import DetailBound
 from sketchterrain.terrain.finite import require_finite
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS
@@ -57,6 +58,7 @@ class Evaluator:
         self._launcher = PatchLauncher(self._arguments)
         self._staged = Staging(context)
         self._kept: SurfaceStore | None = None
+        self._detail: DetailBound | None = None
         self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
         self._points_at_once = Batches(_POINTS_PER_LAUNCH)
 
@@ -68,6 +70,7 @@ class Evaluator:
         other = copy(self)
         other._arguments = self._arguments.with_strengths(strength)
         other._launcher = PatchLauncher(other._arguments)
+        other._detail = None
         other.recipe = other._arguments.recipe
         return other
 
@@ -103,8 +106,8 @@ class Evaluator:
         self._patches_at_once.run(count, evaluate, smaller=self._give_back)
         return surface
 
-    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> Surface:
-        """Evaluate tiles of one level, and what their parents hold at their vertices.
+    def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, npt.NDArray[np.float64]]:
+        """Evaluate tiles of one level, what their parents hold at their vertices, and their detail's bounds.
 
         Parameters
         ----------
@@ -114,14 +117,15 @@ class Evaluator:
             −12 … 18.
         """
         surface = Surface.empty(len(keys), QUADS + 1, real=self.context.real_dtype, parents=True)
+        bounds = np.empty(len(keys))
 
         def evaluate(part: slice) -> None:
             store = self._store(QUADS + 1)
-            self._fill(keys[part], level, store, np.arange(part.stop - part.start))
+            bounds[part] = self._fill(keys[part], level, store, np.arange(part.stop - part.start))
             store.download(surface.part(part))
 
         self._patches_at_once.run(len(keys), evaluate, smaller=self._give_back)
-        return surface
+        return surface, bounds
 
     def fill(
         self,
@@ -129,13 +133,15 @@ class Evaluator:
         level: int,
         store: SurfaceStore,
         slots: npt.NDArray[np.integer],
-    ) -> None:
-        """Enqueue the same into slots of a store of tiles; nothing comes back and nothing is waited for."""
+    ) -> npt.NDArray[np.float64]:
+        """Enqueue the same into slots of a store of tiles; nothing but the bounds comes back."""
+        bounds = np.empty(len(keys))
 
         def evaluate(part: slice) -> None:
-            self._fill(keys[part], level, store, slots[part])
+            bounds[part] = self._fill(keys[part], level, store, slots[part])
 
         self._patches_at_once.run(len(keys), evaluate, smaller=self._give_back)
+        return bounds
 
     def _fill(
         self,
@@ -143,10 +149,13 @@ class Evaluator:
         level: int,
         store: SurfaceStore,
         slots: npt.NDArray[np.integer],
-    ) -> None:
+    ) -> npt.NDArray[np.float64]:
         own, coarse = (tile_patches(level, keys, self.recipe.extent, up=up) for up in (0, 1))
-        self._launcher.surfaces(own, store, slots)
+        reaching = self._launcher.surfaces(own, store, slots)
         self._launcher.parents(coarse, store, slots)
+        if self._detail is None:
+            self._detail = DetailBound(self.recipe)
+        return self._detail.of(reaching, own.blocks, own.cell_size)
 
     def points(
         self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], *, cell_size: float

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain.culling import Lists
+    from sketchterrain.terrain.packing import PackedRivers
     from sketchterrain.terrain.reach_index import ReachIndex
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surroundings import Gathered
@@ -42,11 +43,14 @@ class Reaching:
     ----------
     features : Gathered
         Features, of which some do.
+    rivers : PackedRivers
+        Arcs of rivers, of which some do.
     lists : dict of str to ndarray of int32
         Which features, lakes and pieces of river reach which block, by the names of the kernels' arguments.
     """
 
     features: Gathered
+    rivers: PackedRivers
     lists: dict[str, npt.NDArray[np.int32]]
 
     @property
@@ -110,12 +114,13 @@ class KernelArguments:
         """
         shown = self.world(cell_size)["lakes_shown"]
         gathered = self._around.gathered(blocks, effective_cell(cell_size))
+        rivers = self._rivers(tolerance_cell(cell_size))
         lists = {
             "feature": gathered.lists(blocks),
             "lake": item_lists(self._lake_index, blocks, shown),
-            "river": item_lists(self._rivers(tolerance_cell(cell_size))[1], blocks),
+            "river": item_lists(rivers.index, blocks),
         }
-        return Reaching(gathered, _named(lists))
+        return Reaching(gathered, rivers.packed, _named(lists))
 
     def terrain(self, reaching: Reaching, cell_size: float, lists: Mapping[str, Any]) -> list[Any]:
         """Return the arguments that ``TERRAIN_ARGUMENTS`` in ``kernels/patches.clh`` names, in its order.
@@ -142,7 +147,7 @@ class KernelArguments:
             self._lake_samples,
             lists["lake_starts"],
             lists["lake_list"],
-            *self._rivers(tolerance_cell(cell_size))[0],
+            *self._rivers(tolerance_cell(cell_size)).buffers,
             lists["river_starts"],
             lists["river_list"],
         ]
@@ -194,12 +199,21 @@ class KernelArguments:
             upload(self._covers.samples.astype(real)),
         ]
 
-    def _upload_rivers(self, cell: float) -> tuple[list[Any], ReachIndex]:
+    def _upload_rivers(self, cell: float) -> _Rivers:
         upload, real = self.context.upload, self.context.real_dtype
         rivers = pack_rivers(self.recipe, cell)
         parts = (rivers.along, rivers.up, rivers.down)
         buffers = [upload(rivers.start), *(upload(part.astype(real)) for part in parts)]
-        return buffers, river_index(self.recipe, rivers)
+        return _Rivers(rivers, buffers, river_index(self.recipe, rivers))
+
+
+@dataclass(frozen=True, eq=False)
+class _Rivers:
+    """Arcs of rivers for one tolerance: here, on the device, and where they lie."""
+
+    packed: PackedRivers
+    buffers: list[Any]
+    index: ReachIndex
 
 
 def _named(lists: Mapping[str, Lists]) -> dict[str, npt.NDArray[np.int32]]:

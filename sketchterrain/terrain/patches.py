@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.terrain.kernel_arguments import KernelArguments
+    from sketchterrain.terrain.kernel_arguments import KernelArguments, Reaching
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.surfaces import SurfaceStore
@@ -56,7 +56,7 @@ class PatchLauncher:
         self._rows = lru_cache(maxsize=16)(self._whole_rows)
         self._staged = {name: Staging(self._context) for name in ("whole", "bare")}
 
-    def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> None:
+    def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> Reaching:
         """Enqueue heights, normals and materials of patches.
 
         Parameters
@@ -67,6 +67,11 @@ class PatchLauncher:
             Where they are written.
         slots
             Which place in it each of them has, shape (patches,).
+
+        Returns
+        -------
+        Reaching
+            What reaches the patches.
         """
         covers = self._arguments.cover_lists(patches.blocks)
         launch = self._heights(patches, {"slot": np.asarray(slots, np.int32), **covers}, bare=False)
@@ -86,6 +91,7 @@ class PatchLauncher:
             store.materials,
             group=self._rows(launch.file, "surfaces", store.inner),
         )
+        return launch.reaching
 
     def parents(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> None:
         """Enqueue what parents hold at their children's vertices.
@@ -122,6 +128,7 @@ class PatchLauncher:
         small = staging.put({**reaching.lists, **vertices.arrays, **more})
         launch = _Launch(
             vertices.file,
+            reaching,
             small,
             [*(small[name] for name in vertices.places), *vertices.step],
             vertices.across or [small[name] for name in vertices.inverse if name in small],
@@ -217,9 +224,10 @@ class _Vertices:
 
 @dataclass(frozen=True, eq=False)
 class _Launch:
-    """A launch of ``patches``: its file, small arrays, where vertices lie, how far apart, what it writes."""
+    """A launch of ``patches``: its file, what it is given, where vertices lie, and what it writes."""
 
     file: str
+    reaching: Reaching
     small: dict[str, Any]
     places: list[Any]
     across: list[Any]

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.culling import Lists
+    from sketchterrain.terrain.packing import PackedFeatures
     from sketchterrain.terrain.reach_index import ReachIndex
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -47,10 +48,8 @@ class Gathered:
     ----------
     at, shape
         Device buffers of ``Features`` in ``kernels/world.clh``.
-    strength : (n,) float64
-        What is left of their strength at the cell size.
-    slot : (n,) int64
-        Kind of each.
+    packed : PackedFeatures
+        The same here.
     slots : int
         How many kinds there are.
     index, order
@@ -59,15 +58,14 @@ class Gathered:
 
     at: Any
     shape: Any
-    strength: npt.NDArray[np.float64]
-    slot: Lattice
+    packed: PackedFeatures
     slots: int
     index: ReachIndex
     order: Lattice
 
     def lists(self, blocks: Lattice) -> Lists:
         """Return which of them reach which block: ``starts`` and ``list`` of the kernels' ``Features``."""
-        return feature_lists(self.index, self.order, self.slot, self.slots, blocks)
+        return feature_lists(self.index, self.order, self.packed.slot, self.slots, blocks)
 
 
 class Surroundings:
@@ -133,8 +131,7 @@ class Surroundings:
         return Gathered(
             upload(packed.at),
             upload(packed.shape.astype(self._context.real_dtype)),
-            packed.shape[:, 1],
-            packed.slot,
+            packed,
             self._slots,
             index,
             order,

@@ -120,8 +120,8 @@ class Terrain:
         tiles: dict[tuple[int, int, int], Tile] = {}
         for level in sorted({key[0] for key in keys}):
             of_level = [key for key in dict.fromkeys(keys) if key[0] == level]
-            surface = self._evaluator.tiles([key[1:] for key in of_level], level)
-            tiles |= {key: self._tile(key, surface, i) for i, key in enumerate(of_level)}
+            surface, bounds = self._evaluator.tiles([key[1:] for key in of_level], level)
+            tiles |= {key: self._tile(key, surface, float(bounds[i]), i) for i, key in enumerate(of_level)}
         return [tiles[key] for key in keys]
 
     def tile_store(self, slots: int) -> SurfaceStore:
@@ -130,8 +130,8 @@ class Terrain:
 
     def fill_tiles(
         self, keys: Sequence[tuple[int, int, int]], store: SurfaceStore, slots: Sequence[int]
-    ) -> None:
-        """Write tiles where they live on the device: the values of :meth:`tiles`, and nothing comes back.
+    ) -> npt.NDArray[np.float64]:
+        """Write tiles where they live on the device: the values of :meth:`tiles`.
 
         The tiles of a level cost four launches, up to 256 of them at once: heights, then normals and
         materials, and the same of their parents. The queue is in order, so whatever is enqueued next finds
@@ -146,6 +146,11 @@ class Terrain:
         slots
             Which place in the store each of them has; all different.
 
+        Returns
+        -------
+        ndarray of float64, shape (tiles,)
+            The tiles' ``detail_bound``, m.
+
         Raises
         ------
         InputError
@@ -157,9 +162,12 @@ class Terrain:
         if place.size and not (place.min() >= 0 and place.max() < store.slots):
             raise InputError(f"slots must be 0 … {store.slots - 1}")
         levels = np.array([key[0] for key in keys])
+        bounds = np.empty(len(keys))
         for level in np.unique(levels):
             chosen = np.flatnonzero(levels == level)
-            self._evaluator.fill([keys[int(i)][1:] for i in chosen], int(level), store, place[chosen])
+            of_level = [keys[int(i)][1:] for i in chosen]
+            bounds[chosen] = self._evaluator.fill(of_level, int(level), store, place[chosen])
+        return bounds
 
     def raster(self, longer_side: int, *, progress: Callable[[float], None] | None = None) -> Raster:
         """Return the whole sketch as one grid.
@@ -218,7 +226,7 @@ class Terrain:
         """Names of the plants' species, in order."""
         return SPECIES
 
-    def _tile(self, key: tuple[int, int, int], surface: Surface, i: int) -> Tile:
+    def _tile(self, key: tuple[int, int, int], surface: Surface, detail: float, i: int) -> Tile:
         level, column, row = key
         cell = level_step(level) * metres_per_unit(self.extent)
         width = cell * QUADS
@@ -226,7 +234,7 @@ class Terrain:
         parent = surface.parent
         parts = (surface.height, surface.normal, surface.materials, parent.height, parent.normal)
         arrays = (np.ascontiguousarray(part[i], dtype=np.float32) for part in parts)
-        return Tile(level, column, row, bounds, cell, *arrays)
+        return Tile(level, column, row, bounds, cell, detail, *arrays)
 
 
 def _axis(length: float, count: int, extent: float) -> npt.NDArray[np.int64]:

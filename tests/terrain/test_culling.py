@@ -68,13 +68,13 @@ def test_sheets_give_the_lists_that_all_features_give(valley: Terrain, level: in
     unit = recipe.extent / 2.0**24
     block, item = compared(packed.at, packed.at, packed.support / unit, blocks)
     starts, members = gathered.lists(blocks)
-    at = valley.context.download(gathered.at, (len(gathered.slot), 2), np.int64)
+    at = valley.context.download(gathered.at, (len(gathered.packed.slot), 2), np.int64)
     for number in range(len(blocks)):
         expected = item[block == number]
         expected = expected[np.argsort(packed.slot[expected], kind="stable")]
         listed = members[starts[number, 0] : starts[number, -1]]
         np.testing.assert_array_equal(at[listed], packed.at[expected])
-        np.testing.assert_array_equal(gathered.strength[listed], packed.shape[expected, 1])
+        np.testing.assert_array_equal(gathered.packed.shape[listed, 1], packed.shape[expected, 1])
         sizes = np.bincount(packed.slot[expected], minlength=gathered.slots)
         np.testing.assert_array_equal(np.diff(starts[number]), sizes)
 
@@ -85,7 +85,7 @@ def test_sheets_do_not_depend_on_what_was_asked_before(valley: Terrain) -> None:
     for shift in (-(1 << 25), 1 << 23, 1 << 20):
         asked.gathered(near + shift, 2.0)
     one, two = asked.gathered(near, 2.0), Surroundings(valley.recipe, valley.context).gathered(near, 2.0)
-    np.testing.assert_array_equal(one.strength, two.strength)
+    np.testing.assert_array_equal(one.packed.shape, two.packed.shape)
     np.testing.assert_array_equal(one.order, two.order)
     assert asked.gathered(near, 2.0) is one
 

@@ -56,26 +56,28 @@ _COLUMNS = (
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Compare times of this program and of others that do the same, in one run, in turn; medians.
 
-    Noise: float32 simplex fBm of 8 octaves in two dimensions on a square grid, by the clock from call to the
-    last value in memory. This program's kernel runs on the chosen device and on every CPU device, with the
-    settings that give the same bits everywhere; the others with as many threads as the process may use. C,
-    numba and NumPy compute the same sum, numba as one writes it and in the C loop's order, which its compiler
-    turns into vectors; FastNoise2 sums gradient noise on the same kind of lattice with its own hash and
-    gradients. By processor time too, of all threads of the process, which others disturb less; NumPy has
-    one thread. What is not on the machine is named, with how to get it.
+    Noise: float32 simplex fBm of 8 octaves in two dimensions on a square grid, by the clock from call to
+    the last value in memory. This program's kernel runs on the chosen device and on every CPU device, with
+    the settings that give the same bits everywhere; the others with as many threads as the process may use.
+    C, numba and NumPy compute the same sum, numba as one writes it and in the C loop's order, which its
+    compiler turns into vectors; FastNoise2 sums gradient noise on the same kind of lattice with its own
+    hash and gradients. By processor time too, of all threads of the process, which others disturb less;
+    NumPy has one thread. What is not on the machine is named, with how to get it.
 
-    Tiles: 64 quads, heights and normals, against a re-implementation of the thesis's way (permutation table,
-    all octaves at every level, iterated sampling of splines, a launch a tile, finite differences), both by
-    the clock from the first launch to the end of the last, the tiles left on the device. This program's carry
-    weights of materials too. Each method's error is that of its heights against its own float64 build, this
-    program's with rivers as arcs for the finest cells, the thesis's with the nearest place on each spline
-    sampled 64 times in 5 rounds. The ratios that count are those to the thesis's quickest way whose error is
-    no larger than this program's, or to its most accurate one where none is: by the error of 99 % of the
-    vertices, and by the largest, since a single wrong distance shows (Zaaijer 2013, section 3.4).
+    Tiles: 64 quads, heights and normals, against a re-implementation of the thesis's way (permutation
+    table, all octaves at every level, iterated sampling of splines, a launch a tile, finite differences),
+    both by the clock from the first launch to the end of the last, the tiles left on the device. This
+    program's carry weights of materials too; its heights and normals alone stand beside them. Each method's
+    error is that of its heights against its own float64 build, this program's with rivers as arcs for the
+    finest cells, the thesis's with the nearest place on each spline sampled 64 times in 5 rounds. The
+    ratios that count are those to the thesis's quickest way whose error is no larger than this program's,
+    or to its most accurate one where none is: by the error of 99 % of the vertices, and by the largest,
+    since a single wrong distance shows (Zaaijer 2013, section 3.4).
 
     Roofline: the most that the chosen device can write, and multiply and add without contraction, by small
     kernels in the same run; noise and tiles without features as shares of the lower of the two bounds that
-    their bytes and the operations of their octaves set. By profiling events.
+    their bytes and the operations of their octaves set; a processor computes whole numbers beside real
+    ones, so that noise can pass its bound. By profiling events.
     """
     tables = (_noise(context, effort), thesis_tiles.table(context, effort), roofline.table(context, effort))
     return Outcome(tables)

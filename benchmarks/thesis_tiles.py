@@ -33,9 +33,10 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import TerrainRecipe
 
-__all__ = ["ASKED", "OURS", "table"]
+__all__ = ["ALONE", "ASKED", "OURS", "table"]
 
 OURS = "this program"
+ALONE = "this program, heights and normals alone"
 ASKED = 10.0
 """How many times as fast as the thesis's way at equal error the tiles shall be."""
 
@@ -58,6 +59,7 @@ _COLUMNS = (
     Column("error_mm", "height error, 99 %, mm"),
     Column("largest_mm", "largest, mm"),
     Column("ours_over_it", "this program is so many times as fast"),
+    Column("alone_over_it", "its heights and normals alone"),
     Column("by_processor", "by processor time"),
     Column("equal", "the thesis's at equal error"),
     Column("asked", "asked"),
@@ -78,7 +80,8 @@ def _rows(ground: str, context: TimedContext, exact: TimedContext | None, effort
     keys = central_keys(LEVEL, effort.thesis_tiles)
     ours, thesis = _Ours(terrain.recipe, context, keys), ThesisTiles(terrain.recipe, context, keys)
     samplings = _SAMPLINGS if terrain.recipe.rivers else _SAMPLINGS[:1]
-    works: dict[str, Callable[[], Lap]] = {OURS: partial(lap, ours.launch)}
+    alone = _HeightsAlone(terrain.recipe, context, keys)
+    works: dict[str, Callable[[], Lap]] = {OURS: partial(lap, ours.launch), ALONE: partial(lap, alone.launch)}
     works |= {_name(one): partial(lap, partial(thesis.launch, one)) for one in samplings}
     if exact is not None:
         double = ThesisTiles(terrain.recipe, exact, keys)
@@ -106,6 +109,7 @@ def _rows(ground: str, context: TimedContext, exact: TimedContext | None, effort
                 "million_vertices_per_s": len(keys) * (QUADS + 1) ** 2 / times.median * 1e-6,
                 **errors.get(name, {}),
                 "ours_over_it": times.median / fastest,
+                "alone_over_it": times.median / median[ALONE],
                 "by_processor": spread([one.processor for one in laps[name]]).median / least,
                 "equal": ", ".join(what for what, found in equal.items() if found == name) or None,
                 "asked": ASKED if name in equal.values() and terrain.recipe.rivers else None,
@@ -133,6 +137,20 @@ class _Ours:
         """Return the heights of the last launch, m, shape (tiles, 65, 65)."""
         shape = (self._patches.count, QUADS + 1, QUADS + 1, 4)
         return self._context.download(self._store.ground, shape, self._context.real_dtype)[..., 3]
+
+
+class _HeightsAlone(_Ours):
+    """Their heights and normals without weights of materials: what the thesis's way gives."""
+
+    def launch(self) -> None:
+        """Enqueue the tiles and wait for them."""
+        patches, real = self._patches, self._context.real_dtype
+        found = self._launcher.heights(patches)
+        size = (QUADS + 1, QUADS + 1, patches.count)
+        span = real.type(0.5 / patches.cell_size)
+        given = (found, np.int32(patches.side), span, self._store.ground)
+        self._context.launch("baselines/thesis.cl", "normals_of_all", size, *given, group=(QUADS + 1, 1, 1))
+        self._context.download(self._store.ground, 1, real)
 
 
 def _name(sampling: Sampling) -> str:

@@ -142,3 +142,18 @@ __kernel void thesis_normals(__global const REAL *height, int side, REAL spacing
     normal[3 * at + 1] = -north * up;
     normal[3 * at + 2] = up;
 }
+
+// The same of many tiles at once, for heights that were evaluated in one launch.
+// Global size: (side - 2, side - 2, tiles).
+__kernel void normals_of_all(__global const REAL *height, int side, REAL inverse_span, __global REAL *ground)
+{
+    const size_t column = get_global_id(0);
+    const size_t row = get_global_id(1);
+    const size_t tile = get_global_id(2);
+    const size_t inner = side - 2;
+    __global const REAL *z = height + (tile * side + row + 1) * side + column + 1;
+    const REAL east = (z[1] - z[-1]) * inverse_span;
+    const REAL north = (z[-side] - z[side]) * inverse_span;
+    const REAL up = inverse_sqrt(R(1) + east * east + north * north);
+    vstore4((REAL4)(-east * up, -north * up, up, z[0]), (tile * inner + row) * inner + column, ground);
+}

@@ -116,6 +116,10 @@ class PatchLauncher:
             group=self._rows(_ANYWHERE, "parents", patches.side - 2),
         )
 
+    def heights(self, patches: Patches) -> Any:
+        """Enqueue heights alone; return their buffer, m, (patches, side, side), which later ones reuse."""
+        return self._heights(patches, {}, bare=True).results[0]
+
     def _heights(self, patches: Patches, more: Mapping[str, npt.NDArray[Any]], *, bare: bool) -> _Launch:
         """Enqueue heights, masks and mottle with their border; put more small arrays where those go."""
         count, side = patches.count, patches.side

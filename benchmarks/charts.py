@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.adherence_chart import draw_adherence
 from sketchterrain.benchmarks.choices_chart import draw_choices
+from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
@@ -278,6 +279,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "adherence": lambda rows: draw_adherence(
         _figure(9.0, 5.4), rows, (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)
     ),
+    "culling": lambda rows: draw_culling(_figure(7.0, 4.0), rows),
     "erosion": draw_erosion,
     "kernels": _kernels,
     "sketch": draw_scaling,

@@ -33,6 +33,8 @@ class Effort:
         Tiles evaluated in the thesis's way.
     spline_count : int
         Splines of each kind of trap.
+    culling_features : tuple of int
+        Features in the worlds in which culling is measured.
     foliage_side : float
         Side of the square that is planted, m.
     poisson_cells : int
@@ -63,6 +65,7 @@ class Effort:
     tile_batches: tuple[int, ...]
     thesis_tiles: int
     spline_count: int
+    culling_features: tuple[int, ...]
     foliage_side: float
     poisson_cells: int
     sketch_sides: tuple[int, ...]
@@ -86,6 +89,7 @@ QUICK = Effort(
     tile_batches=(1, 16, 64, 256),
     thesis_tiles=9,
     spline_count=24,
+    culling_features=(100, 1_000, 10_000, 100_000),
     foliage_side=400.0,
     poisson_cells=400,
     sketch_sides=(256, 512, 1024),
@@ -110,6 +114,7 @@ FULL = Effort(
     tile_batches=(1, 16, 64, 256),
     thesis_tiles=256,
     spline_count=1737,
+    culling_features=(100, 1_000, 10_000, 100_000, 1_000_000),
     foliage_side=2000.0,
     poisson_cells=1024,
     sketch_sides=(256, 512, 1024, 2048, 4096),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sketchterrain.benchmarks import (
     accuracy,
     adherence,
+    culling,
     erosion,
     kernel_times,
     noise,
@@ -85,6 +86,7 @@ BENCHMARKS = {
             f"bare ground {BARE_SEED}, valley_river its own",
             tile_rates.measure,
         ),
+        Benchmark("culling", "hills at one density in worlds of any size", str(BARE_SEED), culling.measure),
         Benchmark("parts", "valley_river and desert_mountains", _OWN, part_costs.measure),
         Benchmark("features", f"the sketches of {_PRESETS}", _OWN, placement.measure),
         Benchmark("adherence", f"the sketches of {_PRESETS}", _OWN, adherence.measure),

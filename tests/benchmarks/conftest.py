@@ -18,6 +18,7 @@ TINY = Effort(
     tile_batches=(1, 4, 16),
     thesis_tiles=2,
     spline_count=2,
+    culling_features=(30, 300),
     foliage_side=60.0,
     poisson_cells=32,
     sketch_sides=(64, 96),

@@ -22,6 +22,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "speed",
         "noise",
         "tiles",
+        "culling",
         "parts",
         "features",
         "adherence",

@@ -1,0 +1,133 @@
+"""What culling costs as the world grows: as many features a square kilometre, more and more kilometres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.benchmarks.grounds import BARE, BARE_SEED, open_ground
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.benchmarks.timing import Lap, alternate, lap, spread
+from sketchterrain.features import FEATURE, FEATURE_TYPES
+from sketchterrain.terrain import Terrain
+from sketchterrain.terrain.culling import painted_near
+from sketchterrain.terrain.kernel_arguments import KernelArguments
+from sketchterrain.terrain.patch_places import tile_patches
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.timing import TimedContext
+
+__all__ = ["DENSITY", "measure"]
+
+DENSITY = 25.0
+"""Hills a square kilometre; about ten of them reach a tile."""
+
+_LEVEL = 6
+_TILES = 16  # along a side of the square that is looked at
+
+_COLUMNS = (
+    Column("features", "features"),
+    Column("side_km", "side of the world, km"),
+    Column("rounds", "rounds"),
+    Column("index_ms", "index, built once, ms"),
+    Column("cull_us", "lists on new ground, µs a tile"),
+    Column("again_us", "lists on the same ground, µs a tile"),
+    Column("tile_us", "tile on new ground, µs"),
+    Column("tile_p95_us", "95 %, µs"),
+    Column("launch_us", "of this on the device, µs"),
+    Column("near", "features a tile"),
+)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Microseconds a tile over the number of features in the world, at one density, by the clock.
+
+    Hills of 120 to 300 m radius lie anywhere in a square that grows with their number. Each round looks at
+    256 tiles of level 6 around another place of it: the time to list what reaches them, the same again, and
+    the time until the tiles stand in a store on the device. The index over all features is built once a
+    recipe. Rounds alternate between the sizes.
+    """
+    worlds = {count: _World(count, context) for count in effort.culling_features}
+    laps = alternate({count: world.look for count, world in worlds.items()}, rounds=effort.rounds)
+    return Outcome((Table("Culling", _COLUMNS, tuple(_row(worlds[count], laps[count]) for count in worlds)),))
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Seconds until the lists are there, at the first and at the second look, and features a tile."""
+
+    cull: float
+    again: float
+    near: float
+
+
+class _World:
+    """A recipe of so many hills, and looks at ever new places of it."""
+
+    def __init__(self, count: int, context: TimedContext) -> None:
+        bare = open_ground(BARE, context)
+        rng = np.random.default_rng([BARE_SEED, count])
+        self.count = count
+        self.side = float(np.sqrt(count / DENSITY)) * 1000.0
+        painted = np.zeros(count, FEATURE)
+        painted["id"], painted["type"] = np.arange(count), FEATURE_TYPES.index("hill")
+        painted["x"], painted["y"] = rng.uniform(0, self.side, (2, count))
+        painted["radius"], painted["strength"] = rng.uniform(120, 300, count), rng.uniform(10, 60, count)
+        recipe = replace(bare.recipe, painted=painted)
+        self._context = context
+        self._rng = rng
+        start = perf_counter()
+        painted_near(recipe, np.array([[0, 0, 1 << 20, 1 << 20]]))
+        self.index = perf_counter() - start
+        self._extent = recipe.extent
+        self._arguments = KernelArguments(recipe, context)
+        self._terrain = Terrain(bare.sketch, recipe, context)
+        self._store = self._terrain.tile_store(_TILES**2)
+        self.looks: list[_Look] = []
+
+    def look(self) -> Lap:
+        """Evaluate tiles around a new place."""
+        width = self._extent / 2.0**_LEVEL
+        span = max(int(self.side / width) - _TILES, 1)
+        first, second = ((int(c), int(r)) for c, r in self._rng.integers(0, span, (2, 2)))
+        self.looks.append(self._listed(second))
+        keys = [(_LEVEL, first[0] + i, first[1] + j) for j in range(_TILES) for i in range(_TILES)]
+
+        def fill() -> None:
+            self._terrain.fill_tiles(keys, self._store, range(len(keys)))
+            self._context.download(self._store.ground, 1, self._context.real_dtype)
+
+        return self._context.lap(fill)
+
+    def _listed(self, corner: tuple[int, int]) -> _Look:
+        keys = [(corner[0] + i, corner[1] + j) for j in range(_TILES) for i in range(_TILES)]
+        patches = tile_patches(_LEVEL, keys, self._extent, up=0)
+        blocks, cell = patches.blocks, patches.cell_size
+        first, again = (lap(lambda: self._arguments.reaching(blocks, cell)).wall for _ in range(2))
+        near = len(self._arguments.reaching(blocks, cell).lists["feature_list"]) / len(keys)
+        return _Look(first, again, near)
+
+
+def _row(world: _World, laps: Sequence[Lap]) -> Row:
+    looks = world.looks[-len(laps) :]
+    tiles = _TILES**2
+    whole, device = spread([one.wall for one in laps]), spread([one.device for one in laps])
+    return {
+        "features": world.count,
+        "side_km": world.side / 1000,
+        "rounds": whole.count,
+        "index_ms": world.index * 1e3,
+        "cull_us": spread([look.cull for look in looks]).median / tiles * 1e6,
+        "again_us": spread([look.again for look in looks]).median / tiles * 1e6,
+        "tile_us": whole.median / tiles * 1e6,
+        "tile_p95_us": whole.p95 / tiles * 1e6,
+        "launch_us": device.median / tiles * 1e6,
+        "near": float(np.mean([look.near for look in looks])),
+        "seconds": [one.wall for one in laps],
+    }

@@ -68,7 +68,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     item is a cell of the window), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes,
     `spline_…_distances` the distance to a spline of six control points, flattened for cells of 1 m.
     Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
-    they write, over the median. Launches of `patches` are padded to whole groups of 192 items; the padding,
+    they write, over the median. Launches of `patches` are padded to whole groups of 256 items; the padding,
     under 3 %, counts as items.
 
     The second table has the kernels of tiles on every device there is: the same ground cut into tiles of 16

@@ -66,14 +66,14 @@ class Counts:
 
 
 def counted(terrain: Terrain, context: TimedContext, keys: Sequence[TileKey]) -> Counts:
-    """Count what tiles of one level need: neither the border around them nor padding.
+    """Count what tiles of one level need, with the border of one vertex that their normals are made of.
 
     Gullies count on vertices that surely lie in a feature that water cuts, crags on those of mountains.
     """
     recipe, arguments = terrain.recipe, KernelArguments(terrain.recipe, context)
     octaves = slopes = gullies = 0.0
     evaluations = dict.fromkeys(KINDS, 0)
-    for up, side in ((0, QUADS + 1), (1, QUADS // 2 + 1)):
+    for up, side in ((0, QUADS + 3), (1, QUADS // 2 + 3)):
         patches = tile_patches(keys[0][0], [key[1:] for key in keys], recipe.extent, up=up)
         reaching = arguments.reaching(patches.blocks, patches.cell_size)
         lists = reaching.lists

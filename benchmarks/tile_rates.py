@@ -79,8 +79,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     The second table holds the largest batch against what it must cost at least: its octaves at the rate of
     `bench_fbm` and `bench_fbm_slope`, its evaluations of features, lakes and arcs at what one more of each
     adds to a launch, gullies likewise, the materials' rules at what they add, and its 64 bytes a vertex at
-    the rate of `bench_write`: all timed in the same rounds. Own vertices and the parent's are counted,
-    without border or padding; normals, the joining of features and what binds them are not.
+    the rate of `bench_write`: all timed in the same rounds. Counted are the tile's own vertices and its
+    parent's, each with the border of one that normals are made of; the normals themselves, padding, what
+    passes between kernels and what joins features are not.
     """
     rates: list[Row] = []
     for ground, tiles in effort.tile_counts:

@@ -31,7 +31,7 @@ GROUP = 64
 
 # Beyond it, registers get scarce on GPUs.
 _MOST_IN_GROUP = 512
-_PATCH_GROUP = 3 * GROUP
+_PATCH_GROUP = 4 * GROUP
 _ANYWHERE, _WHOLE_STEPS = "terrain.cl", "tiles.cl"
 
 

@@ -91,7 +91,7 @@ class Fill:
         return tuple(self._proposals)
 
     def strongest(self, name: str, radius: float) -> float:
-        """Return a strength that no feature of a type, up to a ground radius (m), exceeds; 0 if it has none."""
+        """Return a strength that no feature of a type, up to a ground radius (m), exceeds; 0 if none."""
         proposal = self._proposals.get(name)
         if proposal is None or radius <= proposal.low:
             return 0.0

@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.profiles import hill_profile, hill_slope, mountain_profile, mountain_slope
 from sketchterrain.terrain.lattice import to_lattice
-from sketchterrain.terrain.packing import pack_world, support_radii
+from sketchterrain.terrain.packing import noise_share, pack_world, support_radii
 from sketchterrain.terrain.reference import relief_of
 from sketchterrain.terrain.reference_noise import Slope
-from sketchterrain.terrain.reference_relief import Rise, approached, carried, gullies
+from sketchterrain.terrain.reference_relief import Relief, Rise, approached, carried, gullies
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -119,10 +119,10 @@ class _Around:
         Place and feature of each pair.
     profile, east, north : (n,) float64
         Height per strength, and its slope per metre.
-    share : Slope
-        What noise multiplies the joined heights by, at each place.
-    traits : (features, 2) float64
-        Erosion and the widest gully (m) of each feature.
+    relief : Relief
+        What noise makes of the joined heights, at each place.
+    traits : (features, 3) float64
+        Erosion, the widest gully (m) and the say of noise of each feature.
     """
 
     recipe: TerrainRecipe
@@ -134,7 +134,7 @@ class _Around:
     profile: Reals
     east: Reals
     north: Reals
-    share: Slope
+    relief: Relief
     traits: Reals
 
     @classmethod
@@ -150,13 +150,11 @@ class _Around:
         bend = tuple(Slope(*(part[at] for part in each)) for each in relief.bend)
         t = approached((places[at] - centre[of]).T, 1 / radius[of], (bend[0], bend[1]))
         if name == "mountain":
-            t = carried(t, Slope(*(part[at] for part in relief.spur)))
+            t = carried(t, Slope(*(part[at] for part in relief.spur)), noise_share(recipe, radius)[of])
             style = (features["peakiness"][of].astype(np.float64), recipe.flank)
             profile, slope = mountain_profile(t.value, *style), mountain_slope(t.value, *style)
-            share = relief.ridges
         else:
             profile, slope = hill_profile(t.value, recipe.flank), hill_slope(t.value, recipe.flank)
-            share = relief.swell
         kept = profile > 0.0
         east, north = slope * t.east, slope * t.north
         erosion, gully = (features[key].astype(np.float64) for key in ("erosion", "gullies"))
@@ -170,8 +168,8 @@ class _Around:
             profile[kept],
             east[kept],
             north[kept],
-            share,
-            np.stack([erosion, gully * radius], axis=-1),
+            relief,
+            np.stack([erosion, gully * radius, noise_share(recipe, radius)], axis=-1),
         )
 
     def total(self, strength: Reals) -> Reals:
@@ -181,23 +179,29 @@ class _Around:
     def height(self, strength: Reals, total: Reals, *, eroded: bool) -> Reals:
         """Height (m) at each place, with or without what erosion adds and takes."""
         joined = np.maximum(total, 1e-36) ** (1 / self.power)
-        plain = joined * self.share.value
+        weight = (strength[self.of] * self.profile) ** (self.power - 1) * strength[self.of]
+        slopes = (self._sum(weight * part) / joined ** (self.power - 1) for part in (self.east, self.north))
+        height = Slope(joined, *slopes)
+        safe = np.maximum(total, 1e-36)
+        erosion, widest, say = (
+            self._sum(weight * self.profile * trait) / safe for trait in self.traits[self.of].T
+        )
+        share = self.relief.swell
+        if self.power == _POWER["mountain"]:
+            own = weight * self.traits[self.of, 2]
+            leans = (
+                4 * (self._sum(own * part) - say * self._sum(weight * part)) / safe
+                for part in (self.east, self.north)
+            )
+            share = self.relief.share(Slope(say, *leans))
+        plain = joined * share.value
         if not eroded or not self.traits[:, 0].any():
             return np.asarray(plain)
-        weight = (strength[self.of] * self.profile) ** (self.power - 1) * strength[self.of]
-        east, north = (
-            self._sum(weight * part) / joined ** (self.power - 1) for part in (self.east, self.north)
-        )
-        traits = (
-            self._sum(weight * self.profile * trait) / np.maximum(total, 1e-36)
-            for trait in self.traits[self.of].T
-        )
-        slopes = (
-            slope * self.share.value + joined * leans
-            for slope, leans in zip((east, north), self.share[1:], strict=True)
+        leaning = (
+            slope * share.value + joined * lean for slope, lean in zip(height[1:], share[1:], strict=True)
         )
         world = pack_world(self.recipe, self.recipe.extent / _CELLS_ERODED, real=np.float64)
-        rise = Rise(Slope(plain, *slopes), *traits)
+        rise = Rise(Slope(plain, *leaning), erosion, widest)
         return np.asarray(plain + gullies(world.scalars[0], world.octaves, self.x, self.y, rise).value)
 
     def _sum(self, values: Reals) -> Reals:

@@ -27,7 +27,7 @@ _GROUND_SPAN = 1.8
 # Ridges push outlines further than the warp does; the noise stays within [-1, 1].
 _SPUR_WARPS = 1.0
 # How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
-_GULLY_DEPTH = 0.15
+_GULLY_DEPTH = 0.165
 _CRAG_DEPTH = 0.05
 _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
@@ -62,7 +62,7 @@ class PackedFeatures:
         Centres, lattice units.
     shape : ndarray of float64, shape (n, 8)
         1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``),
-        erosion, widest gully (m), 0, 0.
+        erosion, widest gully (m), say of the noise, 0.
     support : ndarray of float64, shape (n,)
         Metres from the centre beyond which there is no effect.
     slot : ndarray of int64, shape (n,)
@@ -165,6 +165,14 @@ def support_radii(recipe: TerrainRecipe) -> float:
     return float(1 + (np.sqrt(2) + _SPUR_WARPS) * recipe.warp)
 
 
+def noise_share(recipe: TerrainRecipe, radius: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return how much noise has a say in mountains of a ground radius (m).
+
+    Less in those that are wide beside the noise: it would make warts of ridges.
+    """
+    return np.asarray(np.minimum((recipe.ridge_wavelength / radius) ** 2, 1.0))
+
+
 def slot_count(recipe: TerrainRecipe) -> int:
     """Return the number of kinds of feature lists a block has."""
     return len(_SLOTS) + len(recipe.dune_styles)
@@ -188,6 +196,7 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     shape[:, 3] = np.where(features["painted"], recipe.flank, 1.0)
     shape[:, 4] = features["erosion"]
     shape[:, 5] = features["gullies"] * radius
+    shape[:, 6] = noise_share(recipe, radius)
     at = to_lattice(np.stack([features["x"], features["y"]], axis=-1), recipe.extent)
     # A little more for rounding.
     support = radius * support_radii(recipe) * (1 + 1e-5) + 2 * metres_per_unit(recipe.extent)

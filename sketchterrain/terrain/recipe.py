@@ -111,7 +111,7 @@ class TerrainRecipe:
     @property
     def ridge_depth(self) -> float:
         """Share of its height that a mountain gains or loses by noise, at most."""
-        return 0.75 - 1.25 * max(self.fidelity - 0.8, 0.0)
+        return 0.8 - 1.4 * max(self.fidelity - 0.8, 0.0)
 
     @property
     def flank(self) -> float:
@@ -143,7 +143,7 @@ class TerrainRecipe:
             NoiseStack("warp_u", outline, 0.45, most=3),
             NoiseStack("warp_v", outline, 0.45, most=3),
             NoiseStack("ridge", self.ridge_wavelength, 0.42, most=2),
-            NoiseStack("gully", self.extent / 16, 0.45, most=8),
+            NoiseStack("gully", self.extent / 8, 0.45, most=9),
             NoiseStack("crag", self.extent / 512, 0.5),
             NoiseStack("crest", crest, 0.42, most=4),
             NoiseStack("mottle", self.extent / 12, 0.62, most=8),

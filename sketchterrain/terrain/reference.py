@@ -144,8 +144,8 @@ def _eroded(
     w: np.void, octaves: OctaveTable, packed: PackedFeatures, place: Site, relief: Relief
 ) -> tuple[Slope, Reals]:
     """Return hills and mountains with their gullies, and how much of a mountain each place is."""
-    massif = mountains(packed, place, relief.spur)
-    rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.ridges)
+    massif, say = mountains(packed, place, relief.spur)
+    rise = risen(risen(_LEVEL, hills(packed, place), relief.swell), massif, relief.share(say))
     cut = gullies(w, octaves, place.x, place.y, rise)
     height = Slope(*(a + b for a, b in zip(rise.height, cut, strict=True)))
     return height, _smooth(massif.height.value, 20, 100)

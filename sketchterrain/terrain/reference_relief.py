@@ -23,12 +23,23 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["Relief", "Rise", "Site", "crags", "gullies", "hills", "mountains", "relief_at", "risen"]
+__all__ = [
+    "Relief",
+    "Rise",
+    "Site",
+    "crags",
+    "gullies",
+    "hills",
+    "joined_mountains",
+    "mountains",
+    "relief_at",
+    "risen",
+]
 
 _MOUNTAIN, _HILL = 0, 1
 _HILL_SWELL = 0.4
 _TALUS = 2.1445069205095586
-_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 3.2e-10 * 2.0**31, 0.7, 0.3, 0.35, 0.5, 0.7
+_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 3.2e-10 * 2.0**31, 0.6, 0.3, 0.35, 0.5, 0.7
 
 
 @dataclass(frozen=True)
@@ -39,16 +50,26 @@ class Relief:
     ----------
     bend : (Slope, Slope)
         How far outlines are bent eastward and northward, in radii.
-    swell, ridges : Slope
-        What the heights of hills and of mountains are multiplied by.
+    swell : Slope
+        What the heights of hills are multiplied by.
+    ridge : Slope
+        By what share narrow mountains gain or lose height.
     spur : Slope
         How far ridges carry the mountains' flanks outward, in radii.
     """
 
     bend: tuple[Slope, Slope]
     swell: Slope
-    ridges: Slope
+    ridge: Slope
     spur: Slope
+
+    def share(self, say: Slope) -> Slope:
+        """Return what the heights of mountains are multiplied by, where noise has some say."""
+        return Slope(
+            1 + say.value * self.ridge.value,
+            say.value * self.ridge.east + say.east * self.ridge.value,
+            say.value * self.ridge.north + say.north * self.ridge.value,
+        )
 
 
 @dataclass(frozen=True)
@@ -91,11 +112,11 @@ def approached(offset: Reals, inverse_radius: float | Reals, bend: tuple[Slope, 
     )
 
 
-def carried(t: Slope, spur: Slope) -> Slope:
-    """Distance that ridges shorten or lengthen: t - spur t(2 - t) up to one radius, t - spur beyond."""
+def carried(t: Slope, spur: Slope, share: float | Reals) -> Slope:
+    """Distance that a share of the spurs shortens: t - spur t(2 - t) up to one radius, t - spur beyond."""
     rest = np.maximum(1 - t.value, 0)
-    far = 1 - rest * rest
-    gain = 1 - 2 * spur.value * rest
+    far = share * (1 - rest * rest)
+    gain = 1 - 2 * share * spur.value * rest
     return Slope(
         np.maximum(t.value - spur.value * far, 0),
         t.east * gain - spur.east * far,
@@ -113,7 +134,7 @@ def relief_at(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice) -> Relie
     return Relief(
         bend=(_times(east, warp), _times(north, warp)),
         swell=_over_one(_times(east, _HILL_SWELL)),
-        ridges=_over_one(_times(ridge, depth)),
+        ridge=_times(ridge, depth),
         spur=_times(ridge, float(w["spur"])),
     )
 
@@ -132,19 +153,32 @@ def _over_one(slope: Slope) -> Slope:
     return Slope(1 + slope.value, *slope[1:])
 
 
-def mountains(packed: PackedFeatures, site: Site, spur: Slope) -> Rise:
-    """Join the mountains as (Σ h⁴)^¼."""
-    sums = np.zeros((5, *site.x.shape))
+def mountains(packed: PackedFeatures, site: Site, spur: Slope) -> tuple[Rise, Slope]:
+    """Join the mountains as (Σ h⁴)^¼, and tell how much noise has a say in them."""
+    sums = np.zeros((8, *site.x.shape))
     for i in np.flatnonzero(packed.slot == _MOUNTAIN):
         strength, peakiness, flank = packed.shape[i, 1:4]
-        t = carried(site.approach(packed, i), spur)
+        t = carried(site.approach(packed, i), spur, packed.shape[i, 6])
         h = strength * mountain_profile(t.value, peakiness, flank)
         lean = h**3 * strength * mountain_slope(t.value, peakiness, flank)
-        sums += np.stack(
-            [h**4, lean * t.east, lean * t.north, h**4 * packed.shape[i, 4], h**4 * packed.shape[i, 5]]
-        )
+        parts = np.stack([h**4, lean * t.east, lean * t.north])
+        sums += np.concatenate([parts, parts[:1] * packed.shape[i, 4:6, None], parts * packed.shape[i, 6]])
+    return joined_mountains(sums)
+
+
+def joined_mountains(sums: Reals) -> tuple[Rise, Slope]:
+    """Return the rise, and the say of noise, from sums over mountains.
+
+    Parameters
+    ----------
+    sums : (8, n) float64
+        Of h⁴, of h³ times the slope of h (2), of h⁴ times erosion and times the widest gully, and of the
+        first three times the say of noise.
+    """
     total = np.maximum(sums[0], 1e-36)
-    return Rise(Slope(*(sums[:3] * total**-0.75)), *(sums[3:] / total))
+    say = sums[5] / total
+    rise = Rise(Slope(*(sums[:3] * total**-0.75)), *(sums[3:5] / total))
+    return rise, Slope(say, *(4 * (sums[6:] - say * sums[1:3]) / total))
 
 
 def hills(packed: PackedFeatures, site: Site) -> Rise:

@@ -152,6 +152,10 @@ class DetailBound:
         starts, member = lists["feature_starts"], lists["feature_list"]
         of_slot = np.diff(starts, axis=-1)
         slots = of_slot.shape[1]
+        if not member.size:
+            none = np.zeros(count)
+            styles = np.zeros((count, slots - _FIRST_DUNE))
+            return Near(none, none, none, none, none, none, styles, styles)
         packed = features.packed
         block, slot = np.divmod(np.repeat(np.arange(count * slots), of_slot.ravel()), slots)
         at, shape = packed.at[member], packed.shape[member]
@@ -228,6 +232,8 @@ class DetailBound:
         rivers, starts, member = reaching.rivers, reaching.lists["river_starts"], reaching.lists["river_list"]
         count = len(starts) - 1
         lost, depth, moved = np.zeros((3, count))
+        if not member.size:
+            return lost
         block = np.repeat(np.arange(count), np.diff(starts))
         half_width = np.minimum(rivers.up[:, 1], rivers.down[:, 1])[member]
         deep = np.maximum(rivers.up[:, 2], rivers.down[:, 2])[member]

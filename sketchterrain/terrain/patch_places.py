@@ -46,7 +46,7 @@ class Patches:
         """Vertices along a side, border included."""
         return int(self.axis_x.shape[1])
 
-    @property
+    @cached_property
     def blocks(self) -> Lattice:
         """West, south, east and north of each, shape (patches, 4)."""
         x, y = self.axis_x, self.axis_y

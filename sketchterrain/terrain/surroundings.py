@@ -36,6 +36,7 @@ _MOST_SHEETS = 1024
 _MOST_GATHERED = 64
 # A sheet is at least so many times as wide as half of the painted features reach.
 _PAINTED_REACHES = 4
+_EVERYWHERE_BITS = 56
 # Blocks wider than so many sheets are looked after one by one.
 _WIDEST_BLOCK = 2
 
@@ -91,7 +92,9 @@ class Surroundings:
             self._margin = int((recipe.fill.max_radius * support_radii(recipe) + 1) / unit) + 1
         painted = float(np.median(recipe.painted["radius"])) if recipe.painted.size else 0.0
         width = max(self._margin, int(_PAINTED_REACHES * support_radii(recipe) * painted / unit), 1)
-        self._bits = width.bit_length()
+        # Where there is nothing, one sheet is enough.
+        empty = self._margin == 0 and recipe.painted.size == 0
+        self._bits = _EVERYWHERE_BITS if empty else width.bit_length()
         self._sheets: OrderedDict[tuple[int, int], Points] = OrderedDict()
         self._gathered: OrderedDict[tuple[float, bytes], Gathered] = OrderedDict()
 

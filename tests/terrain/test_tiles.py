@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -241,22 +241,28 @@ def test_each_tile_needs_a_slot_of_its_own(valley: st.Terrain, slots: list[int])
         valley.fill_tiles([(3, 0, 0), (3, 1, 0)], store, slots)
 
 
+@pytest.mark.parametrize("bare", [False, True])
 def test_filling_allocates_nothing_and_waits_for_nothing(
-    valley: st.Terrain, monkeypatch: pytest.MonkeyPatch
+    bare: bool, valley: st.Terrain, make_recipe: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Once there is room, a batch on ground that was looked at before is one transfer a launch of heights."""
+    """Once there is room, a batch is one transfer a launch of heights.
+
+    Ground with features must have been looked at before; without any, no ground is new.
+    """
+    terrain = Terrain(valley.sketch, make_recipe(), valley.context) if bare else valley
     keys = [(5, c, r) for c in range(10, 18) for r in range(10, 18)]
-    store = valley.tile_store(len(keys))
-    valley.fill_tiles(keys, store, range(len(keys)))
+    store = terrain.tile_store(len(keys))
+    terrain.fill_tiles(keys, store, range(len(keys)))
     calls: list[str] = []
-    whole = type(valley.context)._call
+    whole = type(terrain.context)._call
 
     def counted(self: object, doing: str, *given: object, **named: object) -> object:
         calls.append(doing)
         return whole(self, doing, *given, **named)
 
-    monkeypatch.setattr(type(valley.context), "_call", counted)
-    valley.fill_tiles(keys, store, range(len(keys)))
+    monkeypatch.setattr(type(terrain.context), "_call", counted)
+    again = [(5, c + 10 * bare, r) for _, c, r in keys]
+    terrain.fill_tiles(again, store, range(len(keys)))
     launches = [call.removeprefix("launching ") for call in calls if call.startswith("launching")]
     assert launches == ["patches", "surfaces", "patches", "parents"]
     # A transfer may wait for the one three before it.

@@ -33,6 +33,8 @@ NOISE_PEAK = 1.01
 
 _HILL_SWELL = 0.4
 _GULLY_PEAK = 1.25  # an octave of gullies goes no farther from 0, in its own depth
+_GULLY_SLOPE = 13.0  # of such an octave, over its depth and times its wavelength
+_ROCK_OVER_SLOPE = 0.78  # of slope^2 / (slope^2 + 0.7), which rock is rough by
 _PLATEAU_SLOPE = 3.0  # of an area's profile, over a radius
 _DUNE_SLOPE, _CREST_SHARE, _VIGOUR_SLOPE = 9.1, 0.9, 1.05
 _LEVELLED = 0.35  # height of dunes whose waves no cell shows, and how far a wave leaves it
@@ -92,7 +94,7 @@ class DetailBound:
         tail = self._tails(effective_cell(cell_size))
         near = self._near(reaching, blocks)
         bound = tail.ground + self._hills(tail, near) + self._mountains(tail, near)
-        bound += self._gullies(tail, near) + tail.crags * _rocky(near.mountain)
+        bound += self._gullies(tail, near) + self._crags(tail, near)
         bound += self._dunes(tail, near) + self._lakes(near, blocks, effective_cell(cell_size))
         bound += self._rivers(reaching, effective_cell(cell_size))
         rounding = _ROUNDING * (self._relief + near.hill + near.mountain)
@@ -118,13 +120,14 @@ class DetailBound:
         moved = warp + ridge + hills + mountains > 0
         turned = (np.cumsum(differs) - differs > 0) | moved
         gullies = np.where(turned, amplitude["gully"] + left["gully"], amplitude["gully"] - left["gully"])
-        crags = amplitude["crag"] + (left["crag"] if gullies.any() or warp + ridge > 0 else -left["crag"])
         start, end = full.ranges["gully"]
         return Tail(
             ground=self._relief * missing["ground"],
             hills=hills,
             mountains=mountains,
-            crags=self._crag_depth * NOISE_PEAK * float(np.sum(crags)),
+            crags=self._crag_depth * missing["crag"],
+            crags_left=self._crag_depth * NOISE_PEAK * float(np.sum(left["crag"])),
+            moved=moved,
             warp=warp,
             ridge=ridge,
             crest=missing["crest"],
@@ -197,10 +200,19 @@ class DetailBound:
         swollen = depth * near.mountain * tail.ridge
         return np.asarray((1 + depth * NOISE_PEAK) * (moved + tail.mountains) + swollen)
 
+    def _crags(self, tail: Tail, near: Near) -> Reals:
+        """Return what rock misses, and how far missing gullies' slopes change what is left of it."""
+        slopes = _GULLY_SLOPE * near.erosion * (self._shown(tail, near) @ (tail.gullies / tail.wavelengths))
+        steeper = np.ones(len(slopes)) if tail.moved else np.minimum(_ROCK_OVER_SLOPE * slopes, 1.0)
+        return np.asarray(_rocky(near.mountain) * (tail.crags + steeper * tail.crags_left))
+
     def _gullies(self, tail: Tail, near: Near) -> Reals:
+        return np.asarray(near.erosion * (self._shown(tail, near) @ tail.gullies))
+
+    def _shown(self, tail: Tail, near: Near) -> Reals:
+        """Return how much of each octave of gullies features as wide as these show, shape (n, octaves)."""
         across = np.clip((near.widest[:, None] / tail.wavelengths - 0.5) * 2, 0, 1)
-        shown = across * across * (3 - 2 * across)
-        return np.asarray(near.erosion * (shown @ tail.gullies))
+        return np.asarray(across * across * (3 - 2 * across))
 
     def _dunes(self, tail: Tail, near: Near) -> Reals:
         shown = 1 - tail.waves

@@ -22,6 +22,10 @@ class Tail:
     ----------
     ground, hills, mountains, crags : float
         Of the ground's octaves; of hills and mountains that are too small; of bare rock.
+    crags_left : float
+        What is left of bare rock's roughness.
+    moved : bool
+        Whether hills or mountains themselves differ.
     warp, ridge, crest : float
         Of those noises, which are multiplied with something: without a unit.
     gullies : ndarray, shape (octaves,)
@@ -36,6 +40,8 @@ class Tail:
     hills: float
     mountains: float
     crags: float
+    crags_left: float
+    moved: bool
     warp: float
     ridge: float
     crest: float

@@ -111,7 +111,7 @@ class TerrainRecipe:
     @property
     def ridge_depth(self) -> float:
         """Share of its height that a mountain gains or loses by noise, at most."""
-        return 0.8 - 1.4 * max(self.fidelity - 0.8, 0.0)
+        return 0.9 - 1.7 * max(self.fidelity - 0.8, 0.0)
 
     @property
     def flank(self) -> float:

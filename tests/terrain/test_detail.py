@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import TerrainRecipe
 
 LEVELS = range(-4, 13)
-MOST_TIMES = 25.0
+MOST_TIMES = 30.0
 """How many times what is there the bound is at most, in the median of a level's tiles."""
 
 

@@ -59,6 +59,8 @@ def draw_normals(rows: Sequence[Row]) -> Any:
             axes.plot(cells, middle, "o-", color=colour, markersize=3.5, label=f"{method}, median")
             axes.plot(cells, most, "^:", color=colour, markersize=3.5, label="95 %")
         axes.set(xscale="log", yscale="log", xlabel="cell, m", title=ground.capitalize())
+        axes.set_xticks(cells, [f"{cell:g}" for cell in cells])
+        axes.minorticks_off()
     panels[0].set_ylabel("error of normals, degrees")
     panels[1].legend(fontsize=7.0, frameon=False)
     return figure

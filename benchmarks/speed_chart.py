@@ -43,11 +43,11 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
     panels = figure.subplots(1, len(grounds), squeeze=False, sharey=True)[0]
     for ground, axes in zip(grounds, panels, strict=True):
         for number, row in enumerate(row for row in rows if row["ground"] == ground):
-            own = row["method"] == OURS
+            own = str(row["method"]).startswith(OURS)
             x, y = _number(row, "us_per_tile"), max(_number(row, "error_mm"), _LEAST)
             colour = _OWN if own else _OTHER
             axes.plot(x, y, "o", color=colour, markersize=6, clip_on=False)
-            text = str(row["method"]).removeprefix("the thesis's way, ")
+            text = str(row["method"]).removeprefix("the thesis's way, ").removeprefix(f"{OURS}, ")
             weight = "bold" if own else "normal"
             axes.annotate(
                 text,

@@ -90,6 +90,8 @@ def _rows(ground: str, context: TimedContext, exact: TimedContext | None, effort
     errors = {}
     if exact is not None:
         errors = _errors(terrain.recipe, samplings, context, exact, keys[:: -(-len(keys) // _ERROR_TILES)])
+    if errors:
+        errors[ALONE] = errors[OURS]  # the same heights, to the bit
     median = {name: spread([one.wall for one in found]).median for name, found in laps.items()}
     equal = {what: _equal(errors, median, key) for key, what in _MEASURES.items()}
     fastest = spread([one.wall for one in laps[OURS]]).median
@@ -190,7 +192,9 @@ def _errors(
 
 def _equal(errors: Mapping[str, Mapping[str, float]], seconds: Mapping[str, float], key: str) -> str | None:
     """Return the thesis's quickest way that errs no more than this program, or its most accurate."""
-    theirs = {name: error[key] for name, error in errors.items() if name in seconds and name != OURS}
+    theirs = {
+        name: error[key] for name, error in errors.items() if name in seconds and not name.startswith(OURS)
+    }
     if not theirs:
         return None
     good = [name for name, error in theirs.items() if error <= errors[OURS][key]]

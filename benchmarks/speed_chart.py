@@ -36,9 +36,15 @@ def draw_rates(figure: Any, rows: Sequence[Row]) -> Any:
 
 
 def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
-    """Draw a dot a way, a panel a ground: the error of 99 % of the vertices against time."""
+    """Draw a dot a way, a panel a ground: the error of 99 % of the vertices against time.
+
+    Without float64 no error is known, and nothing is drawn.
+    """
     from matplotlib.ticker import FormatStrFormatter, NullFormatter
 
+    rows = [row for row in rows if row.get("error_mm") is not None]
+    if not rows:
+        return figure
     grounds = list(dict.fromkeys(str(row["ground"]) for row in rows))
     panels = figure.subplots(1, len(grounds), squeeze=False, sharey=True)[0]
     for ground, axes in zip(grounds, panels, strict=True):

@@ -39,7 +39,7 @@ __all__ = [
 _MOUNTAIN, _HILL = 0, 1
 _HILL_SWELL = 0.4
 _TALUS = 2.1445069205095586
-_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 3.2e-10 * 2.0**31, 0.6, 0.3, 0.35, 0.5, 0.7
+_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 2.2e-10 * 2.0**31, 0.55, 0.3, 0.35, 0.5, 0.7
 
 
 @dataclass(frozen=True)

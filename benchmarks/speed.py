@@ -109,11 +109,13 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
         laps[name] += more
     first = methods[0].result()
     rows: list[Row] = []
-    fastest = spread([one.wall for one in laps[methods[0].name]]).median
-    least = spread([one.processor for one in laps[methods[0].name]]).median
     for method in methods:
         seconds = [one.wall for one in laps[method.name]]
         times = spread(seconds)
+        # Slow methods are compared with the rounds that they took part in.
+        shared = laps[methods[0].name][: len(seconds)]
+        fastest = spread([one.wall for one in shared]).median
+        least = spread([one.processor for one in shared]).median
         same = not method.name.startswith("FastNoise2")
         rows.append(
             {

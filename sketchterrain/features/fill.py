@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, STYLE, Points, conifer_code
+from sketchterrain.features.crests import crests
 from sketchterrain.features.fill_proposals import Proposal, proposals_of
 from sketchterrain.features.hashing import hashed, unit
 from sketchterrain.features.memory import ShapeMemory
@@ -228,7 +229,9 @@ class Fill:
             strength = properties["density"] * (0.7 + 0.3 * chance)
         else:
             strength = properties["height"] * (radius / proposal.high) ** 0.8 * (0.8 + 0.2 * chance)
-        features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius)
+        # A crest leaves less room for the flanks.
+        room = 1.0 - np.hypot(*crests(features).T)
+        features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius) * room
         for field in STYLE:
             features[field] = properties.get(field, 0.0)
         if proposal.name == "forest":

@@ -148,7 +148,7 @@ class _Around:
         of = np.repeat(np.arange(len(features)), [len(near) for near in found])
         at = np.concatenate([np.asarray(near, dtype=np.int64) for near in found])
         bend = tuple(Slope(*(part[at] for part in each)) for each in relief.bend)
-        t = approached((places[at] - centre[of]).T, 1 / radius[of], (bend[0], bend[1]))
+        t, _ = approached((places[at] - centre[of]).T, 1 / radius[of], (bend[0], bend[1]))
         if name == "mountain":
             t = carried(t, Slope(*(part[at] for part in relief.spur)), noise_share(recipe, radius)[of])
             style = (features["peakiness"][of].astype(np.float64), recipe.flank)

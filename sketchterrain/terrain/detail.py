@@ -164,6 +164,7 @@ class DetailBound:
         at, shape = packed.at[member], packed.shape[member]
         outside = np.maximum(np.maximum(blocks[block, :2] - at, at - blocks[block, 2:]), 0) * unit
         radii = np.hypot(outside[:, 0], outside[:, 1]) * shape[:, 0]
+        radii = np.maximum(radii - np.hypot(shape[:, 8], shape[:, 9]), 0)
         bent = np.maximum(radii - np.sqrt(2) * recipe.warp, 0)
         spur = self._spur * NOISE_PEAK
 

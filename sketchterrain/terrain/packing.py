@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.features.crests import crests
 from sketchterrain.terrain.centrelines import as_arcs, tolerance_cell
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.octaves import band_weight, octave_table
@@ -26,6 +27,7 @@ __all__ = ["PackedFeatures", "PackedRivers", "PackedWorld", "pack_features", "pa
 _GROUND_SPAN = 1.8
 # Ridges push outlines further than the warp does; the noise stays within [-1, 1].
 _SPUR_WARPS = 1.0
+_SAG = 0.5  # share of its height that a crest as long to both sides as its flanks are wide loses at its ends
 # How far gullies and the roughness of bare rock go up and down, in wavelengths of their own.
 _GULLY_DEPTH = 0.165
 _CRAG_DEPTH = 0.05
@@ -60,9 +62,10 @@ class PackedFeatures:
     ----------
     at : ndarray of int64, shape (n, 2)
         Centres, lattice units.
-    shape : ndarray of float64, shape (n, 8)
+    shape : ndarray of float64, shape (n, 12)
         1/radius (1/m), strength, peakiness, flank (see ``hill_profile`` in ``kernels/features.clh``),
-        erosion, widest gully (m), say of the noise, 0.
+        erosion, widest gully (m), say of the noise, 0, half the crest eastward and
+        northward (in those radii), 1/its length², share of height lost at its ends.
     support : ndarray of float64, shape (n,)
         Metres from the centre beyond which there is no effect.
     slot : ndarray of int64, shape (n,)
@@ -189,14 +192,20 @@ def pack_features(recipe: TerrainRecipe, features: Points, cell_size: float) -> 
     fade = fade * fade * (3 - 2 * fade)
     kept = fade > 0
     features, radius, fade = features[kept], radius[kept], fade[kept]
-    shape = np.zeros((features.size, 8))
-    shape[:, 0] = 1 / radius
+    shape = np.zeros((features.size, 12))
+    crest = crests(features)
+    core = 1 - np.hypot(*crest.T)  # the crest and the flanks around it end where the feature does
+    shape[:, 0] = 1 / (core * radius)
     shape[:, 1] = features["strength"] * fade
     shape[:, 2] = features["peakiness"]
     shape[:, 3] = np.where(features["painted"], recipe.flank, 1.0)
     shape[:, 4] = features["erosion"]
     shape[:, 5] = features["gullies"] * radius
     shape[:, 6] = noise_share(recipe, radius)
+    shape[:, 8:10] = crest / core[:, None]
+    square = (shape[:, 8:10] ** 2).sum(axis=1)
+    shape[:, 11] = _SAG * np.sqrt(square)
+    shape[:, 10] = np.divide(1, square, out=np.zeros(len(square)), where=square > 0)
     at = to_lattice(np.stack([features["x"], features["y"]], axis=-1), recipe.extent)
     # A little more for rounding.
     support = radius * support_radii(recipe) * (1 + 1e-5) + 2 * metres_per_unit(recipe.extent)

@@ -159,7 +159,7 @@ def _smooth(x: Reals, low: float, high: float) -> Reals:
 def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Reals, Reals]:
     total, weights, strengths = (np.zeros(place.x.shape) for _ in range(3))
     for i in np.flatnonzero(packed.slot == slot):
-        cover = area_profile(place.approach(packed, i).value)
+        cover = area_profile(place.approach(packed, i)[0].value)
         total += cover**4
         weights += cover
         strengths += cover * packed.shape[i, 1]

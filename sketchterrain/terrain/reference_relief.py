@@ -90,26 +90,48 @@ class Site:
     unit: float
     bend: tuple[Slope, Slope]
 
-    def approach(self, packed: PackedFeatures, i: np.intp) -> Slope:
-        """Distance from a feature in radii, with its slope per metre."""
+    def approach(self, packed: PackedFeatures, i: np.intp) -> tuple[Slope, Slope]:
+        """See a feature from these positions, as `approached` does."""
         return approached(
             np.stack([self.x - packed.at[i, 0], self.y - packed.at[i, 1]]) * self.unit,
             packed.shape[i, 0],
             self.bend,
+            crest=packed.shape[i, 8:],
         )
 
 
-def approached(offset: Reals, inverse_radius: float | Reals, bend: tuple[Slope, Slope]) -> Slope:
-    """Distance in radii at offsets (m), shape (2, n), from a centre, with its slope per metre."""
+def approached(
+    offset: Reals,
+    inverse_radius: float | Reals,
+    bend: tuple[Slope, Slope],
+    *,
+    crest: Reals | tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+) -> tuple[Slope, Slope]:
+    """See a feature from places at offsets (m), shape (2, n), from its centre.
+
+    Returns
+    -------
+    away : Slope
+        Distance from its crest, in radii; slopes are per metre.
+    keep : Slope
+        Share of its height that the crest has at the nearest place.
+    """
     east, north = bend
     dx, dy = offset[0] * inverse_radius + east.value, offset[1] * inverse_radius + north.value
+    u = np.clip((dx * crest[0] + dy * crest[1]) * crest[2], -1, 1)
+    dx, dy = dx - u * crest[0], dy - u * crest[1]
     t = np.sqrt(dx * dx + dy * dy)
+
+    def per_metre(x: Reals, y: Reals) -> tuple[Reals, Reals]:
+        return (
+            x * (inverse_radius + east.east) + y * north.east,
+            x * east.north + y * (inverse_radius + north.north),
+        )
+
     back = 1 / np.maximum(t, 1e-12)
-    return Slope(
-        t,
-        back * (dx * (inverse_radius + east.east) + dy * north.east),
-        back * (dx * east.north + dy * (inverse_radius + north.north)),
-    )
+    sag = -4 * crest[3] * u * (1 - u * u) * crest[2]
+    keep = 1 - crest[3] * u * u * (2 - u * u)
+    return Slope(t, *per_metre(dx * back, dy * back)), Slope(keep, *per_metre(sag * crest[0], sag * crest[1]))
 
 
 def carried(t: Slope, spur: Slope, share: float | Reals) -> Slope:
@@ -158,10 +180,13 @@ def mountains(packed: PackedFeatures, site: Site, spur: Slope) -> tuple[Rise, Sl
     sums = np.zeros((8, *site.x.shape))
     for i in np.flatnonzero(packed.slot == _MOUNTAIN):
         strength, peakiness, flank = packed.shape[i, 1:4]
-        t = carried(site.approach(packed, i), spur, packed.shape[i, 6])
-        h = strength * mountain_profile(t.value, peakiness, flank)
-        lean = h**3 * strength * mountain_slope(t.value, peakiness, flank)
-        parts = np.stack([h**4, lean * t.east, lean * t.north])
+        away, keep = site.approach(packed, i)
+        t = carried(away, spur, packed.shape[i, 6])
+        profile = strength * mountain_profile(t.value, peakiness, flank)
+        h = keep.value * profile
+        lean = keep.value * strength * mountain_slope(t.value, peakiness, flank)
+        leans = h**3 * np.stack([lean * t.east + profile * keep.east, lean * t.north + profile * keep.north])
+        parts = np.concatenate([h[None] ** 4, leans])
         sums += np.concatenate([parts, parts[:1] * packed.shape[i, 4:6, None], parts * packed.shape[i, 6]])
     return joined_mountains(sums)
 
@@ -186,7 +211,7 @@ def hills(packed: PackedFeatures, site: Site) -> Rise:
     sums = np.zeros((5, *site.x.shape))
     for i in np.flatnonzero(packed.slot == _HILL):
         strength, flank = packed.shape[i, 1], packed.shape[i, 3]
-        t = site.approach(packed, i)
+        t, _ = site.approach(packed, i)
         h = strength * hill_profile(t.value, flank)
         lean = h * strength * hill_slope(t.value, flank)
         sums += np.stack(

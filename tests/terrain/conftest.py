@@ -119,6 +119,12 @@ CASES = {
         feature("mountain", 2900, 2300, 900, 700, peakiness=0.2, erosion=1.0, gullies=0.3),
         feature("hill", 900, 2900, 700, 200, erosion=0.6, gullies=0.4),
     ],
+    "crest": [
+        feature(
+            "mountain", 1700, 2000, 1300, 700, peakiness=0.6, erosion=0.5, gullies=0.4, painted=False, id=5
+        ),
+        feature("mountain", 3000, 2600, 900, 500, peakiness=0.3, painted=False),
+    ],
     "dune": [
         feature("dune", 2000, 2000, 1500, 18, wavelength=150, wind=250),
         feature("dune", 900, 3000, 700, 9, wavelength=90, wind=10),

@@ -7,10 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from sketchterrain.features.crests import crests
 from sketchterrain.terrain.evaluation import MASKS, Evaluator
+from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.reference import reference_ground
 
+from .conftest import feature
+
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import TerrainRecipe
 
@@ -18,7 +24,7 @@ if TYPE_CHECKING:
 HEIGHT_TOLERANCE_M = 3e-3
 MASK_TOLERANCE = 2e-5
 CELLS = (0.0, 8.0, 64.0)
-WET = {"river": "water", "lake": "water", "eroded": "mountain"}
+WET = {"river": "water", "lake": "water", "eroded": "mountain", "crest": "mountain"}
 
 
 def places(count: int = 4000, *, far: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -89,3 +95,21 @@ def test_seed_changes_the_ground(make_recipe, context: ComputeContext) -> None:
     one, _ = Evaluator(make_recipe(seed=1), context).points(x, y, cell_size=4.0)
     two, _ = Evaluator(make_recipe(seed=2), context).points(x, y, cell_size=4.0)
     assert abs(np.corrcoef(one, two)[0, 1]) < 0.3
+
+
+def test_a_mountain_with_a_crest_is_longer_than_wide_and_sags_to_its_ends(
+    make_recipe: Callable[..., TerrainRecipe], double_context: ComputeContext
+) -> None:
+    recipe = make_recipe(feature("mountain", 2000, 2000, 1200, 900, painted=False), fidelity=1.0)
+    direction = crests(recipe.painted)[0]
+    length = float(np.hypot(*direction))
+    unit, along = metres_per_unit(recipe.extent), np.arange(-1150, 1150, 2.0)
+
+    def heights(east: float, north: float) -> np.ndarray:
+        line = [np.rint((2000 + along * part / length) / unit).astype(np.int64) for part in (east, north)]
+        return Evaluator(recipe, double_context).points(*line, cell_size=0.0)[0]
+
+    lengthwise, across = heights(*direction), heights(-direction[1], direction[0])
+    assert (lengthwise > 300).sum() > 1.2 * (across > 300).sum()
+    ends = [np.argmin(np.abs(along - side * length * 1200)) for side in (-1, 1)]
+    assert all(0.4 * lengthwise.max() < lengthwise[end] < 0.95 * lengthwise.max() for end in ends)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.grounds import TileKey
+    from sketchterrain.benchmarks.tile_bound import Counts
     from sketchterrain.benchmarks.timing import Lap, TimedContext
 
 __all__ = ["ASKED", "LEVEL", "measure"]
@@ -179,27 +180,29 @@ def _bound(context: TimedContext, effort: Effort) -> Table:
             "rules": max(_surfaces(laps[name, "tiles"]) - _surfaces(laps[name, "no rules"]), 0.0),
             "bytes": written,
         }
-        whole = sum(seconds.values())
-        launches = spread([lap.device for lap in laps[name, "tiles"]])
-        filled = spread([lap.wall for lap in laps[name, "tiles"]])
-        rows.append(
-            {
-                "ground": name,
-                "tiles": tiles,
-                "octaves": (counts.octaves + counts.slopes + counts.gullies) / counts.vertices,
-                "evaluations": sum(counts.evaluations.values()) / counts.vertices,
-                **{f"{part}_us": value / tiles * 1e6 for part, value in seconds.items()},
-                "bound_us": whole / tiles * 1e6,
-                "launch_us": launches.median / tiles * 1e6,
-                "launch_p95_us": launches.p95 / tiles * 1e6,
-                "filled_us": filled.median / tiles * 1e6,
-                "share": whole / launches.median,
-                "filled_share": whole / filled.median,
-                "asked": ASKED["bare" if name == BARE else "features"],
-                "launch_seconds": [lap.device for lap in laps[name, "tiles"]],
-            }
-        )
+        rows.append(_share(name, tiles, counts, seconds, laps[name, "tiles"]))
     return Table("Tiles against their bound", _BOUND, tuple(rows))
+
+
+def _share(name: str, tiles: int, counts: Counts, seconds: Mapping[str, float], laps: Sequence[Lap]) -> Row:
+    """Return the row of a ground: the seconds of its parts beside those of its tiles."""
+    whole = sum(seconds.values())
+    launches, filled = (spread([getattr(lap, clock) for lap in laps]) for clock in ("device", "wall"))
+    return {
+        "ground": name,
+        "tiles": tiles,
+        "octaves": (counts.octaves + counts.slopes + counts.gullies) / counts.vertices,
+        "evaluations": sum(counts.evaluations.values()) / counts.vertices,
+        **{f"{part}_us": value / tiles * 1e6 for part, value in seconds.items()},
+        "bound_us": whole / tiles * 1e6,
+        "launch_us": launches.median / tiles * 1e6,
+        "launch_p95_us": launches.p95 / tiles * 1e6,
+        "filled_us": filled.median / tiles * 1e6,
+        "share": whole / launches.median,
+        "filled_share": whole / filled.median,
+        "asked": ASKED["bare" if name == BARE else "features"],
+        "launch_seconds": [lap.device for lap in laps],
+    }
 
 
 def _writes(context: TimedContext, tiles: int) -> Callable[[], Lap]:

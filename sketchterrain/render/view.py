@@ -30,6 +30,8 @@ BEARINGS: Final = 60
 IN_VIEW: Final = 9
 """Neighbouring bearings that a picture shows: 54°."""
 DISTANCES: Final = 56
+MOST_WATER: Final = 0.15
+"""Share of the ground in a picture, by its apparent size, that may be water for nothing."""
 TYPES: Final = 4
 """Of point features: mountain, hill, dune, forest."""
 _TYPE_WEIGHTS: Final = np.array([1.0, 1.0, 2.2, 1.0])
@@ -48,6 +50,7 @@ class _Panorama(NamedTuple):
     share: Floats  # (stands, bearings, distances)
     layers: Floats  # (stands, bearings) ridges one behind the other
     water: Floats  # (stands, bearings) apparent size of the visible water
+    flooded: Floats  # (stands, bearings) share of the visible ground, by its apparent size, that is water
     painted: Floats  # (types, stands, bearings) share of what is seen that was painted so
     inside: Floats  # (stands, bearings) share of what is seen that lies in the sketch
 
@@ -93,8 +96,10 @@ def _look_around(
     far = distances > 0.06 * terrain.extent
     appears = np.diff(seen[..., far].astype(np.int8), axis=-1) > 0
     water = _water(terrain, relief)
-    on_water = water.at(east, north) * seen * far
-    apparent = on_water * np.gradient(distances) / distances * np.clip(-slope, 0.0, 0.25)
+    wet = water.at(east, north)
+    size = seen * np.gradient(distances) / distances * np.clip(-slope, 0.0, 0.25)
+    apparent = wet * size * far
+    flooded = (wet * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
     middle = far & (distances < terrain.extent)
     shown = seen & middle
     count = np.maximum(shown.sum(axis=-1), 1.0)
@@ -105,6 +110,7 @@ def _look_around(
         share,
         appears.sum(axis=-1).astype(np.float64),
         apparent.sum(axis=-1),
+        flooded,
         np.stack(painted),
         (inside * share * middle).sum(axis=-1),
     )
@@ -156,6 +162,8 @@ def _score(seen: _Panorama, distance: Floats) -> Floats:
         + np.tensordot(_TYPE_WEIGHTS, np.tanh(painted / 0.10), axes=1)
         + 0.8 * np.tanh(_window(seen.inside, IN_VIEW).mean(axis=0) / 0.15)
         - 14.0 * wall
+        # A lake is a subject, but not all there is to see.
+        - 6.0 * np.maximum(_window(seen.flooded, IN_VIEW).mean(axis=0) - MOST_WATER, 0.0)
     )
 
 

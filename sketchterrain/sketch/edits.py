@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.parameter import Parameter, Value, named, table_of
+from sketchterrain.sketch.parameter import Parameter, Value, named, several, table_of
 from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.wording import did_you_mean, shown
 
@@ -196,13 +196,7 @@ def checked_edits(edits: Iterable[Edit]) -> tuple[Edit, ...]:
     InputError
         If one is no `Edit`, or there are more than `MOST_EDITS`.
     """
-    kept = tuple(edits)
-    for edit in kept:
-        if not isinstance(edit, Edit):
-            raise InputError(f"edits: expected Edit values, got {shown(edit)}")
-    if len(kept) > MOST_EDITS:
-        raise InputError(f"{len(kept)} edits: expected at most {MOST_EDITS}")
-    return kept
+    return several(Edit, edits, "edits", most=MOST_EDITS)
 
 
 def _action(name: object) -> Action:

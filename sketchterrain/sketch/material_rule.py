@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch.parameter import Parameter, Value, table_of
+from sketchterrain.sketch.parameter import Parameter, Value, several, table_of
 from sketchterrain.sketch.parameters import MATERIALS
-from sketchterrain.sketch.wording import shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Mapping
 
 __all__ = [
     "FACTOR",
@@ -190,20 +189,10 @@ class RuleChange:
             if value is not None or name == "name":
                 object.__setattr__(self, name, parameter.check(value, name))
         if self.factors is not None:
-            object.__setattr__(self, "factors", _checked_factors(self.factors))
+            object.__setattr__(self, "factors", several(Factor, self.factors, "factors", most=MOST_FACTORS))
 
     @property
     def values(self) -> dict[str, Value]:
         """What a file says of it but for its factors, by name."""
         given = {name: getattr(self, name) for name in RULE}
         return {name: value for name, value in given.items() if value not in (None, "")}
-
-
-def _checked_factors(factors: Iterable[Factor]) -> tuple[Factor, ...]:
-    kept = tuple(factors)
-    for factor in kept:
-        if not isinstance(factor, Factor):
-            raise InputError(f"factors: expected Factor values, got {shown(factor)}")
-    if len(kept) > MOST_FACTORS:
-        raise InputError(f"{len(kept)} factors: expected at most {MOST_FACTORS}")
-    return kept

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.wording import did_you_mean, shown
 
-__all__ = ["Parameter", "Properties", "Value", "named", "number_text", "table_of"]
+__all__ = ["Parameter", "Properties", "Value", "named", "number_text", "several", "table_of"]
 
 Value: TypeAlias = int | float | str
+
+_T = TypeVar("_T")
 
 Properties: TypeAlias = Mapping[str, Any]
 """Values by the names of their parameters, each of the kind that its parameter declares."""
@@ -114,6 +116,24 @@ def _real(value: object, *, whole: bool) -> float | None:
 def number_text(value: float) -> str:
     """Return a number as a person writes it: 600, not 600.0."""
     return str(int(value)) if math.isfinite(value) and value == int(value) else repr(value)
+
+
+def several(kind: type[_T], values: Iterable[object], key: str, *, most: int) -> tuple[_T, ...]:
+    """Return values that all have to be of one kind.
+
+    Raises
+    ------
+    InputError
+        If one is not, or there are more than `most`.
+    """
+    kept = []
+    for value in values:
+        if not isinstance(value, kind):
+            raise InputError(f"{key}: expected {kind.__name__} values, got {shown(value)}")
+        kept.append(value)
+    if len(kept) > most:
+        raise InputError(f"{len(kept)} {key}: expected at most {most}")
+    return tuple(kept)
 
 
 def table_of(*parameters: Parameter) -> Mapping[str, Parameter]:

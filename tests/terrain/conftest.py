@@ -9,6 +9,7 @@ from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.features import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import Terrain, TerrainRecipe, build
+from sketchterrain.terrain.octaves import OctaveTable, corner_table
 from sketchterrain.terrain.recipe import NoFill
 
 if TYPE_CHECKING:
@@ -50,6 +51,20 @@ def feature(
     for name, value in more.items():
         row[name] = value
     return row
+
+
+def octave_arguments(
+    context: ComputeContext, octaves: OctaveTable, corner: tuple[int, int], step_bits: int
+) -> tuple[object, ...]:
+    """What a kernel is given of octaves for a patch whose south-west vertex is ``corner``, in steps."""
+    corners = np.array([corner], np.int64) << step_bits
+    return (
+        context.upload(octaves.form),
+        context.upload(octaves.offset),
+        context.upload(octaves.scale.astype(context.real_dtype)),
+        context.upload(corner_table(octaves, corners, step_bits)),
+        np.int32(len(octaves.form)),
+    )
 
 
 def straight_river(y: float = 2048.0, *, width: float = 20.0, fall: float = 0.004) -> River:

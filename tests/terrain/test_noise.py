@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sketchterrain.terrain.octaves import NoiseStack, corner_table, fits_patches, octave_table
+from sketchterrain.terrain.octaves import NoiseStack, fits_patches, octave_table
 from sketchterrain.terrain.reference_noise import fbm_slope, gradients, ridged_slope
+
+from .conftest import octave_arguments
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
@@ -27,17 +29,12 @@ def on_device(
 ) -> list[np.ndarray]:
     """Value and slopes of a patch whose south-west vertex is ``corner``, in steps."""
     real = context.real_dtype
-    corners = np.array([corner], np.int64) << step_bits
     out = [context.empty(SIDE * SIDE, real) for _ in range(3)]
     context.launch(
         "bench.cl",
         "bench_fbm_slope",
         (SIDE, SIDE),
-        context.upload(octaves.form),
-        context.upload(octaves.offset),
-        context.upload(octaves.scale.astype(real)),
-        context.upload(corner_table(octaves, corners, step_bits)),
-        np.int32(len(octaves.form)),
+        *octave_arguments(context, octaves, corner, step_bits),
         np.int32(SIDE),
         *out,
     )

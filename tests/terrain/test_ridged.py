@@ -9,9 +9,9 @@ import pytest
 
 from sketchterrain import resources
 from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.terrain.octaves import corner_table
 from sketchterrain.terrain.reference_noise import ridged, ridged_slope
 
+from .conftest import octave_arguments
 from .test_noise import SIDE, table
 
 if TYPE_CHECKING:
@@ -52,17 +52,12 @@ def ridges(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[ComputeContext
 
     def run(context: ComputeContext) -> np.ndarray:
         real, octaves = context.real_dtype, table()
-        corners = np.array([CORNER], np.int64) << STEP_BITS
         out = context.empty((4, SIDE, SIDE), real)
         context.launch(
             "ridges.cl",
             "ridges",
             (SIDE, SIDE),
-            context.upload(octaves.form),
-            context.upload(octaves.offset),
-            context.upload(octaves.scale.astype(real)),
-            context.upload(corner_table(octaves, corners, STEP_BITS)),
-            np.int32(len(octaves.form)),
+            *octave_arguments(context, octaves, CORNER, STEP_BITS),
             np.int32(SIDE),
             *map(real.type, BEND),
             out,

@@ -75,9 +75,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     steps of 2500 years, K = 2e-5, m = 0.4, n = 1, sinks routed by a spanning tree, borders fixed). Water runs
     to the lowest of eight neighbours and ends in pits. Slopes are central differences; the exponent is fitted
     to the mean slopes of channels, catchments above 0.1 km², by quarters of a decade. Milliseconds are
-    medians of rounds: evaluating the ground, and for fastscapelib, once, its steps alone. Normals: the angle
-    to the gradient of float64 heights over 0.02 m, of central differences over one cell and of the slope that
-    the filter steers by, which holds each wave's direction.
+    medians of rounds: evaluating the ground (fBm in NumPy), and for fastscapelib, once, its steps alone.
+    Normals: the angle to the gradient of float64 heights over 0.02 m, of central differences over one cell
+    and of the slope that the filter steers by, which holds each wave's direction.
     """
     side = effort.noise_side // 2
     eroded, plain = _recipe(), _recipe(erosion=0.0)

@@ -6,19 +6,19 @@
 #include "spline_two_step.clh"
 
 // Point i asks about spline i / points_each; all splines have as many pieces. Every kernel gives metres.
-#define CURVE_DISTANCES(method)                                                                                        \
-    __kernel void method##_distances(__global const REAL4 *cubic, int pieces, __global const REAL2 *point,             \
-                                     int points_each, __global REAL *distance)                                         \
+#define CURVE_ARGUMENTS                                                                                                \
+    __global const REAL4 *cubic, int pieces, __global const REAL2 *point, int points_each, __global REAL *distance
+#define CURVE_DISTANCE(method)                                                                                         \
     {                                                                                                                  \
         const int i = get_global_id(0);                                                                                \
         const Curve curve = {cubic + 2 * pieces * (i / points_each), pieces};                                          \
         distance[i] = square_root(method(curve, point[i].s0, point[i].s1).square);                                     \
     }
 
-CURVE_DISTANCES(spline_newton)
-CURVE_DISTANCES(spline_two_step)
-CURVE_DISTANCES(spline_sampling)
-CURVE_DISTANCES(spline_roots)
+__kernel void spline_newton_distances(CURVE_ARGUMENTS) CURVE_DISTANCE(spline_newton)
+__kernel void spline_two_step_distances(CURVE_ARGUMENTS) CURVE_DISTANCE(spline_two_step)
+__kernel void spline_sampling_distances(CURVE_ARGUMENTS) CURVE_DISTANCE(spline_sampling)
+__kernel void spline_roots_distances(CURVE_ARGUMENTS) CURVE_DISTANCE(spline_roots)
 
 // Flattened splines: pieces starts[k] … starts[k + 1] are those of spline k.
 //   start  REAL2: where a piece begins (m)

@@ -1,0 +1,83 @@
+"""Triangles of a tile for each case of its neighbours: along a coarser one every other vertex is left out.
+
+A border's odd vertex moves onto its even neighbour, and triangles that have collapsed go. It moves so that the
+parent's diagonals stay edges: westward and eastward along the northern and southern border, northward and southward
+along the western and eastern one. Where two such borders meet at an end of the quads' anti-diagonal, that quad is cut
+the other way: else a triangle without an area would stand between its neighbours.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Vertices = npt.NDArray[np.int64]
+
+__all__ = ["CASES", "EAST", "NORTH", "SOUTH", "WEST", "tile_indices"]
+
+NORTH, SOUTH, WEST, EAST = 1, 2, 4, 8
+"""Bits of a case: on that side lies a coarser tile."""
+CASES: Final = 16
+
+
+@cache
+def tile_indices(quads: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the triangles of every case, one case after the other.
+
+    Parameters
+    ----------
+    quads
+        Along a tile's side: even, ≥ 2.
+
+    Returns
+    -------
+    indices : (n,) uint32
+        Three a triangle, counter-clockwise from above, of vertices in rows from north to south, each from west to
+        east. Quads are cut from north-west to south-east.
+    first, count : (16,) int64
+        Which part of `indices` belongs to a case.
+
+    Raises
+    ------
+    InputError
+        If there is no such number of quads.
+    """
+    if quads < 2 or quads % 2:
+        raise InputError(f"expected an even number of quads ≥ 2, got {quads}")
+    cases = [_case(quads, case) for case in range(CASES)]
+    count = np.array([len(case) for case in cases], np.int64)
+    indices = np.concatenate(cases).astype(np.uint32)
+    for array in (indices, count, first := np.cumsum(count) - count):
+        array.setflags(write=False)
+    return indices, first, count
+
+
+def _case(quads: int, case: int) -> Vertices:
+    side = quads + 1
+    vertex = np.arange(side * side, dtype=np.int64).reshape(side, side)
+    seen = vertex.copy()
+    odd = np.arange(1, quads, 2)
+    if case & NORTH:
+        seen[0, odd] = vertex[0, odd - 1]
+    if case & SOUTH:
+        seen[-1, odd] = vertex[-1, odd + 1]
+    if case & WEST:
+        seen[odd, 0] = vertex[odd - 1, 0]
+    if case & EAST:
+        seen[odd, -1] = vertex[odd + 1, -1]
+    nw, ne, sw, se = seen[:-1, :-1], seen[:-1, 1:], seen[1:, :-1], seen[1:, 1:]
+    triangles = np.stack([np.stack([nw, sw, se], -1), np.stack([nw, se, ne], -1)], axis=2)
+    for corner, borders in (((0, -1), NORTH | EAST), ((-1, 0), SOUTH | WEST)):
+        if case & borders == borders:
+            a, b, c, d = (int(each[corner]) for each in (nw, sw, se, ne))
+            triangles[corner] = [(a, b, d), (b, c, d)]
+    triangles = triangles.reshape(-1, 3)
+    a, b, c = triangles.T
+    return np.asarray(triangles[(a != b) & (b != c) & (a != c)].reshape(-1))

@@ -1,0 +1,44 @@
+"""How much of its parent a tile shows at each vertex: a weight from nine controls, kernels/render/ground.vert.glsl.
+
+Controls stand at a tile's corners, in the middles of its borders and at its centre. Tiles of one level share those
+where they touch. A weight goes from a border's control to the centre's within a quarter of the tile; so a border shows
+nothing but its own controls, and both tiles along it compute the same bits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+__all__ = ["RAMP", "morph_weights"]
+
+RAMP: Final = 0.25
+"""Share of a tile's width in which weights go over from a border to the middle; a power of two keeps it exact."""
+
+
+def morph_weights(controls: npt.NDArray[np.float32], quads: int) -> npt.NDArray[np.float32]:
+    """Return the weight of the parent at each vertex.
+
+    Parameters
+    ----------
+    controls
+        (n, 3, 3) in 0 … 1, row 0 north, column 0 west.
+    quads
+        Along a tile's side.
+
+    Returns
+    -------
+    (n, quads + 1, quads + 1) float32
+        0 is the tile's own surface, 1 its parent's; row 0 north.
+    """
+    along = np.arange(quads + 1, dtype=np.float32) / np.float32(quads)
+    near = np.minimum(along, 1 - along) * np.float32(1 / RAMP)
+    centre = np.minimum(near, 1)
+    border = np.where(along < 0.5, 0, 2)
+    rows = (1 - centre) * controls[:, :, border] + centre * controls[:, :, 1:2]
+    centre, rows = centre[:, None], np.asarray(rows, np.float32)
+    return np.asarray((1 - centre) * rows[:, border] + centre * rows[:, 1:2], np.float32)

@@ -1,0 +1,215 @@
+"""How far, in pixels, drawn triangles stand from the terrain: a depth test in NumPy and a projection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sketchterrain.render.camera import Camera
+
+__all__ = ["Picture", "ScreenError", "ScreenSamples", "screen_distances"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_PAIRS = 1 << 21  # of a triangle and a sample, looked at together
+
+
+class Picture(NamedTuple):
+    """Width and height in pixels."""
+
+    width: int
+    height: int
+
+    def pixels_per_radian(self, camera: Camera) -> float:
+        """Return the pixels that an angle of 1 covers in the middle of the picture."""
+        return self.height / (2.0 * float(np.tan(np.radians(camera.fov) / 2.0)))
+
+
+class ScreenSamples:
+    """What a picture shows of triangles at some of its pixels.
+
+    A sample is a ray from the eye. It meets the triangle A, B, C (relative to the eye) where its products
+    with B × C, C × A and A × B have one sign, that of A · (B × C); so nothing needs to be clipped, and
+    triangles that share an edge leave no gap.
+
+    Parameters
+    ----------
+    camera
+        Its clipping distances don't count.
+    picture
+        Size of the picture that is sampled.
+    every
+        Pixels between samples, both ways, ≥ 1.
+    """
+
+    def __init__(self, camera: Camera, picture: Picture, *, every: int = 4) -> None:
+        if every < 1 or min(picture) < every:
+            raise InputError(f"expected a sample each 1 … {min(picture)} pixels, got {every}")
+        self._eye = np.asarray(camera.eye, np.float64)
+        self._axes = camera.view()[:3, :3] * np.array([[1.0], [1.0], [-1.0]])  # right, up, ahead
+        scale = picture.pixels_per_radian(camera)
+        columns, rows = (
+            np.arange(every // 2, picture.width, every),
+            np.arange(every // 2, picture.height, every),
+        )
+        self._u = (columns + 0.5 - picture.width / 2) / scale
+        self._v = (rows + 0.5 - picture.height / 2) / scale
+        self._depth = np.full(len(rows) * len(columns), np.inf)
+
+    @property
+    def count(self) -> int:
+        """Samples, those of the sky included."""
+        return self._depth.size
+
+    def add(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> int:
+        """Draw triangles, which hide what lies behind them.
+
+        Parameters
+        ----------
+        vertices
+            (n, 3) positions, m.
+        triangles
+            (m, 3) which vertices; either way round.
+
+        Returns
+        -------
+        int
+            How many of them are not wholly outside one side of the picture.
+        """
+        at = (np.asarray(vertices, np.float64) - self._eye) @ self._axes.T
+        corners = np.asarray(triangles, np.int64)
+        corners = corners[self._in_view(at, corners)]
+        for part in np.array_split(corners, max(1, -(-len(corners) // _PAIRS))):
+            self._draw(at, part)
+        return len(corners)
+
+    def seen(self) -> Floats:
+        """Return the points that the samples see, m, shape (k, 3); those that see none have no point."""
+        v, u = (axis.ravel() for axis in np.meshgrid(self._v, self._u, indexing="ij"))
+        hit = np.isfinite(self._depth)
+        ahead = np.stack([u, v, np.ones_like(u)], axis=-1)[hit] * self._depth[hit, None]
+        return np.asarray(self._eye + ahead @ self._axes)
+
+    def _in_view(self, at: Floats, corners: Ints) -> npt.NDArray[np.bool_]:
+        """Tell which triangles are not wholly outside one side of the picture, as far as samples go."""
+        x, y, w = at.T
+        sides = (x - self._u[-1] * w, self._u[0] * w - x, y - self._v[-1] * w, self._v[0] * w - y, -w)
+        kept = np.ones(len(corners), np.bool_)
+        for side in sides:
+            kept &= (side <= 0)[corners].any(axis=1)
+        return kept
+
+    def _draw(self, at: Floats, corners: Ints) -> None:
+        first, last = self._bounds(at, corners)
+        wide, high = (last - first + 1).clip(0).T
+        some = wide * high > 0
+        corners, first, wide, count = corners[some], first[some], wide[some], (wide * high)[some]
+        a, b, c = (at[corners[:, i]] for i in range(3))
+        edges = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        volume = np.einsum("ij,ij->i", a, edges[:, 0])
+        edges *= np.sign(volume)[:, None, None]
+        for group in _groups(count):
+            which = np.repeat(np.arange(group.start, group.stop), count[group])
+            place = np.arange(len(which)) - np.repeat(np.cumsum(count[group]) - count[group], count[group])
+            column = first[which, 0] + place % wide[which]
+            row = first[which, 1] + place // wide[which]
+            ray = np.stack([self._u[column], self._v[row], np.ones(len(which))], axis=-1)
+            within = np.einsum("kij,kj->ki", edges[which], ray)
+            whole = within.sum(axis=1)
+            hit = (within >= 0).all(axis=1) & (whole > 0)
+            depth = np.abs(volume[which[hit]]) / whole[hit]
+            np.minimum.at(self._depth, row[hit] * len(self._u) + column[hit], depth)
+
+    def _bounds(self, at: Floats, corners: Ints) -> tuple[Ints, Ints]:
+        """Return the first and last column and row of samples that each triangle may cover, shape (m, 2)."""
+        seen = at[corners]  # (m, 3 corners, 3)
+        ahead = (seen[..., 2] > 1e-9).all(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            flat = np.where(ahead[:, None, None], seen[..., :2] / seen[..., 2:], 0.0)
+        low, high = flat.min(axis=1), flat.max(axis=1)
+        axes = (self._u, self._v)
+        first = np.stack([np.searchsorted(axis, low[:, i]) for i, axis in enumerate(axes)], axis=1)
+        last = np.stack(
+            [np.searchsorted(axis, high[:, i], "right") - 1 for i, axis in enumerate(axes)], axis=1
+        )
+        # What reaches behind the eye has no outline: anywhere.
+        first[~ahead], last[~ahead] = 0, (len(self._u) - 1, len(self._v) - 1)
+        return first, last
+
+
+def _groups(count: Ints) -> Iterator[slice]:
+    """Yield runs of triangles with about as many samples each as are looked at together."""
+    ends = np.cumsum(count)
+    start = 0
+    while start < len(count):
+        done = ends[start - 1] if start else 0
+        stop = max(start + 1, int(np.searchsorted(ends, done + _PAIRS, "right")))
+        yield slice(start, stop)
+        start = stop
+
+
+def screen_distances(camera: Camera, picture: Picture, drawn: Floats, heights: npt.ArrayLike) -> Floats:
+    """Return how far apart in the picture drawn points and the terrain's lie that stand at the same x, y.
+
+    Parameters
+    ----------
+    camera
+        Where both are seen from.
+    picture
+        Its size.
+    drawn
+        (k, 3) points in front of the eye, m.
+    heights
+        (k,) the terrain's heights there, m.
+
+    Returns
+    -------
+    (k,) float64
+        Pixels; infinite where the terrain's point lies behind the eye.
+    """
+    true = np.column_stack([drawn[:, :2], np.asarray(heights, np.float64)])
+    scale = picture.pixels_per_radian(camera)
+    axes = camera.view()[:3, :3]
+    places = []
+    for points in (drawn, true):
+        x, y, back = ((points - np.asarray(camera.eye)) @ axes.T).T
+        ahead = np.where(back < 0, -back, np.nan)
+        places.append(np.stack([x, y]) / ahead * scale)
+    return np.asarray(np.nan_to_num(np.hypot(*(places[1] - places[0])), nan=np.inf))
+
+
+@dataclass(frozen=True)
+class ScreenError:
+    """What distances in a picture come to.
+
+    Attributes
+    ----------
+    samples : int
+    within : float
+        Share of them up to 1 pixel.
+    most : float
+        Pixels that 99.9 % of them stay within.
+    worst : float
+        Largest, pixels.
+    """
+
+    samples: int
+    within: float
+    most: float
+    worst: float
+
+    @classmethod
+    def of(cls, distances: Floats) -> ScreenError:
+        """Sum up at least one distance, pixels."""
+        ordered = np.sort(distances)
+        most = float(ordered[-(-999 * ordered.size // 1000) - 1])
+        return cls(ordered.size, float(np.mean(ordered <= 1.0)), most, float(ordered[-1]))

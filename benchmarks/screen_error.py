@@ -105,7 +105,7 @@ class ScreenSamples:
         sides = (x - self._u[-1] * w, self._u[0] * w - x, y - self._v[-1] * w, self._v[0] * w - y, -w)
         kept = np.ones(len(corners), np.bool_)
         for side in sides:
-            kept &= (side <= 0)[corners].any(axis=1)
+            kept &= (side[corners] <= 0).any(axis=1)
         return kept
 
     def _draw(self, at: Floats, corners: Ints) -> None:

@@ -2,7 +2,8 @@
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.context import open_context
-from sketchterrain.render.renderer import Quality, Renderer
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.sunlight import find_sun

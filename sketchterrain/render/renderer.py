@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import moderngl
@@ -14,6 +13,7 @@ from sketchterrain.render.forest import Forest, shade_matrix, wedge
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
 from sketchterrain.render.ground import OCTAVES, DrawnGround, texture_phases
 from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.relief import LitRelief, sample_heights
 from sketchterrain.render.sky import Sky, Sun
 from sketchterrain.render.targets import Targets
@@ -29,35 +29,10 @@ if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import Terrain
 
-__all__ = ["Quality", "Renderer"]
+__all__ = ["Renderer"]
 
 SHADE_TEXELS: Final = 2048
 """Side of the maps of the plants' shadows."""
-
-
-@dataclass(frozen=True)
-class Quality:
-    """What a picture may cost.
-
-    Attributes
-    ----------
-    samples : int
-        Samples a pixel along each axis at which edges are found; 2 smooths them. Shading takes one a pixel.
-    split : float
-        Tiles are split while wider than this share of their distance.
-    reach : float
-        Draw distance, in extents.
-    woods : float
-        Distance up to which plants are drawn (m).
-    map_texels : int
-        Side of the height maps that shadows and sky visibility are computed on.
-    """
-
-    samples: int = 2
-    split: float = 0.5
-    reach: float = 7.0
-    woods: float = 2400.0
-    map_texels: int = 768
 
 
 class Renderer:

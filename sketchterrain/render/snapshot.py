@@ -9,7 +9,7 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.context import open_context
-from sketchterrain.render.renderer import Quality, Renderer
+from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Camera
+    from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 

@@ -1,0 +1,137 @@
+"""What a picture may cost, as one number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from sketchterrain.errors import InputError
+
+__all__ = ["Quality"]
+
+SOFTWARE: Final = ("llvmpipe", "softpipe", "swrast", "swiftshader", "basic render", "gdi generic")
+"""In the names of drivers that draw on the CPU."""
+SHARED: Final = ("intel", "mali", "adreno", "videocore", "apple")
+"""In the names of those that share the CPU's memory."""
+ON_CPU: Final = 0.25
+ON_SHARED: Final = 0.5
+ON_CARD: Final = 0.8
+
+
+@dataclass(frozen=True)
+class Quality:
+    """What a picture, and each frame of a moving one, may cost.
+
+    All of it follows from one number, `of`:
+
+    ====================  =========  =======  =======  ========  ===========================================
+    number                0          0.25     0.5      1         scales
+    ====================  =========  =======  =======  ========  ===========================================
+    tolerance             4          2.8      2        1         τ, px
+    reach                 3          4        5        7         draw distance, extents
+    samples               1          1        1        2         samples a pixel, along each axis
+    materials             1          1        2        2         materials blended at a pixel
+    planes                1          1        2        2         planes that they are textured from
+    octaves               1          1        2        2         sizes in which they are laid
+    map_texels            256        384      512      768       side of the light maps
+    shade_maps            0          1        2        2         maps of the plants' shadows
+    shade_texels          1024       1024     2048     2048      their side
+    woods                 400        626      980      2400      distance up to which plants stand, m
+    leaves                0.25       0.44     0.63     1         plants' height in pixels for a finer mesh
+    moving_scale          0.4        0.55     0.7      1         side of the picture while the eye moves
+    quads                 32         32       64       64        quads along a tile's side
+    tile_memory           128        181      256      512       MiB for tiles
+    budget                6          7        8        10        ms a frame for what is new
+    ====================  =========  =======  =======  ========  ===========================================
+
+    So the ground's shading reads 2 material texels a pixel at 0 and 16 at 1.
+
+    Attributes
+    ----------
+    tolerance : float
+        Pixels by which the drawn ground may stand from the true one (τ).
+    reach : float
+        Draw distance near the ground, in extents; it grows with the eye's height.
+    samples : int
+        Samples a pixel along each axis at which edges are found; 2 smooths them. Shading takes one a pixel.
+    materials, planes, octaves : int
+        1 or 2 of each are read for a pixel of the ground.
+    map_texels : int
+        Side of the height maps that shadows and sky visibility are computed on; a multiple of 64.
+    shade_maps : int
+        How many maps of the shadows of plants there are: none, a wide one, a sharp one too.
+    shade_texels : int
+        Their side.
+    woods : float
+        Distance up to which plants are drawn (m).
+    leaves : float
+        Scales the heights in pixels from which plants are drawn by their finer meshes.
+    moving_scale : float
+        Side of the internal picture, over the whole one's, while the eye moves.
+    quads : int
+        Quads along the side of a tile.
+    tile_memory : int
+        Bytes that tiles may take.
+    budget : float
+        Seconds a frame that may go into what is new: tiles first, light and plants share what they leave.
+    split : float
+        Tiles are split while wider than this share of their distance.
+    """
+
+    tolerance: float = 1.0
+    reach: float = 7.0
+    samples: int = 2
+    materials: int = 2
+    planes: int = 2
+    octaves: int = 2
+    map_texels: int = 768
+    shade_maps: int = 2
+    shade_texels: int = 2048
+    woods: float = 2400.0
+    leaves: float = 1.0
+    moving_scale: float = 1.0
+    quads: int = 64
+    tile_memory: int = 512 << 20
+    budget: float = 0.010
+    split: float = 0.5
+
+    @classmethod
+    def of(cls, number: float) -> Quality:
+        """Return the quality of one number, 0 (cheapest) to 1 (best); see the table of the class.
+
+        Raises
+        ------
+        InputError
+            If the number is out of range.
+        """
+        if not 0.0 <= number <= 1.0:
+            raise InputError(f"expected a quality from 0 to 1, got {number:g}")
+        rich = number >= 0.5
+        return cls(
+            tolerance=4.0 ** (1.0 - number),
+            reach=3.0 + 4.0 * number,
+            samples=2 if number >= 0.75 else 1,
+            materials=2 if number >= 0.4 else 1,
+            planes=2 if rich else 1,
+            octaves=2 if rich else 1,
+            map_texels=64 * round(4.0 + 8.0 * number),
+            shade_maps=2 if rich else 1 if number >= 0.2 else 0,
+            shade_texels=2048 if rich else 1024,
+            woods=400.0 * 6.0**number,
+            leaves=0.25 + 0.75 * number,
+            moving_scale=0.4 + 0.6 * number,
+            quads=64 if rich else 32,
+            tile_memory=round((128 << 20) * 4.0**number),
+            budget=0.006 + 0.004 * number,
+        )
+
+    @classmethod
+    def for_renderer(cls, name: str) -> Quality:
+        """Return what suits a driver by the name that it gives itself, ``GL_RENDERER``.
+
+        A machine without a GPU gets what two cores draw at 20 frames a second and 1280×720.
+        """
+        low = name.lower()
+        if any(part in low for part in SOFTWARE):
+            return cls.of(ON_CPU)
+        return cls.of(ON_SHARED if any(part in low for part in SHARED) else ON_CARD)

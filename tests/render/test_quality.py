@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.render import Quality
+
+CHEAPER_WHEN_GREATER = {"tolerance"}
+FIXED = {"split"}
+
+
+def test_a_greater_number_never_costs_less():
+    steps = [Quality.of(number) for number in np.linspace(0.0, 1.0, 101)]
+    for field in dataclasses.fields(Quality):
+        values = np.array([getattr(quality, field.name) for quality in steps], dtype=float)
+        change = np.diff(values)
+        if field.name in CHEAPER_WHEN_GREATER:
+            assert (change < 0.0).all()
+        else:
+            assert (change >= 0.0).all()
+            assert (values[-1] > values[0]) != (field.name in FIXED)
+
+
+def test_the_best_is_what_stills_take():
+    assert Quality.of(1.0) == Quality()
+
+
+def test_light_maps_lie_on_whole_blocks():
+    assert all(Quality.of(number).map_texels % 64 == 0 for number in np.linspace(0.0, 1.0, 101))
+
+
+@pytest.mark.parametrize("number", [-0.01, 1.01, float("nan")])
+def test_other_numbers_are_refused(number):
+    with pytest.raises(InputError, match="from 0 to 1"):
+        Quality.of(number)
+
+
+def test_a_driver_without_a_gpu_gets_a_cheap_picture():
+    software = Quality.for_renderer("llvmpipe (LLVM 15.0.6, 256 bits)")
+    shared = Quality.for_renderer("Mesa Intel(R) UHD Graphics 620 (KBL GT2)")
+    card = Quality.for_renderer("NVIDIA H100 80GB HBM3/PCIe/SSE2")
+    assert software.woods < shared.woods < card.woods <= Quality().woods
+    assert software.materials * software.planes * software.octaves == 1
+    assert software.moving_scale < card.moving_scale

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Camera
 
-__all__ = ["Picture", "ScreenError", "ScreenSamples", "screen_distances"]
+__all__ = ["ErrorSummary", "Picture", "ScreenSamples", "screen_distances"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -101,7 +101,7 @@ class ScreenSamples:
 
     def _in_view(self, at: Floats, corners: Ints) -> npt.NDArray[np.bool_]:
         """Tell which triangles are not wholly outside one side of the picture, as far as samples go."""
-        x, y, w = at.T
+        x, y, w = at[:, 0], at[:, 1], at[:, 2]
         sides = (x - self._u[-1] * w, self._u[0] * w - x, y - self._v[-1] * w, self._v[0] * w - y, -w)
         kept = np.ones(len(corners), np.bool_)
         for side in sides:
@@ -132,7 +132,7 @@ class ScreenSamples:
     def _bounds(self, at: Floats, corners: Ints) -> tuple[Ints, Ints]:
         """Return the first and last column and row of samples that each triangle may cover, shape (m, 2)."""
         seen = at[corners]  # (m, 3 corners, 3)
-        ahead = (seen[..., 2] > 1e-9).all(axis=1)
+        ahead: npt.NDArray[np.bool_] = np.asarray(seen[..., 2].min(axis=1) > 1e-9)
         with np.errstate(divide="ignore", invalid="ignore"):
             flat = np.where(ahead[:, None, None], seen[..., :2] / seen[..., 2:], 0.0)
         low, high = flat.min(axis=1), flat.max(axis=1)
@@ -188,7 +188,7 @@ def screen_distances(camera: Camera, picture: Picture, drawn: Floats, heights: n
 
 
 @dataclass(frozen=True)
-class ScreenError:
+class ErrorSummary:
     """What distances in a picture come to.
 
     Attributes
@@ -208,7 +208,7 @@ class ScreenError:
     worst: float
 
     @classmethod
-    def of(cls, distances: Floats) -> ScreenError:
+    def of(cls, distances: Floats) -> ErrorSummary:
         """Sum up at least one distance, pixels."""
         ordered = np.sort(distances)
         most = float(ordered[-(-999 * ordered.size // 1000) - 1])

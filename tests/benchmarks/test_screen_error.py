@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sketchterrain.benchmarks.screen_error import Picture, ScreenError, ScreenSamples, screen_distances
+from sketchterrain.benchmarks.screen_error import ErrorSummary, Picture, ScreenSamples, screen_distances
 from sketchterrain.render.camera import Camera
 
 PICTURE = Picture(320, 180)
@@ -74,7 +74,7 @@ def test_a_parabolas_triangles_err_by_what_the_formula_says() -> None:
     points = samples.seen()
     found = screen_distances(camera, picture, points, ground(points[:, 0], points[:, 1]))
     largest = a * s * s / 4 * picture.pixels_per_radian(camera) / distance
-    assert ScreenError.of(found).worst == pytest.approx(largest, rel=0.03)
+    assert ErrorSummary.of(found).worst == pytest.approx(largest, rel=0.03)
 
 
 def test_what_is_nearer_hides_what_is_behind_in_any_order() -> None:
@@ -100,6 +100,6 @@ def test_triangles_that_reach_behind_the_eye_are_drawn_and_those_outside_are_not
 
 
 def test_summary() -> None:
-    found = ScreenError.of(np.concatenate([np.full(9_990, 0.5), np.full(10, 3.0)]))
+    found = ErrorSummary.of(np.concatenate([np.full(9_990, 0.5), np.full(10, 3.0)]))
     assert (found.samples, found.within, found.most, found.worst) == (10_000, 0.999, 0.5, 3.0)
-    assert ScreenError.of(np.array([0.25])).most == 0.25
+    assert ErrorSummary.of(np.array([0.25])).most == 0.25

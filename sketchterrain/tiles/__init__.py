@@ -1,5 +1,24 @@
-"""Which tile at what level: pure logic, no GPU and no terrain."""
+"""Which tile at what level, frame by frame: pure logic, no GPU and no terrain."""
 
-from sketchterrain.tiles.quadtree import QUADS, TileKey, inside_frustum, select_tiles
+from sketchterrain.tiles.borders import tile_indices
+from sketchterrain.tiles.codes import TileKey
+from sketchterrain.tiles.metrics import QuadLength, ScreenError
+from sketchterrain.tiles.morph import morph_weights
+from sketchterrain.tiles.quadtree import QUADS, inside_frustum, select_tiles
+from sketchterrain.tiles.stream import Batch, DrawList, TileStream
+from sketchterrain.tiles.view import View
 
-__all__ = ["QUADS", "TileKey", "inside_frustum", "select_tiles"]
+__all__ = [
+    "QUADS",
+    "Batch",
+    "DrawList",
+    "QuadLength",
+    "ScreenError",
+    "TileKey",
+    "TileStream",
+    "View",
+    "inside_frustum",
+    "morph_weights",
+    "select_tiles",
+    "tile_indices",
+]

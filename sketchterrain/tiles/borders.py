@@ -1,9 +1,10 @@
 """Triangles of a tile for each case of its neighbours: along a coarser one every other vertex is left out.
 
-A border's odd vertex moves onto its even neighbour, and triangles that have collapsed go. It moves so that the
-parent's diagonals stay edges: westward and eastward along the northern and southern border, northward and southward
-along the western and eastern one. Where two such borders meet at an end of the quads' anti-diagonal, that quad is cut
-the other way: else a triangle without an area would stand between its neighbours.
+A border's odd vertex moves onto its even neighbour, and triangles that have collapsed go. It moves so that
+the parent's diagonals stay edges: westward and eastward along the northern and southern border, northward
+and southward along the western and eastern one. Where two such borders meet at an end of the quads'
+anti-diagonal, that quad is cut the other way: else a triangle without an area would stand between its
+neighbours.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def tile_indices(quads: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int
     Returns
     -------
     indices : (n,) uint32
-        Three a triangle, counter-clockwise from above, of vertices in rows from north to south, each from west to
-        east. Quads are cut from north-west to south-east.
+        Three a triangle, counter-clockwise from above, of vertices in rows from north to south, each from
+        west to east. Quads are cut from north-west to south-east.
     first, count : (16,) int64
         Which part of `indices` belongs to a case.
 
@@ -76,8 +77,8 @@ def _case(quads: int, case: int) -> Vertices:
     triangles = np.stack([np.stack([nw, sw, se], -1), np.stack([nw, se, ne], -1)], axis=2)
     for corner, borders in (((0, -1), NORTH | EAST), ((-1, 0), SOUTH | WEST)):
         if case & borders == borders:
-            a, b, c, d = (int(each[corner]) for each in (nw, sw, se, ne))
-            triangles[corner] = [(a, b, d), (b, c, d)]
+            one, two, three, four = (int(each[corner]) for each in (nw, sw, se, ne))
+            triangles[corner] = [(one, two, four), (two, three, four)]
     triangles = triangles.reshape(-1, 3)
     a, b, c = triangles.T
     return np.asarray(triangles[(a != b) & (b != c) & (a != c)].reshape(-1))

@@ -1,8 +1,9 @@
-"""How much of its parent a tile shows at each vertex: a weight from nine controls, kernels/render/ground.vert.glsl.
+"""How much of its parent a tile shows at each vertex: a weight from nine controls.
 
-Controls stand at a tile's corners, in the middles of its borders and at its centre. Tiles of one level share those
-where they touch. A weight goes from a border's control to the centre's within a quarter of the tile; so a border shows
-nothing but its own controls, and both tiles along it compute the same bits.
+The twin of what kernels/render/ground.vert.glsl computes. Controls stand at a tile's corners, in the
+middles of its borders and at its centre. Tiles of one level share those where they touch. A weight goes
+from a border's control to the centre's within a quarter of the tile; so a border shows nothing but its own
+controls, and both tiles along it compute the same bits.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["RAMP", "morph_weights"]
 
 RAMP: Final = 0.25
-"""Share of a tile's width in which weights go over from a border to the middle; a power of two keeps it exact."""
+"""Share of a tile's width in which weights go over from border to middle; a power of two is exact."""
 
 
 def morph_weights(controls: npt.NDArray[np.float32], quads: int) -> npt.NDArray[np.float32]:

@@ -10,12 +10,14 @@ a contradiction.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
+from sketchterrain.tiles.codes import TileKey
+from sketchterrain.tiles.view import inside_frustum
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,14 +31,6 @@ FINEST: Final = 14
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
-
-
-class TileKey(NamedTuple):
-    """A tile's place in the quadtree: level (0 is as wide as the sketch), column east, row north."""
-
-    level: int
-    col: int
-    row: int
 
 
 class HeightRange(Protocol):
@@ -105,28 +99,6 @@ def select_tiles(
         cols, rows = _children(cols[split_up], rows[split_up])
         level += 1
     return _nearest_first(found)
-
-
-def inside_frustum(planes: Floats, low: Floats, high: Floats) -> npt.NDArray[np.bool_]:
-    """Tell which boxes are not wholly outside one of the planes.
-
-    Parameters
-    ----------
-    planes
-        (k, 4); a·x + b·y + c·z + d ≥ 0 is inside.
-    low, high
-        (n, 3) opposite corners (m).
-
-    Returns
-    -------
-    (n,) bool
-        May be true for a box just outside an edge of the frustum, never false for one that can be seen.
-    """
-    inside = np.ones(len(low), dtype=np.bool_)
-    for plane in planes:
-        farthest = np.where(plane[:3] >= 0, high, low)
-        inside &= farthest @ plane[:3] + plane[3] >= 0
-    return inside
 
 
 def _roots(x: float, y: float, width: float, reach: float) -> tuple[Ints, Ints]:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from sketchterrain.tiles.metrics import Boxes
+    from sketchterrain.tiles.codes import Boxes
 
 __all__ = ["View", "inside_frustum"]
 
@@ -29,12 +29,15 @@ class View:
         Pixels that an angle of 1 covers in the middle of the picture: its height / (2 tan(fov / 2)).
     velocity : (x, y, z) in m/s
         How the eye moves: tiles are fetched ahead of it.
+    draw_distance : float
+        Horizontal distance (m) beyond which nothing is drawn.
     """
 
     eye: tuple[float, float, float]
     planes: Floats
     pixels_per_radian: float
     velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    draw_distance: float = np.inf
 
     def after(self, seconds: float) -> View:
         """Return the view that the same motion leads to."""

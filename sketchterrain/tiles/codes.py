@@ -1,0 +1,131 @@
+"""Places in the quadtree as single integers, so that sets of tiles are sorted arrays.
+
+Bits of a code, from the highest: 6 level, 28 column, 28 row, each shifted to be ≥ 0. A neighbour is a sum
+away. A control (morph.py) stands on the grid of half tiles of its level and has a code of its own: 5 bits
+level, 29 and 29 bits place.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy.typing as npt
+
+    Codes = npt.NDArray[np.int64]
+    Floats = npt.NDArray[np.float64]
+
+__all__ = [
+    "AROUND",
+    "Boxes",
+    "TileKey",
+    "boxes_of",
+    "children_of",
+    "code_of",
+    "codes_of",
+    "contains",
+    "control_codes",
+    "keys_of",
+    "neighbours_of",
+    "parent_of",
+    "place_of",
+]
+
+_BITS: Final = 28
+_MIDDLE: Final = 1 << (_BITS - 1)
+_MASK: Final = (1 << _BITS) - 1
+_LEVELS: Final = 32
+_CONTROL_BITS: Final = _BITS + 1
+_CONTROL_LEVELS: Final = 16
+
+AROUND: Final = ((-1, 1), (0, 1), (1, 1), (-1, 0), (1, 0), (-1, -1), (0, -1), (1, -1))
+"""Steps east and north to the eight neighbours, from the north-west row by row."""
+_CHILDREN: Final = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
+
+
+class TileKey(NamedTuple):
+    """A tile's place in the quadtree: level (0 is as wide as the sketch), column east, row north."""
+
+    level: int
+    col: int
+    row: int
+
+
+class Boxes(NamedTuple):
+    """Boxes along the axes: opposite corners, m, shape (n, 3)."""
+
+    low: Floats
+    high: Floats
+
+
+def code_of(level: int | Codes, col: int | Codes, row: int | Codes) -> Codes:
+    """Return codes of tiles; columns and rows in ±2^27."""
+    return np.asarray(
+        ((level + _LEVELS) << (2 * _BITS)) + ((col + _MIDDLE) << _BITS) + (row + _MIDDLE), np.int64
+    )
+
+
+def codes_of(keys: Iterable[TileKey]) -> Codes:
+    """Return the codes of keys, in their order."""
+    level, col, row = np.array(list(keys), np.int64).reshape(-1, 3).T
+    return code_of(level, col, row)
+
+
+def place_of(codes: Codes) -> tuple[Codes, Codes, Codes]:
+    """Return level, column and row."""
+    return (
+        (codes >> (2 * _BITS)) - _LEVELS,
+        ((codes >> _BITS) & _MASK) - _MIDDLE,
+        (codes & _MASK) - _MIDDLE,
+    )
+
+
+def keys_of(codes: Codes) -> list[TileKey]:
+    """Return the keys of codes."""
+    return [TileKey(*place) for place in np.stack(place_of(codes), axis=-1).tolist()]
+
+
+def parent_of(codes: Codes) -> Codes:
+    """Return the code of each tile's parent."""
+    level, col, row = place_of(codes)
+    return code_of(level - 1, col >> 1, row >> 1)
+
+
+def children_of(codes: Codes) -> Codes:
+    """Return the four children of each, shape (n, 4): south-west, south-east, north-west, north-east."""
+    level, col, row = (part[:, None] for part in place_of(codes))
+    return code_of(level + 1, 2 * col + _CHILDREN[:, 0], 2 * row + _CHILDREN[:, 1])
+
+
+def neighbours_of(codes: Codes) -> Codes:
+    """Return the eight tiles of the same level around each, shape (n, 8), in the order of ``AROUND``."""
+    steps = np.array([(east << _BITS) + north for east, north in AROUND], np.int64)
+    return np.asarray(codes[:, None] + steps)
+
+
+def contains(found: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
+    """Tell which codes are in a sorted array; any shape."""
+    if not found.size:
+        return np.zeros(codes.shape, np.bool_)
+    at = np.minimum(np.searchsorted(found, codes), found.size - 1)
+    return np.asarray(found[at] == codes)
+
+
+def boxes_of(codes: Codes, extent: float, bottom: Floats, top: Floats) -> Boxes:
+    """Return the boxes of tiles whose ground lies between two heights (m)."""
+    level, col, row = place_of(codes)
+    width = extent * np.exp2(-level.astype(np.float64))
+    west, south = col * width, row * width
+    return Boxes(np.stack([west, south, bottom], -1), np.stack([west + width, south + width, top], -1))
+
+
+def control_codes(codes: Codes) -> Codes:
+    """Return the codes of each tile's nine controls, shape (n, 3, 3): row 0 north, column 0 west."""
+    level, col, row = (part[:, None, None] for part in place_of(codes))
+    x = 2 * col + np.arange(3)[None, None, :] + (1 << _BITS)
+    y = 2 * row + np.arange(2, -1, -1)[None, :, None] + (1 << _BITS)
+    return np.asarray(((level + _CONTROL_LEVELS) << (2 * _CONTROL_BITS)) + (x << _CONTROL_BITS) + y, np.int64)

@@ -1,0 +1,217 @@
+"""The tree that is drawn: it follows the wanted one in steps that cannot be seen.
+
+A tile splits only while it shows nothing of its parent, and its children begin by showing nothing but
+theirs: the picture stays. Four siblings that show nothing but their parent merge into it. In between,
+weights move at a limited rate. A control (morph.py) that touches a coarser tile is held at 1 and one that
+touches a finer tile at 0, so what either side of a border shows is the same; the tree is balanced over
+borders and corners, so no control touches both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sketchterrain.tiles.borders import EAST, NORTH, SOUTH, WEST
+from sketchterrain.tiles.codes import (
+    children_of,
+    code_of,
+    contains,
+    control_codes,
+    neighbours_of,
+    parent_of,
+    place_of,
+)
+from sketchterrain.tiles.wanted import ROOT_LEVEL
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.tiles.pool import TilePool
+
+    Flags = npt.NDArray[np.bool_]
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["DrawnTree", "Goals"]
+
+# Neighbours (codes.AROUND) that a control touches, row 0 north, column 0 west.
+_TOUCHED: Final = (((0, 1, 3), (1,), (1, 2, 4)), ((3,), (), (4,)), ((3, 5, 6), (6,), (4, 6, 7)))
+_BORDERS: Final = ((1, NORTH), (6, SOUTH), (3, WEST), (4, EAST))
+# Of each neighbour, those children (codes.children_of) that touch the tile.
+_NEAR_CHILDREN: Final = ((1, 1), (0, 1), (0, 0), (1, 3), (0, 2), (3, 3), (2, 3), (2, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Goals:
+    """Where tiles are to go.
+
+    Attributes
+    ----------
+    splits : sorted codes
+        Tiles that the wanted tree splits.
+    weights : (n,) float64
+        How much of its parent each tile should show in its middle, 0 … 1.
+    rates : (n,) float64
+        How quickly that may change, 1/s.
+    """
+
+    splits: Codes
+    weights: Floats
+    rates: Floats
+
+
+class DrawnTree:
+    """Leaves that cover the roots, and the weights of their controls.
+
+    Attributes
+    ----------
+    codes : sorted codes
+        The leaves.
+    controls : (n, 3, 3) float64
+        How much of its parent each shows at its controls; row 0 north, column 0 west.
+    cases : (n,) int64
+        Which borders lie at a coarser tile (borders.py).
+    moving : bool
+        Whether weights were not yet where they should be, or a step is left to do.
+    """
+
+    def __init__(self) -> None:
+        self._set(np.zeros(0, np.int64))
+        self.moving = False
+
+    def _set(self, codes: Codes) -> None:
+        self.codes = codes
+        self.controls = np.zeros((len(codes), 3, 3))
+        self._finer = np.zeros((len(codes), 8), np.bool_)
+        self._coarser = np.zeros((len(codes), 8), np.bool_)
+        self.cases = np.zeros(len(codes), np.int64)
+        self._known: tuple[Codes, Floats] = codes[:0], np.zeros(0)
+        self._places = _controls(codes)
+        self._fresh = np.zeros(len(codes))
+
+    def jump(self, roots: Codes, splits: Codes) -> None:
+        """Show a tree at once; its weights are set by the next `advance` without a limit of time."""
+        leaves = np.concatenate([roots, children_of(splits).ravel()])
+        self._set(np.sort(leaves[~contains(splits, leaves)]))
+        self._relate()
+
+    def step(self, roots: Codes, splits: Codes, pool: TilePool) -> None:
+        """Split and merge what can be without a change to the picture; follow the roots."""
+        codes = self.codes
+        resting = self.controls.reshape(-1, 9)
+        may_split = contains(splits, codes) & (resting == 0).all(axis=1) & ~self._coarser.any(axis=1)
+        may_split[may_split] = (pool.find(children_of(codes[may_split])) >= 0).all(axis=1)
+        merges = self._merges(splits, (resting == 1).all(axis=1) & ~self._finer.any(axis=1), pool)
+        gone = may_split | contains(merges, parent_of(codes))
+        kept = codes[~gone]
+        inside = contains(roots, _root_of(kept))
+        lacking = roots[~contains(np.unique(_root_of(codes)), roots)]
+        lacking = lacking[pool.find(lacking) >= 0]
+        if not gone.any() and inside.all() and not lacking.size:
+            return
+        born = children_of(codes[may_split]).ravel()
+        parts = (kept[inside], born, merges, lacking)
+        fresh = (self._fresh[~gone][inside], np.ones(len(born)), np.zeros(len(merges) + len(lacking)))
+        leaves = np.concatenate(parts)
+        order = np.argsort(leaves)
+        self.codes, self._fresh = leaves[order], np.concatenate(fresh)[order]
+        self._relate()
+
+    def move(self, goals: Goals, elapsed: float) -> None:
+        """Move weights towards their goals.
+
+        Parameters
+        ----------
+        goals
+            For the leaves as they are now.
+        elapsed
+            Seconds; infinite to arrive at once.
+        """
+        places, at = self._places
+        target = _least(at, np.repeat(goals.weights[:, None], 9, axis=1), len(places), 1.0)
+        rate = _least(at, np.repeat(goals.rates[:, None], 9, axis=1), len(places), np.inf)
+        target[at[~self._wanted_here(goals.splits)].ravel()] = 1.0
+        target[at[contains(goals.splits, self.codes)].ravel()] = 0.0
+        coarser, finer = at[self._touching(self._coarser)], at[self._touching(self._finer)]
+        target[coarser], target[finer] = 1.0, 0.0
+        after = target.copy()
+        if np.isfinite(elapsed):
+            before = self._before(places, at)
+            after = before + np.clip(target - before, -rate * elapsed, rate * elapsed)
+            after[coarser], after[finer] = 1.0, 0.0
+        self.moving = bool(np.any(after != target)) or self._unfinished(goals.splits)
+        self._known = places, after
+        self.controls = after[at].reshape(-1, 3, 3)
+
+    def _merges(self, splits: Codes, still: Flags, pool: TilePool) -> Codes:
+        """Return the parents that four leaves can merge into; sorted."""
+        candidates = still & (place_of(self.codes)[0] > ROOT_LEVEL)
+        parents, count = np.unique(parent_of(self.codes[candidates]), return_counts=True)
+        parents = parents[count == 4]
+        return np.asarray(parents[~contains(splits, parents) & (pool.find(parents) >= 0)])
+
+    def _wanted_here(self, splits: Codes) -> Flags:
+        """Tell which leaves the wanted tree has, or splits."""
+        level, _, _ = place_of(self.codes)
+        return np.asarray(contains(splits, parent_of(self.codes)) | (level == ROOT_LEVEL))
+
+    def _unfinished(self, splits: Codes) -> bool:
+        return bool(np.any(contains(splits, self.codes)) or not np.all(self._wanted_here(splits)))
+
+    def _before(self, places: Codes, at: npt.NDArray[np.intp]) -> Floats:
+        """Return what each control weighed in the last frame, or weighs as what its tile begins with."""
+        known, values = self._known
+        before = np.zeros(len(places))
+        before[at.ravel()] = np.repeat(self._fresh, 9)
+        if known.size:
+            slot = np.minimum(np.searchsorted(known, places), known.size - 1)
+            same = known[slot] == places
+            before[same] = values[slot[same]]
+        return before
+
+    def _relate(self) -> None:
+        """Find out which neighbours are coarser and which finer."""
+        self._places = _controls(self.codes)
+        around = neighbours_of(self.codes)
+        same = contains(self.codes, around)
+        self._coarser = ~same & contains(self.codes, parent_of(around))
+        level, col, row = (part + 0 for part in place_of(around))
+        self._finer = np.zeros_like(same)
+        for way, children in enumerate(_NEAR_CHILDREN):
+            child = children[0]
+            near = code_of(level[:, way] + 1, 2 * col[:, way] + (child & 1), 2 * row[:, way] + (child >> 1))
+            self._finer[:, way] = ~same[:, way] & contains(self.codes, near)
+        self.cases = sum(
+            (self._coarser[:, way] * np.int64(bit) for way, bit in _BORDERS),
+            np.zeros(len(self.codes), np.int64),
+        )
+
+    def _touching(self, neighbours: Flags) -> Flags:
+        """Tell which controls touch one of the given neighbours, shape (n, 9)."""
+        flags = np.zeros((len(neighbours), 9), np.bool_)
+        for i, row in enumerate(_TOUCHED):
+            for j, ways in enumerate(row):
+                flags[:, 3 * i + j] = neighbours[:, list(ways)].any(axis=1)
+        return flags
+
+
+def _controls(codes: Codes) -> tuple[Codes, npt.NDArray[np.intp]]:
+    """Return the codes of all controls, sorted, and which of them each leaf has, shape (n, 9)."""
+    places, at = np.unique(control_codes(codes).ravel(), return_inverse=True)
+    return places, at.reshape(-1, 9)
+
+
+def _least(at: npt.NDArray[np.intp], values: Floats, count: int, start: float) -> Floats:
+    """Return the least value at each control."""
+    least = np.full(count, start)
+    np.minimum.at(least, at.ravel(), values.ravel())
+    return least
+
+
+def _root_of(codes: Codes) -> Codes:
+    level, col, row = place_of(codes)
+    up = level - ROOT_LEVEL
+    return code_of(np.full_like(level, ROOT_LEVEL), col >> up, row >> up)

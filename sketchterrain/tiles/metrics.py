@@ -1,0 +1,125 @@
+"""When a tile is too coarse: by the error that it shows on the screen, or by the length of its quads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, Protocol, Self
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.tiles.codes import Boxes
+    from sketchterrain.tiles.view import View
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Metric", "QuadLength", "ScreenError", "nearest", "screen_errors"]
+
+_NEAREST: Final = 0.5
+"""m; nothing is looked at from nearer."""
+
+
+class Metric(Protocol):
+    """Says by how much tiles are too coarse."""
+
+    def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+        """Return for each tile what should be at most 1; above, it is split.
+
+        Parameters
+        ----------
+        view
+        boxes
+            Of the tiles' ground.
+        errors, cells
+            Geometric error δ and width of a quad, m, shape (n,).
+        """
+        ...
+
+    def coarser(self, factor: float) -> Self:
+        """Return the metric that allows so many times as much."""
+        ...
+
+
+@dataclass(frozen=True)
+class ScreenError:
+    """A tile is split while its error δ may cover more than τ pixels (Rocca et al. 2012, §5.1).
+
+    δ is vertical, so it counts by the sine of the angle between the line of sight and the vertical. Normals
+    and materials live at vertices too: quads are never wider than `quad` pixels.
+
+    Attributes
+    ----------
+    tolerance : float
+        τ in px, > 0.
+    quad : float
+        Greatest width of a quad in px, > 0, as it would be seen head on.
+    """
+
+    tolerance: float = 1.0
+    quad: float = 32.0
+
+    def __post_init__(self) -> None:
+        if not (self.tolerance > 0 and self.quad > 0):
+            raise InputError(
+                f"expected a tolerance and a quad > 0 px, got {self.tolerance:g} and {self.quad:g}"
+            )
+
+    def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+        """Return the larger of error over tolerance and quad over its limit; see :class:`Metric`."""
+        seen = screen_errors(view, boxes, errors) / self.tolerance
+        distance, _ = nearest(view, boxes)
+        return np.maximum(seen, cells * view.pixels_per_radian / distance / self.quad)
+
+    def coarser(self, factor: float) -> Self:
+        """Return the metric that allows so many times as much."""
+        return replace(self, tolerance=self.tolerance * factor, quad=self.quad * factor)
+
+
+@dataclass(frozen=True)
+class QuadLength:
+    """No quad is longer than √d / (T · F), d being the distance in m (Zaaijer 2013, §2.2).
+
+    Attributes
+    ----------
+    factor : float
+        Tessellation T times the features' value F, > 0.
+    """
+
+    factor: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.factor > 0:
+            raise InputError(f"expected a tessellation factor > 0, got {self.factor:g}")
+
+    def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
+        """Return length over its limit; see :class:`Metric`."""
+        distance, _ = nearest(view, boxes)
+        return np.asarray(cells * self.factor / np.sqrt(distance) + 0.0 * errors)
+
+    def coarser(self, factor: float) -> Self:
+        """Return the metric that allows so many times as much."""
+        return replace(self, factor=self.factor / factor)
+
+
+def nearest(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
+    """Return distances (m) from the eye to boxes, and their vertical part; 0.5 m at least."""
+    eye = np.asarray(view.eye)
+    apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
+    return np.maximum(np.linalg.norm(apart, axis=1), _NEAREST), apart[:, 2]
+
+
+def screen_errors(view: View, boxes: Boxes, errors: Floats) -> Floats:
+    """Return how many pixels a vertical error (m) in a box can cover, shape (n,).
+
+    It is as near as the box's nearest point, and seen as sideways as its farthest corner.
+    """
+    distance, above = nearest(view, boxes)
+    eye = np.asarray(view.eye[:2])
+    away = np.maximum(np.abs(boxes.low[:, :2] - eye), np.abs(boxes.high[:, :2] - eye))
+    reach = np.linalg.norm(away, axis=1)
+    sideways = reach / np.hypot(reach, above)
+    return np.asarray(errors * view.pixels_per_radian * sideways / distance)

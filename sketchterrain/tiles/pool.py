@@ -1,0 +1,109 @@
+"""Tiles that are held: which slot each lives in, and which one goes when room is wanted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.tiles.codes import boxes_of
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.tiles.codes import Boxes, Codes
+
+    Floats = npt.NDArray[np.float64]
+    Slots = npt.NDArray[np.int64]
+
+__all__ = ["TilePool"]
+
+_FREE = -1
+
+
+class TilePool:
+    """Slots for tiles. Full, it gives away those that were used least recently.
+
+    Parameters
+    ----------
+    slots : int
+        How many tiles there is room for, ≥ 1.
+
+    Attributes
+    ----------
+    error, bottom, top : (slots,) float64
+        Of the tile in a slot: geometric error, lowest and highest ground, m.
+    """
+
+    def __init__(self, slots: int) -> None:
+        if slots < 1:
+            raise InputError(f"expected room for 1 tile at least, got {slots}")
+        self._code = np.full(slots, _FREE, np.int64)
+        self._used = np.zeros(slots, np.int64)
+        self.error, self.bottom, self.top = (np.zeros(slots) for _ in range(3))
+        self._sorted: tuple[Codes, Slots] = self._code[:0], self._code[:0]
+        self._time = 0
+
+    @property
+    def slots(self) -> int:
+        """How many tiles there is room for."""
+        return len(self._code)
+
+    @property
+    def held(self) -> int:
+        """How many tiles there are."""
+        return len(self._sorted[0])
+
+    def find(self, codes: Codes) -> Slots:
+        """Return the slot of each tile, -1 where it is not held; any shape."""
+        known, slots = self._sorted
+        if not known.size:
+            return np.full(codes.shape, _FREE, np.int64)
+        at = np.minimum(np.searchsorted(known, codes), known.size - 1)
+        return np.where(known[at] == codes, slots[at], _FREE)
+
+    def use(self, codes: Codes) -> None:
+        """Note that tiles are in use now; what is used together goes together."""
+        self._time += 1
+        slots = self.find(codes)
+        self._used[slots[slots >= 0]] = self._time
+
+    def room(self) -> int:
+        """Return how many tiles can be taken in without losing one that is in use now."""
+        return int(np.count_nonzero((self._code == _FREE) | (self._used < self._time)))
+
+    def take(self, codes: Codes) -> Slots:
+        """Give new tiles a slot each, and forget those that were used least recently; shape (n,).
+
+        The tiles count as held from now on: what is enqueued next is written after them.
+
+        Raises
+        ------
+        InputError
+            If that would lose a tile that is in use now.
+        """
+        if len(codes) > self.room():
+            raise InputError(f"no room for {len(codes)} tiles in {self.slots} slots")
+        slots = np.lexsort((self._used, self._code != _FREE))[: len(codes)]
+        self._code[slots] = codes
+        self._used[slots] = self._time
+        held = np.flatnonzero(self._code != _FREE)
+        order = held[np.argsort(self._code[held])]
+        self._sorted = self._code[order], order
+        return slots
+
+    def describe(self, slots: Slots, facts: npt.NDArray[Any]) -> None:
+        """Note what tiles are like: fields ``low``, ``high`` and ``error``, m."""
+        self.bottom[slots], self.top[slots], self.error[slots] = facts["low"], facts["high"], facts["error"]
+
+    def boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
+        """Return the boxes of held tiles, wide enough for their own surface and for the real one."""
+        error = self.error[slots]
+        return boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
+
+    def clear(self) -> None:
+        """Forget all tiles."""
+        self._code[:] = _FREE
+        self._used[:] = 0
+        self._sorted = self._code[:0], self._code[:0]

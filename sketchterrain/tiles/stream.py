@@ -1,0 +1,329 @@
+"""Tiles for a moving camera: what to generate now, what to draw now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.tiles.codes import TileKey, children_of, keys_of, parent_of, place_of
+from sketchterrain.tiles.drawn import DrawnTree, Goals
+from sketchterrain.tiles.metrics import ScreenError, screen_errors
+from sketchterrain.tiles.pool import TilePool
+from sketchterrain.tiles.schedule import CostModel
+from sketchterrain.tiles.wanted import ROOT_LEVEL, Selection, Wanted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from sketchterrain.tiles.codes import Codes
+    from sketchterrain.tiles.metrics import Metric
+    from sketchterrain.tiles.view import View
+
+    Floats = npt.NDArray[np.float64]
+    Ints = npt.NDArray[np.int64]
+
+__all__ = ["Batch", "DrawList", "TileStream", "finest_level"]
+
+LATTICE_BITS: Final = 24
+"""A tile of level 0 is 2^24 lattice units wide."""
+
+_MORPH: Final = 1.3
+"""Excess of a parent at which its children show nothing of it any more; 1 is where they come."""
+_PIXELS_A_SECOND: Final = 40.0
+"""How quickly the ground may move on the screen while it morphs …"""
+_SHORTEST, _LONGEST = 0.12, 0.5
+"""… in so many seconds from parent to child at least and at most."""
+_AHEAD: Final = (0.4, 1.2)
+"""s; for where the eye will be then, tiles are fetched beforehand."""
+_PER_BATCH: Final = 64
+_MOST_TREES: Final = 40
+_STRICTER, _LOOSER = 0.97, 1.1
+"""How the metric is relaxed when the pool is too small for the view, and back."""
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Tiles to generate: parents come before children.
+
+    Attributes
+    ----------
+    keys : tuple of TileKey
+    slots, parents : (n,) int64
+        Where each is to live, and where its parent does, -1 for a root.
+    """
+
+    keys: tuple[TileKey, ...]
+    slots: Ints
+    parents: Ints
+
+    def __bool__(self) -> bool:
+        return bool(self.keys)
+
+
+@dataclass(frozen=True, eq=False)
+class DrawList:
+    """Tiles to draw.
+
+    Attributes
+    ----------
+    keys : tuple of TileKey
+    slots : (n,) int64
+        Where each lives.
+    corners : (n, 2) int64
+        North-west corner, lattice units from the world's origin, eastward and northward.
+    steps : (n,) int64
+        Lattice units between vertices.
+    cases : (n,) int64
+        Which borders lie at a coarser tile: see borders.py.
+    morph : (n, 3, 3) float32
+        How much of the parent is shown at the controls: see morph.py.
+    errors, screen_errors : (n,) float64
+        Geometric error δ (m) and what it covers on the screen (px).
+    """
+
+    keys: tuple[TileKey, ...]
+    slots: Ints
+    corners: Ints
+    steps: Ints
+    cases: Ints
+    morph: npt.NDArray[np.float32]
+    errors: Floats
+    screen_errors: Floats
+
+    @property
+    def levels(self) -> Ints:
+        """Level of each tile, (n,)."""
+        return np.array([key.level for key in self.keys], np.int64)
+
+
+class TileStream:
+    """Which tiles to generate and to draw, frame by frame; it generates and draws none itself.
+
+    Each frame: `plan` says what to generate, `arrived` takes what became of it, `advance` says what to draw.
+
+    Parameters
+    ----------
+    extent : float
+        Width of a tile of level 0, m.
+    quads : int
+        Along a tile's side: a power of two, 2 … 256.
+    slots : int
+        How many tiles may be held.
+    finest_cell : float
+        No quad is made narrower than this, m.
+    metric : Metric
+        Which tiles are too coarse; τ = 1 px by default.
+    """
+
+    def __init__(
+        self,
+        extent: float,
+        *,
+        quads: int = 64,
+        slots: int = 1024,
+        finest_cell: float = 0.2,
+        metric: Metric | None = None,
+    ) -> None:
+        if quads < 2 or quads > 256 or quads & (quads - 1):
+            raise InputError(f"expected quads to be a power of two, 2 … 256, got {quads}")
+        if not (extent > 0 and finest_cell > 0):
+            raise InputError(
+                f"expected an extent and a finest cell > 0 m, got {extent:g} and {finest_cell:g}"
+            )
+        self.extent = extent
+        self.quads = quads
+        self.metric: Metric = metric or ScreenError()
+        self.pool = TilePool(slots)
+        self.finest = finest_level(extent, quads, finest_cell)
+        self._tree = DrawnTree()
+        self._cost = CostModel()
+        self._relaxed = 1.0
+        self._lacking = True
+        self._wanted: tuple[tuple[Any, ...], Wanted] | None = None
+        self._changes = 0
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing was missing or moving in the last frame."""
+        return not self._lacking and not self._tree.moving
+
+    @property
+    def relaxed(self) -> float:
+        """How much more error than asked for is allowed because the pool is too small; 1 is none."""
+        return self._relaxed
+
+    def plan(self, view: View, *, budget: float) -> Batch:
+        """Choose tiles to generate now.
+
+        Parameters
+        ----------
+        view
+            The camera.
+        budget
+            Seconds that they may take.
+
+        Returns
+        -------
+        Batch
+            Most visible first, then what the camera's motion leads to; empty when nothing is lacking.
+        """
+        wanted = self._want(view)
+        self._lacking = bool(wanted.missing.size)
+        self._hold(view, wanted)
+        codes = wanted.missing
+        if any(view.velocity):
+            later = [self._selection.wanted(view.after(seconds), self.pool).missing for seconds in _AHEAD]
+            codes = np.concatenate([codes, *later])
+            _, first = np.unique(codes, return_index=True)
+            codes = codes[np.sort(first)]
+        room = self.pool.room()
+        if wanted.missing.size > room:
+            self._relaxed = min(self._relaxed * _LOOSER, 64.0)
+        elif self._relaxed > 1 and room > self.pool.slots // 4:
+            self._relaxed = max(self._relaxed * _STRICTER, 1.0)
+        codes = codes[: min(_PER_BATCH, room)]
+        codes = codes[: self._cost.fitting(place_of(codes)[0], budget)]
+        parents = np.where(place_of(codes)[0] > ROOT_LEVEL, self.pool.find(parent_of(codes)), -1)
+        slots = self.pool.take(codes)
+        return Batch(tuple(keys_of(codes)), slots, parents)
+
+    def arrived(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float) -> None:
+        """Take note of tiles that were generated.
+
+        Parameters
+        ----------
+        batch
+            As `plan` gave it.
+        facts
+            (n,) fields ``low``, ``high`` and ``error``, m.
+        seconds
+            What they took.
+        """
+        self.pool.describe(batch.slots, facts)
+        self._cost.learn(np.array([key.level for key in batch.keys]), seconds)
+        self._changes += 1
+
+    def advance(self, view: View, *, elapsed: float) -> DrawList:
+        """Go on by a frame.
+
+        Parameters
+        ----------
+        view
+            The camera.
+        elapsed
+            Seconds since the last frame; infinite to let all weights arrive at once.
+
+        Returns
+        -------
+        DrawList
+            What to draw now.
+        """
+        wanted = self._want(view)
+        self._tree.step(self._selection.roots(view), wanted.splits, self.pool)
+        self._tree.move(self._goals(view, wanted), elapsed)
+        return self._draws(view)
+
+    def jump(self, view: View) -> None:
+        """Show at once the best that what is held allows: for the first picture, and after a leap."""
+        wanted = self._want(view)
+        selection = self._selection
+        roots = selection.roots(view)
+        self._tree.jump(
+            roots[self.pool.find(roots) >= 0], selection.reachable(view, wanted.splits, self.pool)
+        )
+        self._tree.move(self._goals(view, wanted), np.inf)
+
+    def settle(self, view: View, generate: Callable[[Batch], npt.NDArray[Any]]) -> DrawList:
+        """Generate all that a still picture wants, and return it.
+
+        Parameters
+        ----------
+        view
+            The camera.
+        generate
+            Makes a batch and returns its facts, as `arrived` takes them.
+        """
+        for _ in range(_MOST_TREES * self.pool.slots):
+            batch = self.plan(view, budget=np.inf)
+            if not batch:
+                break
+            self.arrived(batch, generate(batch), seconds=self._cost.expected(1, len(batch.keys)))
+        self.jump(view)
+        return self.advance(view, elapsed=np.inf)
+
+    @property
+    def _selection(self) -> Selection:
+        metric = self.metric if self._relaxed == 1 else self.metric.coarser(self._relaxed)
+        return Selection(self.extent, self.quads, metric, self.finest)
+
+    def _want(self, view: View) -> Wanted:
+        seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
+        key = (*seen, self._changes, self._relaxed, self.pool.held, self.metric)
+        if self._wanted is None or self._wanted[0] != key:
+            self._wanted = key, self._selection.wanted(view, self.pool)
+        return self._wanted[1]
+
+    def _hold(self, view: View, wanted: Wanted) -> None:
+        """Note which tiles may not go: the wanted tree, what is drawn, and all above it."""
+        codes = np.unique(np.concatenate([self._selection.roots(view), self._tree.codes, wanted.splits]))
+        held = codes
+        while held.size:
+            held = np.unique(parent_of(held[place_of(held)[0] > ROOT_LEVEL]))
+            codes = np.concatenate([codes, held])
+        self.pool.use(np.concatenate([codes, children_of(wanted.splits).ravel()]))
+
+    def _goals(self, view: View, wanted: Wanted) -> Goals:
+        """Say how much of its parent each tile should show in its middle, by how much too coarse that is."""
+        codes, selection = self._tree.codes, self._selection
+        above, at = np.unique(parent_of(codes), return_inverse=True)
+        excess = selection.excess(view, above, self.pool)[at]
+        root = place_of(codes)[0] == ROOT_LEVEL
+        weights = np.where(root, 0.0, np.clip((_MORPH - excess) / (_MORPH - 1), 0.0, 1.0))
+        shown = self._seen(view, above)[at]
+        seconds = np.clip(shown / _PIXELS_A_SECOND, _SHORTEST, _LONGEST)
+        return Goals(wanted.splits, weights, 1 / seconds)
+
+    def _seen(self, view: View, codes: Codes) -> Floats:
+        """Return the screen error of tiles, 0 of those that are not held (px)."""
+        slots = self.pool.find(codes)
+        held = slots >= 0
+        seen = np.zeros(len(codes))
+        boxes = self.pool.boxes(codes[held], slots[held], self.extent)
+        seen[held] = screen_errors(view, boxes, self.pool.error[slots[held]])
+        return seen
+
+    def _draws(self, view: View) -> DrawList:
+        codes = self._tree.codes
+        slots = self.pool.find(codes)
+        boxes = self.pool.boxes(codes, slots, self.extent)
+        # What is drawn is partly the parent's surface.
+        above = self.pool.find(parent_of(codes))
+        margin = np.where(above >= 0, self.pool.error[above], 0.0)
+        eye = np.asarray(view.eye[:2])
+        apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
+        shown = view.sees(boxes, margin=margin) & (np.linalg.norm(apart, axis=1) <= view.draw_distance)
+        codes, slots = codes[shown], slots[shown]
+        level, col, row = place_of(codes)
+        width = np.int64(1) << (LATTICE_BITS - level)
+        return DrawList(
+            tuple(keys_of(codes)),
+            slots,
+            np.stack([col * width, (row + 1) * width], axis=-1),
+            width // self.quads,
+            self._tree.cases[shown],
+            self._tree.controls[shown].astype(np.float32),
+            self.pool.error[slots],
+            self._seen(view, codes),
+        )
+
+
+def finest_level(extent: float, quads: int, finest_cell: float) -> int:
+    """Return the finest level whose quads are no narrower than a cell (m), as far as the lattice goes."""
+    level = int(np.floor(np.log2(extent / quads / finest_cell)))
+    # Errors are measured in the middles of quads, which must lie on the lattice.
+    return int(np.clip(level, ROOT_LEVEL + 1, LATTICE_BITS - quads.bit_length()))

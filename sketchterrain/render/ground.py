@@ -1,37 +1,95 @@
-"""The ground: tiles in one vertex buffer, drawn by one indirect multi-draw."""
+"""The ground: tiles in one vertex buffer, drawn by one indirect multi-draw.
+
+Positions are integers until the vertex shader: a tile's corner and its step on the lattice of extent/2²⁴ m,
+relative to the lattice place of the eye. Only what is left of the eye beyond that place, less than a unit,
+goes along in floating point.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import moderngl
 import numpy as np
 
-from sketchterrain.render.programs import build_program
-from sketchterrain.tiles import QUADS, TileKey
+from sketchterrain.errors import InputError
+from sketchterrain.render.fixed_ground import SIDE, VERTICES, DrawnGround, tile_indices
+from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.tiles import QUADS, borders
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from sketchterrain.render.scene import Surface
+__all__ = [
+    "ATTRIBUTES",
+    "OCTAVES",
+    "SIDE",
+    "VERTICES",
+    "DrawnGround",
+    "Draws",
+    "GroundPool",
+    "texture_phases",
+    "tile_indices",
+]
 
-    Floats = npt.NDArray[np.float64]
-
-__all__ = ["OCTAVES", "DrawnGround", "texture_phases", "tile_indices"]
-
-SIDE: Final = QUADS + 1
-VERTICES: Final = SIDE * SIDE + 4 * SIDE
-"""Of a tile: its grid, then its four borders once more as skirts: north, south, west, east."""
 OCTAVES: Final = 7
 """Sizes in which material textures are laid, kernels/render/shade_ground.frag.glsl."""
-_VERTEX: Final = np.dtype([("height", "f4"), ("slope", "i2", 2), ("weights", "u1", 8)])
 _PLANES: Final = ((1, 2), (0, 2), (0, 1))
 
+ATTRIBUTES: Final = {
+    "height": "1f4",
+    "parent_height": "1f4",
+    "slope": "2i2",
+    "parent_slope": "2i2",
+    "low_weights": "4f1",
+    "high_weights": "4f1",
+    "parent_low_weights": "4f1",
+    "parent_high_weights": "4f1",
+}
+"""Of a vertex, in the order in which they lie in memory: 32 bytes; kernels/render/ground.glsl."""
+_TILE: Final = np.dtype([("corner", "<i4", 2), ("step", "<i4"), ("morph", "<f4", (3, 3))])
+_TILE_ATTRIBUTES: Final = ("corner", "step_units", "morph_west", "morph_middle", "morph_east")
+_COMMAND: Final = np.dtype(
+    [("count", "<u4"), ("instances", "<u4"), ("first", "<u4"), ("base_vertex", "<i4"), ("base_tile", "<u4")]
+)
+_FARTHEST_UNIT: Final = 2**31 - 1
+"""From the eye to a tile's vertices."""
 
-class DrawnGround:
-    """Tiles on the GPU, and the surface that they draw.
+
+class Draws(Protocol):
+    """Which tiles to draw and how far each is morphed; see `sketchterrain.tiles`."""
+
+    @property
+    def slots(self) -> npt.NDArray[np.int64]:
+        """(n,) place in the vertex buffer, in tiles."""
+        ...
+
+    @property
+    def corners(self) -> npt.NDArray[np.int64]:
+        """(n, 2) north-west corner, lattice units from the world's origin."""
+        ...
+
+    @property
+    def steps(self) -> npt.NDArray[np.int64]:
+        """(n,) lattice units a quad."""
+        ...
+
+    @property
+    def cases(self) -> npt.NDArray[np.int64]:
+        """(n,) which borders lie at a coarser tile: bits north, south, west, east."""
+        ...
+
+    @property
+    def morph(self) -> npt.NDArray[np.float32]:
+        """(n, 3, 3) share of the parent, row 0 north, column 0 west."""
+        ...
+
+
+class GroundPool:
+    """Draws tiles out of one buffer of vertices.
 
     Parameters
     ----------
@@ -39,89 +97,108 @@ class DrawnGround:
         Where they are drawn.
     extent
         Width of a level-0 tile (m).
-    keys, tiles
-        Which tiles, nearest first, and their vertices.
+    vertices
+        ``ATTRIBUTES`` of (quads + 1)² vertices a slot.
+    quads
+        Along a tile's side: a power of two ≥ 4.
+
+    Attributes
+    ----------
+    tiles : int
+        Tiles of the last `place`.
+    triangles : int
+        Their triangles.
     """
 
     def __init__(
-        self, context: moderngl.Context, extent: float, keys: Sequence[TileKey], tiles: Sequence[Surface]
+        self, context: moderngl.Context, extent: float, vertices: moderngl.Buffer, *, quads: int = QUADS
     ) -> None:
-        self._keys = list(keys)
-        self._width = extent * 2.0 ** -np.array([key.level for key in keys], dtype=np.float64)
-        place = np.array([(key.col, key.row + 1) for key in keys], dtype=np.float64)
-        self._corner = place * self._width[:, None]  # north-west
-        self._heights = np.stack([tile.height for tile in tiles])
-        normals = np.stack([tile.normal for tile in tiles])
-        weights = np.stack([tile.materials for tile in tiles])
-        vertices = context.buffer(_pack(self._heights, normals, weights, self._width / QUADS).tobytes())
-        self._indices = context.buffer(tile_indices().tobytes())
-        self._corners = context.buffer(reserve=12 * len(keys))
-        self._commands = context.buffer(_commands(np.arange(len(keys))).tobytes())
-        self._array = context.vertex_array(
-            build_program(context, "ground.vert.glsl", "ground.frag.glsl", defines={"TILE_QUADS": QUADS}),
-            [
-                (vertices, "1f4 2i2 4f1 4f1", "height", "slope", "low_weights", "high_weights"),
-                (self._corners, "3f4/i", "corner"),
-            ],
-            index_buffer=self._indices,
-        )
+        self.tiles = self.triangles = 0
+        self._context = context
+        self._unit = metres_per_unit(extent)
+        self._quads = quads
+        self._vertices = vertices
+        indices, self._first, self._count = borders.tile_indices(quads)
+        self._indices = context.buffer(indices.tobytes())
+        room = max(vertices.size // (32 * (quads + 1) ** 2), 1)
+        self._tiles = context.buffer(reserve=_TILE.itemsize * room, dynamic=True)
+        self._commands = context.buffer(reserve=_COMMAND.itemsize * room, dynamic=True)
+        self._fraction = (0.0, 0.0)
+        self._array = self.array(self.build("ground.vert.glsl", "ground.frag.glsl"))
 
     @property
-    def vertices(self) -> int:
-        """Vertices of all tiles, skirts included."""
-        return VERTICES * len(self._keys)
+    def content(self) -> tuple[tuple[object, ...], ...]:
+        """Buffers of the vertices' and of the tiles' attributes, as a vertex array wants them."""
+        return (
+            (self._vertices, " ".join(ATTRIBUTES.values()), *ATTRIBUTES),
+            (self._tiles, "2i4 1i4 3f4 3f4 3f4/i", *_TILE_ATTRIBUTES),
+        )
 
-    def draw(self, eye: tuple[float, float, float]) -> None:
-        """Draw all tiles as seen from `eye`; the camera stands in the frame's uniform block."""
-        corners = np.empty((len(self._keys), 3), np.float32)
-        corners[:, :2] = self._corner - np.asarray(eye[:2])
-        corners[:, 2] = self._width / QUADS
-        self._corners.write(corners.tobytes())
-        self._array.render_indirect(self._commands, moderngl.TRIANGLES, count=len(self._keys))
+    def build(self, vertex: str, fragment: str) -> moderngl.Program:
+        """Build a program whose vertex shader includes ``render/ground.glsl``."""
+        return build_program(self._context, vertex, fragment, defines={"TILE_QUADS": self._quads})
 
-    def surface(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
-        """Look the drawn surface up.
+    def array(
+        self, program: moderngl.Program, *, values: tuple[moderngl.Buffer, str] | None = None
+    ) -> moderngl.VertexArray:
+        """Return the tiles as a program draws them, for :meth:`draw`.
 
         Parameters
         ----------
-        x, y
-            (n,) m.
-
-        Returns
-        -------
-        height, cell_size : (n,) float64
-            m; NaN and infinity where no tile lies.
+        program
+            Of :meth:`build`.
+        values
+            One more attribute a tile, a vec4: a buffer, in the order of the tiles placed, and its name.
         """
-        height = np.full(len(x), np.nan)
-        cell = np.full(len(x), np.inf)
-        levels = np.array([key.level for key in self._keys])
-        place = np.array([(key.col, key.row) for key in self._keys], dtype=np.int64)
-        for level in np.unique(levels):
-            members = np.flatnonzero(levels == level)
-            width = self._width[members[0]]
-            tile = _find(place[members], np.floor(x / width), np.floor(y / width))
-            here = np.flatnonzero(tile >= 0)
-            owner = members[tile[here]]
-            col = np.clip((x[here] - self._corner[owner, 0]) / width * QUADS, 0.0, QUADS - 1e-6)
-            row = np.clip((self._corner[owner, 1] - y[here]) / width * QUADS, 0.0, QUADS - 1e-6)
-            height[here] = _on_triangles(self._heights, owner, col, row)
-            cell[here] = width / QUADS
-        return height, cell
+        content = list(self.content)
+        if values is not None:
+            content.append((values[0], "4f4/i", values[1]))
+        return self._context.vertex_array(program, content, index_buffer=self._indices, skip_errors=True)
 
+    def place(self, draws: Draws, eye: tuple[float, float, float]) -> None:
+        """Say which tiles to draw, and from where.
 
-def tile_indices() -> npt.NDArray[np.uint32]:
-    """Return a tile's triangles, counter-clockwise from above, quads cut from north-west to south-east."""
-    index = np.arange(SIDE * SIDE, dtype=np.uint32).reshape(SIDE, SIDE)
-    nw, ne, sw, se = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
-    grid = np.stack([nw, sw, se, nw, se, ne], axis=-1).reshape(-1)
-    borders = (index[0], index[-1, ::-1], index[::-1, 0], index[:, -1])
-    skirts = np.arange(SIDE * SIDE, VERTICES, dtype=np.uint32).reshape(4, SIDE)
-    lowered = (skirts[0], skirts[1, ::-1], skirts[2, ::-1], skirts[3])
-    sides = [
-        np.stack([a[:-1], a[1:], b[1:], a[:-1], b[1:], b[:-1]], axis=-1).reshape(-1)
-        for a, b in zip(borders, lowered, strict=True)
-    ]
-    return np.concatenate([grid, *sides])
+        Raises
+        ------
+        InputError
+            If there are more than slots, or one reaches farther than 2³¹ lattice units (128 extents) away.
+        """
+        count = len(draws.slots)
+        here = np.floor(np.asarray(eye[:2]) / self._unit)
+        corners = draws.corners - here.astype(np.int64)
+        if count * _TILE.itemsize > self._tiles.size:
+            raise InputError(f"expected at most {self._tiles.size // _TILE.itemsize} tiles, got {count}")
+        ends = corners + np.multiply.outer(draws.steps * self._quads, [1, -1])
+        if count and max(np.abs(corners).max(), np.abs(ends).max()) > _FARTHEST_UNIT:
+            raise InputError(f"expected tiles within {_FARTHEST_UNIT * self._unit:.0f} m of the eye")
+        self._fraction = tuple((np.asarray(eye[:2]) - here * self._unit).tolist())
+        tiles = np.empty(count, _TILE)
+        tiles["corner"], tiles["step"] = corners, draws.steps
+        tiles["morph"] = draws.morph.transpose(0, 2, 1)
+        commands = np.empty(count, _COMMAND)
+        commands["count"], commands["first"] = self._count[draws.cases], self._first[draws.cases]
+        commands["instances"], commands["base_tile"] = 1, np.arange(count)
+        commands["base_vertex"] = draws.slots * (self._quads + 1) ** 2
+        self.tiles, self.triangles = count, int(commands["count"].sum()) // 3
+        if count:
+            self._tiles.orphan()
+            self._tiles.write(tiles.tobytes())
+            self._commands.orphan()
+            self._commands.write(commands.tobytes())
+
+    def draw(self, array: moderngl.VertexArray | None = None) -> None:
+        """Draw what was placed; the camera stands in the frame's uniform block.
+
+        Parameters
+        ----------
+        array
+            Of :meth:`array`; by default normals and material weights are drawn, ground.frag.glsl.
+        """
+        if not self.tiles:
+            return
+        array = array or self._array
+        set_uniforms(array.program, {"metres_per_unit": self._unit, "eye_fraction": self._fraction})
+        array.render_indirect(self._commands, moderngl.TRIANGLES, count=self.tiles)
 
 
 def texture_phases(eye: Sequence[float]) -> npt.NDArray[np.float32]:
@@ -143,53 +220,3 @@ def texture_phases(eye: Sequence[float]) -> npt.NDArray[np.float32]:
             u, v = eye[first] * scale, eye[second] * scale
             phases[plane, octave] = (c * u - s * v) % 1.0, (s * u + c * v) % 1.0
     return phases.reshape(-1, 2).astype(np.float32)
-
-
-def _pack(
-    heights: npt.NDArray[np.float32],
-    normals: npt.NDArray[np.float32],
-    weights: npt.NDArray[np.float32],
-    cells: Floats,
-) -> npt.NDArray[np.void]:
-    count = len(heights)
-    grid = np.empty((count, SIDE, SIDE), _VERTEX)
-    grid["height"] = heights
-    grid["slope"] = np.rint(normals[..., :2] * 32767.0)
-    grid["weights"] = np.rint(weights * 255.0)
-    skirt = np.stack([grid[:, 0], grid[:, -1], grid[:, :, 0], grid[:, :, -1]], axis=1)
-    skirt["height"] -= (3.0 * cells)[:, None, None].astype(np.float32)
-    return np.concatenate([grid.reshape(count, -1), skirt.reshape(count, -1)], axis=1)
-
-
-def _commands(tiles: npt.NDArray[np.intp]) -> npt.NDArray[np.uint32]:
-    """Indirect draws: index count, instance count, first index, base vertex, base instance."""
-    commands = np.zeros((len(tiles), 5), np.uint32)
-    commands[:, 0] = len(tile_indices())
-    commands[:, 1] = 1
-    commands[:, 3] = tiles * VERTICES
-    commands[:, 4] = tiles
-    return commands
-
-
-def _find(places: npt.NDArray[np.int64], col: Floats, row: Floats) -> npt.NDArray[np.intp]:
-    """Return the index in `places` of each (col, row), -1 where there is none."""
-    low = places.min(axis=0)
-    span = places.max(axis=0) - low + 1
-    inside = (col >= low[0]) & (col < low[0] + span[0]) & (row >= low[1]) & (row < low[1] + span[1])
-    wanted = np.where(inside, (col - low[0]) * span[1] + (row - low[1]), -1).astype(np.int64)
-    codes = (places[:, 0] - low[0]) * span[1] + (places[:, 1] - low[1])
-    order = np.argsort(codes)
-    slot = np.minimum(np.searchsorted(codes[order], wanted), len(codes) - 1)
-    return np.where(codes[order][slot] == wanted, order[slot], -1)
-
-
-def _on_triangles(
-    heights: npt.NDArray[np.float32], tile: npt.NDArray[np.intp], col: Floats, row: Floats
-) -> Floats:
-    i, j = col.astype(np.intp), row.astype(np.intp)
-    u, v = col - i, row - j
-    nw, ne = heights[tile, j, i], heights[tile, j, i + 1]
-    sw, se = heights[tile, j + 1, i], heights[tile, j + 1, i + 1]
-    lower = nw + (sw - nw) * v + (se - sw) * u
-    upper = nw + (ne - nw) * u + (se - ne) * v
-    return np.asarray(np.where(v >= u, lower, upper), dtype=np.float64)

@@ -2,17 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 
-__all__ = ["Camera"]
+__all__ = ["Camera", "Ground", "Vector", "clip_planes", "direction"]
 
-Floats = npt.NDArray[np.float64]
-Vector = tuple[float, float, float]
+Floats: TypeAlias = npt.NDArray[np.float64]
+Vector: TypeAlias = tuple[float, float, float]
+Ground: TypeAlias = Callable[[npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]
+"""Heights (m) of the ground at places x, y (m), arrays that broadcast together."""
+
+_NEAR = (0.1, 100.0)  # m
+
+
+def direction(heading: float, pitch: float) -> Floats:
+    """Return the unit vector that points along a compass bearing and an elevation, both in degrees."""
+    bearing, rise = np.radians([heading, pitch])
+    return np.array([np.sin(bearing) * np.cos(rise), np.cos(bearing) * np.cos(rise), np.sin(rise)])
+
+
+def clip_planes(clearance: float, draw_distance: float) -> tuple[float, float]:
+    """Return clipping distances (m) that cut off nothing and leave depth its precision.
+
+    Parameters
+    ----------
+    clearance
+        How high the eye is above the ground, m. What is nearest is about so far away.
+    draw_distance
+        How far the ground is drawn, m.
+    """
+    near = float(np.clip(0.25 * clearance, *_NEAR))
+    return near, max(1.1 * draw_distance, 2.0 * near)
 
 
 @dataclass(frozen=True)
@@ -59,6 +85,25 @@ class Camera:
         """Compass bearing of the view, degrees clockwise from north."""
         east, north, _ = self.forward
         return float(np.degrees(np.arctan2(east, north)) % 360.0)
+
+    @property
+    def pitch(self) -> float:
+        """Elevation of the view above the horizon, degrees."""
+        return float(np.degrees(np.arcsin(np.clip(self.forward[2], -1.0, 1.0))))
+
+    def ray(self, x: float, y: float, aspect: float) -> Floats:
+        """Return the unit vector from the eye through a place of the picture.
+
+        Parameters
+        ----------
+        x, y
+            −1 … 1 from the left to the right border, and from the lower to the upper one.
+        aspect
+            Width over height.
+        """
+        half = np.tan(np.radians(self.fov) / 2.0)
+        along = self.view()[:3, :3].T @ np.array([x * half * aspect, y * half, -1.0])
+        return np.asarray(along / np.linalg.norm(along))
 
     def view(self) -> Floats:
         """Return the (4, 4) rotation from positions relative to the eye to camera axes (right, up, back)."""

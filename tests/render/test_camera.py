@@ -5,6 +5,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.render import Camera
+from sketchterrain.render.camera import clip_planes, direction
 
 ASPECT = 16 / 9
 
@@ -69,3 +70,27 @@ def test_impossible_cameras_are_refused(bad):
     values = {"eye": (0.0, 0.0, 0.0), "target": (0.0, 1.0, 0.0)} | bad
     with pytest.raises(InputError, match="expected"):
         Camera(**values)
+
+
+@pytest.mark.parametrize("ahead", [(0.0, 90.0, 0.0), (40.0, -30.0, -12.0), (-1.0, 0.0, 3.0)])
+def test_a_ray_goes_through_its_place_of_the_picture(ahead):
+    camera = Camera((5.0, 6.0, 7.0), tuple(np.add((5.0, 6.0, 7.0), ahead)))
+    for x, y in ((0.0, 0.0), (1.0, -1.0), (-0.3, 0.7)):
+        along = camera.ray(x, y, ASPECT)
+        assert np.linalg.norm(along) == pytest.approx(1.0)
+        assert to_picture(camera, camera.eye + 50.0 * along)[:2] == pytest.approx([x, y])
+
+
+@pytest.mark.parametrize(("heading", "pitch"), [(0.0, 0.0), (75.0, -30.0), (300.0, 80.0)])
+def test_heading_and_pitch_are_those_of_the_direction(heading, pitch):
+    camera = Camera((0.0, 0.0, 0.0), tuple(20.0 * direction(heading, pitch)))
+    assert (camera.heading, camera.pitch) == pytest.approx((heading, pitch))
+
+
+@pytest.mark.parametrize(
+    ("clearance", "near"), [(0.0, 0.1), (1.7, 0.425), (80.0, 20.0), (400.0, 100.0), (2e4, 100.0)]
+)
+def test_clip_planes_cut_nothing_off(clearance, near):
+    assert clip_planes(clearance, 28_000.0) == pytest.approx((near, 30_800.0))
+    near, far = clip_planes(clearance, 0.0)
+    assert 0.0 < near < far

@@ -5,7 +5,8 @@ material covers the ground (their table is in `material_rules`), `edits` what ca
 generated, and `reference` makes a page of all that. `document` holds it as a value, checked against these
 declarations. `files` reads and writes it as a folder or a ``.sketch`` zip; `toml_text`, `layer_images` and
 `archive` know the three formats involved, `contents` which files are a sketch's, `starter` the first sketch
-a person gets, `wording` how an error shows what was given. Nothing here knows what becomes of a sketch.
+a person gets, `wording` how an error shows what was given, `toml_reading` any TOML. Nothing here knows what
+becomes of a sketch.
 """
 
 from __future__ import annotations

@@ -20,7 +20,9 @@ __all__ = ["ErrorSummary", "Picture", "ScreenSamples", "screen_distances"]
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-_PAIRS = 1 << 21  # of a triangle and a sample, looked at together
+_PAIRS = 1 << 20  # of a triangle and a sample, looked at together
+_NEAREST = 1e-6  # m ahead of the eye
+_SLACK = 1e-6  # of a step between samples; what rounding may have moved
 
 
 class Picture(NamedTuple):
@@ -70,7 +72,7 @@ class ScreenSamples:
         """Samples, those of the sky included."""
         return self._depth.size
 
-    def add(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> int:
+    def add(self, vertices: npt.ArrayLike, triangles: npt.ArrayLike) -> None:
         """Draw triangles, which hide what lies behind them.
 
         Parameters
@@ -79,18 +81,15 @@ class ScreenSamples:
             (n, 3) positions, m.
         triangles
             (m, 3) which vertices; either way round.
-
-        Returns
-        -------
-        int
-            How many of them are not wholly outside one side of the picture.
         """
         at = (np.asarray(vertices, np.float64) - self._eye) @ self._axes.T
         corners = np.asarray(triangles, np.int64)
-        corners = corners[self._in_view(at, corners)]
-        for part in np.array_split(corners, max(1, -(-len(corners) // _PAIRS))):
-            self._draw(at, part)
-        return len(corners)
+        behind = at[:, 2] < _NEAREST
+        first, last = self._bounds(at, behind, corners)
+        kept = np.flatnonzero((first <= last).all(axis=0))
+        if behind.any():
+            kept = kept[self._in_view(at, corners[kept])]
+        self._draw(at, corners[kept], first[:, kept], last[:, kept])
 
     def seen(self) -> Floats:
         """Return the points that the samples see, m, shape (k, 3); those that see none have no point."""
@@ -99,20 +98,34 @@ class ScreenSamples:
         ahead = np.stack([u, v, np.ones_like(u)], axis=-1)[hit] * self._depth[hit, None]
         return np.asarray(self._eye + ahead @ self._axes)
 
+    def _bounds(self, at: Floats, behind: npt.NDArray[np.bool_], corners: Ints) -> tuple[Ints, Ints]:
+        """Return the first and last column and row of samples that each triangle may cover, shape (2, m)."""
+        bounds = []
+        for which, axis in enumerate((self._u, self._v)):
+            step = axis[1] - axis[0] if axis.size > 1 else 1.0
+            place = (at[:, which] / np.where(behind, 1.0, at[:, 2]) - axis[0]) / step
+            place = place.clip(-1.0, axis.size)
+            # What reaches behind the eye has no outline: anywhere.
+            low = np.where(behind, 0, np.ceil(place - _SLACK).astype(np.int64))
+            high = np.where(behind, axis.size - 1, np.floor(place + _SLACK).astype(np.int64))
+            a, b, c = (np.ascontiguousarray(corners[:, i]) for i in range(3))
+            first = np.minimum(np.minimum(low[a], low[b]), low[c]).clip(0)
+            last = np.maximum(np.maximum(high[a], high[b]), high[c]).clip(None, axis.size - 1)
+            bounds.append((first, last))
+        return np.stack([bounds[0][0], bounds[1][0]]), np.stack([bounds[0][1], bounds[1][1]])
+
     def _in_view(self, at: Floats, corners: Ints) -> npt.NDArray[np.bool_]:
         """Tell which triangles are not wholly outside one side of the picture, as far as samples go."""
         x, y, w = at[:, 0], at[:, 1], at[:, 2]
         sides = (x - self._u[-1] * w, self._u[0] * w - x, y - self._v[-1] * w, self._v[0] * w - y, -w)
         kept = np.ones(len(corners), np.bool_)
         for side in sides:
-            kept &= (side[corners] <= 0).any(axis=1)
+            kept &= (side[corners] <= _SLACK * np.abs(side).max(initial=0.0)).any(axis=1)
         return kept
 
-    def _draw(self, at: Floats, corners: Ints) -> None:
-        first, last = self._bounds(at, corners)
-        wide, high = (last - first + 1).clip(0).T
-        some = wide * high > 0
-        corners, first, wide, count = corners[some], first[some], wide[some], (wide * high)[some]
+    def _draw(self, at: Floats, corners: Ints, first: Ints, last: Ints) -> None:
+        wide, high = last - first + 1
+        count = wide * high
         a, b, c = (at[corners[:, i]] for i in range(3))
         edges = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
         volume = np.einsum("ij,ij->i", a, edges[:, 0])
@@ -120,30 +133,14 @@ class ScreenSamples:
         for group in _groups(count):
             which = np.repeat(np.arange(group.start, group.stop), count[group])
             place = np.arange(len(which)) - np.repeat(np.cumsum(count[group]) - count[group], count[group])
-            column = first[which, 0] + place % wide[which]
-            row = first[which, 1] + place // wide[which]
+            column = first[0, which] + place % wide[which]
+            row = first[1, which] + place // wide[which]
             ray = np.stack([self._u[column], self._v[row], np.ones(len(which))], axis=-1)
             within = np.einsum("kij,kj->ki", edges[which], ray)
             whole = within.sum(axis=1)
             hit = (within >= 0).all(axis=1) & (whole > 0)
             depth = np.abs(volume[which[hit]]) / whole[hit]
             np.minimum.at(self._depth, row[hit] * len(self._u) + column[hit], depth)
-
-    def _bounds(self, at: Floats, corners: Ints) -> tuple[Ints, Ints]:
-        """Return the first and last column and row of samples that each triangle may cover, shape (m, 2)."""
-        seen = at[corners]  # (m, 3 corners, 3)
-        ahead: npt.NDArray[np.bool_] = np.asarray(seen[..., 2].min(axis=1) > 1e-9)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            flat = np.where(ahead[:, None, None], seen[..., :2] / seen[..., 2:], 0.0)
-        low, high = flat.min(axis=1), flat.max(axis=1)
-        axes = (self._u, self._v)
-        first = np.stack([np.searchsorted(axis, low[:, i]) for i, axis in enumerate(axes)], axis=1)
-        last = np.stack(
-            [np.searchsorted(axis, high[:, i], "right") - 1 for i, axis in enumerate(axes)], axis=1
-        )
-        # What reaches behind the eye has no outline: anywhere.
-        first[~ahead], last[~ahead] = 0, (len(self._u) - 1, len(self._v) - 1)
-        return first, last
 
 
 def _groups(count: Ints) -> Iterator[slice]:

@@ -88,15 +88,17 @@ def test_what_is_nearer_hides_what_is_behind_in_any_order() -> None:
         assert samples.seen()[:, 1] == pytest.approx(10.0)
 
 
-def test_triangles_that_reach_behind_the_eye_are_drawn_and_those_outside_are_not_counted() -> None:
+def test_triangles_that_reach_behind_the_eye_are_drawn_and_those_behind_are_not() -> None:
     camera = Camera((0.0, 0.0, 2.0), (0.0, 10.0, 1.0))
     floor = np.array([[-1000.0, -1000, 0], [1000, -1000, 0], [0, 1000, 0]])
     samples = ScreenSamples(camera, PICTURE)
-    assert samples.add(floor, [[0, 1, 2]]) == 1
+    samples.add(floor, [[0, 1, 2]])
     seen = samples.seen()
     assert seen[:, 2] == pytest.approx(0.0, abs=1e-9)
     assert seen[:, 1].min() > 0
-    assert samples.add(floor - [0, 2000, 0], [[0, 1, 2]]) == 0
+    behind = ScreenSamples(camera, PICTURE)
+    behind.add(floor - [0, 2000, 0], [[0, 1, 2]])
+    assert not len(behind.seen())
 
 
 def test_summary() -> None:

@@ -1,0 +1,218 @@
+"""Triangles of tiles and of peers' meshes, in view, to be measured on the screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.benchmarks.screen_error import ScreenSamples, screen_distances
+from sketchterrain.tiles import inside_frustum, morph_weights, tile_indices
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from sketchterrain.benchmarks.flight_scene import Stop
+    from sketchterrain.benchmarks.screen_error import Picture
+    from sketchterrain.terrain import Terrain
+
+__all__ = ["Drawn", "Mesh", "Tiles", "View", "drawn", "measured", "uniform_tiles"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+_CHUNK = 1 << 20  # vertices evaluated at once
+_EVERYWHERE = 1e5  # m; no ground is higher or lower
+
+
+class Mesh(NamedTuple):
+    """Positions (m), shape (n, 3), and which three make a triangle, shape (m, 3)."""
+
+    vertices: Floats
+    triangles: Ints
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """Tiles to draw.
+
+    Attributes
+    ----------
+    quads : int
+        Along each side.
+    places : (n, 3) int64
+        Level, column and row.
+    cases : (n,) int64
+        Sides at coarser tiles, see :mod:`sketchterrain.tiles.borders`.
+    morph : (n, 3, 3) float32 or None
+        How much of its parent each shows at its controls; None for nothing.
+    full : bool
+        Whether vertices stand on the ground in full detail, rather than on what their quads can carry.
+    """
+
+    quads: int
+    places: Ints
+    cases: Ints
+    morph: npt.NDArray[np.float32] | None = None
+    full: bool = False
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    def some(self, which: npt.NDArray[np.generic]) -> Tiles:
+        """Return those of the tiles."""
+        morph = None if self.morph is None else self.morph[which]
+        return Tiles(self.quads, self.places[which], self.cases[which], morph, self.full)
+
+    @property
+    def triangles(self) -> int:
+        """How many they have together."""
+        _, _, count = tile_indices(self.quads)
+        return int(count[self.cases].sum()) // 3
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Tiles in view with their vertices, (tiles, vertices, 3), in parts of one level each."""
+
+    parts: tuple[tuple[Tiles, Floats], ...]
+
+    @property
+    def places(self) -> Ints:
+        """Level, column and row of each tile, (n, 3)."""
+        return np.concatenate([tiles.places for tiles, _ in self.parts])
+
+    @property
+    def triangles(self) -> int:
+        """How many are drawn."""
+        return sum(tiles.triangles for tiles, _ in self.parts)
+
+    def meshes(self) -> Iterator[Mesh]:
+        """Yield the triangles, many tiles together."""
+        for tiles, vertices in self.parts:
+            indices, first, count = tile_indices(tiles.quads)
+            corners = [
+                indices[first[case] : first[case] + count[case]].astype(np.int64) + number * vertices.shape[1]
+                for number, case in enumerate(tiles.cases.tolist())
+            ]
+            yield Mesh(vertices.reshape(-1, 3), np.concatenate(corners).reshape(-1, 3))
+
+
+class View(NamedTuple):
+    """A view to be measured."""
+
+    stop: Stop
+    picture: Picture
+
+    @property
+    def planes(self) -> Floats:
+        """Return the frustum's planes; see ``Camera.frustum``."""
+        return self.stop.camera.frustum(self.picture.width / self.picture.height)
+
+
+def uniform_tiles(extent: float, quads: int, level: int) -> Tiles:
+    """Return all tiles of a level in the square world."""
+    row, col = np.mgrid[: 2**level, : 2**level].reshape(2, -1)
+    places = np.stack([np.full(row.size, level), col, row], axis=-1).astype(np.int64)
+    return Tiles(quads, places, np.zeros(len(places), np.int64))
+
+
+def drawn(terrain: Terrain, tiles: Tiles, view: View) -> Drawn:
+    """Return the tiles that the frustum may show, judged by the lowest and highest of their vertices."""
+    west, south, width = _squares(terrain, tiles)
+    corner = np.stack([west, south], axis=-1)
+    column = np.full((len(tiles), 1), _EVERYWHERE)
+    low, high = np.hstack([corner, -column]), np.hstack([corner + width[:, None], column])
+    tiles = tiles.some(np.flatnonzero(inside_frustum(view.planes, low, high)))
+    parts = []
+    for part in _parts(tiles):
+        vertices = _positions(terrain, part)
+        seen = np.flatnonzero(inside_frustum(view.planes, vertices.min(axis=1), vertices.max(axis=1)))
+        if seen.size:
+            parts.append((part.some(seen), vertices[seen]))
+    return Drawn(tuple(parts))
+
+
+def measured(terrain: Terrain, meshes: Iterable[Mesh], view: View, *, every: int) -> Floats:
+    """Return how many pixels what is seen of triangles stands from the terrain in full detail.
+
+    Parameters
+    ----------
+    terrain
+        The terrain that they stand for.
+    meshes
+        All that is drawn.
+    view
+        From where.
+    every
+        Pixels between samples, both ways.
+
+    Returns
+    -------
+    (k,) float64
+        Pixels, at samples that see any triangle.
+    """
+    camera = view.stop.camera
+    samples = ScreenSamples(camera, view.picture, every=every)
+    for mesh in meshes:
+        samples.add(mesh.vertices, mesh.triangles)
+    points = samples.seen()
+    return screen_distances(camera, view.picture, points, terrain.heights(points[:, 0], points[:, 1]))
+
+
+def _squares(terrain: Terrain, tiles: Tiles) -> tuple[Floats, Floats, Floats]:
+    width = terrain.extent * np.exp2(-tiles.places[:, 0].astype(np.float64))
+    return tiles.places[:, 1] * width, tiles.places[:, 2] * width, width
+
+
+def _parts(tiles: Tiles) -> Iterator[Tiles]:
+    """Yield the tiles of each level, so many at once as memory is meant for."""
+    room = max(1, _CHUNK // (tiles.quads + 1) ** 2)
+    for level in np.unique(tiles.places[:, 0]):
+        which = np.flatnonzero(tiles.places[:, 0] == level)
+        for start in range(0, len(which), room):
+            yield tiles.some(which[start : start + room])
+
+
+def _positions(terrain: Terrain, tiles: Tiles) -> Floats:
+    """Return the vertices of tiles of one level, (tiles, vertices, 3)."""
+    west, south, width = _squares(terrain, tiles)
+    cell = float(width[0]) / tiles.quads
+    x, y, z = _heights(terrain, west, south, tiles.quads, cell, full=tiles.full)
+    if tiles.morph is not None:
+        # A vertex that the parent lacks lies on its edge or its diagonal from north-west to south-east.
+        odd = tiles.places[:, 1:] % 2
+        corner_x, corner_y = west - odd[:, 0] * width, south - odd[:, 1] * width
+        _, _, above = _heights(terrain, corner_x, corner_y, tiles.quads, 2 * cell, full=tiles.full)
+        half = tiles.quads // 2
+        parts = [
+            above[i, half * (1 - row) : half * (2 - row) + 1, half * col : half * (col + 1) + 1]
+            for i, (col, row) in enumerate(odd.tolist())
+        ]
+        share = morph_weights(tiles.morph, tiles.quads)
+        z = z * (1 - share) + _refined(np.stack(parts)) * share
+    return np.asarray(np.stack(np.broadcast_arrays(x, y, z), axis=-1).reshape(len(tiles), -1, 3))
+
+
+def _heights(
+    terrain: Terrain, west: Floats, south: Floats, quads: int, cell: float, *, full: bool
+) -> tuple[Floats, Floats, Floats]:
+    """Return x, y and z of vertices, rows from north to south, (tiles, quads + 1, quads + 1)."""
+    along = np.arange(quads + 1) * cell
+    x = west[:, None, None] + along[None, None, :]
+    y = south[:, None, None] + along[None, ::-1, None]
+    z = terrain.heights(x, y, cell_size=0.0 if full else cell).astype(np.float64)
+    return x, y, z
+
+
+def _refined(coarse: Floats) -> Floats:
+    """Return a surface's heights at twice as many places a side, on its triangles."""
+    count, side, _ = coarse.shape
+    fine = np.empty((count, 2 * side - 1, 2 * side - 1))
+    fine[:, ::2, ::2] = coarse
+    fine[:, ::2, 1::2] = (coarse[:, :, 1:] + coarse[:, :, :-1]) / 2
+    fine[:, 1::2, ::2] = (coarse[:, 1:] + coarse[:, :-1]) / 2
+    fine[:, 1::2, 1::2] = (coarse[:, :-1, :-1] + coarse[:, 1:, 1:]) / 2
+    return fine

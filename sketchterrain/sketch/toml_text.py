@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import tomllib
 from typing import TYPE_CHECKING, TypeVar
 
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import InputError
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, Edit, edit_of
 from sketchterrain.sketch.material_rule import FACTOR, RULE, RuleChange
 from sketchterrain.sketch.material_rules import change_of
 from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
+from sketchterrain.sketch.toml_reading import load_toml
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ __all__ = ["parse_settings", "settings_text"]
 _Row = TypeVar("_Row")
 
 _COMMENT_COLUMN = 28
-_MOST_DOTS = 250
 
 _HEAD = """\
 # A sketch of a terrain. Beside this file lies one 8-bit single-channel PNG a layer: 0 is empty, every
@@ -45,7 +44,7 @@ def parse_settings(data: bytes) -> Sketch:
     InputError
         If it is not TOML, or a key or a value is not what `parameters` declares.
     """
-    document = _load(data)
+    document = load_toml(data)
     _check_format(document.pop("format", None))
     fields: dict[str, object] = {}
     labels: dict[tuple[str, int], object] = {}
@@ -122,26 +121,6 @@ def _rule_lines(change: RuleChange) -> list[str]:
 def _edit_entries(edit: Edit) -> dict[str, Value]:
     feature = {} if edit.action == "add" or edit.feature is None else {"feature": edit.feature}
     return {"action": edit.action, **feature, **edit.values}
-
-
-def _load(data: bytes) -> dict[str, object]:
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"line {line} is not UTF-8: expected a UTF-8 text file") from None
-    # The reader's time and memory grow with the square of a dotted key's depth.
-    deep = next((n for n, line in enumerate(text.split("\n"), 1) if line.count(".") > _MOST_DOTS), None)
-    if deep is not None:
-        raise InputError(f"line {deep} has more than {_MOST_DOTS} dots: it is nested too deeply")
-    try:
-        return tomllib.loads(text)
-    except ValueError as error:  # TOMLDecodeError, or an integer of too many digits
-        last = text.rstrip().count("\n") + 1
-        reason = one_line(error).replace("at end of document", f"at line {last}, the last one")
-        raise InputError(f"not TOML: {reason}") from None
-    except RecursionError:
-        raise InputError("not a sketch: it is nested too deeply") from None
 
 
 def _check_format(given: object) -> None:

@@ -21,7 +21,7 @@ MAY_IMPORT = {
     "compute": {"errors", "resources"},
     "terrain": {"errors", "sketch", "features", "compute"},
     "tiles": {"errors"},
-    "render": {"errors", "resources", "sketch", "features", "terrain", "tiles", "compute"},
+    "render": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
     "export": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
 }
 ANYTHING = {

@@ -1,0 +1,232 @@
+"""A flight: where a camera is at which time, as keys and as smooth motion between them."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.render.flight_motion import Motion
+from sketchterrain.sketch.parameter import Parameter, several, table_of
+from sketchterrain.sketch.wording import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from sketchterrain.render.camera import Camera, Floats, Ground, Vector
+
+__all__ = ["HEIGHTS", "KEY", "MOST_KEYS", "Flight", "Key", "Views"]
+
+MOST_KEYS: Final = 20_000
+"""Of one flight."""
+
+_FARTHEST = 1e9  # m
+_SOONEST = 1e-3  # s from one key to the next
+_ROUNDS = 40
+_SAMPLES_PER_SECOND = 240
+
+HEIGHTS: Final = Parameter(
+    "heights",
+    str,
+    "absolute",
+    0,
+    20,
+    "",
+    "what heights (z) are counted from: the world's zero, or the ground below each point",
+    choices=("absolute", "above ground"),
+)
+
+KEY: Final[Mapping[str, Parameter]] = table_of(
+    Parameter("time", float, 0.0, 0.0, 1e6, "s", "when the camera is there"),
+    Parameter("eye", float, 0.0, -_FARTHEST, _FARTHEST, "m", "where it is: x, y, z"),
+    Parameter(
+        "target", float, 0.0, -_FARTHEST, _FARTHEST, "m", "a point in the middle of the picture: x, y, z"
+    ),
+    Parameter("fov", float, 50.0, 5.0, 120.0, "°", "vertical field of view"),
+)
+"""What a key of a flight says; of ``eye`` and ``target`` each of three numbers."""
+
+
+@dataclass(frozen=True)
+class Key:
+    """Where the camera is at one time.
+
+    Parameters
+    ----------
+    time
+        s.
+    eye, target
+        Where it is and a point in the middle of the picture, m; different ones.
+    fov
+        Vertical field of view, degrees.
+
+    Raises
+    ------
+    InputError
+        If a value is not what `KEY` declares.
+    """
+
+    time: float
+    eye: Vector
+    target: Vector
+    fov: float = float(KEY["fov"].default)
+
+    def __post_init__(self) -> None:
+        for name in ("time", "fov"):
+            object.__setattr__(self, name, KEY[name].check(getattr(self, name)))
+        for name in ("eye", "target"):
+            object.__setattr__(self, name, _point(name, getattr(self, name)))
+        if self.eye == self.target:
+            raise InputError(f"target = {shown(list(self.target))}: expected another point than the eye")
+
+
+class Views(NamedTuple):
+    """What a camera is like at several times."""
+
+    eye: Floats  # (n, 3) m
+    target: Floats  # (n, 3) m
+    fov: Floats  # (n,) degrees
+    velocity: Floats  # (n, 3) of the eye, m/s
+
+
+@dataclass(frozen=True)
+class Flight:
+    """The way of a camera.
+
+    The eye goes along a centripetal Catmull-Rom spline through the keys, which has no loops and no cusps, and
+    is at each key at its time; its speed has no jumps. The look turns from one key's direction to that of the
+    next, the shorter way.
+
+    Parameters
+    ----------
+    keys
+        Two or more, each at least 1 ms after the one before.
+    heights
+        ``"absolute"``, or ``"above ground"``: then call `over` before anything is asked of it.
+
+    Raises
+    ------
+    InputError
+        If there are too few keys, or they are not in the order of their times.
+    """
+
+    keys: tuple[Key, ...]
+    heights: str = str(HEIGHTS.default)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "heights", HEIGHTS.check(self.heights))
+        object.__setattr__(self, "keys", several(Key, self.keys, "keys", most=MOST_KEYS))
+        if len(self.keys) < 2:
+            raise InputError(f"{len(self.keys)} keys: expected two or more")
+        for number, (before, key) in enumerate(zip(self.keys, self.keys[1:], strict=False), 2):
+            if key.time < before.time + _SOONEST:
+                raise InputError(
+                    f"key {number}: time = {shown(key.time)}: expected {_SOONEST:g} s or more after the key "
+                    f"before, which is at {shown(before.time)} s"
+                )
+
+    @classmethod
+    def recorded(cls, shots: Iterable[tuple[float, Camera]], *, interval: float = 0.25) -> Flight:
+        """Return the flight of cameras at rising times (s), with a key about each `interval` (s)."""
+        kept: list[tuple[float, Camera]] = []
+        last: tuple[float, Camera] | None = None
+        for time, camera in shots:
+            last = (time, camera)
+            if not kept or time >= kept[-1][0] + interval:
+                kept.append(last)
+        if last is not None and last[0] >= kept[-1][0] + _SOONEST:
+            kept.append(last)
+        return cls(tuple(Key(time, camera.eye, camera.target, camera.fov) for time, camera in kept))
+
+    @property
+    def duration(self) -> float:
+        """From the first key to the last one, s."""
+        return self.keys[-1].time - self.keys[0].time
+
+    def at(self, times: Any) -> Views:
+        """Return the views at times (s) since the first key; before it and after the end nothing moves."""
+        return Views(*self._motion.at(np.atleast_1d(np.asarray(times, np.float64))))
+
+    def times(self, fps: float, seconds: float | None = None) -> Floats:
+        """Return the times (s) of frames, the first at 0, for all of the flight or its first seconds."""
+        length = self.duration if seconds is None else min(seconds, self.duration)
+        return np.arange(max(1, round(length * fps))) / fps
+
+    def over(self, ground: Ground, *, clearance: float = 2.0) -> Flight:
+        """Return the flight with absolute heights.
+
+        Parameters
+        ----------
+        ground
+            Heights of the ground.
+        clearance
+            How high above it a flight ``"above ground"`` stays, m. Where it would be lower between two keys,
+            both are raised. A flight with absolute heights stays as it is.
+        """
+        if self.heights == "absolute":
+            return self
+        places = np.array([[*key.eye, *key.target] for key in self.keys])
+        places[:, 2] += ground(places[:, 0], places[:, 1])
+        places[:, 5] += ground(places[:, 3], places[:, 4])
+        return _with_places(self, places).raised(ground, clearance=clearance)
+
+    def raised(self, ground: Ground, *, clearance: float) -> Flight:
+        """Return the flight with keys (eye and target) so far raised that it never is under the ground.
+
+        Parameters
+        ----------
+        ground
+            Heights of the ground, asked some times for 240 places a second of the flight.
+        clearance
+            How high above it the eye stays, m, up to what the ground does between two such places.
+        """
+        flight = self
+        times = np.linspace(0.0, self.duration, max(2, round(self.duration * _SAMPLES_PER_SECOND) + 1))
+        moments = np.array([key.time for key in self.keys]) - self.keys[0].time
+        segment = np.clip(np.searchsorted(moments, times, side="right") - 1, 0, len(moments) - 2)
+        eye = flight.at(times).eye
+        floor = np.asarray(ground(eye[:, 0], eye[:, 1]), np.float64) + clearance
+        for _ in range(_ROUNDS):
+            missing = floor - eye[:, 2]
+            if (missing <= 0.0).all():
+                break
+            lift = np.zeros(len(moments))
+            # A hundredth more, so that what nearly does it does not take many rounds.
+            np.maximum.at(lift, segment, 1.01 * missing)
+            np.maximum.at(lift, segment + 1, 1.01 * missing)
+            places = np.array([[*key.eye, *key.target] for key in flight.keys])
+            places[:, [2, 5]] += lift[:, None]
+            flight = _with_places(flight, places)
+            eye = flight.at(times).eye
+            floor = np.asarray(ground(eye[:, 0], eye[:, 1]), np.float64) + clearance
+        return flight
+
+    @cached_property
+    def _motion(self) -> Motion:
+        return Motion(
+            np.array([key.time for key in self.keys]) - self.keys[0].time,
+            np.array([key.eye for key in self.keys], np.float64),
+            np.array([key.target for key in self.keys], np.float64),
+            np.array([key.fov for key in self.keys], np.float64),
+        )
+
+
+def _with_places(flight: Flight, places: Floats) -> Flight:
+    """Return a flight of absolute heights whose keys are at (n, 6) other eyes and targets."""
+    keys = [
+        dataclasses.replace(key, eye=tuple(place[:3]), target=tuple(place[3:]))
+        for key, place in zip(flight.keys, places.tolist(), strict=True)
+    ]
+    return Flight(tuple(keys))
+
+
+def _point(name: str, value: object) -> tuple[object, ...]:
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise InputError(f"{name} = {shown(value)}: expected three numbers, x, y and z")
+    return tuple(
+        float(KEY[name].check(each, f"{name} {axis}")) for axis, each in zip("xyz", value, strict=True)
+    )

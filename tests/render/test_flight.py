@@ -1,0 +1,232 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.render import Camera
+from sketchterrain.render.flight import Flight, Key
+from sketchterrain.render.flight_file import flight_text, load_flight, parse_flight, save_flight
+
+
+def hills(x, y):
+    return 60.0 * np.sin(np.asarray(x) / 90.0) * np.cos(np.asarray(y) / 70.0)
+
+
+def random_flight(seed, keys=12, **options):
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.2, 3.0, keys))
+    eyes = rng.uniform(-400.0, 400.0, (keys, 3))
+    targets = eyes + rng.normal(0.0, 100.0, (keys, 3))
+    fovs = rng.uniform(20.0, 80.0, keys)
+    rows = zip(times, eyes.tolist(), targets.tolist(), fovs, strict=True)
+    return Flight(tuple(Key(float(t), tuple(e), tuple(a), float(f)) for t, e, a, f in rows), **options)
+
+
+def circle(radius=300.0, keys=24, seconds=24.0):
+    """Once around a target at even speed."""
+    angles = np.linspace(0.0, 2 * np.pi, keys + 1)
+    return Flight(
+        tuple(
+            Key(seconds * i / keys, (radius * np.sin(a), radius * np.cos(a), 100.0), (0.0, 0.0, 0.0))
+            for i, a in enumerate(angles.tolist())
+        )
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_at_each_key_at_its_time(seed):
+    flight = random_flight(seed)
+    times = [key.time - flight.keys[0].time for key in flight.keys]
+    views = flight.at(times)
+    for key, eye, target, fov in zip(flight.keys, views.eye, views.target, views.fov, strict=True):
+        assert eye == pytest.approx(key.eye, abs=1e-6)
+        assert target == pytest.approx(key.target, abs=1e-5)
+        assert fov == pytest.approx(key.fov)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_motion_and_look_have_no_jumps(seed):
+    """Halving the step halves how much position and look change, and velocity too: it is continuous."""
+    flight = random_flight(seed)
+
+    def greatest(step):
+        views = flight.at(np.arange(0.0, flight.duration, step))
+        forward = views.target - views.eye
+        forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+        parts = (views.eye, forward, views.velocity[1:-1])
+        return np.array([np.linalg.norm(np.diff(part, axis=0), axis=1).max() for part in parts])
+
+    coarse, fine = greatest(0.0005), greatest(0.00025)
+    assert (fine < 0.6 * coarse).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_velocity_is_the_change_of_the_eye(seed):
+    flight = random_flight(seed)
+    times = np.linspace(0.0, flight.duration, 16_001)
+    views = flight.at(times)
+    gone = np.cumsum(0.5 * (views.velocity[1:] + views.velocity[:-1]) * np.diff(times)[:, None], axis=0)
+    way = np.linalg.norm(np.diff(views.eye, axis=0), axis=1).sum()
+    assert np.abs(views.eye[0] + gone - views.eye[1:]).max() < 1e-4 * way
+
+
+def test_around_a_circle_at_even_speed_with_the_target_amid_the_picture():
+    """24 keys: the speed stays within 1 %, the radius too, and the look within 0.1° of the target."""
+    flight = circle()
+    views = flight.at(flight.times(60))
+    inner = slice(120, -120)  # the ends have no key beyond
+    assert np.linalg.norm(views.velocity, axis=1)[inner] == pytest.approx(2 * np.pi * 300 / 24, rel=0.01)
+    assert np.hypot(*views.eye.T[:2]) == pytest.approx(300.0, rel=0.01)
+    forward = views.target - views.eye
+    cosine = -(forward * views.eye).sum(axis=1)[inner]
+    cosine /= np.linalg.norm(forward, axis=1)[inner] * np.linalg.norm(views.eye, axis=1)[inner]
+    assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).max() < 0.1
+
+
+def test_it_turns_the_shorter_way():
+    keys = [Key(t, (0, 0, 0), (np.sin(h), np.cos(h), 0)) for t, h in enumerate(np.radians([350.0, 10.0]))]
+    forward = Flight(tuple(keys)).at(0.5).target[0]
+    assert forward == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+
+
+def test_a_camera_that_halts_halts():
+    places = [(0, 0, 5), (100, 0, 5), (100, 0, 5), (200, 50, 5)]
+    keys = [Key(2 * i, place, (place[0], 300, 0)) for i, place in enumerate(places)]
+    views = Flight(tuple(keys)).at(np.linspace(2.0, 4.0, 50))
+    assert (views.eye == (100.0, 0.0, 5.0)).all()
+    assert np.abs(views.velocity[1:-1]).max() == 0.0
+
+
+def test_a_camera_that_only_turns():
+    keys = [Key(t, (1e6, 1e6, 5), (1e6 + x, 1e6, 0)) for t, x in enumerate((1.0, -1.0, 1.0))]
+    views = Flight(tuple(keys)).at(np.linspace(0.0, 2.0, 50))
+    assert (views.eye == (1e6, 1e6, 5.0)).all()
+    assert np.isfinite(views.target).all()
+
+
+def test_looking_straight_down_keeps_the_heading_of_the_key_before():
+    targets = [(0, 0, -9), (50, 0, 0), (0, 0, -9), (0, 0, 9)]
+    keys = [Key(t, (0, 0, 0), target) for t, target in enumerate(targets)]
+    views = Flight(tuple(keys)).at(np.linspace(0.0, 2.9, 30))
+    assert np.abs(views.target[:, 1]).max() < 1e-6
+    assert (views.target[:, 0] > -1e-6).all()
+
+
+def test_frames_are_evenly_spaced_and_as_many_as_asked_for():
+    flight = circle(seconds=10.0)
+    assert flight.times(25) == pytest.approx(np.arange(250) / 25)
+    assert flight.times(25, 2.0) == pytest.approx(np.arange(50) / 25)
+    assert len(flight.times(25, 100.0)) == 250
+    assert flight.times(0.001) == pytest.approx([0.0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_flight_above_ground_never_is_in_it(seed):
+    flight = random_flight(seed, heights="above ground").over(hills, clearance=3.0)
+    assert flight.heights == "absolute"
+    eye = flight.at(np.linspace(0.0, flight.duration, 20_000)).eye
+    assert (eye[:, 2] - hills(eye[:, 0], eye[:, 1])).min() > 2.9
+
+
+def test_heights_above_ground_are_those_over_flat_ground():
+    keys = tuple(Key(t, (90.0 * t, 0.0, 20.0), (90.0 * t, 50.0, 1.0)) for t in range(4))
+    flight = Flight(keys, "above ground").over(lambda x, y: np.full(np.shape(x), 700.0))
+    assert [key.eye[2] for key in flight.keys] == [720.0] * 4
+    assert [key.target[2] for key in flight.keys] == [701.0] * 4
+    assert flight.over(hills) is flight
+
+
+def test_a_recording_has_a_key_each_quarter_of_a_second_and_both_ends():
+    shots = [(t / 60, Camera((t, 2.0 * t, 30.0), (t, 2.0 * t + 100.0, 0.0))) for t in range(100)]
+    flight = Flight.recorded(shots)
+    assert [key.time for key in flight.keys] == pytest.approx([0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 99 / 60])
+    times = np.array([time for time, _ in shots])
+    assert flight.at(times).eye == pytest.approx(np.array([camera.eye for _, camera in shots]), abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_file_gives_the_same_flight_again(seed, tmp_path):
+    flight = random_flight(seed, heights=("absolute", "above ground")[seed % 2])
+    path = save_flight(flight, tmp_path / "a.toml")
+    assert load_flight(path) == flight
+    assert save_flight(load_flight(path), tmp_path / "b.toml").read_bytes() == path.read_bytes()
+
+
+TWO = """
+[[key]]
+time = 0
+eye = [0, 0, 10]
+target = [0, 100, 0]
+[[key]]
+time = 4.5
+eye = [50, 0, 10]
+target = [50, 100, 0]
+"""
+
+
+def test_what_is_left_out_has_its_default():
+    flight = parse_flight(f"format = 1\n{TWO}".encode())
+    assert (flight.heights, flight.duration, flight.keys[0].fov) == ("absolute", 4.5, 50.0)
+    assert isinstance(flight.keys[0].eye[0], float)
+
+
+def changed(old, new):
+    return "format = 1" + TWO.replace(old, new)
+
+
+WRONG = {
+    "": "format = 1 expected, got no such key",
+    "format = 2": "format = 1 expected, got 2",
+    "format = true": "format = 1 expected, got true",
+    "format = 1": "0 keys: expected two or more",
+    "format = 1\nspeed = 3": "unknown key 'speed' = 3: expected format, heights, key",
+    "format = 1\nheight = 'absolute'": "did you mean 'heights'?",
+    "format = 1\nheights = 'sea'" + TWO: "heights = 'sea': expected 'absolute' or 'above ground'",
+    "format = 1\nkey = 3": "key = 3: expected tables, each with [[key]]",
+    "format = 1\n[[key]]\neye = [0, 0, 0]\ntarget = [1, 0, 0]": "[[key]] number 1: no time: expected time,",
+    changed(TWO, TWO)
+    + "fovv = 3": "number 2: unknown key 'fovv' = 3: expected time, eye, target, fov; did you",
+    changed(TWO, TWO) + "fov = 200": "[[key]] number 2: fov = 200: expected a number from 5 to 120 °",
+    changed("4.5", "nan"): "[[key]] number 2: time = nan: expected a number",
+    changed("4.5", "0"): "key 2: time = 0.0: expected 0.001 s or more after the key before",
+    changed("[50, 0, 10]", "[50, 0]"): "eye = [50, 0]: expected three numbers, x, y and z",
+    changed("[50, 0, 10]", "[50, 0, 'a']"): "eye z = 'a': expected a number from",
+    changed("[50, 0, 10]", "[50, 100, 0]"): "expected another point than the eye",
+    "format = = 1": "not TOML",
+}
+
+
+@pytest.mark.parametrize(("text", "told"), WRONG.items())
+def test_a_wrong_file_is_one_line_that_says_where(text, told, tmp_path):
+    path = tmp_path / "wrong.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        load_flight(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_no_file_a_folder_and_what_is_no_text(tmp_path):
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe\x00")
+    for name in ("missing", ".", "bytes"):
+        with pytest.raises(InputError, match=r"cannot be read|is not UTF-8"):
+            load_flight(tmp_path / name)
+
+
+def test_the_text_explains_itself():
+    text = flight_text(circle(keys=2))
+    assert text.startswith("# The flight of a camera")
+    assert 'heights = "absolute"' in text
+    assert text.count("[[key]]") == 3
+    assert "z up. heights says what heights (z) are counted from" in text.replace("\n# ", " ")
+
+
+def test_keys_hardly_apart_are_one_place():
+    keys = [Key(t, (1e8 + 1e-5 * t, 0, 5), (1e8, 300, 0)) for t in range(5)]
+    views = Flight(tuple(keys)).at(np.linspace(0.0, 4.0, 9))
+    assert all(np.isfinite(part).all() for part in views)
+    assert all((a == b).all() for a, b in itertools.pairwise(views.eye))

@@ -3,7 +3,6 @@
 // smooth), reduction to the picture's size, a dither against banding.
 uniform sampler2D drawn;  // linear radiance, SAMPLES² texels a pixel
 uniform float exposure;
-uniform int samples;
 
 out vec4 colour;
 
@@ -26,11 +25,11 @@ void main()
 {
     ivec2 pixel = ivec2(gl_FragCoord.xy);
     vec3 sum = vec3(0.0);
-    for (int j = 0; j < samples; ++j)
-        for (int i = 0; i < samples; ++i)
-            sum += film(texelFetch(drawn, pixel * samples + ivec2(i, j), 0).rgb * exposure);
+    for (int j = 0; j < SAMPLES; ++j)
+        for (int i = 0; i < SAMPLES; ++i)
+            sum += film(texelFetch(drawn, pixel * SAMPLES + ivec2(i, j), 0).rgb * exposure);
     uint h = uint(pixel.x) * 1664525u + uint(pixel.y) * 1013904223u;
     h ^= h >> 15; h *= 0x2c1b3c6du; h ^= h >> 12;
     float dither = (float(h & 0xffffu) / 65535.0 - 0.5) / 255.0;
-    colour = vec4(encode(sum / float(samples * samples)) + dither, 1.0);
+    colour = vec4(encode(sum / float(SAMPLES * SAMPLES)) + dither, 1.0);
 }

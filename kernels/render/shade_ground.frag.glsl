@@ -1,16 +1,20 @@
 #version 430 core
 // The ground: height-blended materials (Zaaijer 2013, §5.4), lit by sun and sky, seen through the air.
 //
-// A driver that runs on the CPU takes both sides of every branch, so what costs is fixed: the two strongest materials
-// of a pixel, each from the two planes that its normal is nearest to, at two scales. (Of the three triplanar weights
-// no more than two are ever much above zero.)
+// A driver that runs on the CPU takes both sides of every branch, so what costs is fixed (render/shading.py):
+//   MATERIALS  1 or 2: the strongest materials of a pixel
+//   PLANES     1 or 2: each from the planes that its normal is nearest to (no more than two of the three triplanar
+//              weights are ever much above zero)
+//   SIZES      1 or 2: each at the sizes that suit its distance
+//   SHADE_MAPS 0, 1 or 2: maps of the plants' shadows
+//   SAMPLES    along each axis of a pixel
+// With one material, one look-up of noise stands for three, for clouds' shadows too.
 #include "render/frame.glsl"
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
 #include "render/shade.glsl"
 #include "render/clouds.glsl"
 
-#define MATERIALS 2
 #define FOREST_FLOOR 7
 #define CANOPY 8
 
@@ -24,7 +28,6 @@ uniform sampler2D seen_depth; // SAMPLES² samples a pixel, ground.frag.glsl
 uniform sampler2D seen_normal;
 uniform sampler2D seen_low;
 uniform sampler2D seen_high;
-uniform int samples;
 
 layout(location = 0) out vec4 radiance; // w: depth of the sample that was shaded
 
@@ -74,13 +77,17 @@ Matter at_octave(int layer, Plane p, int octave, float footprint)
     return Matter(colour.rgb * colour.rgb, colour.a, slope * pow(0.93, float(octave)), relief.b, relief.a);
 }
 
-// A layer at the two octaves that suit the distance: structure of about one size on the screen, near and far.
+// A layer at the octaves that suit the distance: structure of about one size on the screen, near and far.
 Matter from_plane(int layer, Plane p, float level, float footprint)
 {
     level = clamp(level, octaves[layer].x, octaves[layer].y);
+#if SIZES == 1
+    return at_octave(layer, p, int(level + 0.5), footprint);
+#else
     int octave = min(int(level), OCTAVES - 2);
     return lerp(at_octave(layer, p, octave, footprint), at_octave(layer, p, octave + 1, footprint),
         smoothstep(0.2, 0.8, level - float(octave)));
+#endif
 }
 
 vec3 turned(vec3 n, vec2 slope, int axis)
@@ -94,7 +101,11 @@ vec3 turned(vec3 n, vec2 slope, int axis)
 vec3 beds(float bend)
 {
     float at = (position.z + eye.z + 14.0 * bend) / 700.0;
+#if MATERIALS == 1
+    float band = sin(40.0 * at) * 0.4 + 0.5 * sin(97.0 * at + 1.0);
+#else
     float band = texture(noise_field, vec2(0.37, at)).z + 0.6 * texture(noise_field, vec2(0.71, at * 3.7)).z;
+#endif
     return mix(vec3(0.70, 0.66, 0.64), vec3(1.22, 1.16, 1.06), smoothstep(-0.8, 0.8, band));
 }
 
@@ -116,11 +127,11 @@ void consider(float w, int layer, inout Strongest s)
 void main()
 {
     // The nearest sample of the pixel stands for all of them.
-    ivec2 pixel = ivec2(gl_FragCoord.xy) * samples;
+    ivec2 pixel = ivec2(gl_FragCoord.xy) * SAMPLES;
     ivec2 chosen_sample = pixel;
     float depth = 1.0;
-    for (int k = 0; k < samples * samples; ++k) {
-        ivec2 at = pixel + ivec2(k % samples, k / samples);
+    for (int k = 0; k < SAMPLES * SAMPLES; ++k) {
+        ivec2 at = pixel + ivec2(k % SAMPLES, k / SAMPLES);
         float d = texelFetch(seen_depth, at, 0).r;
         chosen_sample = d < depth ? at : chosen_sample;
         depth = min(d, depth);
@@ -136,9 +147,14 @@ void main()
     vec3 n = normalize(texelFetch(seen_normal, chosen_sample, 0).xyz + vec3(0.0, 0.0, 1e-4));
     float footprint = distance * trees.z * pow(max(dot(n, to_eye), 0.05), -0.35);
 
+#if MATERIALS == 1
+    vec4 middle = textureLod(noise_field, (position.xy + eye.xy) / 512.0 + 0.37, floor(log2(footprint) + 0.5));
+    vec4 wide = middle.zxwy, small = middle.yzxw;
+#else
     vec4 wide = texture(noise_field, (position.xy + eye.xy) / 4096.0);
     vec4 middle = texture(noise_field, (position.xy + eye.xy) / 512.0 + 0.37);
     vec4 small = texture(noise_field, (position.xy + eye.xy) / 64.0 + 0.71);
+#endif
 
     // Noise frays the borders that weights interpolated over a quad leave smooth.
     vec4 fray = 2.0 * (middle * 0.45 + small * 0.4);
@@ -165,10 +181,16 @@ void main()
     vec3 bump = vec3(0.0);
     for (int k = 0; k < MATERIALS; ++k) {
         int layer = chosen.layer[k] == FOREST_FLOOR && into_canopy > 0.5 ? CANOPY : chosen.layer[k];
+#if PLANES == 1
+        int axis = share > 0.5 ? b : a;
+        Matter matter = from_plane(layer, plane_of(axis), level, footprint);
+        vec3 matter_bump = turned(n, matter.slope, axis);
+#else
         Matter on_a = from_plane(layer, plane_of(a), level, footprint);
         Matter on_b = from_plane(layer, plane_of(b), level, footprint);
         Matter matter = lerp(on_a, on_b, share);
         vec3 matter_bump = mix(turned(n, on_a.slope, a), turned(n, on_b.slope, b), share);
+#endif
         matter.albedo *= tints[layer];
         if (layer == 0 || layer == 7) {
             float dry = smoothstep(-0.7, 0.8, wide.x + 0.55 * middle.y + 0.25 * small.z);

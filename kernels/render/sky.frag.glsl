@@ -14,7 +14,11 @@ vec3 with_clouds(vec3 sky, vec3 direction)
     vec2 place = direction.xy * distance;
     float density = cloud_density(place);
     vec2 sunward = to_sun.xy / max(length(to_sun.xy), 1e-4);
+#if MATERIALS == 1
+    float ahead = cloud_density_plain(place + sunward * 600.0);
+#else
     float ahead = 0.5 * cloud_density(place + sunward * 350.0) + 0.5 * cloud_density(place + sunward * 900.0);
+#endif
     float cosine = dot(direction, to_sun.xyz);
     float forward = 0.6 + 1.6 * pow(max(cosine, 0.0), 8.0);
     vec3 lit = sun_light.rgb * (0.26 * forward) * exp(-1.5 * ahead - 0.35 * density) ;

@@ -5,7 +5,6 @@
 uniform sampler2D seen_depth;
 uniform sampler2D shaded; // shade_ground.frag.glsl
 uniform sampler2D sky;    // sky.frag.glsl, as large
-uniform int samples;
 
 out vec4 radiance;
 
@@ -16,8 +15,8 @@ void main()
     ivec2 at = ivec2(gl_FragCoord.xy);
     float depth = texelFetch(seen_depth, at, 0).r;
     float here = reach_of(depth);
-    ivec2 pixel = at / samples;
-    ivec2 corner = (at % samples) * 2 - 1; // towards which neighbours this sample lies
+    ivec2 pixel = at / SAMPLES;
+    ivec2 corner = (at % SAMPLES) * 2 - 1; // towards which neighbours this sample lies
     ivec2 last = textureSize(shaded, 0) - 1;
     vec4 best = texelFetch(shaded, pixel, 0);
     float gap = abs(reach_of(best.w) - here) * 0.5; // the pixel's own, unless another is much nearer

@@ -38,7 +38,7 @@ class Quality:
     shade_texels          1024       1024     2048     2048      their side
     woods                 400        626      980      2400      distance up to which plants stand, m
     leaves                0.25       0.44     0.63     1         plants' height in pixels for a finer mesh
-    moving_scale          0.4        0.55     0.7      1         side of the picture while the eye moves
+    moving_scale          0.33       0.5      0.67     1         side of the picture while the eye moves
     quads                 32         32       64       64        quads along a tile's side
     tile_memory           128        181      256      512       MiB for tiles
     budget                6          7        8        10        ms a frame for what is new
@@ -119,7 +119,7 @@ class Quality:
             shade_texels=2048 if rich else 1024,
             woods=400.0 * 6.0**number,
             leaves=0.25 + 0.75 * number,
-            moving_scale=0.4 + 0.6 * number,
+            moving_scale=(1.0 + 2.0 * number) / 3.0,
             quads=64 if rich else 32,
             tile_memory=round((128 << 20) * 4.0**number),
             budget=0.006 + 0.004 * number,

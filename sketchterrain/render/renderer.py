@@ -11,13 +11,13 @@ import numpy as np
 
 from sketchterrain.render.forest import Forest, shade_matrix, wedge
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
-from sketchterrain.render.ground import OCTAVES, DrawnGround, texture_phases
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.ground import DrawnGround
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.relief import LitRelief, sample_heights
+from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun
 from sketchterrain.render.targets import Targets
-from sketchterrain.render.textures import LAYERS, MaterialTextures, noise_texture
+from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
 from sketchterrain.tiles import select_tiles
 
@@ -75,10 +75,7 @@ class Renderer:
         self._shades = [context.framebuffer((), shade_map) for shade_map in self._shade_maps]
         with self._timed("sky"):
             self._sky = Sky(context, sun)
-            self._paint_sky = fill_screen(context, "sky.frag.glsl")
-            self._shade_ground = fill_screen(context, "shade_ground.frag.glsl", defines={"OCTAVES": OCTAVES})
-            self._spread = fill_screen(context, "spread.frag.glsl")
-            self._develop = fill_screen(context, "picture.frag.glsl")
+            self._shading = Shading(context, self._quality, aridity=self._aridity)
 
     def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
         """Compute tiles and light for what a camera sees.
@@ -146,8 +143,7 @@ class Renderer:
             self._cast_shadows(camera)
             self._draw_ground(camera, self._targets)
             self._draw_upon_ground(camera, self._targets, clock)
-            framebuffer.use()
-            self._pass(self._develop, {"exposure": self._sky.exposure})
+            self._shading.develop(self._targets, framebuffer, self._units, exposure=self._sky.exposure)
 
     def _cast_shadows(self, camera: Camera) -> None:
         self._context.enable_only(moderngl.DEPTH_TEST)
@@ -173,29 +169,18 @@ class Renderer:
         targets.seen.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         self._ground.draw(camera.eye)
-        self._context.enable_only(moderngl.NOTHING)
-        targets.shaded.use()
-        phases = [tuple(phase) for phase in texture_phases(camera.eye).tolist()]
-        self._pass(self._shade_ground, self._climate_uniforms() | {"phases": phases})
-        targets.sky.use()
-        self._pass(self._paint_sky, {})
-        targets.spread.use()
-        self._pass(self._spread, {})
+        self._shading.light_scene(targets, camera.eye, self._units)
 
     def _draw_upon_ground(self, camera: Camera, targets: Targets, clock: float) -> None:
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
         self._forest.draw(camera.eye, self._units)
         if self._water:
-            self._context.copy_framebuffer(targets.copy, targets.scene)
+            targets.copy_scene()
             targets.scene.use()
             self._water.set_uniforms(self._units | {"clock": clock})
             self._water.draw(camera.eye)
         self._context.enable_only(moderngl.NOTHING)
-
-    def _pass(self, array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
-        set_uniforms(array.program, self._units | uniforms)
-        array.render(vertices=3)
 
     def _set_frame(self, camera: Camera, targets: Targets) -> None:
         width, height = targets.size
@@ -232,30 +217,12 @@ class Renderer:
             "material_relief": self._materials.relief,
             "shade_near": self._shade_maps[0],
             "shade_far": self._shade_maps[1],
-            "seen_depth": targets.depth,
-            "seen_normal": targets.normal,
-            "seen_low": targets.low_weights,
-            "seen_high": targets.high_weights,
-            "shaded": targets.shaded_colour,
-            "sky": targets.sky_colour,
-            "drawn": targets.colour,
-            "scene": targets.copy_colour,
-            "scene_depth": targets.copy_depth,
+            **targets.textures,
         }
-        self._units: dict[str, object] = {"cloud_cover": 0.42, "samples": self._quality.samples}
+        self._units: dict[str, object] = {"cloud_cover": 0.42}
         for unit, (name, texture) in enumerate(textures.items(), start=1):
             texture.use(unit)
             self._units[name] = unit
-
-    def _climate_uniforms(self) -> dict[str, object]:
-        arid = self._aridity
-        tints = np.ones((len(LAYERS), 3))
-        red = np.array([1.35, 0.98, 0.72])
-        for layer in (1, 2, 3):
-            tints[layer] = 1.0 + (red - 1.0) * max(0.0, arid - 0.4) / 0.6
-        tints[0] = 1.0 + (np.array([1.5, 1.2, 1.0]) - 1.0) * arid
-        octaves = [(0, 4), (0, 3), (0, 5), (0, 1.5), (0, 1), (0, 4), (0, 1), (0, 3), (2, 2)]
-        return {"tints": [tuple(row) for row in tints], "octaves": octaves}
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import moderngl
+import moderngl
 
 __all__ = ["Targets"]
 
@@ -17,35 +14,61 @@ class Targets:
 
     Attributes
     ----------
+    size, inner : (int, int)
+        Of the picture, and of what is seen (px).
+    depth : moderngl.Texture
+        Of what is seen and of the scene.
     seen : moderngl.Framebuffer
         Depth, normal and material weights of the ground, at all samples.
     shaded, sky : moderngl.Framebuffer
-        Radiance of the ground and of the sky, at one sample a pixel.
+        Radiance of the ground and of the sky, at one sample a pixel. Only with more than one.
     spread : moderngl.Framebuffer
         Radiance at all samples, without depth.
     scene : moderngl.Framebuffer
         The same with depth, for what is drawn upon the ground.
     copy : moderngl.Framebuffer
         Holds a copy of the scene that water can look into.
+    developed : moderngl.Framebuffer
+        The picture, where it has to be enlarged.
     """
 
     def __init__(self, context: moderngl.Context, size: tuple[int, int], samples: int) -> None:
         self.size = size
         inner = (size[0] * samples, size[1] * samples)
         self.inner = inner
-        self.depth = _depth(context, inner)
-        self.normal = _colour(context, inner, "f2")
-        self.low_weights, self.high_weights = _colour(context, inner, "f1"), _colour(context, inner, "f1")
-        self.seen = context.framebuffer([self.normal, self.low_weights, self.high_weights], self.depth)
-        self.shaded_colour = _colour(context, size, "f4")
-        self.shaded = context.framebuffer([self.shaded_colour])
-        self.sky_colour = _colour(context, size, "f2")
-        self.sky = context.framebuffer([self.sky_colour])
-        self.colour = _colour(context, inner, "f2")
-        self.spread = context.framebuffer([self.colour])
-        self.scene = context.framebuffer([self.colour], self.depth)
-        self.copy_colour, self.copy_depth = _colour(context, inner, "f2"), _depth(context, inner)
-        self.copy = context.framebuffer([self.copy_colour], self.copy_depth)
+        self.depth = depth = _depth(context, inner)
+        normal = _colour(context, inner, "f2")
+        low, high = _colour(context, inner, "f1"), _colour(context, inner, "f1")
+        colour = _colour(context, inner, "f2")
+        copy_colour, copy_depth = _colour(context, inner, "f2"), _depth(context, inner)
+        developed = _colour(context, size, "f1")
+        developed.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.seen = context.framebuffer([normal, low, high], depth)
+        self.spread = context.framebuffer([colour])
+        self.scene = context.framebuffer([colour], depth)
+        self.copy = context.framebuffer([copy_colour], copy_depth)
+        self.developed = context.framebuffer([developed])
+        self.textures = {
+            "seen_depth": copy_depth if samples == 1 else depth,
+            "seen_normal": normal,
+            "seen_low": low,
+            "seen_high": high,
+            "drawn": colour,
+            "scene": copy_colour,
+            "scene_depth": copy_depth,
+            "developed": developed,
+        }
+        """By the names that shaders know them by."""
+        if samples > 1:
+            self.textures["shaded"] = _colour(context, size, "f4")
+            self.textures["sky"] = _colour(context, size, "f2")
+            self.shaded = context.framebuffer([self.textures["shaded"]])
+            self.sky = context.framebuffer([self.textures["sky"]])
+        self._context = context
+
+    def copy_scene(self) -> None:
+        """Copy light and depth, so that passes can read what they draw upon."""
+        self._context.copy_framebuffer(self.copy, self.scene)
 
 
 def _colour(context: moderngl.Context, size: tuple[int, int], dtype: str) -> moderngl.Texture:

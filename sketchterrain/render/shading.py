@@ -1,0 +1,115 @@
+"""The passes that make a picture of what is seen: ground, sky, edges, tones."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import moderngl
+import numpy as np
+
+from sketchterrain.render.ground import OCTAVES, texture_phases
+from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.textures import LAYERS
+
+if TYPE_CHECKING:
+    from sketchterrain.render.quality import Quality
+    from sketchterrain.render.targets import Targets
+
+__all__ = ["Shading"]
+
+
+class Shading:
+    """Programs of all passes over a whole picture, built for one quality.
+
+    Parameters
+    ----------
+    context
+        Where they run.
+    quality
+        How much they read; kernels/render/shade_ground.frag.glsl.
+    aridity
+        0 … 1, tints ground and plants.
+    """
+
+    def __init__(self, context: moderngl.Context, quality: Quality, *, aridity: float) -> None:
+        self._context = context
+        self._samples = quality.samples
+        self.defines = {
+            "OCTAVES": OCTAVES,
+            "MATERIALS": quality.materials,
+            "PLANES": quality.planes,
+            "SIZES": quality.octaves,
+            "SHADE_MAPS": quality.shade_maps,
+            "SAMPLES": quality.samples,
+        }
+        self._tints = _climate_uniforms(aridity)
+        self._ground = fill_screen(context, "shade_ground.frag.glsl", defines=self.defines)
+        self._sky = fill_screen(context, "sky.frag.glsl", defines=self.defines)
+        self._spread = (
+            fill_screen(context, "spread.frag.glsl", defines=self.defines) if quality.samples > 1 else None
+        )
+        self._develop = fill_screen(context, "picture.frag.glsl", defines=self.defines)
+        self._enlarge = fill_screen(context, "enlarge.frag.glsl")
+
+    def light_scene(
+        self, targets: Targets, eye: tuple[float, float, float], units: dict[str, object]
+    ) -> None:
+        """Turn what is seen of the ground into light, put the sky behind it: into ``targets.scene``."""
+        phases = [tuple(phase) for phase in texture_phases(eye).tolist()]
+        ground = units | self._tints | {"phases": phases}
+        if self._spread is None:
+            self._light_once(targets, ground, units)
+            return
+        self._context.enable_only(moderngl.NOTHING)
+        targets.shaded.use()
+        _run(self._ground, ground)
+        targets.sky.use()
+        _run(self._sky, units)
+        targets.spread.use()
+        _run(self._spread, units)
+
+    def _light_once(self, targets: Targets, ground: dict[str, object], units: dict[str, object]) -> None:
+        """With one sample a pixel the depth test tells ground from sky: each is computed only where it is."""
+        context = self._context
+        targets.copy_scene()
+        targets.scene.depth_mask = False
+        targets.scene.use()
+        context.enable_only(moderngl.DEPTH_TEST)
+        context.depth_func = ">"
+        _run(self._ground, ground)
+        context.depth_func = "<="
+        _run(self._sky, units)
+        context.depth_func = "<"
+        targets.scene.depth_mask = True
+
+    def develop(
+        self,
+        targets: Targets,
+        framebuffer: moderngl.Framebuffer,
+        units: dict[str, object],
+        *,
+        exposure: float,
+    ) -> None:
+        """Turn light into a picture, enlarged where the framebuffer is larger than the targets."""
+        self._context.enable_only(moderngl.NOTHING)
+        whole = framebuffer.size == targets.size
+        (framebuffer if whole else targets.developed).use()
+        _run(self._develop, units | {"exposure": exposure})
+        if not whole:
+            framebuffer.use()
+            _run(self._enlarge, units)
+
+
+def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
+    set_uniforms(array.program, uniforms)
+    array.render(vertices=3)
+
+
+def _climate_uniforms(aridity: float) -> dict[str, object]:
+    tints = np.ones((len(LAYERS), 3))
+    red = np.array([1.35, 0.98, 0.72])
+    for layer in (1, 2, 3):
+        tints[layer] = 1.0 + (red - 1.0) * max(0.0, aridity - 0.4) / 0.6
+    tints[0] = 1.0 + (np.array([1.5, 1.2, 1.0]) - 1.0) * aridity
+    octaves = [(0, 4), (0, 3), (0, 5), (0, 1.5), (0, 1), (0, 4), (0, 1), (0, 3), (2, 2)]
+    return {"tints": [tuple(row) for row in tints], "octaves": octaves}

@@ -34,15 +34,14 @@ LATTICE_BITS: Final = 24
 
 _MORPH: Final = 1.3
 """Excess of a parent at which its children show nothing of it any more; 1 is where they come."""
-_PIXELS_A_SECOND: Final = 40.0
+_PIXELS_A_SECOND: Final = 60.0
 """How quickly the ground may move on the screen while it morphs …"""
-_SHORTEST, _LONGEST = 0.12, 0.5
+_SHORTEST, _LONGEST = 0.12, 0.35
 """… in so many seconds from parent to child at least and at most."""
 _AHEAD: Final = (0.4, 1.2)
 """s; for where the eye will be then, tiles are fetched beforehand."""
 _PER_BATCH: Final = 64
-_MOST_TREES: Final = 40
-_STRICTER, _LOOSER = 0.97, 1.1
+_STRICTER, _LOOSER, _MOST_RELAXED = 0.97, 1.1, 1e3
 """How the metric is relaxed when the pool is too small for the view, and back."""
 
 
@@ -183,7 +182,7 @@ class TileStream:
             codes = codes[np.sort(first)]
         room = self.pool.room()
         if wanted.missing.size > room:
-            self._relaxed = min(self._relaxed * _LOOSER, 64.0)
+            self._relaxed = min(self._relaxed * _LOOSER, _MOST_RELAXED)
         elif self._relaxed > 1 and room > self.pool.slots // 4:
             self._relaxed = max(self._relaxed * _STRICTER, 1.0)
         codes = codes[: min(_PER_BATCH, room)]
@@ -248,13 +247,17 @@ class TileStream:
         generate
             Makes a batch and returns its facts, as `arrived` takes them.
         """
-        for _ in range(_MOST_TREES * self.pool.slots):
-            batch = self.plan(view, budget=np.inf)
-            if not batch:
-                break
+        while batch := self._plan_or_relax(view):
             self.arrived(batch, generate(batch), seconds=self._cost.expected(1, len(batch.keys)))
         self.jump(view)
         return self.advance(view, elapsed=np.inf)
+
+    def _plan_or_relax(self, view: View) -> Batch:
+        """Return the next batch; an empty one only where nothing is lacking."""
+        batch = self.plan(view, budget=np.inf)
+        while self._lacking and not batch and self._relaxed < _MOST_RELAXED:
+            batch = self.plan(view, budget=np.inf)
+        return batch
 
     @property
     def _selection(self) -> Selection:

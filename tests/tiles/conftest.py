@@ -1,0 +1,151 @@
+"""A ground that is different at every level, and what is drawn of it: triangles with exact positions."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from sketchterrain.tiles import TileStream, View, morph_weights, tile_indices
+from sketchterrain.tiles.wanted import ROOT_LEVEL
+
+EXTENT = 1024.0
+QUADS = 4
+LATTICE = 1 << 24
+FACTS = [("low", "f8"), ("high", "f8"), ("error", "f8")]
+
+
+def mix(*numbers):
+    """Hash whole numbers to [-1, 1), the same everywhere."""
+    total = np.uint64(0x9E3779B97F4A7C15)
+    with np.errstate(over="ignore"):
+        for number in numbers:
+            total = (total ^ np.asarray(number, np.int64).astype(np.uint64)) * np.uint64(0xBF58476D1CE4E5B9)
+            total ^= total >> np.uint64(29)
+    return (total >> np.uint64(11)).astype(np.float64) / 2.0**52 - 1.0
+
+
+def roughness(level):
+    """How far the ground of a level is from that of the level before, m."""
+    return 6.0 * np.exp2(-0.7 * np.asarray(level, np.float64))
+
+
+def own_height(level, x, y):
+    return sum(roughness(k) * mix(k, x, y) for k in range(-6, level + 1))
+
+
+def heights_of(key, quads):
+    """Own and parent's heights at a tile's vertices, rows from the north, and their lattice coordinates."""
+    width = LATTICE >> key.level if key.level >= 0 else LATTICE << -key.level
+    step = width // quads
+    x = key.col * width + np.arange(quads + 1) * step + np.zeros((quads + 1, 1), np.int64)
+    y = (key.row + 1) * width - np.arange(quads + 1)[:, None] * step + np.zeros(quads + 1, np.int64)
+    own = own_height(key.level, x, y)
+    if key.level == -6:
+        return x, y, own, own
+    coarse = own_height(key.level - 1, x, y)
+    parent = coarse.copy()
+    # Vertices that the parent lacks lie in the middle of its edges or of its diagonals; tiles are even.
+    parent[:, 1::2] = 0.5 * (coarse[:, :-1:2] + coarse[:, 2::2])
+    parent[1::2] = 0.5 * (coarse[:-1:2] + coarse[2::2])
+    parent[1::2, 1::2] = 0.5 * (coarse[:-1:2, :-1:2] + coarse[2::2, 2::2])
+    return x, y, own, parent
+
+
+def facts_of(keys, quads):
+    facts = np.zeros(len(keys), FACTS)
+    for i, key in enumerate(keys):
+        _, _, own, _ = heights_of(key, quads)
+        facts[i] = own.min(), own.max(), 2.0 * roughness(key.level + 1) * (1.0 + 0.5 * mix(99, *key))
+    return facts
+
+
+def drawn_triangles(draws, quads):
+    """Vertices (n, 3, 3): x, y in lattice units, height in m; n triangles."""
+    indices, first, count = tile_indices(quads)
+    weights = morph_weights(draws.morph, quads)
+    parts = []
+    for i, key in enumerate(draws.keys):
+        x, y, own, parent = heights_of(key, quads)
+        m = weights[i].astype(np.float64)
+        z = np.where(m == 1, parent, (1 - m) * own + m * parent)
+        vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+        case = draws.cases[i]
+        parts.append(vertices[indices[first[case] : first[case] + count[case]].reshape(-1, 3)])
+    return np.concatenate(parts)
+
+
+def open_edges(triangles):
+    """Edges (n, 2, 3) that have no second triangle with the very same vertices beside them."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    vertex = mix(*np.moveaxis(edges.view(np.int64), -1, 0)).view(np.int64)
+    forward, backward = (mix(*vertex.T[::way]).view(np.int64) for way in (1, -1))
+    assert np.unique(forward).size == forward.size, "an edge is drawn twice in one direction"
+    return edges[~np.isin(forward, backward)]
+
+
+def surface_at(triangles, x, y):
+    """Height of the drawn surface at places (lattice units), NaN where nothing is drawn."""
+    a, b, c = (triangles[:, k] for k in range(3))
+    found = np.full(len(x), np.nan)
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
+    for i, (px, py) in enumerate(zip(x, y, strict=True)):
+        u = ((px - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (py - a[:, 1])) / area
+        v = ((b[:, 0] - a[:, 0]) * (py - a[:, 1]) - (px - a[:, 0]) * (b[:, 1] - a[:, 1])) / area
+        inside = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1))
+        if inside.size:
+            k = inside[0]
+            found[i] = a[k, 2] + u[k] * (b[k, 2] - a[k, 2]) + v[k] * (c[k, 2] - a[k, 2])
+    return found
+
+
+def view_from(eye, *, heading=0.0, pixels_per_radian=100.0, everywhere=True, **more):
+    """A camera; `everywhere` sees all around, else half of the world."""
+    planes = np.zeros((0, 4))
+    if not everywhere:
+        ahead = np.array([np.sin(heading), np.cos(heading), 0.0])
+        planes = np.array([[*ahead, -ahead @ eye]])
+    return View(tuple(float(v) for v in eye), planes, pixels_per_radian, **more)
+
+
+def new_stream(**more):
+    return TileStream(EXTENT, quads=QUADS, **{"slots": 3000, "finest_cell": 8.0, **more})
+
+
+def generate(batch):
+    return facts_of(batch.keys, QUADS)
+
+
+def go(stream, view, *, elapsed=1 / 30, tiles=6):
+    """One frame in which so many tiles are generated at most."""
+    batch = stream.plan(view, budget=1.0)
+    made = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
+    assert len(made.keys) == len(batch.keys) or tiles < len(batch.keys)
+    if made:
+        stream.arrived(made, generate(made), seconds=0.5 * 6 / tiles)
+    return stream.advance(view, elapsed=elapsed)
+
+
+def limited(stream, tiles):
+    """Let a stream believe that just so many tiles fit into a second."""
+    stream._cost.fitting = lambda levels, budget: min(tiles, len(levels))
+    stream._cost.learn = lambda levels, seconds: None
+    return stream
+
+
+def rim(edges, draws):
+    """Which open edges lie on the border of all that is drawn: every tile of the roots' square is."""
+    width = LATTICE << -ROOT_LEVEL
+    roots = np.array(
+        [(key.col >> (key.level - ROOT_LEVEL), key.row >> (key.level - ROOT_LEVEL)) for key in draws.keys]
+    )
+    low, high = roots.min(axis=0) * width, (roots.max(axis=0) + 1) * width
+    both = edges[:, :, :2]
+    return ((both == low).all(axis=1) | (both == high).all(axis=1)).any(axis=1)
+
+
+@pytest.fixture(scope="session")
+def toy():
+    """This module: a ground that is different at every level, and streams of its tiles."""
+    return sys.modules[__name__]

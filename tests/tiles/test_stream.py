@@ -1,0 +1,223 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.tiles import QuadLength, ScreenError, TileStream
+from sketchterrain.tiles.codes import codes_of, contains, keys_of, parent_of, place_of
+from sketchterrain.tiles.wanted import ROOT_LEVEL
+
+EYES = [(300.0, 200.0, 40.0), (-5000.3, 17.0, 3.0), (1e6 + 0.25, -2e6, 900.0)]
+
+
+@pytest.mark.parametrize("eye", EYES)
+@pytest.mark.parametrize("metric", [ScreenError(2.0), ScreenError(30.0, quad=200.0), QuadLength(0.4)])
+def test_settled_tiles_cover_the_world_once_in_balance(toy, eye, metric):
+    stream = toy.new_stream(metric=metric)
+    draws = stream.settle(toy.view_from(eye), toy.generate)
+    assert stream.settled
+    codes = np.sort(codes_of(draws.keys))
+    width = np.array([4.0 ** -(key.level - ROOT_LEVEL) for key in draws.keys])
+    assert width.sum() == 25.0
+    above = codes
+    while (level := place_of(above)[0]).max() > ROOT_LEVEL:
+        above = np.unique(parent_of(above[level > ROOT_LEVEL]))
+        assert not contains(above, codes).any(), "a tile and one that it lies in"
+    levels = {key: key.level for key in draws.keys}
+    for key in draws.keys:
+        for east, north in ((1, 0), (0, 1), (1, 1), (-1, 1)):
+            place = (key.col + east, key.row + north)
+            for up in range(2, key.level - ROOT_LEVEL + 1):
+                assert (key.level - up, place[0] >> up, place[1] >> up) not in levels
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_what_is_left_is_not_too_coarse(toy, eye):
+    metric = ScreenError(3.0, quad=1e9)
+    stream = toy.new_stream(metric=metric)
+    draws = stream.settle(toy.view_from(eye), toy.generate)
+    finest = draws.levels == stream.finest
+    assert (draws.screen_errors[~finest] <= 3.0).all()
+    assert draws.screen_errors.max() > 1.0
+
+
+def test_less_is_drawn_where_more_error_is_allowed(toy):
+    counts = [
+        len(
+            toy.new_stream(metric=ScreenError(tolerance, quad=1e9))
+            .settle(toy.view_from(EYES[0]), toy.generate)
+            .keys
+        )
+        for tolerance in (1.0, 2.0, 4.0, 8.0)
+    ]
+    assert (np.diff(counts) < 0).all()
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
+    rng = np.random.default_rng(3)
+    stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9)), 9)
+    eye = np.array(eye)
+    first = toy.view_from(eye)
+    while (
+        not (batch := stream.plan(first, budget=1.0)).keys
+        or len(stream.pool.find(stream._selection.roots(first))) > stream.pool.held
+    ):
+        stream.arrived(batch, toy.generate(batch), seconds=0.1)
+    stream.arrived(batch, toy.generate(batch), seconds=0.1)
+    stream.jump(first)
+    near = rng.normal(0, 300.0, (60, 2)) + eye[:2]
+    x, y = (near * (toy.LATTICE / toy.EXTENT)).T
+    before, levels = None, set()
+    for frame in range(140):
+        # It stands, flies off, stands again.
+        if 50 <= frame < 90:
+            eye += np.array([9.0, 4.0, 0.0])
+        draws = toy.go(stream, toy.view_from(eye), tiles=9)
+        levels |= set(draws.levels.tolist())
+        triangles = toy.drawn_triangles(draws, toy.QUADS)
+        edges = toy.open_edges(triangles)
+        assert toy.rim(edges, draws).all(), f"frame {frame}: a crack"
+        now = toy.surface_at(triangles, x, y)
+        assert np.isfinite(now).all(), f"frame {frame}: a hole"
+        if before is not None:
+            # Shortest way from parent to child: 0.12 s; levels differ by what is rough, twice for both ends.
+            most = 2 * toy.roughness(min(levels)) * (1 / 30) / 0.12
+            assert np.abs(now - before).max() <= most * 1.001
+            here = draws.levels.max()
+            assert here >= ROOT_LEVEL
+        before = now
+    assert len(levels) > 4
+    for _ in range(200):
+        draws = toy.go(stream, toy.view_from(eye), tiles=9)
+    assert stream.settled
+    settled = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).settle(toy.view_from(eye), toy.generate)
+    assert sorted(settled.keys) == sorted(draws.keys), "the way there must not matter"
+    order, other = np.argsort(codes_of(settled.keys)), np.argsort(codes_of(draws.keys))
+    assert (settled.morph[order] == draws.morph[other]).all()
+
+
+def test_controls_move_no_quicker_than_their_rate(toy):
+    stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9)), 12)
+    eye = np.array(EYES[0])
+    stream.settle(toy.view_from(eye), toy.generate)
+    known = {}
+    for _ in range(60):
+        eye += np.array([15.0, 0.0, 0.0])
+        toy.go(stream, toy.view_from(eye), tiles=12)
+        places, values = stream._tree._known
+        now = dict(zip(places.tolist(), values.tolist(), strict=True))
+        common = known.keys() & now.keys()
+        assert max((abs(known[k] - now[k]) for k in common), default=0.0) <= (1 / 30) / 0.12 + 1e-12
+        known = now
+
+
+def test_out_of_the_picture_is_coarser_and_ready_when_one_turns(toy):
+    stream = toy.new_stream(metric=ScreenError(4.0, quad=1e9))
+    eye = EYES[0]
+    ahead = stream.settle(toy.view_from(eye, heading=0.0, everywhere=False), toy.generate)
+    every = toy.new_stream(metric=ScreenError(4.0, quad=1e9)).settle(toy.view_from(eye), toy.generate)
+    assert len(stream._tree.codes) < 0.9 * len(every.keys)
+    assert len(ahead.keys) < len(stream._tree.codes)
+    back = stream.advance(toy.view_from(eye, heading=np.pi, everywhere=False), elapsed=1 / 30)
+    assert back.keys
+    assert back.screen_errors[back.levels < stream.finest].max() < 4.0 / 0.2
+
+
+def test_tiles_ahead_are_fetched_before_they_are_wanted(toy):
+    quiet, moving = (toy.new_stream(metric=ScreenError(4.0, quad=1e9)) for _ in range(2))
+    view = toy.view_from(EYES[0])
+    for stream in (quiet, moving):
+        stream.settle(view, toy.generate)
+    assert not quiet.plan(view, budget=1.0)
+    batch = moving.plan(toy.view_from(EYES[0], velocity=(200.0, 0.0, 0.0)), budget=1.0)
+    assert batch
+    ahead = keys_of(codes_of(batch.keys))
+    width = np.array([toy.EXTENT * 2.0**-key.level for key in ahead])
+    assert (np.array([key.col for key in ahead]) * width + width > EYES[0][0] - 600).all()
+
+
+def test_a_pool_that_is_too_small_allows_more_error_and_never_a_hole(toy):
+    stream = toy.new_stream(metric=ScreenError(0.5, quad=1e9), slots=300)
+    view = toy.view_from(EYES[0])
+    stream.settle(view, toy.generate)
+    for _ in range(200):
+        toy.go(stream, view, tiles=64)
+    draws = toy.go(stream, view)
+    assert stream.relaxed > 1
+    assert stream.pool.held <= 300
+    assert toy.rim(toy.open_edges(toy.drawn_triangles(draws, toy.QUADS)), draws).all()
+
+
+def test_walking_far_keeps_to_the_slots_and_forgets_what_is_behind(toy):
+    stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9), slots=800), 40)
+    eye = np.array([0.0, 0.0, 30.0])
+    stream.settle(toy.view_from(eye), toy.generate)
+    at_first = len(stream._tree.codes)
+    for _ in range(400):
+        eye += np.array([250.0, 0.0, 0.0])
+        draws = toy.go(stream, toy.view_from(eye), tiles=40)
+    assert stream.pool.held <= 800
+    assert toy.rim(toy.open_edges(toy.drawn_triangles(draws, toy.QUADS)), draws).all()
+    for _ in range(250):
+        toy.go(stream, toy.view_from(eye), tiles=40)
+    assert stream.settled
+    assert 0.5 * at_first < len(stream._tree.codes) < 2 * at_first
+
+
+def test_far_from_the_origin_the_same_ground_gives_the_same_tiles(toy):
+    """Whole roots away, 10^6 km, all is as here: nothing is lost in the numbers."""
+    shift = 2**14 * toy.EXTENT * 2.0**-ROOT_LEVEL
+
+    def flat(batch):
+        facts = toy.facts_of(batch.keys, toy.QUADS)
+        facts["low"], facts["high"] = 0.0, 10.0
+        facts["error"] = toy.roughness(np.array([key.level for key in batch.keys]))
+        return facts
+
+    here = toy.new_stream(metric=ScreenError(4.0)).settle(toy.view_from((100.3, 50.2, 20.0)), flat)
+    there = toy.new_stream(metric=ScreenError(4.0)).settle(toy.view_from((100.3 + shift, 50.2, 20.0)), flat)
+    assert len(here.keys) == len(there.keys)
+    assert (here.corners[:, 0] + (2**14 << 30) == there.corners[:, 0]).all()
+    # The eye itself is known to a thousandth of a millimetre there.
+    assert np.abs(here.morph - there.morph).max() < 1e-5
+
+
+def test_parents_come_before_children(toy):
+    stream = toy.new_stream()
+    view = toy.view_from(EYES[0])
+    known = set()
+    for _ in range(200):
+        batch = stream.plan(view, budget=np.inf)
+        if not batch:
+            break
+        for key, parent in zip(batch.keys, batch.parents, strict=True):
+            if key.level == ROOT_LEVEL:
+                assert parent == -1
+            else:
+                assert (key.level - 1, key.col >> 1, key.row >> 1) in known
+                assert parent >= 0
+        known |= set(batch.keys)
+        stream.arrived(batch, toy.generate(batch), seconds=0.01)
+    assert max(key.level for key in known) > 2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        ({"quads": 48}, "power of two"),
+        ({"quads": 512}, "power of two"),
+        ({"finest_cell": 0.0}, "finest cell > 0"),
+        ({"slots": 0}, "1 tile"),
+    ],
+)
+def test_wrong_numbers_are_refused(toy, wrong, expected):
+    with pytest.raises(InputError, match=expected):
+        TileStream(toy.EXTENT, **{"quads": 4, **wrong})
+
+
+def test_a_budget_must_be_a_time(toy):
+    stream = toy.new_stream()
+    with pytest.raises(InputError, match="budget"):
+        stream.plan(toy.view_from(EYES[0]), budget=-1.0)

@@ -19,6 +19,7 @@ from sketchterrain.terrain.packing import pack_features
 from sketchterrain.terrain.patch_places import Patches, tile_patches
 from sketchterrain.terrain.patches import GROUP, PatchLauncher, rounded_up
 from sketchterrain.terrain.surfaces import Surface, SurfaceStore
+from sketchterrain.terrain.vertex_writer import VertexWriter
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -49,6 +50,12 @@ class Evaluator:
     recipe
     context
         An open device; its ``real`` says whether this is the terrain or its float64 reference.
+
+    Attributes
+    ----------
+    recipe, context
+    vertices : VertexWriter
+        Writes tiles as OpenGL draws them.
     """
 
     def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
@@ -58,6 +65,7 @@ class Evaluator:
         self._launcher = PatchLauncher(self._arguments)
         self._staged = Staging(context)
         self._kept: SurfaceStore | None = None
+        self.vertices = VertexWriter(self._arguments)
         self._detail: DetailBound | None = None
         self._patches_at_once = Batches(_PATCHES_PER_LAUNCH)
         self._points_at_once = Batches(_POINTS_PER_LAUNCH)
@@ -70,6 +78,7 @@ class Evaluator:
         other = copy(self)
         other._arguments = self._arguments.with_strengths(strength)
         other._launcher = PatchLauncher(other._arguments)
+        other.vertices = VertexWriter(other._arguments)
         other._detail = None
         other.recipe = other._arguments.recipe
         return other

@@ -12,9 +12,11 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 __all__ = [
+    "COARSEST_LEVEL",
     "FINEST_LEVEL",
     "LATTICE_BITS",
     "QUADS",
+    "finest_level",
     "level_step",
     "metres_per_unit",
     "tile_axes",
@@ -26,7 +28,7 @@ QUADS = 64
 """Quads along a tile's side."""
 COARSEST_LEVEL = -12
 FINEST_LEVEL = LATTICE_BITS - QUADS.bit_length() + 1
-"""The level whose vertices are one lattice unit apart."""
+"""The level whose vertices are one lattice unit apart, of tiles of QUADS quads."""
 
 # Beyond it a skewed coordinate (times 1399) and its octave's offset could leave 64 bits.
 _FARTHEST_UNIT = 2.0**51
@@ -64,17 +66,30 @@ def to_lattice(metres: npt.ArrayLike, extent: float) -> npt.NDArray[np.int64]:
     return np.asarray(np.rint(units), dtype=np.int64)
 
 
-def level_step(level: int) -> int:
+def finest_level(quads: int) -> int:
+    """Return the level of the finest tiles that have so many quads along a side, a power of two."""
+    return LATTICE_BITS - quads.bit_length() + 1
+
+
+def level_step(level: int, quads: int = QUADS) -> int:
     """Return the distance between the vertices of a level's tiles, in lattice units.
+
+    Parameters
+    ----------
+    level
+        A tile is 2^(24 - level) lattice units wide, whatever its quads.
+    quads
+        Along a tile's side, a power of two.
 
     Raises
     ------
     InputError
         If there is no such level.
     """
-    if not COARSEST_LEVEL <= level <= FINEST_LEVEL:
-        raise InputError(f"tile level must be {COARSEST_LEVEL} … {FINEST_LEVEL}, not {level}")
-    return 1 << (FINEST_LEVEL - level)
+    finest = finest_level(quads)
+    if not COARSEST_LEVEL <= level <= finest:
+        raise InputError(f"tile level must be {COARSEST_LEVEL} … {finest}, not {level}")
+    return 1 << (finest - level)
 
 
 def tile_axes(level: int, column: int, row: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

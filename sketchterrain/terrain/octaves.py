@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.features.hashing import hashed
-from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.lattice import QUADS, metres_per_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,6 +28,7 @@ __all__ = [
     "corner_table",
     "fits_patches",
     "octave_table",
+    "whole_step_bits",
 ]
 
 FINEST_WAVELENGTH = 0.5
@@ -48,7 +49,9 @@ UNSKEW = SKEW / (1 + 2 * SKEW)
 _OFFSET_CELL_BITS = 11
 _OFFSET_RANGE = np.uint64(1 << 22)
 _MOST_BITS = 30  # of a cell in steps, so that a corner's and a vertex's sum fits 32 with its sign
-_MOST_STEP_BITS = 22  # so that a tile and what reaches it span less than 2^31 units
+_MOST_STEP_BITS = 22
+_MOST_UNITS = (QUADS + 3) << _MOST_STEP_BITS  # along a patch: it and what reaches it span less than 2^31
+_MOST_STEPS = (1 << _MOST_BITS) // (SKEW_SAME + SKEW_OTHER)
 
 
 @dataclass(frozen=True)
@@ -140,10 +143,25 @@ def octave_table(
     )
 
 
-def fits_patches(octaves: OctaveTable, step_bits: int) -> bool:
-    """Whether vertices 2^step_bits lattice units apart can be told by 32 bits in every octave."""
+def whole_step_bits(octaves: OctaveTable) -> int:
+    """Return the bits of the longest step, in lattice units, that every octave's shift is a multiple of."""
+    return int(octaves.form[:, 0].min(initial=_MOST_STEP_BITS + _OFFSET_CELL_BITS)) - _OFFSET_CELL_BITS
+
+
+def fits_patches(octaves: OctaveTable, step_bits: int, steps: int = QUADS + 3) -> bool:
+    """Whether vertices can be told by 32 bits in every octave.
+
+    Parameters
+    ----------
+    octaves
+    step_bits
+        Vertices are whole steps of 2^step_bits lattice units apart and from the origin.
+    steps
+        Along the side of a patch.
+    """
     shifts = octaves.form[:, 0]
-    return step_bits <= _MOST_STEP_BITS and bool(np.all(shifts - step_bits <= _MOST_BITS))
+    fine = steps <= _MOST_STEPS and bool(np.all(shifts - step_bits <= _MOST_BITS))
+    return fine and steps << step_bits <= _MOST_UNITS and step_bits <= whole_step_bits(octaves)
 
 
 def corner_table(

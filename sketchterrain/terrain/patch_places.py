@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     Lattice = npt.NDArray[np.int64]
+    Keys = Sequence[tuple[int, int]] | Lattice
 
-__all__ = ["Patches", "tile_patches"]
+__all__ = ["Patches", "tile_patches", "tile_samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,40 +59,75 @@ class Patches:
         return self.blocks[:, :2]
 
     @cached_property
-    def step_bits(self) -> int | None:
-        """All vertices are whole steps of 2^step_bits lattice units apart and from the origin; else None."""
+    def step_bits(self) -> tuple[int, int] | None:
+        """Bits of the step between vertices, and of the longest step that all places are multiples of.
+
+        Both are powers of two lattice units; None where vertices don't lie so.
+        """
         step = int(self.axis_x[0, 1] - self.axis_x[0, 0])
-        if step <= 0 or step & (step - 1) or np.any(self.corners & (step - 1)):
+        if step <= 0 or step & (step - 1):
             return None
-        even = np.all(np.diff(self.axis_x) == step) and np.all(np.diff(self.axis_y) == -step)
-        return step.bit_length() - 1 if even else None
+        if np.any(np.diff(self.axis_x) != step) or np.any(np.diff(self.axis_y) != -step):
+            return None
+        common = int(np.bitwise_or.reduce(self.corners, axis=None)) | step
+        return step.bit_length() - 1, (common & -common).bit_length() - 1
 
     def part(self, part: slice) -> Patches:
         """Return some of the patches."""
         return replace(self, axis_x=self.axis_x[part], axis_y=self.axis_y[part])
 
 
-def tile_patches(level: int, keys: Sequence[tuple[int, int]], extent: float, *, up: int) -> Patches:
+def tile_patches(level: int, keys: Keys, extent: float, *, up: int = 0, quads: int = QUADS) -> Patches:
     """Return the patches of tiles, or with ``up=1`` those of their parents' vertices on the same ground.
 
     Parameters
     ----------
     level
-        −12 … 18.
+        From −12 to the finest, 18 for 64 quads.
     keys
         Column and row of each tile.
     extent
         Metres along the sketch's longer side.
     up
         0 or 1.
+    quads
+        Along a tile's side, a power of two.
 
     Raises
     ------
     InputError
         If there is no such level.
     """
-    step = level_step(level)
-    column, row = np.array(keys, np.int64).reshape(-1, 2).T[..., None] * (QUADS * step)
-    quads = QUADS >> up
-    offsets = np.arange(-1, quads + 2, dtype=np.int64) * (step << up)
-    return Patches(column + offsets, row + QUADS * step - offsets, step * 2**up * metres_per_unit(extent))
+    step = level_step(level, quads)
+    column, row = np.array(keys, np.int64).reshape(-1, 2).T[..., None] * (quads * step)
+    offsets = np.arange(-1, (quads >> up) + 2, dtype=np.int64) * (step << up)
+    return Patches(column + offsets, row + quads * step - offsets, step * 2**up * metres_per_unit(extent))
+
+
+def tile_samples(
+    level: int,
+    keys: Keys,
+    *,
+    cell_size: float,
+    quads: int = QUADS,
+    squares: int = 1,
+) -> Patches:
+    """Return the middles of every second quad of every second row of tiles, from the first on.
+
+    Parameters
+    ----------
+    level, keys, quads
+        As in :func:`tile_patches`; not the finest level, whose quads have no middle.
+    cell_size
+        Metres between samples that heights are wanted for.
+    squares
+        Along a side, so many patches a tile, from west to east and then from north to south.
+    """
+    step = level_step(level, quads)
+    corner = np.array(keys, np.int64).reshape(-1, 2) * (quads * step)
+    along = np.arange(quads // 2, dtype=np.int64).reshape(squares, -1) * (2 * step) + step // 2
+    shape = (len(keys), squares, squares, along.shape[1])
+    axis_x = corner[:, 0, None, None, None] + along[None, None]
+    axis_y = corner[:, 1, None, None, None] + quads * step - along[None, :, None]
+    x, y = (np.broadcast_to(axis, shape).reshape(-1, shape[-1]) for axis in (axis_x, axis_y))
+    return Patches(x, y, cell_size)

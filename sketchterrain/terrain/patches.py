@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.compute.staging import Staging
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.octaves import corner_table, fits_patches
+from sketchterrain.terrain.octaves import corner_table, fits_patches, whole_step_bits
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -73,12 +73,40 @@ class PatchLauncher:
         Reaching
             What reaches the patches.
         """
+        more = {"slot": np.asarray(slots, np.int32)}
+        return self._surfaces("surfaces", patches, more, store.ground, store.materials)
+
+    def vertices(self, patches: Patches, lives: npt.NDArray[np.int32], vertices: Any) -> Reaching:
+        """Enqueue packed vertices of patches, their parents' part included.
+
+        Parameters
+        ----------
+        patches
+            Tiles.
+        lives
+            Slot, parent's slot, east half and north half of each, as the kernel ``vertices`` reads them,
+            shape (patches, 4).
+        vertices
+            The buffer they are written to.
+
+        Returns
+        -------
+        Reaching
+            What reaches the patches.
+        """
+        return self._surfaces("vertices", patches, {"lives": lives}, vertices)
+
+    def _surfaces(
+        self, kernel: str, patches: Patches, where: Mapping[str, npt.NDArray[Any]], *written: Any
+    ) -> Reaching:
+        """Enqueue one of the kernels that make surfaces, told in small arrays where patches are written."""
+        inner = patches.side - 2
         covers = self._arguments.cover_lists(patches.blocks)
-        launch = self._heights(patches, {"slot": np.asarray(slots, np.int32), **covers}, bare=False)
+        launch = self._heights(patches, {**where, **covers}, bare=False)
         self._context.launch(
             launch.file,
-            "surfaces",
-            (store.inner, store.inner, patches.count),
+            kernel,
+            (inner, inner, patches.count),
             *self._arguments.rules,
             *launch.places,
             *launch.across,
@@ -86,10 +114,9 @@ class PatchLauncher:
             np.int32(patches.side),
             *launch.results,
             *self._arguments.covers(launch.small),
-            launch.small["slot"],
-            store.ground,
-            store.materials,
-            group=self._rows(launch.file, "surfaces", store.inner),
+            *(launch.small[name] for name in where),
+            *written,
+            group=self._rows(launch.file, kernel, inner),
         )
         return launch.reaching
 
@@ -161,9 +188,12 @@ class PatchLauncher:
 
     def _vertices(self, patches: Patches) -> _Vertices:
         """Say where vertices lie, in 32 bits where they do."""
-        bits, real = patches.step_bits, self._context.real_dtype
+        real = self._context.real_dtype
         octaves: OctaveTable = self._arguments.world(patches.cell_size)["table"]
-        if bits is None or not fits_patches(octaves, bits):
+        between, bits = patches.step_bits or (0, -1)
+        bits = min(bits, whole_step_bits(octaves))
+        stride_bits = between - bits
+        if bits < 0 or not fits_patches(octaves, bits, patches.side << stride_bits):
             inverse = {
                 "inverse_x": self._inverse_spans(patches.axis_x).astype(real),
                 "inverse_y": self._inverse_spans(-patches.axis_y).astype(real),
@@ -177,7 +207,7 @@ class PatchLauncher:
                 "corner_at": patches.corners,
             },
             (np.int32(len(octaves.form)),),
-            (np.int32(bits),),
+            (np.int32(bits), np.int32(stride_bits)),
             across=[real.type(self._inverse_spans(patches.axis_x[:1, :3])[0, 1])],
         )
 

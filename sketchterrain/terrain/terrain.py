@@ -13,6 +13,7 @@ from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.surfaces import SurfaceStore
+from sketchterrain.terrain.vertices import VertexStore
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
+    from sketchterrain.terrain.vertices import VertexMemory
 
 __all__ = ["Terrain"]
 
@@ -156,11 +158,7 @@ class Terrain:
         InputError
             If there is no such level or slot, or not one slot a tile.
         """
-        place = np.asarray(slots, np.int64).reshape(-1)
-        if place.size != len(keys) or np.unique(place).size != place.size:
-            raise InputError(f"{len(keys)} tiles need as many slots, each another one")
-        if place.size and not (place.min() >= 0 and place.max() < store.slots):
-            raise InputError(f"slots must be 0 … {store.slots - 1}")
+        place = _places(slots, len(keys), store.slots)
         levels = np.array([key[0] for key in keys])
         bounds = np.empty(len(keys))
         for level in np.unique(levels):
@@ -168,6 +166,62 @@ class Terrain:
             of_level = [keys[int(i)][1:] for i in chosen]
             bounds[chosen] = self._evaluator.fill(of_level, int(level), store, place[chosen])
         return bounds
+
+    def vertex_store(
+        self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
+    ) -> VertexStore:
+        """Return room for so many tiles as OpenGL draws them, for :meth:`write_tiles`.
+
+        Parameters
+        ----------
+        slots
+            How many tiles.
+        quads
+            Along a tile's side: 32, 64, 128 or 256.
+        memory
+            Where the vertices live; None makes a buffer on the device.
+        """
+        return VertexStore(self.context, slots, quads=quads, memory=memory)
+
+    def write_tiles(
+        self,
+        keys: Sequence[tuple[int, int, int]],
+        slots: npt.ArrayLike,
+        parents: npt.ArrayLike,
+        store: VertexStore,
+    ) -> npt.NDArray[np.void]:
+        """Write tiles where OpenGL draws them from, and wait for them.
+
+        Parameters
+        ----------
+        keys
+            (level, column, row) of each; levels go from −12 to the store's finest, 18 for 64 quads.
+        slots
+            Which place in the store each of them has; all different.
+        parents
+            The slot of each one's parent, or −1: then it is taken for its own parent. A parent must have been
+            written before, or be written by the same call.
+        store
+            From :meth:`vertex_store`.
+
+        Returns
+        -------
+        structured ndarray, shape (tiles,)
+            ``low`` and ``high``: the lowest and highest height of a tile's vertices, own and parent's (m).
+            ``error``: how far heights at full detail are from the tile's triangles, at most (m), in the
+            middle of every second quad of every second row.
+
+        Raises
+        ------
+        InputError
+            If there is no such level or slot, or not one slot and parent a tile.
+        """
+        key = np.asarray(keys, np.int64).reshape(-1, 3)
+        place = _places(slots, len(key), store.slots)
+        parent = np.asarray(parents, np.int64).reshape(-1)
+        if parent.size != place.size or np.any(parent < -1) or np.any(parent >= store.slots):
+            raise InputError(f"each tile needs a parent's slot, 0 … {store.slots - 1} or -1")
+        return self._evaluator.vertices.write(key, place, parent, store)
 
     def raster(self, longer_side: int, *, progress: Callable[[float], None] | None = None) -> Raster:
         """Return the whole sketch as one grid.
@@ -235,6 +289,16 @@ class Terrain:
         parts = (surface.height, surface.normal, surface.materials, parent.height, parent.normal)
         arrays = (np.ascontiguousarray(part[i], dtype=np.float32) for part in parts)
         return Tile(level, column, row, bounds, cell, detail, *arrays)
+
+
+def _places(slots: npt.ArrayLike, count: int, most: int) -> npt.NDArray[np.int64]:
+    """Return a slot for each of so many tiles, checked."""
+    place = np.asarray(slots, np.int64).reshape(-1)
+    if place.size != count or np.unique(place).size != place.size:
+        raise InputError(f"{count} tiles need as many slots, each another one")
+    if place.size and not (place.min() >= 0 and place.max() < most):
+        raise InputError(f"slots must be 0 … {most - 1}")
+    return place
 
 
 def _axis(length: float, count: int, extent: float) -> npt.NDArray[np.int64]:

@@ -1,0 +1,144 @@
+"""Write tiles of packed vertices: launches a level, coarser levels first, one wait for all."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.compute.staging import Staging
+from sketchterrain.errors import DeviceFailedError
+from sketchterrain.terrain.batches import Batches
+from sketchterrain.terrain.detail import DetailBound
+from sketchterrain.terrain.lattice import finest_level
+from sketchterrain.terrain.patch_places import tile_patches, tile_samples
+from sketchterrain.terrain.patches import PatchLauncher
+from sketchterrain.terrain.recipe import FINEST_CELL
+from sketchterrain.terrain.vertices import FACTS
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.kernel_arguments import KernelArguments
+    from sketchterrain.terrain.vertices import VertexStore
+
+    Lattice = npt.NDArray[np.int64]
+
+__all__ = ["VertexWriter"]
+
+_FILE = "tiles.cl"
+_MOST_QUADS = 1 << 20  # of the tiles of a launch
+# Wider tiles (m) are not held against full detail, for which all their features would have to be placed.
+_WIDEST_SAMPLED = 17e3
+
+
+class VertexWriter:
+    """Writes tiles of a recipe into stores of vertices.
+
+    Parameters
+    ----------
+    arguments : KernelArguments
+    """
+
+    def __init__(self, arguments: KernelArguments) -> None:
+        self._arguments = arguments
+        self._context = arguments.context
+        self._launcher = PatchLauncher(arguments)
+        self._staged = Staging(self._context)
+        self._detail = DetailBound(arguments.recipe)
+        self._at_once: dict[int, Batches] = {}
+        self._found: tuple[int, Any] = (0, None)
+
+    def write(
+        self, keys: Lattice, slots: Lattice, parents: Lattice, store: VertexStore
+    ) -> npt.NDArray[np.void]:
+        """Write tiles and wait for them.
+
+        Parameters
+        ----------
+        keys
+            Level, column and row of each, shape (n, 3).
+        slots, parents
+            Each tile's slot and its parent's, −1 where it has none; shape (n,).
+        store
+
+        Returns
+        -------
+        structured ndarray, shape (n,)
+            :data:`~sketchterrain.terrain.vertices.FACTS`.
+        """
+        facts = np.zeros(len(keys), FACTS)
+        if not len(keys):
+            return facts
+        lives = np.concatenate([np.stack([slots, parents], axis=1), keys[:, 1:] & 1], axis=1).astype(np.int32)
+        order = np.argsort(keys[:, 0], kind="stable")
+        found = self._room(len(keys) * store.quads // 2)
+        at_once = self._at_once.setdefault(store.quads, Batches(max(_MOST_QUADS // store.quads**2, 1)))
+        store.acquire()
+        try:
+            for first, last in _runs(keys[order, 0]):
+                chosen = order[first:last]
+
+                def enqueue(part: slice, chosen: Lattice = chosen, first: int = first) -> None:
+                    some = chosen[part]
+                    place = first + part.start
+                    facts["error"][some] = self._enqueue(keys[some], lives[some], store, found, place)
+
+                at_once.run(len(chosen), enqueue, smaller=self._give_back)
+            parts = self._context.download(found, (len(keys), store.quads // 2, 4), np.float32)
+        finally:
+            store.release(slots)
+        if not np.isfinite(parts[..., 3]).all():
+            device = self._context.device
+            raise DeviceFailedError(f"{device.name} ({device.platform}) computed heights that are no numbers")
+        facts["low"][order] = parts[..., 0].min(axis=1)
+        facts["high"][order] = parts[..., 1].max(axis=1)
+        facts["error"][order] += parts[..., 2].max(axis=1)
+        return facts
+
+    def _enqueue(
+        self, keys: Lattice, lives: npt.NDArray[np.int32], store: VertexStore, found: Any, first: int
+    ) -> npt.NDArray[np.float64] | float:
+        """Enqueue tiles of one level; return what is known of their error beyond what will be found (m)."""
+        level, places = int(keys[0, 0]), keys[:, 1:]
+        patches = tile_patches(level, places, self._arguments.recipe.extent, quads=store.quads)
+        reaching = self._launcher.vertices(patches, lives, store.buffer)
+        wide = patches.cell_size * store.quads > _WIDEST_SAMPLED
+        tail = self._detail.of(reaching, patches.blocks, patches.cell_size) if wide else 0.0
+        sample, bits = found, -1
+        if level < finest_level(store.quads):
+            cell = patches.cell_size if wide else FINEST_CELL
+            samples = tile_samples(level, places, cell_size=cell, quads=store.quads)
+            sample, bits = self._launcher.heights(samples), samples.side.bit_length() - 1
+        slot = self._staged.put({"slot": lives[:, 0]})["slot"]
+        self._context.launch(
+            _FILE,
+            "facts",
+            (store.quads // 2, len(keys)),
+            np.int32(store.quads),
+            np.int32(bits),
+            sample,
+            slot,
+            store.buffer,
+            np.int32(first),
+            found,
+        )
+        return tail
+
+    def _room(self, count: int) -> Any:
+        """Return a buffer for what is found of so many pairs of columns; kept while it is large enough."""
+        if self._found[0] < count:
+            self._found = (0, None)
+            self._found = (count, self._context.empty(4 * count, np.float32))
+        return self._found[1]
+
+    def _give_back(self) -> None:
+        """Let go of what was allocated for larger batches."""
+        self._launcher = PatchLauncher(self._arguments)
+
+
+def _runs(levels: Lattice) -> list[tuple[int, int]]:
+    """First and last (exclusive) of each run of equal levels."""
+    cuts = [0, *(np.flatnonzero(np.diff(levels)) + 1).tolist(), len(levels)]
+    return list(pairwise(cuts))

@@ -1,0 +1,130 @@
+"""Tiles as OpenGL draws them: packed vertices in slots of one buffer on the device."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.terrain.lattice import QUADS
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.compute import ComputeContext
+
+__all__ = ["FACTS", "TILE_QUADS", "VERTEX", "VertexMemory", "VertexStore"]
+
+VERTEX: Final = np.dtype(
+    [
+        ("height", "<f4"),
+        ("parent_height", "<f4"),
+        ("slope", "<i2", 2),
+        ("parent_slope", "<i2", 2),
+        ("weights", "u1", 8),
+        ("parent_weights", "u1", 8),
+    ]
+)
+"""A vertex, 32 bytes: metres; x and y of the unit normal times 32767; materials' weights, 255 for 1."""
+
+FACTS: Final = np.dtype([("low", "f8"), ("high", "f8"), ("error", "f8")])
+"""What there is to know of a tile, m: see :meth:`~sketchterrain.terrain.Terrain.write_tiles`."""
+
+TILE_QUADS: Final = (32, 64, 128, 256)
+"""Quads that a tile may have along a side."""
+
+
+class VertexMemory(Protocol):
+    """Memory that a device writes and that OpenGL reads; see :mod:`sketchterrain.compute.sharing`."""
+
+    @property
+    def nbytes(self) -> int:
+        """How much it is."""
+        ...
+
+    @property
+    def buffer(self) -> Any:
+        """The device's buffer."""
+        ...
+
+    def acquire(self) -> None:
+        """Make it the device's; what is enqueued next may write it."""
+        ...
+
+    def release(self, parts: Sequence[tuple[int, int]]) -> None:
+        """Wait for the device and make it OpenGL's; bytes in parts (start, size) were written, no others."""
+        ...
+
+
+class VertexStore:
+    """Room for tiles of vertices, in slots.
+
+    Slot s starts at vertex s · (quads + 1)²; rows run from north to south.
+
+    Parameters
+    ----------
+    context : ComputeContext
+    slots : int
+        How many tiles there is room for.
+    quads : int
+        Along a tile's side: 32, 64, 128 or 256.
+    memory : VertexMemory or None
+        Where the vertices live, on the context's device; None makes a buffer on it.
+
+    Raises
+    ------
+    InputError
+        If there are no such tiles, or the memory is too small for them.
+    """
+
+    def __init__(
+        self, context: ComputeContext, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
+    ) -> None:
+        if quads not in TILE_QUADS:
+            raise InputError(f"quads must be one of {', '.join(map(str, TILE_QUADS))}, not {quads}")
+        if slots < 1:
+            raise InputError(f"a store needs at least 1 slot, not {slots}")
+        self.context = context
+        self.slots = slots
+        self.quads = quads
+        if memory is not None and memory.nbytes < self.nbytes:
+            raise InputError(f"{slots} tiles need {self.nbytes} bytes, there are {memory.nbytes}")
+        self.memory = memory
+        self.buffer: Any = context.empty(self.nbytes, np.uint8) if memory is None else memory.buffer
+
+    @property
+    def tile_bytes(self) -> int:
+        """Bytes of a slot."""
+        return (self.quads + 1) ** 2 * VERTEX.itemsize
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all slots."""
+        return self.slots * self.tile_bytes
+
+    def acquire(self) -> None:
+        """Make the vertices the device's."""
+        if self.memory is not None:
+            self.memory.acquire()
+
+    def release(self, slots: npt.NDArray[np.int64]) -> None:
+        """Make them OpenGL's again, those in slots newly written."""
+        if self.memory is None:
+            return
+        written = np.sort(slots)
+        starts = np.flatnonzero(np.diff(written, prepend=-2) > 1)
+        ends = np.append(starts[1:], written.size)
+        size = self.tile_bytes
+        runs = zip(written[starts], ends - starts, strict=True)
+        self.memory.release([(int(first) * size, int(count) * size) for first, count in runs])
+
+    def download(self) -> npt.NDArray[np.void]:
+        """Wait for the device and return the vertices of all slots, shape (slots, quads + 1, quads + 1)."""
+        self.acquire()
+        shape = (self.slots, self.quads + 1, self.quads + 1)
+        found = self.context.download(self.buffer, shape, VERTEX)
+        self.release(np.zeros(0, np.int64))
+        return found

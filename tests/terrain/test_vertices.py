@@ -1,0 +1,165 @@
+"""Packed vertices as OpenGL draws them: the tiles' values, the parents' gathered, what is known of a tile."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.terrain.vertices import TILE_QUADS, VERTEX
+
+if TYPE_CHECKING:
+    import sketchterrain as st
+
+# A parent, its four children and a grandchild; far and coarse tiles: each with its parent's place here.
+FAMILY = [
+    ((5, 15, 15), None),
+    ((6, 30, 30), 0),
+    ((6, 31, 30), 0),
+    ((6, 30, 31), 0),
+    ((6, 31, 31), 0),
+    ((7, 61, 60), 1),
+    ((5, -7, 900), None),
+    ((-12, 0, -1), None),
+    ((0, 0, 0), None),
+    ((18, 1 << 17, 1 << 17), None),
+]
+KEYS = [key for key, _ in FAMILY]
+
+
+def written(
+    terrain: st.Terrain, order: list[int], *, quads: int = 64
+) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """The family's vertices and facts, in the family's order, written in any order."""
+    store = terrain.vertex_store(len(FAMILY) + 2, quads=quads)
+    slots = list(np.random.default_rng(4).permutation(len(FAMILY) + 2)[: len(FAMILY)])
+    parents = [-1 if parent is None else slots[parent] for _, parent in FAMILY]
+    facts = terrain.write_tiles(
+        [KEYS[i] for i in order], [slots[i] for i in order], [parents[i] for i in order], store
+    )
+    return store.download()[slots], facts[np.argsort(order)]
+
+
+def test_a_vertex_is_32_bytes() -> None:
+    assert VERTEX.itemsize == 32
+    assert [VERTEX.fields[name][1] for name in VERTEX.names] == [0, 4, 8, 12, 16, 24]
+
+
+def test_vertices_are_the_tiles(valley: st.Terrain) -> None:
+    """Heights to the bit, also the parents'; slopes and weights to half a step of what they are packed in."""
+    vertices, facts = written(valley, list(range(len(FAMILY))))
+    for vertex, fact, tile, (_, parent) in zip(vertices, facts, valley.tiles(KEYS), FAMILY, strict=True):
+        np.testing.assert_array_equal(vertex["height"], tile.height)
+        np.testing.assert_allclose(vertex["slope"], tile.normal[..., :2] * 32767.0, rtol=0, atol=0.51)
+        np.testing.assert_allclose(vertex["weights"], tile.materials * 255.0, rtol=0, atol=0.51)
+        if parent is None:
+            for name in ("height", "slope", "weights"):
+                np.testing.assert_array_equal(vertex[f"parent_{name}"], vertex[name])
+        else:
+            np.testing.assert_array_equal(vertex["parent_height"], tile.parent_height)
+        both = np.stack([vertex["height"], vertex["parent_height"]])
+        assert (fact["low"], fact["high"]) == (both.min(), both.max())
+
+
+def test_the_parents_part_is_what_the_parent_draws(valley: st.Terrain) -> None:
+    """Its values where it has a vertex, else half the sum along its edge or its north-west diagonal."""
+    vertices, _ = written(valley, list(range(len(FAMILY))))
+    for vertex, ((_, column, row), parent) in zip(vertices, FAMILY, strict=True):
+        if parent is None:
+            continue
+        rows = slice(0, 33) if row % 2 else slice(32, None)
+        columns = slice(32, None) if column % 2 else slice(0, 33)
+        whole = vertices[parent][rows, columns]
+        for name, half_step in (("height", 0.0), ("slope", 0.5), ("weights", 0.5)):
+            own, of_parent = vertex[f"parent_{name}"].astype(float), whole[name].astype(float)
+            np.testing.assert_array_equal(own[::2, ::2], of_parent)
+            middles = {
+                (0, 1): of_parent[:, :-1] + of_parent[:, 1:],
+                (1, 0): of_parent[:-1] + of_parent[1:],
+                (1, 1): of_parent[:-1, :-1] + of_parent[1:, 1:],
+            }
+            for (south, east), twice in middles.items():
+                middle = 0.5 * twice if half_step else np.float32(0.5) * twice.astype(np.float32)
+                if half_step:
+                    np.testing.assert_allclose(own[south::2, east::2], middle, rtol=0, atol=half_step)
+                else:
+                    np.testing.assert_allclose(own[south::2, east::2], middle, rtol=2e-7)
+
+
+def test_neighbours_share_their_borders_bytes(valley: st.Terrain) -> None:
+    """Also of children of different parents, all that is drawn of the parent included."""
+    keys = [(4, 7, 7), (4, 8, 7), (5, 15, 14), (5, 16, 14), (5, 15, 15), (5, 16, 15)]
+    store = valley.vertex_store(6)
+    valley.write_tiles(keys, range(6), [-1, -1, 0, 1, 0, 1], store)
+    vertices = store.download()
+    for west, east in ((2, 3), (4, 5)):
+        np.testing.assert_array_equal(vertices[west][:, -1], vertices[east][:, 0])
+    for south, north in ((2, 4), (3, 5)):
+        np.testing.assert_array_equal(vertices[south][0], vertices[north][-1])
+
+
+def test_any_order_gives_the_same_bytes(valley: st.Terrain) -> None:
+    """In one call, whatever comes first, and in one call a tile."""
+    straight, facts = written(valley, list(range(len(FAMILY))))
+    for seed in range(3):
+        order = list(np.random.default_rng(seed).permutation(len(FAMILY)))
+        other, other_facts = written(valley, order)
+        assert other.tobytes() == straight.tobytes()
+        assert other_facts.tobytes() == facts.tobytes()
+    store = valley.vertex_store(len(FAMILY))
+    for slot, (key, parent) in enumerate(FAMILY):
+        alone = valley.write_tiles([key], [slot], [-1 if parent is None else parent], store)
+        assert alone.tobytes() == facts[slot : slot + 1].tobytes()
+    assert store.download().tobytes() == straight.tobytes()
+
+
+@pytest.mark.parametrize("quads", TILE_QUADS)
+def test_tiles_of_any_size(valley: st.Terrain, quads: int) -> None:
+    """A tile is as wide at its level as ever, and its heights are those of its cell size."""
+    level = 5
+    width = valley.extent / 2**level
+    store = valley.vertex_store(3, quads=quads)
+    valley.write_tiles([(level, 14, 13), (level + 1, 29, 26)], [2, 0], [-1, 2], store)
+    vertices = store.download()
+    along = np.arange(quads + 1) / quads
+    for slot, column, row, size in ((2, 14, 13, width), (0, 29, 26, width / 2)):
+        x, y = np.meshgrid((column + along) * size, (row + 1 - along) * size)
+        np.testing.assert_array_equal(vertices[slot]["height"], valley.heights(x, y, cell_size=size / quads))
+    half = quads // 2
+    np.testing.assert_array_equal(vertices[0]["parent_height"][::2, ::2], vertices[2]["height"][half:, half:])
+    finest = {32: 19, 64: 18, 128: 17, 256: 16}[quads]
+    valley.write_tiles([(finest, 5, 5)], [1], [-1], store)
+    with pytest.raises(InputError, match=f"level must be -12 … {finest}, not {finest + 1}"):
+        valley.write_tiles([(finest + 1, 5, 5)], [1], [-1], store)
+
+
+@pytest.mark.parametrize(
+    ("slots", "parents"),
+    [
+        ([0], [-1]),
+        ([1, 1], [-1, -1]),
+        ([0, 4], [-1, -1]),
+        ([0, 1], [-2, -1]),
+        ([0, 1], [4, -1]),
+        ([0, 1], [-1]),
+    ],
+)
+def test_each_tile_needs_a_slot_and_a_parent(
+    valley: st.Terrain, slots: list[int], parents: list[int]
+) -> None:
+    store = valley.vertex_store(4)
+    with pytest.raises(InputError, match="slot"):
+        valley.write_tiles([(3, 0, 0), (3, 1, 0)], slots, parents, store)
+
+
+def test_bad_stores(valley: st.Terrain) -> None:
+    with pytest.raises(InputError, match="quads must be one of 32, 64, 128, 256, not 48"):
+        valley.vertex_store(4, quads=48)
+    with pytest.raises(InputError, match="at least 1 slot"):
+        valley.vertex_store(0)
+
+
+def test_nothing_to_write(valley: st.Terrain) -> None:
+    assert valley.write_tiles([], [], [], valley.vertex_store(1)).shape == (0,)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["find_view"]
+__all__ = ["find_view", "water_map"]
 
 FOV: Final = 36.0
 STANDS: Final = 14
@@ -95,7 +95,7 @@ def _look_around(
     seen = share > 0.0
     far = distances > 0.06 * terrain.extent
     appears = np.diff(seen[..., far].astype(np.int8), axis=-1) > 0
-    water = _water(terrain, relief)
+    water = water_map(terrain, relief)
     wet = water.at(east, north)
     size = seen * np.gradient(distances) / distances * np.clip(-slope, 0.0, 0.25)
     apparent = wet * size * far
@@ -116,8 +116,8 @@ def _look_around(
     )
 
 
-def _water(terrain: Terrain, relief: HeightMap) -> HeightMap:
-    """Draw where rivers and lakes are: 1 there, 0 elsewhere."""
+def water_map(terrain: Terrain, relief: HeightMap) -> HeightMap:
+    """Return where rivers and lakes are, on the texels of a map: 1 there, 0 elsewhere."""
     rivers, lakes = terrain.features.rivers, [lake.shape for lake in terrain.features.lakes]
     places, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
     for lake in lakes:

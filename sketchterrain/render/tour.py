@@ -1,0 +1,159 @@
+"""The flight of a sketch that has none: a round about its middle, along valleys and water where it can."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, maximum_filter
+
+from sketchterrain.render.flight import Flight, Key
+from sketchterrain.render.relief import sample_heights
+from sketchterrain.render.view import water_map
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.render.relief import HeightMap
+    from sketchterrain.render.scene import Terrain
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["tour"]
+
+FOV: Final = 50.0
+TEXELS: Final = 256
+BEARINGS: Final = 72
+"""Directions from the middle in which the round may be nearer or farther."""
+RADII: Final = np.linspace(0.16, 0.42, 27)
+"""How far from the middle, in sizes of the sketch."""
+RISE: Final = 0.028
+"""Height over the ground, in extents …"""
+RISE_LIMITS: Final = (25.0, 140.0)
+"""… and m."""
+SPEED: Final = 0.75
+"""Heights a second."""
+KEY_EVERY: Final = 1.5
+"""s."""
+LOOK_AHEAD: Final = 5.0
+"""s, along the round …"""
+LOOK_IN: Final = 0.25
+"""… and this share towards the middle."""
+LOOK_DOWN: Final = -9.0
+"""Degrees."""
+LOW: Final = 0.45
+"""Share of its height over the ground that is never used up."""
+_STAY = 0.10  # cost of a step nearer or farther
+_WATER = 1.2  # what water is worth, in the ground's range of heights
+_MIDDLE = 0.20  # cost of the innermost and outermost radius, in the same
+
+
+def tour(terrain: Terrain, *, seconds: float = 20.0) -> Flight:
+    """Return a flight over a sketch; the same terrain always has the same round.
+
+    The round closes: a longer flight goes around again.
+
+    Parameters
+    ----------
+    terrain
+        Endless, of any sketch.
+    seconds
+        How long it takes, s; > 0.
+    """
+    east, north = terrain.size
+    extent = terrain.extent
+    relief = sample_heights(terrain, (east / 2, north / 2), 1.2 * extent, TEXELS)
+    rise = float(np.clip(RISE * extent, *RISE_LIMITS))
+    speed = SPEED * rise
+    loop = _spaced(_round(terrain, relief), speed * KEY_EVERY)
+    keys = len(loop)
+    ahead = max(round(LOOK_AHEAD / KEY_EVERY), 1)
+    number = np.arange(int(np.ceil(seconds / KEY_EVERY)) + 1)
+    here = loop[number % keys]
+    eyes = np.column_stack([here, _heights(relief, loop, rise)[number % keys]])
+    there = loop[(number + ahead) % keys]
+    there = there + LOOK_IN * (np.array([east, north]) / 2 - there)
+    along = there - here
+    distance = np.linalg.norm(along, axis=1)
+    drop = distance * np.tan(np.radians(LOOK_DOWN))
+    targets = np.column_stack([there, eyes[:, 2] + drop])
+    rows = zip(eyes.tolist(), targets.tolist(), strict=True)
+    flight = Flight(
+        tuple(Key(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
+    )
+    return flight.raised(terrain.heights, clearance=LOW * rise)
+
+
+def _round(terrain: Terrain, relief: HeightMap) -> Floats:
+    """Return a closed way about the middle, (n, 2) m, that begins before what it likes best."""
+    size = np.array(terrain.size)
+    angle = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
+    spoke = np.stack([np.sin(angle), np.cos(angle)], axis=1)
+    places = size / 2 + RADII[None, :, None] * spoke[:, None, :] * size
+    costs = _costs(terrain, relief, places)
+    radius = _cheapest(costs)
+    liking = -costs[np.arange(BEARINGS), radius]
+    chosen = _smooth(RADII[radius])
+    start = int(np.argmax(_smooth(liking))) - BEARINGS // 24
+    return np.roll(size / 2 + chosen[:, None] * spoke * size, -start, axis=0)
+
+
+def _costs(terrain: Terrain, relief: HeightMap, places: Floats) -> Floats:
+    """Return what it costs to fly over places (b, r, 2): heights do, water pays."""
+    marks = water_map(terrain, relief)
+    water = replace(marks, heights=gaussian_filter(marks.heights, 3.0))
+    x, y = places[..., 0], places[..., 1]
+    heights, wet = relief.at(x, y), water.at(x, y)
+    low, high = np.percentile(heights, [5, 95])
+    off = (RADII - RADII.mean()) / np.ptp(RADII) * 2.0
+    return np.asarray(
+        (heights - low) / max(high - low, 1.0)
+        - _WATER * wet / max(float(wet.max()), 1e-6) * bool(wet.any())
+        + _MIDDLE * off**2
+    )
+
+
+def _cheapest(costs: Floats) -> npt.NDArray[np.intp]:
+    """Return the cheapest closed way through costs (b, r), at most one radius nearer or farther a bearing."""
+    bearings, radii = costs.shape
+    far = np.full((radii, 1), np.inf)
+    start = np.where(np.eye(radii, dtype=bool), costs[0], np.inf)  # by where it starts, and where it is
+    total, came = start, np.zeros((bearings, radii, radii), np.intp)
+    for bearing in [*range(1, bearings), 0]:
+        ways = np.stack(
+            [
+                np.hstack([far, total[:, :-1]]) + _STAY,
+                total,
+                np.hstack([total[:, 1:], far]) + _STAY,
+            ]
+        )
+        came[bearing] = np.argmin(ways, axis=0) - 1
+        total = ways.min(axis=0) + (costs[bearing] if bearing else 0.0)
+    first = at = int(np.argmin(np.diagonal(total)))
+    way = np.empty(bearings, np.intp)
+    for bearing in [0, *range(bearings - 1, 0, -1)]:
+        at += int(came[bearing, first, at])
+        way[bearing - 1] = at
+    return way
+
+
+def _heights(relief: HeightMap, loop: Floats, rise: float) -> Floats:
+    """Return how high to fly over the keys of a round: above all that is near, evenly."""
+    texels = max(round(rise / relief.texel), 1)
+    near = replace(relief, heights=maximum_filter(relief.heights, 2 * texels + 1, mode="nearest"))
+    return _smooth(near.at(loop[:, 0], loop[:, 1])) + rise
+
+
+def _smooth(values: Floats) -> Floats:
+    """Average neighbours around a circle."""
+    return np.asarray(gaussian_filter1d(values, 1.5, mode="wrap"))
+
+
+def _spaced(loop: Floats, step: float) -> Floats:
+    """Return points of a closed way that are about `step` apart, four at least."""
+    closed = np.concatenate([loop, loop[:1]])
+    arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    count = max(round(arc[-1] / step), 4)
+    along = np.arange(count) * (arc[-1] / count)
+    return np.column_stack([np.interp(along, arc, closed[:, axis]) for axis in (0, 1)])

@@ -23,6 +23,7 @@ __all__ = [
     "AROUND",
     "Boxes",
     "TileKey",
+    "around",
     "boxes_of",
     "children_of",
     "code_of",
@@ -32,6 +33,7 @@ __all__ = [
     "keys_of",
     "neighbours_of",
     "parent_of",
+    "parents_around",
     "place_of",
 ]
 
@@ -105,6 +107,28 @@ def neighbours_of(codes: Codes) -> Codes:
     """Return the eight tiles of the same level around each, shape (n, 8), in the order of ``AROUND``."""
     steps = np.array([(east << _BITS) + north for east, north in AROUND], np.int64)
     return np.asarray(codes[:, None] + steps)
+
+
+def around(code: int, inside: tuple[int, ...]) -> list[int]:
+    """Return those of a tile's eight neighbours that lie in a range of columns and rows."""
+    col, row = ((code >> _BITS) & _MASK) - _MIDDLE, (code & _MASK) - _MIDDLE
+    west, east, south, north = inside
+    return [
+        code + (x << _BITS) + y for x, y in AROUND if west <= col + x <= east and south <= row + y <= north
+    ]
+
+
+def parents_around(code: int, inside: tuple[int, ...]) -> list[int]:
+    """Return the parents of a tile and of its neighbours that lie in a range of columns and rows.
+
+    There are four at most: the tile's own, and those on the two sides that the tile lies at.
+    """
+    col, row = ((code >> _BITS) & _MASK) - _MIDDLE, (code & _MASK) - _MIDDLE
+    west, east, south, north = inside
+    cols = [c for c in (col >> 1, (col >> 1) + 2 * (col & 1) - 1) if west <= c <= east]
+    rows = [r for r in (row >> 1, (row >> 1) + 2 * (row & 1) - 1) if south <= r <= north]
+    level = ((code >> (2 * _BITS)) - 1) << (2 * _BITS)
+    return [level + ((c + _MIDDLE) << _BITS) + r + _MIDDLE for c in cols for r in rows]
 
 
 def contains(found: Codes, codes: Codes) -> npt.NDArray[np.bool_]:

@@ -109,7 +109,8 @@ def nearest(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
     """Return distances (m) from the eye to boxes, and their vertical part; 0.5 m at least."""
     eye = np.asarray(view.eye)
     apart = np.maximum(np.maximum(boxes.low - eye, eye - boxes.high), 0.0)
-    return np.maximum(np.linalg.norm(apart, axis=1), _NEAREST), apart[:, 2]
+    east, north, above = apart.T
+    return np.maximum(np.sqrt(east * east + north * north + above * above), _NEAREST), above
 
 
 def screen_errors(view: View, boxes: Boxes, errors: Floats) -> Floats:
@@ -120,6 +121,6 @@ def screen_errors(view: View, boxes: Boxes, errors: Floats) -> Floats:
     distance, above = nearest(view, boxes)
     eye = np.asarray(view.eye[:2])
     away = np.maximum(np.abs(boxes.low[:, :2] - eye), np.abs(boxes.high[:, :2] - eye))
-    reach = np.linalg.norm(away, axis=1)
+    reach = np.hypot(away[:, 0], away[:, 1])
     sideways = reach / np.hypot(reach, above)
     return np.asarray(errors * view.pixels_per_radian * sideways / distance)

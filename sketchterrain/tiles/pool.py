@@ -55,6 +55,10 @@ class TilePool:
         """How many tiles there are."""
         return len(self._sorted[0])
 
+    def all(self) -> tuple[Codes, Slots]:
+        """Return all tiles that are held, sorted, and their slots."""
+        return self._sorted
+
     def find(self, codes: Codes) -> Slots:
         """Return the slot of each tile, -1 where it is not held; any shape."""
         known, slots = self._sorted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,7 +14,7 @@ from sketchterrain.tiles.drawn import DrawnTree, Goals
 from sketchterrain.tiles.metrics import ScreenError, screen_errors
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
-from sketchterrain.tiles.wanted import ROOT_LEVEL, Selection, Wanted
+from sketchterrain.tiles.wanted import ROOT_LEVEL, Selection, Wanted, across
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +40,7 @@ _PIXELS_A_SECOND: Final = 60.0
 _SHORTEST, _LONGEST = 0.12, 0.35
 """… in so many seconds from parent to child at least and at most."""
 _AHEAD: Final = (0.4, 1.2)
-"""s; for where the eye will be then, tiles are fetched beforehand."""
+"""s; for where the eye will be then tiles are fetched beforehand, where now none is lacking."""
 _PER_BATCH: Final = 64
 _STRICTER, _LOOSER, _MOST_RELAXED = 0.97, 1.1, 1e3
 """How the metric is relaxed when the pool is too small for the view, and back."""
@@ -145,6 +146,7 @@ class TileStream:
         self._lacking = True
         self._wanted: tuple[tuple[Any, ...], Wanted] | None = None
         self._changes = 0
+        self._ahead = deque(_AHEAD)
 
     @property
     def settled(self) -> bool:
@@ -175,11 +177,9 @@ class TileStream:
         self._lacking = bool(wanted.missing.size)
         self._hold(view, wanted)
         codes = wanted.missing
-        if any(view.velocity):
-            later = [self._selection.wanted(view.after(seconds), self.pool).missing for seconds in _AHEAD]
-            codes = np.concatenate([codes, *later])
-            _, first = np.unique(codes, return_index=True)
-            codes = codes[np.sort(first)]
+        if not codes.size and any(view.velocity):
+            codes = self._selection.wanted(view.after(self._ahead[0]), self.pool).missing
+            self._ahead.rotate()
         room = self.pool.room()
         if wanted.missing.size > room:
             self._relaxed = min(self._relaxed * _LOOSER, _MOST_RELAXED)
@@ -282,9 +282,9 @@ class TileStream:
 
     def _goals(self, view: View, wanted: Wanted) -> Goals:
         """Say how much of its parent each tile should show in its middle, by how much too coarse that is."""
-        codes, selection = self._tree.codes, self._selection
+        codes = self._tree.codes
         above, at = np.unique(parent_of(codes), return_inverse=True)
-        excess = selection.excess(view, above, self.pool)[at]
+        excess = wanted.excess.of(above)[at]
         root = place_of(codes)[0] == ROOT_LEVEL
         weights = np.where(root, 0.0, np.clip((_MORPH - excess) / (_MORPH - 1), 0.0, 1.0))
         shown = self._seen(view, above)[at]
@@ -307,9 +307,7 @@ class TileStream:
         # What is drawn is partly the parent's surface.
         above = self.pool.find(parent_of(codes))
         margin = np.where(above >= 0, self.pool.error[above], 0.0)
-        eye = np.asarray(view.eye[:2])
-        apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
-        shown = view.sees(boxes, margin=margin) & (np.linalg.norm(apart, axis=1) <= view.draw_distance)
+        shown = view.sees(boxes, margin=margin) & (across(view, boxes) <= view.draw_distance)
         codes, slots = codes[shown], slots[shown]
         level, col, row = place_of(codes)
         width = np.int64(1) << (LATTICE_BITS - level)

@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.tiles.codes import (
+    around,
     children_of,
     code_of,
     contains,
     neighbours_of,
     parent_of,
+    parents_around,
     place_of,
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import numpy.typing as npt
 
     from sketchterrain.tiles.codes import Boxes, Codes
@@ -27,13 +31,14 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Slots = npt.NDArray[np.int64]
 
-__all__ = ["ROOT_LEVEL", "Selection", "Wanted"]
+__all__ = ["ROOT_LEVEL", "Excess", "Selection", "Wanted", "across"]
 
 ROOT_LEVEL: Final = -6
 """Roots are 64 extents wide: wider than any draw distance."""
 ROOTS_AROUND: Final = 2
 """Roots come in this many of their widths before they are needed; so no neighbour is split when one does."""
 
+_FAR: Final = 1 << 27
 _ASIDE: Final = 0.25
 """What an error counts for out of the picture: turning round shows something at once."""
 _MARGIN: Final = 0.15
@@ -41,6 +46,28 @@ _MARGIN: Final = 0.15
 _STEEP: Final = 1.5
 """Excess from which on a tile's neighbours are split too. Along a coarser one its
 children show the parent's surface, which would be seen to be too coarse there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """How much too coarse tiles are.
+
+    Attributes
+    ----------
+    codes : sorted codes
+    of_all : (n,) float64
+        By the metric, 1 being the limit; less out of the picture, and 0 beyond the draw distance.
+    """
+
+    codes: Codes
+    of_all: Floats
+
+    def of(self, codes: Codes) -> Floats:
+        """Return that of some tiles, 0 of those that are unknown."""
+        if not self.codes.size:
+            return np.zeros(len(codes))
+        at = np.minimum(np.searchsorted(self.codes, codes), self.codes.size - 1)
+        return np.where(self.codes[at] == codes, self.of_all[at], 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,11 +82,14 @@ class Wanted:
         Tiles that are not held and whose parents are: most visible first.
     urgency : (missing,) float64
         Excess of what each of them is to replace; infinite for roots.
+    excess : Excess
+        Of all tiles that are held.
     """
 
     splits: Codes
     missing: Codes
     urgency: Floats
+    excess: Excess
 
 
 @dataclass(frozen=True)
@@ -90,33 +120,26 @@ class Selection:
         east, north = np.meshgrid(col + around, row + around)
         return np.sort(code_of(ROOT_LEVEL, east.ravel(), north.ravel()))
 
-    def excess(self, view: View, codes: Codes, pool: TilePool) -> Floats:
-        """Return how much too coarse tiles are, 0 for those that are not held; shape (n,)."""
-        slots = pool.find(codes)
-        held = slots >= 0
-        result = np.zeros(len(codes))
-        if held.any():
-            known, slots = codes[held], slots[held]
-            boxes = pool.boxes(known, slots, self.extent)
-            cells = (boxes.high[:, 0] - boxes.low[:, 0]) / self.quads
-            excess = self.metric.excess(view, boxes, pool.error[slots], cells)
-            distance = _apart(view, boxes)
-            excess = np.where(view.sees(boxes, margin=_MARGIN * distance), excess, _ASIDE * excess)
-            result[held] = np.where(distance <= view.draw_distance, excess, 0.0)
-        return result
+    def excess(self, view: View, pool: TilePool) -> Excess:
+        """Return how much too coarse all tiles are that are held."""
+        codes, slots = pool.all()
+        boxes = pool.boxes(codes, slots, self.extent)
+        cells = (boxes.high[:, 0] - boxes.low[:, 0]) / self.quads
+        excess = self.metric.excess(view, boxes, pool.error[slots], cells)
+        distance = across(view, boxes)
+        excess = np.where(view.sees(boxes, margin=_MARGIN * distance), excess, _ASIDE * excess)
+        return Excess(codes, np.where(distance <= view.draw_distance, excess, 0.0))
 
     def wanted(self, view: View, pool: TilePool) -> Wanted:
         """Return the tree that a view wants, as far as what is held says."""
-        roots = self.roots(view)
-        own = self._descend(view, pool, roots)
-        splits, urgency = self._balanced(own, roots)
-        children = children_of(splits).ravel()
-        needed, urgent = np.concatenate([roots, children]), np.repeat(urgency, 4)
-        urgent = np.concatenate([np.full(len(roots), np.inf), urgent])
-        ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(pool.find(splits) >= 0, 4)])
-        lacking = np.flatnonzero(ready & (pool.find(needed) < 0))
+        roots, excess = self.roots(view), self.excess(view, pool)
+        splits, urgency = self._balanced(self._descend(excess), roots)
+        needed = np.concatenate([roots, children_of(splits).ravel()])
+        urgent = np.concatenate([np.full(len(roots), np.inf), np.repeat(urgency, 4)])
+        ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(contains(excess.codes, splits), 4)])
+        lacking = np.flatnonzero(ready & ~contains(excess.codes, needed))
         order = lacking[np.lexsort((needed[lacking], -urgent[lacking]))]
-        return Wanted(splits, needed[order], urgent[order])
+        return Wanted(splits, needed[order], urgent[order], excess)
 
     def reachable(self, view: View, splits: Codes, pool: TilePool) -> Codes:
         """Return those splits that can be shown with what is held, in balance; sorted."""
@@ -127,49 +150,61 @@ class Selection:
         for at in range(ROOT_LEVEL, self.finest):
             here = ready[level == at]
             if at > ROOT_LEVEL:
-                around = neighbours_of(here)
-                beside = ~_within(roots, around) | contains(shown, parent_of(around))
-                here = here[contains(shown, parent_of(here)) & beside.all(axis=1)]
+                beside = neighbours_of(here)
+                backed = ~_within(roots, beside) | contains(shown, parent_of(beside))
+                here = here[contains(shown, parent_of(here)) & backed.all(axis=1)]
             shown = np.sort(np.concatenate([shown, here]))
         return shown
 
-    def _descend(self, view: View, pool: TilePool, roots: Codes) -> dict[int, tuple[Codes, Floats]]:
-        """Return the tiles of each level that are too coarse themselves, and by how much."""
-        found = {}
-        nodes = roots
-        for level in range(ROOT_LEVEL, self.finest):
-            excess = self.excess(view, nodes, pool)
-            coarse = excess > 1
-            found[level] = nodes[coarse], excess[coarse]
-            nodes = children_of(nodes[coarse]).ravel()
-        return found
+    def _descend(self, excess: Excess) -> list[tuple[Codes, Floats]]:
+        """Return the tiles of each level, from the roots, that are too coarse as all above them are."""
+        coarse = excess.of_all > 1
+        codes, values = excess.codes[coarse], excess.of_all[coarse]
+        starts = np.searchsorted(codes, [code_of(level, -_FAR, -_FAR) for level in self._levels])
+        found: list[tuple[Codes, Floats]] = []
+        for first, last in zip(starts, [*starts[1:], None], strict=True):
+            here, by = codes[first:last], values[first:last]
+            if found:
+                under = contains(found[-1][0], parent_of(here))
+                here, by = here[under], by[under]
+            found.append((here, by))
+        return found[:-1]
 
-    def _balanced(self, own: dict[int, tuple[Codes, Floats]], roots: Codes) -> tuple[Codes, Floats]:
-        """Return all tiles to be split so that no two that touch differ by more than a level; sorted."""
+    @property
+    def _levels(self) -> range:
+        return range(ROOT_LEVEL, self.finest + 1)
+
+    def _balanced(self, own: list[tuple[Codes, Floats]], roots: Codes) -> tuple[Codes, Floats]:
+        """Return all tiles to be split so that no two that touch differ by more than a level; sorted.
+
+        With each comes the greatest excess that makes it split. Few tiles on many levels: plain integers in
+        dictionaries are quicker here than arrays.
+        """
+        _, (west, *_, east), (south, *_, north) = (part.tolist() for part in place_of(roots))
+        forced: dict[int, float] = {}
         parts = []
-        forced, urgency = roots[:0], np.zeros(0)
         for level in range(self.finest - 1, ROOT_LEVEL - 1, -1):
-            codes, excess = own[level]
-            steep = excess > _STEEP
-            beside, beside_excess = _around(codes[steep], excess[steep], roots)
-            codes, excess = _merged(
-                np.concatenate([codes, forced, beside]), np.concatenate([excess, urgency, beside_excess])
-            )
-            parts.append((codes, excess))
-            if level > ROOT_LEVEL:
-                beside, beside_excess = _around(codes, excess, roots)
-                forced, urgency = _merged(
-                    parent_of(np.concatenate([codes, beside])), np.concatenate([excess, beside_excess])
-                )
-        splits = np.concatenate([codes for codes, _ in parts[::-1]])
-        return splits, np.concatenate([excess for _, excess in parts[::-1]])
+            codes, excess = own[level - ROOT_LEVEL]
+            splits = dict(zip(codes.tolist(), excess.tolist(), strict=True))
+            steep = [(code, by) for code, by in splits.items() if by > _STEEP]
+            _raise(splits, forced.items())
+            up = level - ROOT_LEVEL
+            inside = west << up, ((east + 1) << up) - 1, south << up, ((north + 1) << up) - 1
+            _raise(splits, ((n, by) for code, by in steep for n in around(code, inside)))
+            parts.append(splits)
+            inside = tuple(bound >> 1 for bound in inside)
+            forced = {}
+            _raise(forced, ((p, by) for code, by in splits.items() for p in parents_around(code, inside)))
+        splits = {code: by for part in parts for code, by in part.items()}
+        codes = np.array(sorted(splits), np.int64)
+        return codes, np.array([splits[code] for code in codes.tolist()])
 
 
-def _around(codes: Codes, excess: Floats, roots: Codes) -> tuple[Codes, Floats]:
-    """Return the neighbours of tiles that lie within the roots, with the tiles' excess."""
-    around = neighbours_of(codes).ravel()
-    inside = _within(roots, around)
-    return around[inside], np.repeat(excess, 8)[inside]
+def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> None:
+    """Take the greater of the values that two sets have."""
+    for code, value in others:
+        if values.get(code, 0.0) < value:
+            values[code] = value
 
 
 def _within(roots: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
@@ -183,16 +218,8 @@ def _within(roots: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
     )
 
 
-def _merged(codes: Codes, excess: Floats) -> tuple[Codes, Floats]:
-    """Return each tile once, with its greatest excess; sorted."""
-    each, at = np.unique(codes, return_inverse=True)
-    most = np.zeros(len(each))
-    np.maximum.at(most, at, excess)
-    return each, most
-
-
-def _apart(view: View, boxes: Boxes) -> Floats:
+def across(view: View, boxes: Boxes) -> Floats:
     """Return the horizontal distance from the eye to boxes (m)."""
     eye = np.asarray(view.eye[:2])
     apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
-    return np.asarray(np.linalg.norm(apart, axis=1))
+    return np.asarray(np.hypot(apart[:, 0], apart[:, 1]))

@@ -9,6 +9,9 @@ import pytest
 from sketchterrain.errors import DeviceError
 from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render import open_context
+from sketchterrain.terrain.vertices import VertexStore
+
+from .ground_model import write_tiles
 
 PLANT = np.dtype(
     [("x", "f8"), ("y", "f8"), ("z", "f4"), ("species", "u1"), ("scale", "f4"), ("rotation", "f4")]
@@ -58,6 +61,12 @@ class Waves:
             materials[..., 0], materials[..., 2] = 0.75, 0.25
             tiles.append(Surface(self.heights(x, y), normal.astype(np.float32), materials))
         return tiles
+
+    def vertex_store(self, slots, *, quads=64, memory=None):
+        return VertexStore(None, slots, quads=quads, memory=memory)
+
+    def write_tiles(self, keys, slots, parents, store):
+        return write_tiles(self, keys, slots, parents, store)
 
     def foliage(self, west, south, east, north):
         n = 40 if self.plants else 0

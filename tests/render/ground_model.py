@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from sketchterrain.terrain.lattice import LATTICE_BITS, metres_per_unit
+from sketchterrain.terrain.vertices import FACTS, VERTEX
 from sketchterrain.tiles.borders import tile_indices
 from sketchterrain.tiles.morph import morph_weights
 
 QUADS = 64
 SIDE = QUADS + 1
-VERTEX = np.dtype(
-    [
-        ("height", "<f4"),
-        ("parent_height", "<f4"),
-        ("slope", "<i2", 2),
-        ("parent_slope", "<i2", 2),
-        ("weights", "u1", 8),
-        ("parent_weights", "u1", 8),
-    ]
-)
 
 
 @dataclass
@@ -90,6 +82,45 @@ def pack_tiles(terrain, keys):
     return vertices
 
 
+class HostMemory:
+    """Vertices of a terrain that has no device: an array, and OpenGL's copy of it if there is OpenGL."""
+
+    def __init__(self, nbytes, gl=None):
+        self.buffer = np.zeros(nbytes, np.uint8)
+        self.vertices = None if gl is None else gl.buffer(reserve=nbytes)
+
+    @property
+    def nbytes(self):
+        return self.buffer.nbytes
+
+    def acquire(self):
+        pass
+
+    def release(self, parts):
+        for start, size in parts if self.vertices is not None else ():
+            self.vertices.write(self.buffer[start : start + size].tobytes(), offset=start)
+
+
+def write_tiles(terrain, keys, slots, parents, store):
+    """What `Terrain.write_tiles` does, in NumPy."""
+    side = store.quads + 1
+    vertices = store.buffer.view(VERTEX).reshape(-1, side, side)
+    facts = np.zeros(len(keys), FACTS)
+    middle = (np.arange(0, store.quads, 2) + 0.5) / store.quads
+    for key, slot, parent, fact in zip(keys, slots, parents, facts, strict=True):
+        level, col, row = key
+        vertices[slot] = packed(terrain.tiles([key])[0])
+        add_parent(vertices[slot], key, vertices[parent] if parent >= 0 else None)
+        both = vertices[slot]["height"], vertices[slot]["parent_height"]
+        fact["low"], fact["high"] = np.min(both), np.max(both)
+        width = terrain.extent * 2.0**-level
+        true = terrain.heights((col + middle) * width, ((row + 1 - middle) * width)[:, None])
+        h = vertices[slot]["height"]
+        fact["error"] = np.abs(0.5 * (h[:-1:2, :-1:2] + h[1::2, 1::2]) - true).max()
+    store.release(np.asarray(slots))
+    return facts
+
+
 def shaded(draws, vertices, extent, eye):
     """What the shader computes: places (n, SIDE, SIDE, 3) float32, parent's shares, slopes, weights."""
     unit = metres_per_unit(extent)
@@ -116,25 +147,54 @@ def shaded(draws, vertices, extent, eye):
     return places, share, mixed["slope"], mixed["weights"]
 
 
+@cache
+def rims(quads=QUADS):
+    """For each case, the directed edges that only one of a tile's triangles has: (k, 2) vertices."""
+    indices, first, count = tile_indices(quads)
+    found = []
+    for start, many in zip(first, count, strict=True):
+        triangles = indices[start : start + many].reshape(-1, 3).astype(np.int64)
+        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        code, back = edges[:, 0] << 32 | edges[:, 1], edges[:, 1] << 32 | edges[:, 0]
+        assert len(np.unique(code)) == len(code)
+        found.append(edges[~np.isin(code, back)])
+    return found
+
+
+def along_rims(draws, values):
+    """Values at vertices, (n, SIDE, SIDE, k), at the ends of the drawn tiles' rims: (edges, 2, k)."""
+    flat = values.reshape(len(values), SIDE * SIDE, -1)
+    return np.concatenate([flat[tile][rims()[case]] for tile, case in enumerate(draws.cases)])
+
+
+def names_of(places):
+    """One number for each place (..., 3) float32, the same for the same bits."""
+    codes = np.ascontiguousarray(places).view(np.dtype((np.void, 12)))[..., 0]
+    return np.unique(codes, return_inverse=True)[1].reshape(codes.shape).astype(np.int64)
+
+
 def open_edges(draws, places):
     """Return edges of drawn triangles that no other triangle has the other way round: (k, 2, 3) float32.
 
     A whole surface has them along its outer border alone, whatever its tiles and levels.
     """
-    indices, first, count = tile_indices(QUADS)
-    flat = places.reshape(len(places), SIDE * SIDE, 3)
-    starts, ends = [], []
-    for tile, case in enumerate(draws.cases):
-        triangles = indices[first[case] : first[case] + count[case]].reshape(-1, 3)
-        for a, b in ((0, 1), (1, 2), (2, 0)):
-            starts.append(flat[tile][triangles[:, a]])
-            ends.append(flat[tile][triangles[:, b]])
-    start, end = np.concatenate(starts), np.concatenate(ends)
-    _, names = np.unique(
-        np.concatenate([start, end]).view(np.dtype((np.void, 12))).ravel(), return_inverse=True
-    )
-    begin, finish = names[: len(start)].astype(np.int64), names[len(start) :].astype(np.int64)
-    edges, back = begin << 32 | finish, finish << 32 | begin
-    assert (begin != finish).all()
-    lonely = ~np.isin(edges, back)
-    return np.stack([start[lonely], end[lonely]], axis=1)
+    edges = along_rims(draws, places)
+    names = names_of(edges)
+    assert (names[:, 0] != names[:, 1]).all()
+    code, back = names[:, 0] << 32 | names[:, 1], names[:, 1] << 32 | names[:, 0]
+    return edges[~np.isin(code, back)]
+
+
+def beyond(draws, edges, extent, eye):
+    """Tell which directed edges (k, 2, 3), m from the eye, have no drawn tile on their right: (k,) bool."""
+    unit = metres_per_unit(extent)
+    start, end = edges[:, 0, :2].astype(np.float64), edges[:, 1, :2].astype(np.float64)
+    way = end - start
+    outside = 0.5 * (start + end) + 1e-3 * np.stack([way[:, 1], -way[:, 0]], axis=1)
+    low = draws.corners * unit - eye[:2]
+    width = (draws.steps * QUADS * unit)[:, None]
+    free = np.ones(len(edges), bool)
+    for (west, north), (side,) in zip(low, width, strict=True):
+        x, y = outside[:, 0] - west, north - outside[:, 1]
+        free &= ~((x > 0) & (x < side) & (y > 0) & (y < side))
+    return free

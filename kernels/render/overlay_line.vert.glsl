@@ -1,0 +1,33 @@
+#version 430 core
+// One end of a line, as wide as it is told on the screen: six vertices are two triangles.
+#include "render/frame.glsl"
+
+in vec3 from;  // m from the anchor
+in vec3 to;
+in vec4 colour;
+
+uniform vec3 anchor; // m from the eye
+uniform vec2 size;   // of the framebuffer, px
+uniform float width; // px
+uniform float nearer; // share of the distance by which it is drawn nearer to the eye
+
+out vec4 line_colour;
+
+const float NEAREST = 1e-3; // what lies behind the eye is cut off there
+
+void main()
+{
+    vec4 a = to_clip * vec4((from + anchor) * (1.0 - nearer), 1.0);
+    vec4 b = to_clip * vec4((to + anchor) * (1.0 - nearer), 1.0);
+    vec4 first = a.w >= NEAREST ? a : mix(a, b, clamp((NEAREST - a.w) / (b.w - a.w), 0.0, 1.0));
+    vec4 last = b.w >= NEAREST ? b : mix(b, a, clamp((NEAREST - b.w) / (a.w - b.w), 0.0, 1.0));
+    bool gone = a.w < NEAREST && b.w < NEAREST;
+    vec2 way = (last.xy / last.w - first.xy / first.w) * size;
+    vec2 across = vec2(-way.y, way.x) / max(length(way), 1e-6);
+    int corner = int[6](0, 1, 2, 2, 1, 3)[gl_VertexID];
+    vec4 here = corner < 2 ? first : last;
+    float side = (corner & 1) == 0 ? -1.0 : 1.0;
+    here.xy += side * across * width / size * here.w;
+    line_colour = colour;
+    gl_Position = gone ? vec4(0.0, 0.0, 2.0, 1.0) : here;
+}

@@ -1,0 +1,252 @@
+"""Tiles for each frame: chosen, generated within the frame's budget, and drawn."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
+
+import numpy as np
+
+from sketchterrain.render.ground import GroundPool
+from sketchterrain.terrain.vertices import VertexMemory
+from sketchterrain.tiles import QUADS, ScreenError, TileStream, View
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import moderngl
+    import numpy.typing as npt
+
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.terrain.vertices import VertexStore
+    from sketchterrain.tiles import Batch, DrawList
+    from sketchterrain.tiles.metrics import Metric
+
+__all__ = ["GroundStream", "StreamStats"]
+
+LEAP: Final = 0.1
+"""Extents. An eye that is farther from where it was in the last frame has been put there."""
+LEAP_BUDGET: Final = 0.12
+"""s for the first frame, and after a leap: so much goes into a whole picture at once."""
+HURRY: Final = 8.0
+"""How much quicker tiles morph, so that the picture is whole ..."""
+HURRY_SECONDS: Final = 1.0
+"""... so long after a leap."""
+
+
+class Ground(Protocol):
+    """A terrain that writes tiles where they are drawn from; see `sketchterrain.terrain.Terrain`."""
+
+    @property
+    def extent(self) -> float:
+        """Width of a level-0 tile (m)."""
+        ...
+
+    def vertex_store(
+        self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
+    ) -> VertexStore:
+        """Room for so many tiles."""
+        ...
+
+    def write_tiles(
+        self,
+        keys: Sequence[tuple[int, int, int]],
+        slots: npt.ArrayLike,
+        parents: npt.ArrayLike,
+        store: VertexStore,
+    ) -> npt.NDArray[np.void]:
+        """Write tiles, and tell their lowest and highest height and their error."""
+        ...
+
+
+class DrawnMemory(VertexMemory, Protocol):
+    """Vertices' memory as OpenGL has it too."""
+
+    @property
+    def vertices(self) -> moderngl.Buffer:
+        """The same bytes."""
+        ...
+
+
+@dataclass(frozen=True)
+class StreamStats:
+    """What a frame's tiles took.
+
+    Attributes
+    ----------
+    generation_seconds : float
+        s, waiting for the device included.
+    tiles_generated, tiles_drawn, triangles, resident_tiles : int
+        Of this frame; the last, tiles that are held.
+    settled : bool
+        Whether the picture is as good as it gets: nothing is missing, nothing moves.
+    leapt : bool
+        Whether the eye was put elsewhere, and the frame was given more time.
+    """
+
+    generation_seconds: float
+    tiles_generated: int
+    tiles_drawn: int
+    triangles: int
+    resident_tiles: int
+    settled: bool
+    leapt: bool
+
+
+class GroundStream:
+    """The ground as a camera sees it, frame by frame.
+
+    Parameters
+    ----------
+    context
+        Where it is drawn.
+    terrain
+        Whose ground.
+    memory
+        Where the vertices live.
+    slots
+        How many tiles are held at most.
+    quads
+        Along a tile's side: 32, 64, 128 or 256.
+    finest_cell
+        No quad is made narrower than this, m.
+    metric
+        Which tiles are too coarse; a screen error of 1 px by default.
+
+    Attributes
+    ----------
+    pool : GroundPool
+        What draws; overlays draw the same tiles by other programs.
+    tiles : TileStream
+        Which tiles there are.
+    draws : DrawList or None
+        What the last frame draws.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        terrain: Ground,
+        *,
+        memory: DrawnMemory,
+        slots: int = 1024,
+        quads: int = QUADS,
+        finest_cell: float = 0.2,
+        metric: Metric | None = None,
+    ) -> None:
+        self.tiles = TileStream(
+            terrain.extent, quads=quads, slots=slots, finest_cell=finest_cell, metric=metric or ScreenError()
+        )
+        self.draws: DrawList | None = None
+        self._context = context
+        self._terrain = terrain
+        self._store = terrain.vertex_store(slots, quads=quads, memory=memory)
+        self.pool = GroundPool(context, terrain.extent, memory.vertices, quads=quads)
+        self._eye: npt.NDArray[np.float64] | None = None
+        self._since_leap = np.inf
+
+    def update(
+        self,
+        camera: Camera,
+        size: tuple[int, int],
+        *,
+        elapsed: float,
+        budget: float,
+        draw_distance: float,
+    ) -> StreamStats:
+        """Go on by a frame: generate what the budget allows, split, merge and morph.
+
+        Parameters
+        ----------
+        camera
+            From where. An eye more than a tenth of an extent away from the last frame's has leapt: a whole
+            picture is made at once, and it becomes as good as it gets within a second or so.
+        size
+            Width and height of the picture, px.
+        elapsed
+            Seconds since the last frame.
+        budget
+            Seconds that tiles may take. The first frame, and one after a leap, may take 0.12 s.
+        draw_distance
+            Horizontal distance up to which the ground is drawn, m.
+        """
+        eye = np.asarray(camera.eye)
+        gone = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
+        leapt = gone > LEAP * self._terrain.extent
+        velocity = (0.0, 0.0, 0.0)
+        if self._eye is not None and not leapt and elapsed > 0:
+            x, y, z = ((eye - self._eye) / elapsed).tolist()
+            velocity = (x, y, z)
+        self._eye = eye
+        self._since_leap = 0.0 if leapt else self._since_leap + elapsed
+        view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
+        count, seconds = 0, 0.0
+        while True:
+            left = (LEAP_BUDGET if leapt else budget) - seconds
+            batch = self.tiles.plan(view, budget=max(left, 0.0))
+            if not batch:
+                break
+            seconds += self._generate(batch)
+            count += len(batch.keys)
+            if not leapt:
+                break
+        if leapt:
+            self.tiles.jump(view)
+        hurry = HURRY if self._since_leap < HURRY_SECONDS else 1.0
+        self._show(self.tiles.advance(view, elapsed=hurry * elapsed), camera)
+        return StreamStats(
+            seconds,
+            count,
+            self.pool.tiles,
+            self.pool.triangles,
+            self.tiles.pool.held,
+            self.tiles.settled,
+            leapt,
+        )
+
+    def settle(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
+        """Generate all that a still picture shows; see :meth:`update`."""
+        view = view_of(camera, size, draw_distance=draw_distance)
+        self._show(self.tiles.settle(view, self._write), camera)
+        self._eye = np.asarray(camera.eye)
+
+    def draw(self, eye: tuple[float, float, float]) -> None:
+        """Draw the ground; the camera stands in the frame's uniform block, its eye is told once more."""
+        if self.draws is not None:
+            self.pool.place(self.draws, eye)
+            self.pool.draw()
+
+    def _show(self, draws: DrawList, camera: Camera) -> None:
+        self.draws = draws
+        self.pool.place(draws, camera.eye)
+
+    def _generate(self, batch: Batch) -> float:
+        start = time.perf_counter()
+        facts = self._write(batch)
+        seconds = time.perf_counter() - start
+        self.tiles.arrived(batch, facts, seconds=seconds)
+        return seconds
+
+    def _write(self, batch: Batch) -> npt.NDArray[np.void]:
+        if self.draws is not None and np.isin(batch.slots, self.draws.slots).any():
+            self._context.finish()  # the last frame may still be drawn from them
+        return self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
+
+
+def view_of(
+    camera: Camera,
+    size: tuple[int, int],
+    *,
+    draw_distance: float,
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> View:
+    """Return what tiles need to know of a camera that takes a picture of so many pixels."""
+    width, height = size
+    return View(
+        camera.eye,
+        camera.frustum(width / height),
+        height / (2.0 * float(np.tan(np.radians(camera.fov) / 2.0))),
+        velocity=velocity,
+        draw_distance=draw_distance,
+    )

@@ -1,0 +1,173 @@
+"""What an overlay draws of features: rings and posts, the rivers' splines, the shores of lakes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+import numpy as np
+
+from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.render.programs import build_program, set_uniforms
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.render.scene import Features, Field, Terrain
+
+    Floats = npt.NDArray[np.float64]
+    Colour = tuple[int, int, int]
+
+__all__ = ["COLOURS", "FeatureLines"]
+
+COLOURS: Final[dict[str, Colour]] = {
+    "mountain": (230, 60, 40),
+    "hill": (250, 190, 40),
+    "dune": (225, 90, 220),
+    "forest": (60, 200, 80),
+    "river": (40, 120, 255),
+    "lake": (30, 220, 240),
+}
+"""Of features, by type; those that fill unpainted ground are half as strong."""
+_RING: Final = 96
+_POST: Final = 0.12
+"""Height of the post in a feature's middle, in radii."""
+_LEAST_POST: Final = 4.0
+"""m."""
+_OFF: Final = 0.004
+"""Radii by which rings keep off the ground, else they sink into ridges between two of their corners."""
+_HIDDEN: Final = 0.3
+"""Opacity of what the ground hides."""
+_LINE: Final = np.dtype([("from", "<f4", 3), ("to", "<f4", 3), ("colour", "u1", 4)])
+
+
+class FeatureLines:
+    """Lines that lie on the ground, hidden ones fainter.
+
+    Parameters
+    ----------
+    context
+        Where they are drawn.
+    terrain
+        Whose features, and whose ground.
+    """
+
+    def __init__(self, context: moderngl.Context, terrain: Terrain) -> None:
+        self._context = context
+        lines = feature_lines(terrain)
+        self._count = len(lines[0])
+        self._array: moderngl.VertexArray | None = None
+        if not self._count:
+            return
+        start, end, colour = lines
+        self._anchor = start[0].copy()
+        packed = np.empty(self._count, _LINE)
+        packed["from"], packed["to"], packed["colour"] = start - self._anchor, end - self._anchor, colour
+        program = build_program(context, "overlay_line.vert.glsl", "overlay_line.frag.glsl")
+        buffer = context.buffer(packed.tobytes())
+        self._array = context.vertex_array(program, [(buffer, "3f4 3f4 4f1/i", "from", "to", "colour")])
+
+    def draw(self, eye: tuple[float, float, float], size: tuple[int, int], *, width: float) -> None:
+        """Draw into the bound framebuffer, which holds the ground's depth.
+
+        Parameters
+        ----------
+        eye
+            m.
+        size
+            Of the framebuffer, px.
+        width
+            Of the lines, px.
+        """
+        if self._array is None:
+            return
+        anchor = tuple((self._anchor - np.asarray(eye)).tolist())
+        for hidden in (True, False):
+            self._context.enable_only(moderngl.BLEND | (0 if hidden else moderngl.DEPTH_TEST))
+            set_uniforms(
+                self._array.program,
+                {
+                    "anchor": anchor,
+                    "size": size,
+                    "width": width,
+                    "nearer": 0.0 if hidden else 0.003,
+                    "opacity": _HIDDEN if hidden else 1.0,
+                },
+            )
+            self._array.render(moderngl.TRIANGLES, vertices=6, instances=self._count)
+
+
+def feature_lines(terrain: Terrain) -> tuple[Floats, Floats, npt.NDArray[np.uint8]]:
+    """Return the lines of all features on the sketch.
+
+    Returns
+    -------
+    start, end : (n, 3) float64
+        World coordinates, m.
+    colour : (n, 4) uint8
+    """
+    parts = [*_rings(terrain), *_splines(terrain.features), *_shores(terrain)]
+    starts = [np.zeros((0, 3)), *(part[0] for part in parts)]
+    ends = [np.zeros((0, 3)), *(part[1] for part in parts)]
+    colours = [np.zeros((0, 4), np.uint8), *(part[2] for part in parts)]
+    return np.concatenate(starts), np.concatenate(ends), np.concatenate(colours)
+
+
+_Part = tuple["Floats", "Floats", "npt.NDArray[np.uint8]"]
+
+
+def _coloured(start: Floats, end: Floats, colour: Colour, opacity: npt.ArrayLike = 255) -> _Part:
+    start, end = (np.reshape(each, (-1, 3)) for each in (start, end))
+    colours = np.empty((len(start), 4), np.uint8)
+    colours[:, :3], colours[:, 3] = colour, opacity
+    return start, end, colours
+
+
+def _rings(terrain: Terrain) -> list[_Part]:
+    points = terrain.features.points
+    if not len(points):
+        return []
+    turn = np.arange(_RING + 1) * (2.0 * np.pi / _RING)
+    radius = points["radius"].astype(np.float64)[:, None]
+    x = points["x"][:, None] + radius * np.cos(turn)
+    y = points["y"][:, None] + radius * np.sin(turn)
+    z = terrain.heights(x, y).astype(np.float64) + _OFF * radius
+    ring = np.stack([x, y, z], axis=-1)
+    foot = np.stack([points["x"], points["y"], terrain.heights(points["x"], points["y"])], axis=-1)
+    head = foot + np.concatenate(
+        [np.zeros((len(points), 2)), np.maximum(_POST * radius, _LEAST_POST)], axis=1
+    )
+    parts = []
+    for code, name in enumerate(FEATURE_TYPES):
+        of_type = points["type"] == code
+        strong = np.where(points["painted"][of_type], 255, 128)
+        parts.append(
+            _coloured(ring[of_type, :-1], ring[of_type, 1:], COLOURS[name], np.repeat(strong, _RING))
+        )
+        parts.append(_coloured(foot[of_type], head[of_type], COLOURS[name], strong))
+    return parts
+
+
+def _splines(features: Features) -> list[_Part]:
+    lines = [river.centreline for river in features.rivers if len(river.centreline) > 1]
+    return [_coloured(line[:-1], line[1:], COLOURS["river"]) for line in lines]
+
+
+def _shores(terrain: Terrain) -> list[_Part]:
+    return [_coloured(*_shore(lake.shape, lake.level), COLOURS["lake"]) for lake in terrain.features.lakes]
+
+
+def _shore(shape: Field, level: float) -> tuple[Floats, Floats]:
+    """Return the sides of samples inside a shape that have none on their other side."""
+    inside = np.pad(shape.inside > 0, 1)
+    starts: list[Floats] = []
+    ends: list[Floats] = []
+    for axis, side in ((0, (0.5, 0.0)), (1, (0.0, 0.5))):
+        cut = np.argwhere(np.diff(inside.astype(np.int8), axis=axis) != 0).astype(np.float64)
+        cut[:, axis] += 0.5
+        row, column = (cut - 1.0).T
+        for into, sign in ((starts, -1.0), (ends, 1.0)):
+            x = shape.west + (column + sign * side[0]) * shape.spacing
+            y = shape.south + (row + sign * side[1]) * shape.spacing
+            into.append(np.stack([x, y, np.full(len(x), level)], axis=-1))
+    return np.concatenate(starts), np.concatenate(ends)

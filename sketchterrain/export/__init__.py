@@ -8,6 +8,7 @@ from __future__ import annotations
 from sketchterrain.export.agreement import agreement_picture, write_agreement
 from sketchterrain.export.features import write_features
 from sketchterrain.export.files import move_into, prepare_folder, staging, write_json
+from sketchterrain.export.film import check_film, film
 from sketchterrain.export.geotiff import write_height_tif
 from sketchterrain.export.images import write_height_png, write_normals
 from sketchterrain.export.picture import write_picture
@@ -16,6 +17,8 @@ from sketchterrain.export.weights import quantised_weights, write_materials
 
 __all__ = [
     "agreement_picture",
+    "check_film",
+    "film",
     "move_into",
     "prepare_folder",
     "quantised_weights",

@@ -93,7 +93,7 @@ def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("name", ["frames", "a.webp", "a.gif", "a.mp4"])
-@pytest.mark.parametrize("failure", [KeyboardInterrupt, SketchterrainError("it broke")])
+@pytest.mark.parametrize("failure", [KeyboardInterrupt(), SketchterrainError("it broke")])
 def test_what_is_interrupted_leaves_nothing(name: str, failure: BaseException, tmp_path: Path) -> None:
     if name.endswith(VIDEO):
         pytest.importorskip("av")

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ANIMATED", "VIDEO", "check_film", "film"]
 
-ANIMATED: Final = {".webp": {"quality": 85, "method": 2}, ".gif": {"loop": 0}}
+ANIMATED: Final[dict[str, dict[str, Any]]] = {".webp": {"quality": 85, "method": 2}, ".gif": {"loop": 0}}
 """Endings of animated pictures, with the options that they are written with."""
 VIDEO: Final = ".mp4"
 """Ending of a video, which PyAV writes."""

@@ -1,0 +1,173 @@
+"""What overlays show, and that each is told by name."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import moderngl
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.features.catalogue import FEATURE
+from sketchterrain.render import Camera
+from sketchterrain.render.frame import FrameBlock
+from sketchterrain.render.ground_stream import GroundStream
+from sketchterrain.render.overlay_lines import COLOURS, feature_lines
+from sketchterrain.render.overlays import OVERLAYS, Overlay
+from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.tiles import ScreenError
+
+from .ground_model import SIDE, HostMemory
+
+SIZE = (160, 90)
+SLOTS = 300
+SKY = (178, 204, 230)
+CAMERA = Camera((500.0, -100.0, 160.0), (500.0, 900.0, 0.0), fov=50.0, near=5.0, far=30_000.0)
+
+
+@pytest.fixture
+def painted(gl, waves):
+    """Draws an overlay over plain sky: returns the picture (height, width, 3) of uint8, row 0 on top."""
+    memory = HostMemory(SLOTS * SIDE**2 * VERTEX.itemsize, gl)
+    stream = GroundStream(gl, waves, memory=memory, slots=SLOTS, metric=ScreenError(quad=6.0))
+    stream.settle(CAMERA, SIZE, draw_distance=6000.0)
+    overlay = Overlay(gl, waves, stream)
+    texture = gl.texture(SIZE, 4)
+    target = gl.framebuffer([texture])
+
+    def paint(name):
+        frame = FrameBlock(gl)
+        frame["to_clip"] = CAMERA.to_clip(SIZE[0] / SIZE[1])
+        frame["eye"] = (0.0, 0.0, CAMERA.eye[2])
+        frame.upload()
+        target.use()
+        target.clear(*np.divide(SKY, 255.0), 1.0)
+        overlay.draw(name, CAMERA.eye, target)
+        picture = np.frombuffer(texture.read(), np.uint8).reshape(SIZE[1], SIZE[0], 4)[::-1, :, :3]
+        return picture.astype(int), overlay.legend(name)
+
+    return paint
+
+
+def hues(picture):
+    """Colours over their greatest part, so that light does not count."""
+    return picture / np.maximum(picture.max(axis=-1, keepdims=True), 1)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("name", [name for name in OVERLAYS if name != "features"])
+def test_each_covers_the_ground_and_leaves_the_sky(painted, name):
+    picture, legend = painted(name)
+    changed = (picture != SKY).any(axis=-1)
+    assert not changed[:12].any()
+    assert changed[-30:].mean() > (0.3 if name == "wireframe" else 0.99)
+    assert legend
+    assert all(entry.meaning for entry in legend)
+
+
+@pytest.mark.gl
+def test_materials_have_the_colours_of_their_weights(painted):
+    picture, legend = painted("materials")
+    grass, rock = (np.array(entry.colour) for entry in legend if entry.meaning in ("grass", "rock"))
+    expected = 0.75 * grass + 0.25 * rock
+    shade = (picture[-20:] - 0.2 * np.array(SKY)) / (0.8 * expected)
+    assert np.abs(shade - shade.mean(axis=-1, keepdims=True)).max() < 0.03
+
+
+@pytest.mark.gl
+def test_level_ground_is_textured_from_above(painted):
+    picture, _ = painted("triplanar")
+    assert (picture[-20:].argmax(axis=-1) == 2).mean() > 0.95
+
+
+@pytest.mark.gl
+def test_levels_of_the_legend_are_those_on_the_picture(painted):
+    picture, legend = painted("levels")
+    ground = hues((picture[-40:] - 0.2 * np.array(SKY)) / 0.8)
+    known = hues(np.array([entry.colour for entry in legend]))
+    apart = np.abs(ground[..., None, :] - known).max(axis=-1)
+    assert (apart.min(axis=-1) < 0.08).mean() > 0.9
+    assert len(np.unique(apart.argmin(axis=-1))) >= 2
+
+
+@pytest.mark.gl
+def test_the_whole_river_is_seen_hidden_or_not(painted, waves):
+    picture, _ = painted("features")
+    line = waves.features.rivers[0].centreline
+    clip = np.c_[line - CAMERA.eye, np.ones(len(line))] @ CAMERA.to_clip(SIZE[0] / SIZE[1]).T
+    at = clip[:, :2] / clip[:, 3:]
+    at = at[(np.abs(at) < 0.95).all(axis=1)]
+    column, row = ((at * [1, -1] + 1.0) / 2.0 * SIZE).astype(int).T
+    bluer = picture[..., 2] - picture[..., 0] - (SKY[2] - SKY[0])
+    near = [bluer[r - 2 : r + 3, c - 2 : c + 3].max() for r, c in zip(row, column, strict=True)]
+    assert len(near) > 10
+    assert min(near) > 20
+
+
+@pytest.mark.gl
+def test_drawing_leaves_the_state_as_passes_expect_it(gl, painted):
+    first, _ = painted("features")
+    again, _ = painted("features")
+    assert (first == again).all()
+    assert not gl.wireframe
+
+
+@pytest.mark.gl
+def test_another_name_is_refused(painted):
+    with pytest.raises(InputError, match="no overlay 'contours'; there are: wireframe, levels"):
+        painted("contours")
+
+
+def test_rings_lie_on_the_ground_and_posts_stand_in_their_middles(waves):
+    waves.features.rivers = ()
+    points = np.zeros(2, FEATURE)
+    points["x"], points["y"], points["radius"] = (100.0, 700.0), (300.0, 800.0), (60.0, 90.0)
+    points["type"], points["painted"] = (0, 3), (True, False)
+    waves.features.points = points
+    start, end, colour = feature_lines(waves)
+    assert len(start) == 2 * (96 + 1)
+    ground = waves.heights(start[:, 0], start[:, 1])
+    assert (np.abs(start[:, 2] - ground) < 0.5).all()
+    rings = np.abs(np.hypot(start[:, 0] - 100.0, start[:, 1] - 300.0) - 60.0) < 1e-9
+    assert rings.sum() == 96
+    assert (colour[rings] == (*COLOURS["mountain"], 255)).all()
+    assert {tuple(each) for each in colour[~rings].tolist()} == {
+        (*COLOURS["mountain"], 255),
+        (*COLOURS["forest"], 128),
+    }
+    posts = (start[:, :2] == end[:, :2]).all(axis=1)
+    assert posts.sum() == 2
+
+
+def test_splines_are_those_of_the_rivers(waves):
+    start, end, colour = feature_lines(waves)
+    line = waves.features.rivers[0].centreline
+    assert (start == line[:-1]).all()
+    assert (end == line[1:]).all()
+    assert (colour[:, :3] == COLOURS["river"]).all()
+
+
+def test_shores_go_round_lakes(waves):
+    step = np.arange(41) - 20
+    inside = (10.0 - np.maximum(np.abs(step), np.abs(step[:, None]))) * 4.0 + 1.0
+    shape = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
+    waves.features.rivers = ()
+    waves.features.lakes = (SimpleNamespace(shape=shape, level=7.0),)
+    start, end, _ = feature_lines(waves)
+    assert np.linalg.norm(end - start, axis=1).sum() == pytest.approx(4 * 21 * 4.0)
+    assert np.unique(np.round([start[:, 0], end[:, 0]], 6)).tolist()[:: 10**6] == [100.0 + 9.5 * 4.0]
+    assert (start[:, 2] == 7.0).all()
+    ends, count = np.unique(np.round(np.concatenate([start, end]), 6), axis=0, return_counts=True)
+    assert (count == 2).all()
+    assert ends[:, 0].max() == pytest.approx(100.0 + 30.5 * 4.0)
+
+
+@pytest.mark.gl
+def test_nothing_to_draw_is_nothing_drawn(gl, waves):
+    memory = HostMemory(SLOTS * SIDE**2 * VERTEX.itemsize, gl)
+    stream = GroundStream(gl, waves, memory=memory, slots=SLOTS)
+    texture = gl.texture((16, 16), 4, np.full(16 * 16 * 4, 9, np.uint8).tobytes())
+    Overlay(gl, waves, stream).draw("levels", (0.0, 0.0, 9.0), gl.framebuffer([texture]))
+    gl.enable_only(moderngl.NOTHING)
+    assert set(texture.read()) == {9}

@@ -11,6 +11,7 @@ import numpy as np
 import pyopencl as cl
 
 from sketchterrain import resources
+from sketchterrain.compute import gl_interop
 from sketchterrain.compute.device import Device, choose_device
 from sketchterrain.compute.failures import build_failure, call_failure
 from sketchterrain.errors import DeviceError
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
+
+    from sketchterrain.compute.gl_interop import GLHandles
 
 __all__ = ["ComputeContext", "KernelTime"]
 
@@ -55,18 +58,25 @@ class ComputeContext:
         Type that the kernels' ``REAL`` stands for; ``'double'`` builds the same source as its own reference.
     fast
         Whether the compiler may trade bits for speed.
+    gl
+        The OpenGL context to share buffers with through ``cl_khr_gl_sharing``.
 
     Raises
     ------
     DeviceError
-        If there is no such device, or it has no doubles and they are asked for.
+        If there is no such device, it has no doubles and they are asked for, or it does not share buffers.
     DeviceFailedError
         If it is there, but cannot be opened. Each method raises it too where the device fails, and
         DeviceMemoryError where it has no room; a launch may fail only when its results are fetched.
     """
 
     def __init__(
-        self, device: Device | str | None = None, *, real: str = "float", fast: bool = False
+        self,
+        device: Device | str | None = None,
+        *,
+        real: str = "float",
+        fast: bool = False,
+        gl: GLHandles | None = None,
     ) -> None:
         self.device = device if isinstance(device, Device) else choose_device(device)
         if real == "double" and not self.device.has_double:
@@ -74,7 +84,8 @@ class ComputeContext:
         self.real = real
         self.fast = fast
         self.real_dtype = np.dtype(np.float64 if real == "double" else np.float32)
-        self._context = self._call("opening", _opened, self.device)
+        self.gl = gl
+        self._context = self._call("opening", _opened, self.device, gl)
         profiling = cl.command_queue_properties.PROFILING_ENABLE
         self._queue = self._call("opening", cl.CommandQueue, self._context, properties=profiling)
         self._kernels: dict[tuple[str, str], Any] = {}
@@ -124,6 +135,35 @@ class ComputeContext:
         nbytes = int(np.prod(shape)) * np.dtype(dtype).itemsize
         return self._call("a buffer", cl.Buffer, self._context, cl.mem_flags.READ_WRITE, max(nbytes, 1))
 
+    def over(self, host: npt.NDArray[np.uint8]) -> Any:
+        """Return host memory as a buffer; a CPU device writes it where it stands. See :meth:`show`."""
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.USE_HOST_PTR
+        return self._call("a buffer", cl.Buffer, self._context, flags, hostbuf=host)
+
+    def show(self, buffer: Any, parts: Sequence[tuple[int, int]]) -> None:
+        """Wait for the queue and let the host see parts (start, size in bytes) of what :meth:`over` gave."""
+        for start, size in parts:
+            self._call("mapping", self._shown, buffer, start, size)
+        self._call("finishing", self._queue.finish)
+
+    def _shown(self, buffer: Any, start: int, size: int) -> None:
+        flags = cl.map_flags.READ
+        mapped, _ = cl.enqueue_map_buffer(self._queue, buffer, flags, start, (size,), np.uint8)
+        mapped.base.release(self._queue)
+
+    def from_gl(self, name: int) -> Any:
+        """Return OpenGL's buffer of a name as one of this context, which must have been opened beside it."""
+        return self._call("a buffer", gl_interop.buffer_of, self.device, self._context, name)
+
+    def acquire_gl(self, buffer: Any) -> None:
+        """Enqueue that a buffer of :meth:`from_gl` is this context's; OpenGL must have finished with it."""
+        self._call("acquiring", gl_interop.acquire, self.device, self._queue, buffer)
+
+    def release_gl(self, buffer: Any) -> None:
+        """Give it back to OpenGL and wait for the queue."""
+        self._call("releasing", gl_interop.release, self.device, self._queue, buffer)
+        self._call("finishing", self._queue.finish)
+
     def part(self, buffer: Any, start: int, size: int) -> Any:
         """Return ``size`` bytes of a buffer as one; ``start`` must be as the device aligns them."""
         return self._call("a buffer", buffer.get_sub_region, start, size)
@@ -145,10 +185,10 @@ class ComputeContext:
         self.download_into(buffer, array)
         return array
 
-    def download_into(self, buffer: Any, array: npt.NDArray[Any]) -> None:
-        """Wait for the queue and copy the start of a buffer into a contiguous array."""
+    def download_into(self, buffer: Any, array: npt.NDArray[Any], *, start: int = 0) -> None:
+        """Wait for the queue and copy a buffer, from a byte on, into a contiguous array."""
         if array.nbytes:
-            self._call("downloading", cl.enqueue_copy, self._queue, array, buffer)
+            self._call("downloading", cl.enqueue_copy, self._queue, array, buffer, src_offset=start)
 
     def start_profile(self) -> None:
         """Record each launch from now on."""
@@ -182,9 +222,9 @@ class ComputeContext:
 
 
 @cache
-def _opened(device: Device) -> Any:
+def _opened(device: Device, gl: GLHandles | None) -> Any:
     """Return a device's context, one a process: whoever opens it again finds its programs built."""
-    return cl.Context([device.handle])
+    return cl.Context([device.handle]) if gl is None else gl_interop.context_beside(device, gl)
 
 
 @cache

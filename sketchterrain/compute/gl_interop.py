@@ -1,0 +1,150 @@
+"""OpenCL's calls that share buffers with OpenGL, of the very library that pyopencl uses.
+
+PyPI's pyopencl is built without them (``cl.have_gl()`` is False there), so they are called through ctypes and
+their results handed to pyopencl.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pyopencl as cl
+
+from sketchterrain.errors import DeviceError
+
+if TYPE_CHECKING:
+    from sketchterrain.compute.device import Device
+
+__all__ = ["GLHandles", "acquire", "buffer_of", "context_beside", "current_handles", "release"]
+
+# Names of properties in the order of cl.h, cl_gl.h.
+_PLATFORM: Final = 0x1084
+_GL_CONTEXT, _EGL_DISPLAY, _GLX_DISPLAY, _WGL_HDC = 0x2008, 0x2009, 0x200A, 0x200B
+_SUCCESS: Final = 0
+
+
+@dataclass(frozen=True)
+class GLHandles:
+    """The OpenGL context that is current, as OpenCL is told of it.
+
+    Attributes
+    ----------
+    window_system : {'EGL', 'GLX', 'WGL'}
+    context, display : int
+        Addresses.
+    """
+
+    window_system: str
+    context: int
+    display: int
+
+    @property
+    def properties(self) -> tuple[int, ...]:
+        """Names and values for ``clCreateContext``."""
+        name = {"EGL": _EGL_DISPLAY, "GLX": _GLX_DISPLAY, "WGL": _WGL_HDC}[self.window_system]
+        return (_GL_CONTEXT, self.context, name, self.display)
+
+
+def current_handles() -> GLHandles | None:
+    """Return the OpenGL context that is current in this thread, None if there is none to be found."""
+    ways = (
+        ("EGL", "libEGL.so.1", "eglGetCurrentContext", "eglGetCurrentDisplay"),
+        ("GLX", "libGL.so.1", "glXGetCurrentContext", "glXGetCurrentDisplay"),
+        ("WGL", "opengl32", "wglGetCurrentContext", "wglGetCurrentDC"),
+    )
+    for window_system, library, *functions in ways:
+        context, display = (_address(library, function) for function in functions)
+        if context and display:
+            return GLHandles(window_system, context, display)
+    return None
+
+
+def context_beside(device: Device, handles: GLHandles) -> Any:
+    """Open a context on a device that shares buffers with an OpenGL context.
+
+    Parameters
+    ----------
+    device
+    handles
+        From :func:`current_handles`.
+
+    Raises
+    ------
+    DeviceError
+        If the driver refuses.
+    """
+    values = (*handles.properties, _PLATFORM, device.handle.platform.int_ptr, 0)
+    properties = (ctypes.c_ssize_t * len(values))(*values)
+    devices = (ctypes.c_void_p * 1)(device.handle.int_ptr)
+    create = _function("clCreateContext", ctypes.c_void_p)
+    status = ctypes.c_int32()
+    made = create(properties, ctypes.c_uint32(1), devices, None, None, ctypes.byref(status))
+    _check(device, "clCreateContext", status.value)
+    return cl.Context.from_int_ptr(made, retain=False)
+
+
+def buffer_of(device: Device, context: Any, name: int) -> Any:
+    """Return OpenGL's buffer of a name as a buffer of a context opened by :func:`context_beside`."""
+    create = _function("clCreateFromGLBuffer", ctypes.c_void_p)
+    status = ctypes.c_int32()
+    flags = ctypes.c_uint64(int(cl.mem_flags.READ_WRITE))
+    made = create(ctypes.c_void_p(context.int_ptr), flags, ctypes.c_uint32(name), ctypes.byref(status))
+    _check(device, "clCreateFromGLBuffer", status.value)
+    return cl.Buffer.from_int_ptr(made, retain=False)
+
+
+def acquire(device: Device, queue: Any, buffer: Any) -> None:
+    """Enqueue that a shared buffer is OpenCL's; OpenGL must have finished with it."""
+    _hand_over(device, "clEnqueueAcquireGLObjects", queue, buffer)
+
+
+def release(device: Device, queue: Any, buffer: Any) -> None:
+    """Enqueue that it is OpenGL's again; finish the queue before OpenGL reads it."""
+    _hand_over(device, "clEnqueueReleaseGLObjects", queue, buffer)
+
+
+def _hand_over(device: Device, name: str, queue: Any, buffer: Any) -> None:
+    buffers = (ctypes.c_void_p * 1)(buffer.int_ptr)
+    function = _function(name, ctypes.c_int32)
+    status = function(
+        ctypes.c_void_p(queue.int_ptr), ctypes.c_uint32(1), buffers, ctypes.c_uint32(0), None, None
+    )
+    _check(device, name, status)
+
+
+def _check(device: Device, name: str, status: int) -> None:
+    if status != _SUCCESS:
+        told = cl.status_code.to_string(status, "error %d")
+        raise DeviceError(f"{device.name} ({device.platform}) shares no buffers with OpenGL: {name}: {told}")
+
+
+def _function(name: str, result: Any) -> Any:
+    function = getattr(_library(), name)
+    function.restype = result
+    return function
+
+
+@cache
+def _library() -> ctypes.CDLL:
+    """Return the OpenCL library that pyopencl has loaded, not another one that the system may have."""
+    maps = Path("/proc/self/maps")
+    if maps.exists():
+        for line in maps.read_text(encoding="utf-8").splitlines():
+            path = Path(line.split(maxsplit=5)[-1])
+            if path.name.startswith("libOpenCL"):
+                return ctypes.CDLL(str(path))
+    raise DeviceError("the OpenCL library in use can't be found, so no buffers are shared with OpenGL")
+
+
+def _address(library: str, function: str) -> int:
+    """Return what a function without arguments returns, 0 where there is none."""
+    try:
+        found = getattr(ctypes.CDLL(library), function)
+    except (OSError, AttributeError):
+        return 0
+    found.restype = ctypes.c_void_p
+    return found() or 0

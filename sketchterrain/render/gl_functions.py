@@ -1,0 +1,65 @@
+"""Functions of OpenGL that moderngl has no words for, called on the context that is current."""
+
+from __future__ import annotations
+
+import ctypes
+from contextlib import suppress
+from functools import cache
+from typing import Any, Final
+
+from sketchterrain.errors import DeviceError
+
+__all__ = ["gl_function", "wait_for_gl"]
+
+_LIBRARIES: Final = ("libOpenGL.so.0", "libGL.so.1", "opengl32")
+_ASKED: Final = (("libEGL.so.1", "eglGetProcAddress"), ("opengl32", "wglGetProcAddress"))
+
+_COMPLETE, _FLUSH = 0x9117, 0x1  # GL_SYNC_GPU_COMMANDS_COMPLETE, GL_SYNC_FLUSH_COMMANDS_BIT
+_TIMEOUT_EXPIRED, _WAIT_FAILED = 0x911B, 0x911D
+_TURN: Final = 1_000_000_000  # ns
+
+
+@cache
+def gl_function(name: str, result: Any, *arguments: Any) -> Any:
+    """Return a function of OpenGL, with the ctypes of its result and arguments.
+
+    Raises
+    ------
+    DeviceError
+        If this machine's OpenGL does not have it.
+    """
+    for library in _LIBRARIES:
+        with suppress(OSError, AttributeError):
+            function = getattr(ctypes.CDLL(library), name)
+            function.restype, function.argtypes = result, arguments
+            return function
+    for library, asked in _ASKED:
+        with suppress(OSError, AttributeError):
+            ask = getattr(ctypes.CDLL(library), asked)
+            ask.restype, ask.argtypes = ctypes.c_void_p, (ctypes.c_char_p,)
+            address = ask(name.encode())
+            if address:
+                return ctypes.CFUNCTYPE(result, *arguments)(address)
+    raise DeviceError(f"this machine's OpenGL has no {name}")
+
+
+def wait_for_gl() -> None:
+    """Wait until OpenGL has finished with all that it was told so far.
+
+    Raises
+    ------
+    DeviceError
+        If it can't be waited for.
+    """
+    fence = gl_function("glFenceSync", ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(_COMPLETE, 0)
+    wait = gl_function("glClientWaitSync", ctypes.c_uint, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint64)
+    if not fence:
+        raise DeviceError("OpenGL gave no fence to wait for")
+    try:
+        found = _TIMEOUT_EXPIRED
+        while found == _TIMEOUT_EXPIRED:
+            found = wait(fence, _FLUSH, _TURN)
+    finally:
+        gl_function("glDeleteSync", None, ctypes.c_void_p)(fence)
+    if found == _WAIT_FAILED:
+        raise DeviceError("OpenGL failed while it was waited for")

@@ -12,6 +12,9 @@ layout(std140) uniform Frame {
     vec4 reach;        // x: draw distance, m; y: base height of the haze, m; zw: framebuffer size, px
     vec4 near_map;     // xy: south-west corner relative to the eye, m; z: 1/width, 1/m; w: texel, m
     vec4 far_map;
+    vec4 near_window;  // west, south, east, north of the rectangle in which the near map is shown, relative to the eye, m
+    vec4 far_window;
+    vec4 map_strength; // x: how much of the near map is shown in its window, 0..1; y: of the far one; zw: unused
     mat4 to_shade[2];  // relative position → clip space of the tree shadow maps, near and far
     vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; z: pixel, rad; w: unused
 };
@@ -56,13 +59,19 @@ vec3 through_air(vec3 radiance, vec3 position)
     return mix(clear_sky(low), radiance, clear);
 }
 
+// How much a map is shown at a place: it ends softly inside its window.
+float shown(vec2 place, vec4 window, float per_width, float soft)
+{
+    vec2 room = min(place - window.xy, window.zw - place);
+    return smoothstep(0.01, soft, min(room.x, room.y) * per_width);
+}
+
 vec4 ground_light(vec2 place)
 {
     vec2 near_uv = (place - near_map.xy) * near_map.z;
     vec2 far_uv = (place - far_map.xy) * far_map.z;
-    vec2 margin = abs(near_uv - 0.5);
-    float outside = smoothstep(0.45, 0.49, max(margin.x, margin.y));
-    vec2 far_margin = abs(far_uv - 0.5);
-    vec4 wide = mix(textureLod(far_light, far_uv, 0.0), vec4(1.0), smoothstep(0.44, 0.49, max(far_margin.x, far_margin.y)));
-    return mix(textureLod(near_light, near_uv, 0.0), wide, outside);
+    float near_share = map_strength.x * shown(place, near_window, near_map.z, 0.05);
+    float far_share = map_strength.y * shown(place, far_window, far_map.z, 0.06);
+    vec4 wide = mix(vec4(1.0), textureLod(far_light, far_uv, 0.0), far_share);
+    return mix(wide, textureLod(near_light, near_uv, 0.0), near_share);
 }

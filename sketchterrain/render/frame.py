@@ -29,6 +29,9 @@ _FRAME: Final = np.dtype(
         ("reach", "f4", 4),
         ("near_map", "f4", 4),
         ("far_map", "f4", 4),
+        ("near_window", "f4", 4),
+        ("far_window", "f4", 4),
+        ("map_strength", "f4", 4),
         ("to_shade", "f4", (2, 4, 4)),
         ("trees", "f4", 4),
     ]

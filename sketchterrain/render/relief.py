@@ -1,14 +1,11 @@
-"""Height maps of the region around the view, and the light of sun and sky on them."""
+"""Height maps of the region around a view."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-import moderngl
 import numpy as np
-
-from sketchterrain.render.programs import fill_screen, set_uniforms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -17,14 +14,10 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.scene import Terrain
-    from sketchterrain.render.sky import Sun
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["HeightMap", "LitRelief", "sample_heights"]
-
-PENUMBRA: Final = 0.022
-"""Tangent of half the angle over which the sun sets behind a ridge; the real sun's would alias."""
+__all__ = ["HeightMap", "sample_heights"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,62 +99,3 @@ def sample_heights(terrain: Terrain, centre: tuple[float, float], width: float, 
     along = (np.arange(texels) + 0.5) * (width / texels)
     heights = terrain.heights(west + along[None, :], south + along[:, None], cell_size=width / texels)
     return HeightMap(west, south, width, np.ascontiguousarray(heights, dtype=np.float32))
-
-
-class LitRelief:
-    """A near and a far height map with the visibility of sun and sky over them, as textures.
-
-    Attributes
-    ----------
-    near, far : HeightMap
-    near_light, far_light : moderngl.Texture
-        RGBA16F: sun visibility, sky visibility; kernels/render/light.frag.glsl.
-    near_heights : moderngl.Texture
-        R32F, m.
-    """
-
-    def __init__(self, context: moderngl.Context, near: HeightMap, far: HeightMap, sun: Sun) -> None:
-        self.near, self.far = near, far
-        self.near_heights = _upload(context, near)
-        far_heights = _upload(context, far)
-        shine = fill_screen(context, "light.frag.glsl")
-        set_uniforms(
-            shine.program,
-            {"heights": 0, "far_heights": 1, "sun": tuple(sun.direction), "softness": PENUMBRA},
-        )
-        far_heights.use(1)
-        self.near_heights.use(0)
-        place = ((near.west - far.west) / far.width, (near.south - far.south) / far.width)
-        set_uniforms(shine.program, {"frame": (*place, near.width / far.width, near.width)})
-        self.near_light = _shine(context, shine, len(near.heights))
-        far_heights.use(0)
-        set_uniforms(shine.program, {"frame": (0.0, 0.0, 1.0, far.width)})
-        self.far_light = _shine(context, shine, len(far.heights))
-
-    def place(self, eye: tuple[float, float, float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return where the near and the far map lie relative to an eye, as frame.glsl wants it."""
-        return _place(self.near, eye), _place(self.far, eye)
-
-
-def _place(heights: HeightMap, eye: tuple[float, float, float]) -> tuple[float, ...]:
-    return (heights.west - eye[0], heights.south - eye[1], 1.0 / heights.width, heights.texel)
-
-
-def _upload(context: moderngl.Context, heights: HeightMap) -> moderngl.Texture:
-    n = len(heights.heights)
-    texture = context.texture((n, n), 1, heights.heights.tobytes(), dtype="f4")
-    texture.build_mipmaps()
-    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    texture.repeat_x = texture.repeat_y = False
-    return texture
-
-
-def _shine(context: moderngl.Context, shine: moderngl.VertexArray, texels: int) -> moderngl.Texture:
-    light = context.texture((texels, texels), 4, dtype="f2")
-    light.repeat_x = light.repeat_y = False
-    target = context.framebuffer([light])
-    target.use()
-    shine.render(vertices=3)
-    light.build_mipmaps()
-    light.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    return light

@@ -12,8 +12,8 @@ import numpy as np
 from sketchterrain.render.forest import Forest, shade_matrix, wedge
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
 from sketchterrain.render.ground import DrawnGround
+from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.relief import LitRelief, sample_heights
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun
 from sketchterrain.render.targets import Targets
@@ -73,6 +73,7 @@ class Renderer:
             self._noise = noise_texture(context)
         self._shade_maps = [_shade_map(context, SHADE_TEXELS) for _ in range(2)]
         self._shades = [context.framebuffer((), shade_map) for shade_map in self._shade_maps]
+        self._lit = LitGround(context, terrain, sun, texels=self._quality.map_texels)
         with self._timed("sky"):
             self._sky = Sky(context, sun)
             self._shading = Shading(context, self._quality, aridity=self._aridity)
@@ -92,16 +93,11 @@ class Renderer:
         extent, quality = self._terrain.extent, self._quality
         self._reach = quality.reach * extent
         eye = camera.eye
-        with self._timed("relief"):
-            ahead = camera.forward[:2] * 0.42 * extent
-            near = sample_heights(
-                self._terrain, (eye[0] + ahead[0], eye[1] + ahead[1]), 1.3 * extent, quality.map_texels
-            )
-            far = sample_heights(self._terrain, eye[:2], 5.0 * extent, quality.map_texels // 2)
         with self._timed("light"):
-            self._relief = LitRelief(self._context, near, far, self._sun)
+            self._lit.settle(camera)
+            far = self._lit.far_relief
         with self._timed("tiles"):
-            clearance = eye[2] - float(near.at(eye[0], eye[1]))
+            clearance = eye[2] - self._lit.height_at(eye[0], eye[1])
             keys = select_tiles(
                 eye,
                 extent,
@@ -159,8 +155,9 @@ class Renderer:
         matrices = []
         for middle, half in ((0.06, 0.075), (0.45, 0.60)):
             centre = ahead * middle * self._woods
-            ground = self._relief.near.at(camera.eye[0] + centre[0], camera.eye[1] + centre[1])
-            centre[2] = float(ground) - camera.eye[2]
+            centre[2] = (
+                self._lit.height_at(camera.eye[0] + centre[0], camera.eye[1] + centre[1]) - camera.eye[2]
+            )
             matrices.append(shade_matrix(self._sun, centre, half * self._woods, 3000.0))
         return matrices
 
@@ -186,7 +183,6 @@ class Renderer:
         width, height = targets.size
         eye = camera.eye
         to_clip = camera.to_clip(width / height)
-        near_map, far_map = self._relief.place(eye)
         frame = self._frame
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)
@@ -194,12 +190,11 @@ class Renderer:
         frame["to_sun"] = self._sun.direction
         frame["sun_light"] = (*self._sky.sunlight, self._sky.exposure)
         frame["sky_light"] = self._sky.harmonics
-        lowest, highest = np.percentile(self._relief.far.heights, [5, 99])
         rayleigh = np.array([0.25, 0.58, 1.30]) / self._reach
-        frame["haze"] = (*(rayleigh + 2.1 / self._reach), max(1.5 * (highest - lowest), 300.0))
-        frame["reach"] = (self._reach, lowest, *targets.inner)
-        frame["near_map"] = near_map
-        frame["far_map"] = far_map
+        frame["haze"] = (*(rayleigh + 2.1 / self._reach), self._lit.haze_height)
+        frame["reach"] = (self._reach, self._lit.haze_base, *targets.inner)
+        for field, value in self._lit.uniforms(eye).items():
+            frame[field] = value
         pixel = 2.0 * np.tan(np.radians(camera.fov) / 2.0) / height
         frame["to_shade"] = self._shade_matrices(camera)
         frame["trees"] = (self._woods, self._aridity, pixel)
@@ -209,9 +204,7 @@ class Renderer:
         """Bind all textures that passes share, each to a unit of its own."""
         textures: dict[str, moderngl.Texture | moderngl.TextureArray] = {
             "sky_view": self._sky.view,
-            "near_light": self._relief.near_light,
-            "far_light": self._relief.far_light,
-            "near_heights": self._relief.near_heights,
+            **self._lit.textures,
             "noise_field": self._noise,
             "material_colour": self._materials.colour,
             "material_relief": self._materials.relief,

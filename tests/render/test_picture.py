@@ -8,7 +8,7 @@ from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.render import Camera, Quality, Sun, find_sun, find_view, open_context, render_picture
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground import DrawnGround
-from sketchterrain.render.relief import LitRelief, sample_heights
+from sketchterrain.render.relief import sample_heights
 from sketchterrain.render.targets import Targets
 from sketchterrain.tiles import select_tiles
 
@@ -111,23 +111,3 @@ def test_drawn_surface_is_that_of_its_vertices(gl, waves):
     outside, far = ground.surface(np.array([1e6]), np.array([0.0]))
     assert np.isnan(outside).all()
     assert np.isinf(far).all()
-
-
-@pytest.mark.gl
-def test_a_wall_throws_a_shadow_away_from_the_sun(gl):
-    class Wall:
-        def heights(self, x, y, *, cell_size=0.0):
-            x, y = np.broadcast_arrays(x, y)
-            return np.where(np.abs(x) < 20.0, 60.0, 0.0).astype(np.float32)
-
-    near, far = (
-        sample_heights(Wall(), (0.0, 0.0), 800.0, 200),
-        sample_heights(Wall(), (0.0, 0.0), 4000.0, 100),
-    )
-    relief = LitRelief(gl, near, far, Sun(90.0, 30.0))
-    light = np.frombuffer(relief.near_light.read(), np.float16).reshape(200, 200, 4)[100].astype(float)
-    x = -400.0 + (np.arange(200) + 0.5) * 4.0
-    # The shadow of 60 m at 30° is 104 m long and lies to the west.
-    assert light[(x > -105) & (x < -40), 0].max() < 0.1
-    assert light[(x < -160) | (x > 40), 0].min() > 0.9
-    assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()

@@ -1,0 +1,85 @@
+"""Time that a frame may spend on what is new, and how much of a kind of work fits into it."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+__all__ = ["Allowance", "Pace"]
+
+_LAUNCH: Final = 0.0004
+"""s that a piece of work takes however small it is."""
+_SLOWER: Final = 0.3
+"""How much of one quick measurement is believed; a slow one is believed at once."""
+_HOPE: Final = 0.9
+
+
+class Allowance:
+    """Seconds that are left of a frame's budget.
+
+    Parameters
+    ----------
+    seconds
+        The budget.
+    timer
+        Seconds that run on; tests give their own.
+
+    Attributes
+    ----------
+    spent : float
+        Seconds since it was made, less those that were not counted.
+    """
+
+    def __init__(self, seconds: float, *, timer: Callable[[], float] = time.perf_counter) -> None:
+        self._seconds = seconds
+        self._timer = timer
+        self._start = timer()
+
+    @property
+    def spent(self) -> float:
+        """Seconds since the start."""
+        return self._timer() - self._start
+
+    @property
+    def left(self) -> float:
+        """Seconds that are left, 0 at least."""
+        return max(self._seconds - self.spent, 0.0)
+
+    def part(self, share: float) -> Allowance:
+        """Return an allowance for a share of what is left."""
+        return Allowance(share * self.left, timer=self._timer)
+
+
+class Pace:
+    """What a unit of a kind of work takes, learnt from what it took.
+
+    Parameters
+    ----------
+    unit
+        Seconds that a unit is expected to take at first.
+    """
+
+    def __init__(self, unit: float) -> None:
+        self.unit = unit
+        self._quickest = unit
+
+    def fits(self, allowance: Allowance, *, step: int = 1) -> int:
+        """Return how many steps of so many units are expected to fit into what is left, 0 if none.
+
+        Where none does though there is time, the next answer is more hopeful: one slow moment of the machine
+        must not stop the work for ever.
+        """
+        left = allowance.left
+        steps = max(int((left - _LAUNCH) / (self.unit * step)), 0)
+        if not steps and left > 2.0 * _LAUNCH:
+            self.unit = max(_HOPE * self.unit, self._quickest)
+        return steps
+
+    def took(self, units: int, seconds: float) -> None:
+        """Learn from a piece of work."""
+        unit = max(seconds - _LAUNCH, 0.1 * seconds, 1e-9) / units
+        self.unit = unit if unit > self.unit else (1.0 - _SLOWER) * self.unit + _SLOWER * unit
+        self._quickest = min(self._quickest, self.unit)

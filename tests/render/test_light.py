@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.render import Camera, Sun
+from sketchterrain.render.allowance import Allowance, Pace
+from sketchterrain.render.light_map import BLOCK, LightMaker, LightMap, Square
+from sketchterrain.render.lit_ground import FADE, LitGround
+
+SUN = Sun(90.0, 30.0)
+
+
+class Clock:
+    """A timer that goes on by the same step at each look."""
+
+    def __init__(self, step=0.0):
+        self.now, self.step = 0.0, step
+
+    def __call__(self):
+        self.now += self.step
+        return self.now
+
+
+class Wall:
+    """60 m high, along x = 0; counts what it is asked for."""
+
+    extent = 1000.0
+
+    def __init__(self):
+        self.asked = 0
+
+    def heights(self, x, y, *, cell_size=0.0):
+        x, y = np.broadcast_arrays(x, y)
+        self.asked += x.size
+        ripples = 2.0 * np.sin(x / 31.0) * np.cos(y / 17.0)
+        return (np.where(np.abs(x) < 20.0, 60.0, 0.0) + ripples).astype(np.float32)
+
+
+def texels(light_map):
+    side = light_map.square.texels
+    return np.frombuffer(light_map.light.read(), np.float16).reshape(side, side, 4)
+
+
+def test_squares_lie_on_whole_blocks_near_their_middle():
+    rng = np.random.default_rng(7)
+    for x, y in rng.uniform(-1e6, 1e6, (50, 2)):
+        square = Square.around(x, y, width=1300.0, texels=256)
+        assert square.col % BLOCK == square.row % BLOCK == 0
+        block = BLOCK * square.texel
+        assert abs(square.west + 0.5 * square.width - x) <= 0.5 * block + 1e-6
+        assert abs(square.south + 0.5 * square.width - y) <= 0.5 * block + 1e-6
+
+
+def test_a_pace_learns_what_fits():
+    pace = Pace(1e-3)
+    assert pace.fits(Allowance(0.0104, timer=Clock())) == 10
+    pace.took(10, 0.0204)
+    assert pace.fits(Allowance(0.0104, timer=Clock())) == 5
+    assert pace.fits(Allowance(0.0104, timer=Clock()), step=6) == 0
+    for _ in range(30):
+        pace.took(10, 0.0104)
+    assert pace.fits(Allowance(0.0105, timer=Clock())) == 10
+
+
+def test_one_slow_moment_does_not_stop_the_work_for_ever():
+    pace = Pace(1e-3)
+    pace.took(1, 1.0)
+    tries = 0
+    while not pace.fits(Allowance(0.01, timer=Clock())):
+        tries += 1
+        assert tries < 60
+    assert pace.fits(Allowance(0.0, timer=Clock())) == 0
+
+
+@pytest.mark.gl
+def test_a_wall_throws_a_shadow_away_from_the_sun(gl):
+    maker = LightMaker(gl, Wall(), SUN)
+    wide = LightMap(maker, Square(-50, -50, 100, 40.0))
+    wide.finish()
+    made = LightMap(maker, Square(-100, -100, 200, 4.0), behind=wide)
+    made.finish()
+    light = texels(made)[100].astype(float)
+    x = -400.0 + (np.arange(200) + 0.5) * 4.0
+    # The shadow of 60 m at 30° is 104 m long and lies to the west.
+    assert light[(x > -105) & (x < -40), 0].max() < 0.1
+    assert light[(x < -160) | (x > 40), 0].min() > 0.9
+    assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()
+
+
+@pytest.mark.gl
+def test_maps_made_in_slices_are_those_made_at_once(gl):
+    terrain = Wall()
+    maker = LightMaker(gl, terrain, SUN)
+    wide = LightMap(maker, Square(-64, -64, 128, 40.0))
+    wide.finish()
+    square = Square(-64, -128, 192, 4.0)
+    known = LightMap(maker, Square(0, -64, 192, 4.0), behind=wide)
+    known.finish()
+    whole = LightMap(maker, square, behind=wide)
+    whole.finish()
+    terrain.asked = 0
+    made = LightMap(maker, square, behind=wide, known=known)
+    frames = 0
+    while not made.ready:
+        made.go_on(Allowance(0.002, timer=Clock(1e-4)))
+        frames += 1
+        assert frames < 2000
+    assert frames > 3
+    assert (made.relief.heights == whole.relief.heights).all()
+    assert made.light.read() == whole.light.read()
+    assert terrain.asked == 192 * 192 - 128 * 128
+
+
+@pytest.mark.gl
+def test_two_squares_agree_where_neither_border_matters(gl):
+    maker = LightMaker(gl, Wall(), Sun(90.0, 80.0))
+    wide = LightMap(maker, Square(-64, -64, 128, 40.0))
+    wide.finish()
+    first, second = (LightMap(maker, Square(col, -192, 384, 2.0), behind=wide) for col in (-192, -128))
+    first.finish()
+    second.finish()
+    a, b = texels(first)[:, 64:], texels(second)[:, :-64]
+    inner = (slice(80, -80), slice(80, -80))
+    assert np.abs(a[inner].astype(float) - b[inner].astype(float))[..., :2].max() < 4e-3
+
+
+@pytest.mark.gl
+def test_a_frame_takes_no_more_than_its_allowance(gl, waves):
+    """Each texel takes a set time here; no call goes on after its allowance by more than a piece."""
+    clock = Clock()
+    plain = waves.heights
+
+    def heights(x, y, *, cell_size=0.0):
+        result = plain(x, y, cell_size=cell_size)
+        clock.now += 4e-4 + 1e-7 * result.size
+        return result
+
+    waves.heights = heights
+    lit = LitGround(gl, waves, SUN, texels=128)
+    camera = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
+    worst = frames = 0
+    while not lit.settled:
+        allowance = Allowance(0.002, timer=clock)
+        lit.update(camera, 0.05, allowance)
+        worst = max(worst, allowance.spent)
+        frames += 1
+        assert frames < 300
+    assert worst <= 0.002
+    assert frames > 10
+
+
+@pytest.mark.gl
+def test_streamed_light_ends_as_the_settled_one_and_never_jumps(gl, waves):
+    lit, still = (LitGround(gl, waves, SUN, texels=128) for _ in range(2))
+    start = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
+    goal = Camera((700.0, 500.0, 130.0), (100.0, 800.0, 60.0))
+    lit.settle(start)
+    elapsed = 0.05
+    before = lit.uniforms((0.0, 0.0, 0.0))
+    for frame in range(400):
+        lit.update(goal, elapsed, Allowance(1.0))
+        after = lit.uniforms((0.0, 0.0, 0.0))
+        step = np.abs(np.subtract(after["near_window"], before["near_window"])).max()
+        assert step <= 1.05 * 1300.0 * elapsed / FADE
+        before = after
+        if lit.settled and frame > 3:
+            break
+    assert lit.settled
+    still.settle(goal)
+    assert lit.uniforms(goal.eye) == still.uniforms(goal.eye)
+    assert (lit.haze_base, lit.haze_height) == (still.haze_base, still.haze_height)
+    for name, texture in lit.textures.items():
+        assert texture.read() == still.textures[name].read()
+
+
+@pytest.mark.gl
+def test_light_comes_in_softly_where_there_was_none(gl, waves):
+    lit = LitGround(gl, waves, SUN, texels=64)
+    camera = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
+    strengths = []
+    while not lit.settled:
+        lit.update(camera, 0.05, Allowance(1.0))
+        strengths.append(lit.uniforms(camera.eye)["map_strength"])
+    assert np.diff(np.array([(0.0, 0.0), *strengths]), axis=0).max() <= 0.05 / FADE + 1e-9
+    assert strengths[-1] == (1.0, 1.0)

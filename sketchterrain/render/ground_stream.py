@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from sketchterrain.render.ground import GroundPool
-from sketchterrain.terrain.vertices import VertexMemory
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.vertex_memory import open_vertex_memory
+from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import QUADS, ScreenError, TileStream, View
 
 if TYPE_CHECKING:
@@ -18,8 +20,9 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
+    from sketchterrain.compute import ComputeContext
     from sketchterrain.render.camera import Camera
-    from sketchterrain.terrain.vertices import VertexStore
+    from sketchterrain.terrain.vertices import VertexMemory, VertexStore
     from sketchterrain.tiles import Batch, DrawList
     from sketchterrain.tiles.metrics import Metric
 
@@ -43,6 +46,11 @@ class Ground(Protocol):
         """Width of a level-0 tile (m)."""
         ...
 
+    @property
+    def context(self) -> ComputeContext:
+        """What computes it."""
+        ...
+
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
@@ -57,15 +65,6 @@ class Ground(Protocol):
         store: VertexStore,
     ) -> npt.NDArray[np.void]:
         """Write tiles, and tell their lowest and highest height and their error."""
-        ...
-
-
-class DrawnMemory(VertexMemory, Protocol):
-    """Vertices' memory as OpenGL has it too."""
-
-    @property
-    def vertices(self) -> moderngl.Buffer:
-        """The same bytes."""
         ...
 
 
@@ -103,16 +102,14 @@ class GroundStream:
         Where it is drawn.
     terrain
         Whose ground.
+    quality
+        How large tiles are, how exact, and how much memory they may take.
     memory
-        Where the vertices live.
-    slots
-        How many tiles are held at most.
-    quads
-        Along a tile's side: 32, 64, 128 or 256.
+        Kind of the vertices' memory, see :func:`open_vertex_memory`; the best that works by default.
     finest_cell
         No quad is made narrower than this, m.
     metric
-        Which tiles are too coarse; a screen error of 1 px by default.
+        Which tiles are too coarse; by default by the quality's tolerance on the screen.
 
     Attributes
     ----------
@@ -122,27 +119,36 @@ class GroundStream:
         Which tiles there are.
     draws : DrawList or None
         What the last frame draws.
+    memory : DrawnMemory
+        Where the vertices live.
     """
 
     def __init__(
         self,
         context: moderngl.Context,
         terrain: Ground,
+        quality: Quality | None = None,
         *,
-        memory: DrawnMemory,
-        slots: int = 1024,
-        quads: int = QUADS,
+        memory: str | None = None,
         finest_cell: float = 0.2,
         metric: Metric | None = None,
     ) -> None:
+        quality = quality or Quality()
+        quads = quality.quads
+        tile_bytes = (quads + 1) ** 2 * VERTEX.itemsize
+        slots = max(quality.tile_memory // tile_bytes, 1)
         self.tiles = TileStream(
-            terrain.extent, quads=quads, slots=slots, finest_cell=finest_cell, metric=metric or ScreenError()
+            terrain.extent,
+            quads=quads,
+            slots=slots,
+            finest_cell=finest_cell,
+            metric=metric or ScreenError(quality.tolerance),
         )
         self.draws: DrawList | None = None
-        self._context = context
         self._terrain = terrain
-        self._store = terrain.vertex_store(slots, quads=quads, memory=memory)
-        self.pool = GroundPool(context, terrain.extent, memory.vertices, quads=quads)
+        self.memory = open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory)
+        self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
+        self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads)
         self._eye: npt.NDArray[np.float64] | None = None
         self._since_leap = np.inf
 
@@ -229,8 +235,6 @@ class GroundStream:
         return seconds
 
     def _write(self, batch: Batch) -> npt.NDArray[np.void]:
-        if self.draws is not None and np.isin(batch.slots, self.draws.slots).any():
-            self._context.finish()  # the last frame may still be drawn from them
         return self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
 
 

@@ -11,7 +11,7 @@ from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render import open_context
 from sketchterrain.terrain.vertices import VertexStore
 
-from .ground_model import write_tiles
+from .ground_model import HostContext, write_tiles
 
 PLANT = np.dtype(
     [("x", "f8"), ("y", "f8"), ("z", "f4"), ("species", "u1"), ("scale", "f4"), ("rotation", "f4")]
@@ -28,6 +28,7 @@ class Surface:
 class Waves:
     """A terrain of two long waves, with a straight river along y = 500 and a row of trees."""
 
+    context = HostContext()
     extent = 1000.0
     size = (1000.0, 1000.0)
     sketch = SimpleNamespace(climate={"aridity": 0.2})
@@ -63,7 +64,7 @@ class Waves:
         return tiles
 
     def vertex_store(self, slots, *, quads=64, memory=None):
-        return VertexStore(None, slots, quads=quads, memory=memory)
+        return VertexStore(self.context, slots, quads=quads, memory=memory)
 
     def write_tiles(self, keys, slots, parents, store):
         return write_tiles(self, keys, slots, parents, store)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from sketchterrain.tiles.morph import morph_weights
 
 QUADS = 64
 SIDE = QUADS + 1
+TILE_BYTES = SIDE * SIDE * VERTEX.itemsize
 
 
 @dataclass
@@ -82,23 +84,17 @@ def pack_tiles(terrain, keys):
     return vertices
 
 
-class HostMemory:
-    """Vertices of a terrain that has no device: an array, and OpenGL's copy of it if there is OpenGL."""
+class HostContext:
+    """What vertices' memory needs of a device, where a terrain has none: buffers are arrays."""
 
-    def __init__(self, nbytes, gl=None):
-        self.buffer = np.zeros(nbytes, np.uint8)
-        self.vertices = None if gl is None else gl.buffer(reserve=nbytes)
+    gl = None
+    device = SimpleNamespace(type="none", name="NumPy")
 
-    @property
-    def nbytes(self):
-        return self.buffer.nbytes
+    def empty(self, shape, dtype):
+        return np.zeros(shape, dtype)
 
-    def acquire(self):
-        pass
-
-    def release(self, parts):
-        for start, size in parts if self.vertices is not None else ():
-            self.vertices.write(self.buffer[start : start + size].tobytes(), offset=start)
+    def download_into(self, buffer, array, *, start=0):
+        array[...] = buffer[start : start + array.nbytes]
 
 
 def write_tiles(terrain, keys, slots, parents, store):

@@ -6,14 +6,14 @@ import moderngl
 import numpy as np
 import pytest
 
-from sketchterrain.render import Camera
+from sketchterrain.render import Camera, Quality
 from sketchterrain.render.camera import clip_planes, direction
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import TileStream, View
 
-from .ground_model import SIDE, HostMemory, along_rims, beyond, names_of, open_edges, shaded, write_tiles
+from .ground_model import SIDE, TILE_BYTES, along_rims, beyond, names_of, open_edges, shaded, write_tiles
 
 SLOTS = 600
 REACH = 20_000.0
@@ -27,9 +27,8 @@ class Streamed:
     def __init__(self, terrain, **options):
         self.terrain = terrain
         self.stream = TileStream(terrain.extent, slots=SLOTS, **options)
-        memory = HostMemory(SLOTS * SIDE**2 * VERTEX.itemsize)
-        self.vertices = memory.buffer.view(VERTEX).reshape(SLOTS, SIDE, SIDE)
-        self.store = terrain.vertex_store(SLOTS, memory=memory)
+        self.store = terrain.vertex_store(SLOTS)
+        self.vertices = self.store.buffer.view(VERTEX).reshape(SLOTS, SIDE, SIDE)
 
     def frame(self, view, *, elapsed, budget=0.01, leap=False):
         batch = self.stream.plan(view, budget=budget)
@@ -131,8 +130,7 @@ def camera_towards(eye, ground, bearing, pitch):
 def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
     rng = np.random.default_rng(3)
     eye = Eye(gl, SIZE)
-    memory = HostMemory(SLOTS * SIDE**2 * VERTEX.itemsize, gl)
-    stream = GroundStream(gl, waves, memory=memory, slots=SLOTS)
+    stream = GroundStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     place, lowest = np.array([300.0, 200.0, 0.0]), -100.0
     for step in range(24):
         if step % 6 == 0:
@@ -153,8 +151,7 @@ def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
 @pytest.mark.gl
 def test_a_hole_would_be_seen(gl, waves):
     eye = Eye(gl, SIZE)
-    memory = HostMemory(SLOTS * SIDE**2 * VERTEX.itemsize, gl)
-    stream = GroundStream(gl, waves, memory=memory, slots=SLOTS)
+    stream = GroundStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0)
     stream.settle(camera, SIZE, draw_distance=REACH)
     picture = eye.see(stream, camera).copy()

@@ -10,18 +10,17 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE
-from sketchterrain.render import Camera
+from sketchterrain.render import Camera, Quality
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.render.overlay_lines import COLOURS, feature_lines
 from sketchterrain.render.overlays import OVERLAYS, Overlay
-from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import ScreenError
 
-from .ground_model import SIDE, HostMemory
+from .ground_model import TILE_BYTES
 
 SIZE = (160, 90)
-SLOTS = 300
+SMALL = Quality(quads=64, tile_memory=300 * TILE_BYTES)
 SKY = (178, 204, 230)
 CAMERA = Camera((500.0, -100.0, 160.0), (500.0, 900.0, 0.0), fov=50.0, near=5.0, far=30_000.0)
 
@@ -29,8 +28,7 @@ CAMERA = Camera((500.0, -100.0, 160.0), (500.0, 900.0, 0.0), fov=50.0, near=5.0,
 @pytest.fixture
 def painted(gl, waves):
     """Draws an overlay over plain sky: returns the picture (height, width, 3) of uint8, row 0 on top."""
-    memory = HostMemory(SLOTS * SIDE**2 * VERTEX.itemsize, gl)
-    stream = GroundStream(gl, waves, memory=memory, slots=SLOTS, metric=ScreenError(quad=6.0))
+    stream = GroundStream(gl, waves, SMALL, metric=ScreenError(quad=6.0))
     stream.settle(CAMERA, SIZE, draw_distance=6000.0)
     overlay = Overlay(gl, waves, stream)
     texture = gl.texture(SIZE, 4)
@@ -165,8 +163,7 @@ def test_shores_go_round_lakes(waves):
 
 @pytest.mark.gl
 def test_nothing_to_draw_is_nothing_drawn(gl, waves):
-    memory = HostMemory(SLOTS * SIDE**2 * VERTEX.itemsize, gl)
-    stream = GroundStream(gl, waves, memory=memory, slots=SLOTS)
+    stream = GroundStream(gl, waves, SMALL)
     texture = gl.texture((16, 16), 4, np.full(16 * 16 * 4, 9, np.uint8).tobytes())
     Overlay(gl, waves, stream).draw("levels", (0.0, 0.0, 9.0), gl.framebuffer([texture]))
     gl.enable_only(moderngl.NOTHING)

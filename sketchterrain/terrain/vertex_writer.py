@@ -31,6 +31,7 @@ _FILE = "tiles.cl"
 _MOST_QUADS = 1 << 20  # of the tiles of a launch
 # Wider tiles (m) are not held against full detail, for which all their features would have to be placed.
 _WIDEST_SAMPLED = 17e3
+_USUAL = 0.99  # share of a tile whose error is at most its δ
 
 
 class VertexWriter:
@@ -48,7 +49,7 @@ class VertexWriter:
         self._staged = Staging(self._context)
         self._detail = DetailBound(arguments.recipe)
         self._at_once: dict[int, Batches] = {}
-        self._found: tuple[int, Any] = (0, None)
+        self._rooms: dict[str, tuple[int, Any]] = {}
 
     def write(
         self, keys: Lattice, slots: Lattice, parents: Lattice, store: VertexStore
@@ -69,11 +70,13 @@ class VertexWriter:
             :data:`~sketchterrain.terrain.vertices.FACTS`.
         """
         facts = np.zeros(len(keys), FACTS)
+        tail = np.zeros(len(keys))
         if not len(keys):
             return facts
         lives = np.concatenate([np.stack([slots, parents], axis=1), keys[:, 1:] & 1], axis=1).astype(np.int32)
         order = np.argsort(keys[:, 0], kind="stable")
-        found = self._room(len(keys) * store.quads // 2)
+        half = store.quads // 2
+        found, away = self._room("found", 4 * len(keys) * half), self._room("away", len(keys) * half**2)
         at_once = self._at_once.setdefault(store.quads, Batches(max(_MOST_QUADS // store.quads**2, 1)))
         store.acquire()
         try:
@@ -83,22 +86,30 @@ class VertexWriter:
                 def enqueue(part: slice, chosen: Lattice = chosen, first: int = first) -> None:
                     some = chosen[part]
                     place = first + part.start
-                    facts["error"][some] = self._enqueue(keys[some], lives[some], store, found, place)
+                    tail[some] = self._enqueue(keys[some], lives[some], store, found, away, place)
 
                 at_once.run(len(chosen), enqueue, smaller=self._give_back)
-            parts = self._context.download(found, (len(keys), store.quads // 2, 4), np.float32)
+            parts = self._context.download(found, (len(keys), half, 4), np.float32)
+            apart = self._context.download(away, (len(keys), half**2), np.float32)
         finally:
             store.release(slots)
-        if not np.isfinite(parts[..., 3]).all():
+        if not np.isfinite(parts[..., 2]).all():
             device = self._context.device
             raise DeviceFailedError(f"{device.name} ({device.platform}) computed heights that are no numbers")
         facts["low"][order] = parts[..., 0].min(axis=1)
         facts["high"][order] = parts[..., 1].max(axis=1)
-        facts["error"][order] += parts[..., 2].max(axis=1)
+        facts["error"][order] = _geometric_error(apart)
+        facts["error"] += tail
         return facts
 
     def _enqueue(
-        self, keys: Lattice, lives: npt.NDArray[np.int32], store: VertexStore, found: Any, first: int
+        self,
+        keys: Lattice,
+        lives: npt.NDArray[np.int32],
+        store: VertexStore,
+        found: Any,
+        away: Any,
+        first: int,
     ) -> npt.NDArray[np.float64] | float:
         """Enqueue tiles of one level; return what is known of their error beyond what will be found (m)."""
         level, places = int(keys[0, 0]), keys[:, 1:]
@@ -123,19 +134,33 @@ class VertexWriter:
             store.buffer,
             np.int32(first),
             found,
+            away,
         )
         return tail
 
-    def _room(self, count: int) -> Any:
-        """Return a buffer for what is found of so many pairs of columns; kept while it is large enough."""
-        if self._found[0] < count:
-            self._found = (0, None)
-            self._found = (count, self._context.empty(4 * count, np.float32))
-        return self._found[1]
+    def _room(self, name: str, count: int) -> Any:
+        """Return a buffer for so many floats; kept while it is large enough."""
+        held, buffer = self._rooms.get(name, (0, None))
+        if held < count:
+            self._rooms.pop(name, None)
+            buffer = self._context.empty(count, np.float32)
+            self._rooms[name] = count, buffer
+        return buffer
 
     def _give_back(self) -> None:
         """Let go of what was allocated for larger batches."""
         self._launcher = PatchLauncher(self._arguments)
+
+
+def _geometric_error(apart: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    """Return δ of tiles from how far samples of full detail are from their triangles (m), shape (tiles, n).
+
+    A hundredth of a tile may be farther off, but nothing of it twice as far: a rare crag does not decide.
+    """
+    samples = apart.shape[1]
+    rank = min(int(np.ceil(_USUAL * samples)), samples) - 1
+    usual = np.partition(apart, rank, axis=1)[:, rank]
+    return np.asarray(np.maximum(usual, 0.5 * apart.max(axis=1)), np.float64)
 
 
 def _runs(levels: Lattice) -> list[tuple[int, int]]:

@@ -6,22 +6,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from sketchterrain.benchmarks.screen_error import Picture
 from sketchterrain.render.camera import Camera
+from sketchterrain.render.flight import Flight, Key
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import build
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Terrain
 
-Floats = npt.NDArray[np.float64]
-
-__all__ = ["EXTENT", "FINEST_CELL", "PICTURE", "RATE", "Stop", "flight", "open_world"]
+__all__ = ["EXTENT", "FINEST_CELL", "PICTURE", "RATE", "Stop", "open_world", "recorded", "stops"]
 
 EXTENT: Final = 4096.0
 """m; the thesis's terrain (section 7.1)."""
@@ -34,9 +30,9 @@ RATE: Final = 30.0
 _FOV = 45.0
 _PRESET = "valley_river"
 _RADIUS, _SPEED = 1100.0, 40.0  # m, m/s
-_LOWEST, _HIGHEST, _WAVES = 5.0, 250.0, 8.0
-_AHEAD = 300.0  # m
-_SMOOTH = 40  # frames; so far to both sides the eye heeds the ground
+_HEIGHTS = (4.0, 6.0, 15.0, 40.0, 75.0, 105.0, 120.0, 95.0, 55.0, 20.0, 6.0)  # m above the ground
+_APART = 1.0  # s
+_AHEAD, _LOOK = 400.0, 20.0  # m: what the eye looks at, and how high that is above the ground
 
 
 @dataclass(frozen=True)
@@ -61,37 +57,31 @@ def open_world(context: ComputeContext) -> Terrain:
     return build(load_sketch(_PRESET).replace(extent=EXTENT), device=context)
 
 
-def flight(terrain: Terrain, frames: int) -> tuple[Stop, ...]:
-    """Return the first frames of a round over the middle of the world.
+def recorded(terrain: Terrain) -> Flight:
+    """Return the flight: ten seconds at 40 m/s along a circle, 4 to 120 m above the ground."""
+    keys = []
+    for number, height in enumerate(_HEIGHTS):
+        turn = number * _SPEED * _APART / _RADIUS
+        outward, ahead = (
+            np.array(pair) for pair in ((np.cos(turn), np.sin(turn)), (-np.sin(turn), np.cos(turn)))
+        )
+        eye = EXTENT / 2 + _RADIUS * outward
+        target = eye + _AHEAD * ahead
+        keys.append(Key(number * _APART, (*eye.tolist(), height), (*target.tolist(), _LOOK), _FOV))
+    flight = Flight(tuple(keys), heights="above ground")
+    return flight.over(lambda x, y: terrain.heights(x, y).astype(np.float64), clearance=2.0)
 
-    40 m/s along a circle of 1100 m, 5 to 250 m above the highest ground within 1.3 s; the eye looks ahead,
-    and down where it is high. Always the same.
-    """
-    return _stops(frames, lambda x, y: terrain.heights(x, y).astype(np.float64))
 
-
-def _stops(frames: int, heights: Callable[[Floats, Floats], Floats]) -> tuple[Stop, ...]:
-    turn = np.arange(-_SMOOTH, frames + _SMOOTH + 1) * (_SPEED / RATE / _RADIUS)
-    x = EXTENT / 2 + _RADIUS * np.cos(turn)
-    y = EXTENT / 2 + _RADIUS * np.sin(turn)
-    ground = heights(x, y)
-    highest = np.array([ground[i : i + 2 * _SMOOTH + 1].max() for i in range(len(ground) - 2 * _SMOOTH)])
-    # The mean of a running maximum over as many frames again never lies below the ground.
-    padded = np.concatenate([np.full(_SMOOTH, highest[0]), highest, np.full(_SMOOTH, highest[-1])])
-    window = np.ones(_SMOOTH + 1) / (_SMOOTH + 1)
-    smooth = np.convolve(padded, window, mode="same")[_SMOOTH:-_SMOOTH]
-    inner = slice(_SMOOTH, -_SMOOTH)
-    x, y, ground, turn = x[inner], y[inner], ground[inner], turn[inner]
-    wave = 0.5 - 0.5 * np.cos(_WAVES * turn)
-    z = smooth + _LOWEST + (_HIGHEST - _LOWEST) * wave**2
-    look = np.stack([-np.sin(turn), np.cos(turn)], axis=1)
-    down = 0.15 + 0.5 * wave
-    speeds = np.gradient(np.stack([x, y, z], axis=1), 1.0 / RATE, axis=0)
-    stops = []
-    for i in range(len(x)):
-        eye = (float(x[i]), float(y[i]), float(z[i]))
-        east, north = (_AHEAD * look[i]).tolist()
-        target = (eye[0] + east, eye[1] + north, eye[2] - _AHEAD * float(down[i]))
-        velocity = (float(speeds[i, 0]), float(speeds[i, 1]), float(speeds[i, 2]))
-        stops.append(Stop(Camera(eye, target, fov=_FOV), float(ground[i]), velocity))
-    return tuple(stops)
+def stops(
+    terrain: Terrain, frames: int, *, seconds: float = _APART * (len(_HEIGHTS) - 1)
+) -> tuple[Stop, ...]:
+    """Return so many frames of the flight, evenly over its first seconds."""
+    flight = recorded(terrain)
+    views = flight.at(np.linspace(0.0, seconds, frames))
+    ground = terrain.heights(views.eye[:, 0], views.eye[:, 1])
+    found = []
+    for eye, target, fov, velocity, below in zip(*views, ground, strict=True):
+        x, y, z = eye.tolist()
+        camera = Camera((x, y, z), tuple(target.tolist()), fov=float(fov))
+        found.append(Stop(camera, float(below), tuple(velocity.tolist())))
+    return tuple(found)

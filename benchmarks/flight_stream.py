@@ -1,0 +1,125 @@
+"""Tiles of the program over a view or a flight: chosen and generated as the renderer does, but not drawn."""
+
+from __future__ import annotations
+
+from time import perf_counter
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.benchmarks.flight_meshes import Tiles
+from sketchterrain.benchmarks.flight_scene import FINEST_CELL, PICTURE
+from sketchterrain.tiles import ScreenError, TileStream, View
+
+if TYPE_CHECKING:
+    from sketchterrain.benchmarks.flight_scene import Stop
+    from sketchterrain.terrain import Terrain
+    from sketchterrain.tiles import Batch, DrawList
+
+__all__ = ["OwnFrame", "OwnTiles", "view_of", "within_world"]
+
+_BYTES = 256 << 20  # of a pool
+
+
+class OwnFrame(NamedTuple):
+    """A frame of this program's.
+
+    Attributes
+    ----------
+    generation, choice : float
+        Seconds in which tiles were generated, and chosen.
+    tiles : int
+        How many were generated.
+    draws : DrawList
+    """
+
+    generation: float
+    choice: float
+    tiles: int
+    draws: DrawList
+
+
+class OwnTiles:
+    """Tiles by their error on the screen, in a store of their own.
+
+    Parameters
+    ----------
+    terrain
+        Whose tiles.
+    quads
+        Along a tile's side.
+    tolerance
+        τ, px.
+    """
+
+    def __init__(self, terrain: Terrain, *, quads: int, tolerance: float) -> None:
+        slots = _BYTES // (32 * (quads + 1) ** 2)
+        self._terrain = terrain
+        self._store = terrain.vertex_store(slots, quads=quads)
+        self._stream = TileStream(
+            terrain.extent,
+            quads=quads,
+            slots=slots,
+            finest_cell=FINEST_CELL,
+            metric=ScreenError(tolerance=tolerance),
+        )
+
+    @property
+    def held(self) -> int:
+        """Tiles in the pool."""
+        return self._stream.pool.held
+
+    @property
+    def whole(self) -> bool:
+        """Whether the pool is large enough for what is asked."""
+        return self._stream.relaxed == 1.0
+
+    def settle(self, view: View) -> OwnFrame:
+        """Generate all that a view shows."""
+        seconds = 0.0
+        before = self.held
+
+        def generate(batch: Batch) -> npt.NDArray[np.void]:
+            nonlocal seconds
+            start = perf_counter()
+            facts = self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
+            seconds += perf_counter() - start
+            return facts
+
+        start = perf_counter()
+        draws = self._stream.settle(view, generate)
+        return OwnFrame(seconds, perf_counter() - start - seconds, self.held - before, draws)
+
+    def frame(self, view: View, *, elapsed: float, budget: float) -> OwnFrame:
+        """Go on by a frame: generate what fits into the budget (s)."""
+        start = perf_counter()
+        batch = self._stream.plan(view, budget=budget)
+        chosen = perf_counter()
+        seconds = 0.0
+        if batch:
+            facts = self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
+            seconds = perf_counter() - chosen
+            self._stream.arrived(batch, facts, seconds=seconds)
+        draws = self._stream.advance(view, elapsed=elapsed)
+        return OwnFrame(seconds, perf_counter() - start - seconds, len(batch.keys), draws)
+
+
+def view_of(stop: Stop, extent: float, *, around: bool = False) -> View:
+    """Return a stop's view of the square world, or of all of it around the eye."""
+    camera = stop.camera
+    # Nothing is to be seen beyond the world: the other ways have nothing there either.
+    world = [[1.0, 0, 0, 0], [-1, 0, 0, extent], [0, 1, 0, 0], [0, -1, 0, extent]]
+    frustum = camera.frustum(PICTURE.width / PICTURE.height)
+    planes = np.array(world) if around else np.concatenate([frustum, world])
+    scale = PICTURE.pixels_per_radian(camera)
+    return View(camera.eye, planes, scale, velocity=stop.velocity, draw_distance=2 * extent)
+
+
+def within_world(draws: DrawList, quads: int) -> Tiles:
+    """Return the drawn tiles that lie in the square world."""
+    places = np.array(draws.keys, np.int64).reshape(-1, 3)
+    level, col, row = places.T
+    side = np.int64(1) << level.clip(0)
+    inside = np.flatnonzero((level >= 0) & (col >= 0) & (row >= 0) & (col < side) & (row < side))
+    return Tiles(quads, places[inside], draws.cases[inside], draws.morph[inside])

@@ -25,6 +25,7 @@ __all__ = ["GLHandles", "acquire", "buffer_of", "context_beside", "current_handl
 _PLATFORM: Final = 0x1084
 _GL_CONTEXT, _EGL_DISPLAY, _GLX_DISPLAY, _WGL_HDC = 0x2008, 0x2009, 0x200A, 0x200B
 _SUCCESS: Final = 0
+_EXTENSION: Final = "cl_khr_gl_sharing"
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,11 @@ def context_beside(device: Device, handles: GLHandles) -> Any:
     Raises
     ------
     DeviceError
-        If the driver refuses.
+        If the driver does not offer it, or refuses.
     """
+    if _EXTENSION not in device.handle.extensions.split():
+        # Some would make a context all the same, and end the process at the first buffer.
+        raise DeviceError(f"{device.name} ({device.platform}) shares no buffers with OpenGL: no {_EXTENSION}")
     values = (*handles.properties, _PLATFORM, device.handle.platform.int_ptr, 0)
     properties = (ctypes.c_ssize_t * len(values))(*values)
     devices = (ctypes.c_void_p * 1)(device.handle.int_ptr)

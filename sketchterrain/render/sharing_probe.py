@@ -1,0 +1,147 @@
+"""Which kind of vertex memory really works: tried in a child process, for drivers crash and hang here."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sketchterrain.errors import SketchterrainError, one_line
+
+if TYPE_CHECKING:
+    from sketchterrain.compute import ComputeContext, Device
+
+__all__ = ["Sharing", "open_device", "probe_sharing"]
+
+_MODULE: Final = "sketchterrain.render.sharing_probe"
+_WORDS: Final = 1 << 18
+_ROUNDS: Final = 3
+_TIMEOUT: Final = 60.0  # s: the first build of a kernel may take a while
+_LONGEST: Final = 200
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """How vertices reach OpenGL.
+
+    Attributes
+    ----------
+    kind : {'extension', 'mapped', 'copy', 'none'}
+        The best that was found to work; none where there is no OpenGL.
+    reason : str
+        One line: why it is no better one; empty where nothing failed.
+    """
+
+    kind: str
+    reason: str = ""
+
+
+@cache
+def probe_sharing(device: Device, *, timeout: float = _TIMEOUT) -> Sharing:
+    """Find out, once a process, which kind of memory a device and OpenGL can share.
+
+    Each kind that the device offers is tried in a child, the best first: a kernel writes OpenGL's buffer
+    three times, and what OpenGL then holds is compared. What crashes, hangs or differs is not taken.
+
+    Parameters
+    ----------
+    device
+    timeout
+        Seconds for each kind.
+    """
+    reasons: list[str] = []
+    offered = [device.gl_sharing, "mapped", "copy"] if device.type == "CPU" else [device.gl_sharing, "copy"]
+    for kind in dict.fromkeys(offered):
+        failure = _tried(device, kind, timeout)
+        if failure is None:
+            return Sharing(kind, "; ".join(reasons))
+        reasons.append(f"{kind}: {failure}")
+    return Sharing("none", "; ".join(reasons))
+
+
+def open_device(device: Device, *, real: str = "float", fast: bool = False) -> ComputeContext:
+    """Open a device so that it shares buffers with the OpenGL context that is current, where that works.
+
+    Parameters
+    ----------
+    device, real, fast
+        As for :class:`~sketchterrain.compute.ComputeContext`.
+    """
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.gl_interop import current_handles
+
+    shared = device.gl_sharing == "extension" and probe_sharing(device).kind == "extension"
+    return ComputeContext(device, real=real, fast=fast, gl=current_handles() if shared else None)
+
+
+def _tried(device: Device, kind: str, timeout: float) -> str | None:
+    """Return what went wrong with a kind, in one line; None where it works."""
+    try:
+        child = subprocess.run(  # noqa: S603
+            _command(device, kind), capture_output=True, text=True, timeout=timeout, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f"the probe did not answer within {timeout:g} s"
+    except OSError as error:
+        return f"the probe did not start: {error}"
+    if child.returncode == 0:
+        return None
+    if child.returncode < 0:
+        return f"the probe crashed ({_signal(-child.returncode)})"
+    lines = child.stderr.strip().splitlines()
+    return one_line(lines[-1][:_LONGEST]) if lines else f"the probe failed with code {child.returncode}"
+
+
+def _command(device: Device, kind: str) -> list[str]:
+    return [sys.executable, "-m", _MODULE, str(device.index), kind]
+
+
+def _signal(number: int) -> str:
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
+
+
+def _probe(index: int, kind: str) -> None:
+    """Try a kind on a device, here.
+
+    Raises
+    ------
+    SketchterrainError
+        If OpenGL does not hold what the kernel wrote.
+    """
+    from sketchterrain.compute import ComputeContext, list_devices
+    from sketchterrain.compute.gl_interop import current_handles
+    from sketchterrain.render.context import open_context
+    from sketchterrain.render.vertex_memory import open_vertex_memory
+
+    gl = open_context()
+    handles = current_handles() if kind == "extension" else None
+    if kind == "extension" and handles is None:
+        raise SketchterrainError("the OpenGL context that is current can't be told to OpenCL")
+    context = ComputeContext(list_devices()[index], gl=handles)
+    memory = open_vertex_memory(gl, context, 4 * _WORDS, kind=kind)
+    for turn in range(_ROUNDS):
+        memory.acquire()
+        context.launch("sharing_probe.cl", "probe", (_WORDS,), np.uint32(turn), memory.buffer)
+        memory.release([(0, memory.nbytes)])
+        words = (np.arange(_WORDS, dtype=np.uint32) + np.uint32(1)) * np.uint32(0x9E3779B1) + np.uint32(turn)
+        different = int(np.count_nonzero(np.frombuffer(memory.read(), np.uint32) != words))
+        if different:
+            raise SketchterrainError(
+                f"OpenGL holds other words than the kernel wrote, {different} of {_WORDS}"
+            )
+    memory.close()
+
+
+if __name__ == "__main__":
+    try:
+        _probe(int(sys.argv[1]), sys.argv[2])
+    except SketchterrainError as found:
+        sys.exit(str(found))

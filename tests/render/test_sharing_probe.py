@@ -1,0 +1,115 @@
+"""Which kind of vertex memory works: tried in a child that may crash or hang."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sketchterrain.compute import ComputeContext, Device, list_devices
+from sketchterrain.compute.gl_interop import GLHandles, current_handles
+from sketchterrain.errors import DeviceError
+from sketchterrain.render import sharing_probe
+from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+pytestmark = pytest.mark.gl
+
+DEVICES = list_devices()
+CPUS = [device for device in DEVICES if device.type == "CPU"]
+SHARING = [device for device in DEVICES if device.gl_sharing == "extension"]
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> Iterator[None]:
+    probe_sharing.cache_clear()
+    yield
+    probe_sharing.cache_clear()
+
+
+@pytest.mark.parametrize("device", CPUS, ids=lambda device: device.platform)
+def test_a_cpu_device_maps(gl: object, device: Device) -> None:
+    assert probe_sharing(device) == Sharing("mapped")
+    assert open_device(device).gl is None
+
+
+@pytest.mark.skipif(not SHARING, reason="no device with cl_khr_gl_sharing")
+def test_a_device_with_the_extension_shares(gl: object) -> None:
+    """Or is told why it does not, and copies."""
+    for device in SHARING:
+        found = probe_sharing(device)
+        assert (found.kind == "extension") == (found.reason == "")
+        assert (open_device(device).gl is not None) == (found.kind == "extension")
+
+
+FAILURES = {
+    "a crash": (
+        "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
+        "extension: the probe crashed (SIGSEGV)",
+    ),
+    "a hang": ("import time; time.sleep(60)", "extension: the probe did not answer within 2 s"),
+    "a refusal": ("raise SystemExit('the driver refuses')", "extension: the driver refuses"),
+    "silence": ("raise SystemExit(3)", "extension: the probe failed with code 3"),
+}
+
+
+@pytest.mark.parametrize("what", FAILURES)
+def test_a_probe_that_fails_ends_in_a_copy(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With one line that says why."""
+    code, reason = FAILURES[what]
+    device = replace(CPUS[0], type="GPU", gl_sharing="extension")
+
+    def command(device: Device, kind: str) -> list[str]:
+        return [sys.executable, "-c", code if kind == "extension" else "pass"]
+
+    monkeypatch.setattr(sharing_probe, "_command", command)
+    assert probe_sharing(device, timeout=2.0) == Sharing("copy", reason)
+
+
+def test_no_opengl_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        sharing_probe, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit('no OpenGL 4.3')"]
+    )
+    assert probe_sharing(CPUS[0]) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
+
+
+@pytest.mark.parametrize("device", CPUS, ids=lambda device: device.platform)
+def test_a_driver_without_the_extension_is_not_asked(gl: object, device: Device) -> None:
+    """PoCL's would end the process."""
+    handles = current_handles()
+    assert handles is not None
+    assert handles.window_system == "EGL"
+    with pytest.raises(DeviceError, match="shares no buffers with OpenGL: no cl_khr_gl_sharing"):
+        ComputeContext(device, gl=handles)
+    found = probe_sharing(replace(device, gl_sharing="extension"))
+    assert found.kind == "mapped"
+    assert "no cl_khr_gl_sharing" in found.reason
+
+
+def test_a_driver_that_ends_the_process(gl: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Asked all the same, in a child: it says no, or it crashes, and vertices are mapped."""
+    code = (
+        "import sys; from sketchterrain.compute import gl_interop;"
+        "from sketchterrain.render import sharing_probe;"
+        "gl_interop._EXTENSION = 'cl_khr_global_int32_base_atomics';"
+        "sharing_probe._probe(int(sys.argv[1]), sys.argv[2])"
+    )
+
+    def command(device: Device, kind: str) -> list[str]:
+        return [sys.executable, "-c", code, str(device.index), kind]
+
+    monkeypatch.setattr(sharing_probe, "_command", command)
+    for device in CPUS:
+        found = probe_sharing(replace(device, gl_sharing="extension"))
+        assert found.kind == "mapped"
+        assert found.reason.startswith("extension: ")
+        assert "\n" not in found.reason
+
+
+def test_what_opencl_is_told() -> None:
+    assert GLHandles("EGL", 5, 7).properties == (0x2008, 5, 0x2009, 7)
+    assert GLHandles("GLX", 5, 7).properties == (0x2008, 5, 0x200A, 7)

@@ -21,12 +21,18 @@ __all__ = [
     "DeviceName",
     "Eye",
     "Fast",
+    "FilmPlace",
+    "FlightFile",
     "Folder",
+    "Fps",
     "LookAt",
     "OptionalPictureFile",
     "PictureFile",
     "PictureSize",
     "Point",
+    "QualityNumber",
+    "RealTime",
+    "Seconds",
     "Seed",
     "SketchName",
     "Vertices",
@@ -37,6 +43,8 @@ Point = tuple[float, float, float]
 
 _PIXELS = range(16, 8193)  # what the renderer can draw
 _FARTHEST = 1e9  # m
+_LONGEST = 3600.0  # s, of a flight
+_FILMS = (".mp4", ".webp", ".gif")  # what is no folder of frames
 
 
 def _parse_point(text: str) -> Point:
@@ -66,6 +74,20 @@ def _check_picture_file(path: Path | None) -> Path | None:
     return path
 
 
+def _check_film_place(path: Path | None) -> Path | None:
+    if path is None or path.is_dir() or path.suffix.lower() in ("", *_FILMS):
+        return path
+    raise typer.BadParameter(
+        f"expected a folder, or the name of a file that ends in {', '.join(_FILMS)}, got {str(path)!r}"
+    )
+
+
+def _check_seconds(seconds: float | None) -> float | None:
+    if seconds is None or 0.0 < seconds <= _LONGEST:
+        return seconds
+    raise typer.BadParameter(f"expected more than 0 and at most {_LONGEST:g} seconds, got {seconds:g}")
+
+
 AsJson = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
 DeviceName = Annotated[
     str | None,
@@ -77,7 +99,23 @@ Eye = Annotated[
     typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Where the camera stands, m."),
 ]
 Fast = Annotated[bool, typer.Option("--fast", help="Trade the same bits everywhere for speed.")]
+FilmPlace = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="DIR|FILE",
+        callback=_check_film_place,
+        help=f"Folder for the frames, 0000.png and so on, or a file named {', '.join(_FILMS)}; "
+        "without it only the numbers.",
+    ),
+]
+FlightFile = Annotated[
+    Path | None,
+    typer.Option("--path", metavar="FILE", help="A recorded path; by default a round over the sketch."),
+]
 Folder = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write into.")]
+Fps = Annotated[int, typer.Option("--fps", metavar="N", min=1, max=240, help="Frames a second.")]
 LookAt = Annotated[
     Any,
     typer.Option(
@@ -98,6 +136,29 @@ OptionalPictureFile = Annotated[
 ]
 PictureSize = Annotated[
     Any, typer.Option("--size", parser=_parse_picture_size, metavar="WxH", help="Width and height, pixels.")
+]
+QualityNumber = Annotated[
+    float | None,
+    typer.Option(
+        "--quality",
+        metavar="0..1",
+        min=0.0,
+        max=1.0,
+        help="What a frame may cost; by default the best, with --real-time what suits the device.",
+    ),
+]
+RealTime = Annotated[
+    bool,
+    typer.Option(
+        "--real-time",
+        help="Show what is ready within a frame's budget, as a viewer does; else each frame is complete.",
+    ),
+]
+Seconds = Annotated[
+    float | None,
+    typer.Option(
+        "--seconds", metavar="N", callback=_check_seconds, help="Only so much of the path; 20 without --path."
+    ),
 ]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="In place of the sketch's own seed.")]
 SketchName = Annotated[

@@ -21,11 +21,17 @@ from sketchterrain.arguments import (
     DeviceName,
     Eye,
     Fast,
+    FilmPlace,
+    FlightFile,
     Folder,
+    Fps,
     LookAt,
     OptionalPictureFile,
     PictureFile,
     PictureSize,
+    QualityNumber,
+    RealTime,
+    Seconds,
     Seed,
     SketchName,
     Vertices,
@@ -35,6 +41,7 @@ from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, f
 from sketchterrain.listings import (
     adherence_lines,
     device_lines,
+    flown_lines,
     generated_lines,
     preset_entry,
     preset_lines,
@@ -187,6 +194,39 @@ def render(
 
         run_job(work, device=device, fast=fast, stages=stages)
     _say(str(output))
+
+
+@app.command()
+def fly(
+    sketch: SketchName,
+    path: FlightFile = None,
+    output: FilmPlace = None,
+    size: PictureSize = "1280x720",
+    seconds: Seconds = None,
+    fps: Fps = 30,
+    quality: QualityNumber = None,
+    real_time: RealTime = False,
+    seed: Seed = None,
+    device: DeviceName = None,
+    fast: Fast = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fly over a sketch's terrain along a path: a film of it, and what its frames took."""
+    with Stages() as stages:
+        with stages.stage("sketch", "Reading the sketch"):
+            document = _load(sketch, seed)
+        with stages.stage("program", "Loading the program"):
+            from sketchterrain import fly as whole
+            from sketchterrain.render import load_flight
+
+            flight = None if path is None else load_flight(path)
+        take = whole.Take(size, fps, seconds, quality, real_time)
+        told = whole.fly(document, flight, take, output=output, device=device, fast=fast, stages=stages)
+    told["path"] = None if path is None else str(path)
+    if as_json:
+        _say_json(told)
+    else:
+        _say(*flown_lines(told))
 
 
 @app.command()

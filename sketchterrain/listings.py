@@ -15,6 +15,7 @@ __all__ = [
     "adherence_lines",
     "device_entry",
     "device_lines",
+    "flown_lines",
     "generated_lines",
     "preset_entry",
     "preset_lines",
@@ -105,6 +106,28 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     lines += [f"started again: {line}" for line in report["restarts"]]
     lines += [f"decided: {line}" for line in report["resolutions"]]
     return [*lines, *(f"note: {line}" for line in report["notes"])]
+
+
+def flown_lines(told: dict[str, Any]) -> list[str]:
+    """Return what was flown, what its frames took, and where they lie."""
+    size, frame, device = told["size"], told["frame"], told["device"]
+    generation, triangles = told["generation"], told["triangles"]
+    lines = [
+        f"{told['sketch']}, seed {told['seed']}: {_counted(told['frames'], 'frame')} of {size['width']} × "
+        f"{size['height']} pixels, {told['seconds']:.3g} s at {told['fps']} a second",
+        f"drawn: {told['frames_per_second']:.1f} frames a second, {1e3 * frame['mean']:.1f} ms a frame, "
+        f"{1e3 * frame['worst']:.1f} ms at most; {told['settled']} of {told['frames']} complete",
+        f"generation: {1e3 * generation['initial']:.1f} ms at first, then {1e3 * generation['mean']:.2f} ms "
+        f"a frame and {1e3 * generation['worst']:.2f} ms at most in "
+        f"{_counted(generation['updating_frames'], 'frame')} with new tiles",
+        f"triangles: {triangles['mean']:,.0f} a frame, {triangles['most']:,} at most",
+        f"in {told['timings']['total']:.1f} s on {device['name']} ({device['platform']})",
+    ]
+    if told["output"] is not None:
+        lines.append(f"film: {told['output']}")
+    if told["lowest"] < 0.0:
+        lines.append(f"note: the path goes {-told['lowest']:.1f} m under the ground")
+    return lines + [f"started again: {line}" for line in told["restarts"]]
 
 
 def _counted(count: int, noun: str) -> str:

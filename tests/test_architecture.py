@@ -31,6 +31,7 @@ ANYTHING = {
     "benchmarks",
     "cli",
     "exit_codes",
+    "fly",
     "generate",
     "jobs",
     "listings",

@@ -2,6 +2,9 @@
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.context import open_context
+from sketchterrain.render.flight import Flight, Key
+from sketchterrain.render.flight_file import load_flight, save_flight
+from sketchterrain.render.footage import Shot, footage
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
@@ -9,4 +12,19 @@ from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
 
-__all__ = ["Camera", "Quality", "Renderer", "Sun", "find_sun", "find_view", "open_context", "render_picture"]
+__all__ = [
+    "Camera",
+    "Flight",
+    "Key",
+    "Quality",
+    "Renderer",
+    "Shot",
+    "Sun",
+    "find_sun",
+    "find_view",
+    "footage",
+    "load_flight",
+    "open_context",
+    "render_picture",
+    "save_flight",
+]

@@ -14,6 +14,7 @@ from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
 
 if TYPE_CHECKING:
+    import moderngl
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Camera
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
-__all__ = ["render_picture"]
+__all__ = ["check_size", "read_picture", "render_picture"]
 
 LARGEST = 8192
 """Pixels along a side."""
@@ -65,9 +66,7 @@ def render_picture(
     DeviceError
         If there is no OpenGL.
     """
-    width, height = size
-    if not (16 <= width <= LARGEST and 16 <= height <= LARGEST):
-        raise InputError(f"expected a picture of 16 to {LARGEST} pixels a side, got {width}×{height}")
+    check_size(size)
     start = time.perf_counter()
     if camera is None:
         camera = find_view(terrain)
@@ -81,9 +80,29 @@ def render_picture(
         texture = context.texture(size, 4)
         framebuffer = context.framebuffer([texture])
         renderer.draw(camera, framebuffer)
-        pixels = np.frombuffer(texture.read(), np.uint8).reshape(height, width, 4)
+        picture = read_picture(texture)
         if timings is not None:
             timings.update(spent | renderer.timings)
-        return np.ascontiguousarray(pixels[::-1, :, :3])
+        return picture
     finally:
         context.release()
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Refuse pictures that are too small or too large to be drawn.
+
+    Raises
+    ------
+    InputError
+        If a side is out of range.
+    """
+    width, height = size
+    if not (16 <= width <= LARGEST and 16 <= height <= LARGEST):
+        raise InputError(f"expected a picture of 16 to {LARGEST} pixels a side, got {width}×{height}")
+
+
+def read_picture(texture: moderngl.Texture) -> npt.NDArray[np.uint8]:
+    """Return what was drawn into an RGBA texture: (height, width, 3) uint8, row 0 on top."""
+    width, height = texture.size
+    pixels = np.frombuffer(texture.read(), np.uint8).reshape(height, width, 4)
+    return np.ascontiguousarray(pixels[::-1, :, :3])

@@ -59,7 +59,7 @@ def tour(terrain: Terrain, *, seconds: float = 20.0) -> Flight:
     terrain
         Endless, of any sketch.
     seconds
-        How long it takes, s; > 0.
+        How long it takes at least, s; > 0.
     """
     east, north = terrain.size
     extent = terrain.extent
@@ -69,7 +69,9 @@ def tour(terrain: Terrain, *, seconds: float = 20.0) -> Flight:
     loop = _spaced(_round(terrain, relief), speed * KEY_EVERY)
     keys = len(loop)
     ahead = max(round(LOOK_AHEAD / KEY_EVERY), 1)
-    number = np.arange(int(np.ceil(seconds / KEY_EVERY)) + 1)
+    # With a whole round and some keys after the end, what is flown does not depend on how long it is.
+    wanted = int(np.ceil(seconds / KEY_EVERY)) + 4
+    number = np.arange(max(wanted, keys))
     here = loop[number % keys]
     eyes = np.column_stack([here, _heights(relief, loop, rise)[number % keys]])
     there = loop[(number + ahead) % keys]
@@ -82,7 +84,7 @@ def tour(terrain: Terrain, *, seconds: float = 20.0) -> Flight:
     flight = Flight(
         tuple(Key(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
     )
-    return flight.raised(terrain.heights, clearance=LOW * rise)
+    return Flight(flight.raised(terrain.heights, clearance=LOW * rise).keys[:wanted])
 
 
 def _round(terrain: Terrain, relief: HeightMap) -> Floats:

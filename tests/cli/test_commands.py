@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-COMMANDS = ("new", "generate", "render", "adherence", "bench", "devices", "presets")
+COMMANDS = ("new", "generate", "render", "fly", "adherence", "bench", "devices", "presets")
 
 
 def test_help_loads_no_numbers_no_driver_and_no_picture() -> None:

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.render import Camera
-from sketchterrain.render.flight import Flight, Key
+from sketchterrain.render.flight import HEIGHTS, KEY, Flight, Key
 from sketchterrain.render.flight_file import flight_text, load_flight, parse_flight, save_flight
 
 
@@ -230,3 +232,13 @@ def test_keys_hardly_apart_are_one_place():
     views = Flight(tuple(keys)).at(np.linspace(0.0, 4.0, 9))
     assert all(np.isfinite(part).all() for part in views)
     assert all((a == b).all() for a, b in itertools.pairwise(views.eye))
+
+
+def test_the_page_says_what_a_file_takes():
+    page = (Path(__file__).parents[2] / "docs/flying.md").read_text(encoding="utf-8")
+    for name, key in KEY.items():
+        assert f"| `{name}` | {key.range} {key.unit} | {key.help}" in page
+    assert f"`heights` says {HEIGHTS.help}" in " ".join(page.split())
+    (example,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    flight = parse_flight(example.encode())
+    assert (flight.heights, flight.duration, flight.keys[1].fov) == ("above ground", 8.0, KEY["fov"].default)

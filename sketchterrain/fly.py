@@ -1,0 +1,188 @@
+"""A flight over a sketch's terrain: drawn along a path, written as a film, and what it took."""
+
+from __future__ import annotations
+
+import statistics
+from contextlib import closing, nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sketchterrain.export import check_film, film
+from sketchterrain.jobs import run_job
+from sketchterrain.listings import device_entry
+from sketchterrain.render import Quality, footage
+from sketchterrain.render.tour import tour
+from sketchterrain.terrain import build
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.progress import Stages
+    from sketchterrain.render import Flight, Shot
+    from sketchterrain.render.flight import Views
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Terrain
+
+__all__ = ["SECONDS", "Take", "fly"]
+
+SECONDS = 20.0
+"""Of a flight without a path, if nothing else is asked for."""
+
+
+@dataclass(frozen=True)
+class Take:
+    """How a flight is taken.
+
+    Attributes
+    ----------
+    size : (int, int)
+        Width and height, pixels.
+    fps : int
+        Frames a second.
+    seconds : float or None
+        How much of the flight; by default all of it, or `SECONDS` where there is no path.
+    quality : float or None
+        0 … 1; by default the best, or with `real_time` what suits the device.
+    real_time : bool
+        Whether frames show what is ready within their budget, as a viewer does; else each one is complete.
+    """
+
+    size: tuple[int, int] = (1280, 720)
+    fps: int = 30
+    seconds: float | None = None
+    quality: float | None = None
+    real_time: bool = False
+
+
+def fly(
+    sketch: Sketch,
+    flight: Flight | None,
+    take: Take,
+    *,
+    output: Path | None,
+    device: str | None,
+    fast: bool,
+    stages: Stages,
+) -> dict[str, Any]:
+    """Fly over a sketch's terrain.
+
+    Parameters
+    ----------
+    sketch
+        With the seed that counts.
+    flight
+        The path; a round over the sketch's sights by default.
+    take
+        How.
+    output
+        Folder or file of the film, see :func:`~sketchterrain.export.check_film`; none by default.
+    device
+        Selector as for :func:`~sketchterrain.compute.choose_device`.
+    fast
+        Whether the kernels may trade bits for speed.
+    stages
+        Told and timed: ``device``, ``features``, ``path`` and ``frames``.
+
+    Returns
+    -------
+    dict
+        What was flown and what it took, as ``--json`` tells it.
+
+    Raises
+    ------
+    InputError
+        If the film cannot be of that size.
+    DeviceError
+        If there is no such device, none that did not fail, or no OpenGL.
+    SketchterrainError
+        If a file cannot be written.
+    """
+    quality = None if take.quality is None else Quality.of(take.quality)
+    length = take.seconds or SECONDS
+    if output is not None:
+        frames = round(length * take.fps) if flight is None else len(flight.times(take.fps, take.seconds))
+        check_film(output, size=take.size, frames=max(frames, 1))
+
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> dict[str, Any]:
+        with stages.stage("features", "Placing features"):
+            terrain = build(sketch, device=context)
+        with stages.stage("path", "Choosing a path"):
+            way = tour(terrain, seconds=length) if flight is None else flight.over(terrain.heights)
+            views = way.at(way.times(take.fps, length if flight is None else take.seconds))
+            lowest = _lowest(terrain, views)
+        frames = len(views.eye)
+        writing = (
+            nullcontext(_ignore)
+            if output is None
+            else film(output, size=take.size, fps=take.fps, frames=frames)
+        )
+        shots: list[Shot] = []
+        seen = footage(
+            terrain,
+            views,
+            fps=take.fps,
+            size=take.size,
+            quality=quality,
+            complete=not take.real_time,
+            pixels=output is not None,
+        )
+        with stages.stage("frames", "Flying") as tell, writing as add, closing(seen):
+            for shot, picture in seen:
+                shots.append(shot)
+                if picture is not None:
+                    add(picture)
+                tell(len(shots) / frames)
+        seconds = stages.seconds | {"total": stages.elapsed}
+        return {
+            "sketch": sketch.name,
+            "seed": sketch.seed,
+            "size": {"width": take.size[0], "height": take.size[1]},
+            "fps": take.fps,
+            "seconds": frames / take.fps,
+            "lowest": lowest,
+            "real_time": take.real_time,
+            **_told(shots),
+            "device": device_entry(context.device),
+            "fast": context.fast,
+            "restarts": list(restarts),
+            "timings": {name: round(value, 4) for name, value in seconds.items()},
+            "output": None if output is None else str(output),
+        }
+
+    return run_job(work, device=device, fast=fast, stages=stages)
+
+
+def _ignore(_: npt.NDArray[np.uint8]) -> None:
+    """Take a frame that nobody wants."""
+
+
+def _lowest(terrain: Terrain, views: Views) -> float:
+    """Return how high above the ground (m) the eye is where it is lowest."""
+    ground = terrain.heights(views.eye[:, 0], views.eye[:, 1])
+    return float((views.eye[:, 2] - ground).min())
+
+
+def _told(shots: Sequence[Shot]) -> dict[str, Any]:
+    """Return what frames took, in the thesis's terms: what generation takes at first, and while updating."""
+    updating = [shot.generation_seconds for shot in shots[1:] if shot.tiles_generated]
+    seconds = [shot.seconds for shot in shots]
+    triangles = [shot.triangles for shot in shots]
+    return {
+        "frames": len(shots),
+        "settled": sum(shot.settled for shot in shots),
+        "generation": {
+            "initial": shots[0].generation_seconds,
+            "updating_frames": len(updating),
+            "mean": statistics.fmean(updating or [0.0]),
+            "worst": max(updating, default=0.0),
+            "tiles": sum(shot.tiles_generated for shot in shots),
+        },
+        "triangles": {"mean": statistics.fmean(triangles), "most": max(triangles)},
+        "frame": {"mean": statistics.fmean(seconds), "worst": max(seconds)},
+        "frames_per_second": len(shots) / sum(seconds),
+    }

@@ -1,0 +1,247 @@
+"""Flying: the film is of the path, whole or not there, and the numbers are those of its frames."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import sketchterrain.fly
+from sketchterrain.compute import list_devices
+from sketchterrain.errors import DeviceFailedError
+from sketchterrain.render import Flight, Key, Quality, Shot, save_flight
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+SMALL = ["--size", "64x48"]
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Two seconds straight north, 80 m above the ground."""
+    keys = [Key(t, (100.0, 50.0 + 40.0 * t, 80.0), (100.0, 300.0 + 40.0 * t, 10.0)) for t in range(3)]
+    return save_flight(Flight(tuple(keys), "above ground"), tmp_path / "way.toml")
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """What the renderer was asked for, in place of pictures; frame n is 9n grey, and takes n + 1 ms."""
+    calls: list[dict[str, Any]] = []
+
+    def footage(terrain: object, views: Any, **options: Any) -> Iterator[Any]:
+        calls.append(options | {"terrain": terrain, "views": views, "drawn": 0})
+        for number in range(len(views.eye)):
+            calls[-1]["drawn"] += 1
+            shot = Shot((number + 1) / 1000, number / 1000, int(number != 3), 10, 100 * number, number > 0)
+            width, height = options["size"]
+            yield shot, np.full((height, width, 3), 9 * number, np.uint8) if options["pixels"] else None
+
+    monkeypatch.setattr(sketchterrain.fly, "footage", footage)
+    return calls
+
+
+def test_frames_of_a_path(
+    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, asked: list[dict[str, Any]]
+) -> None:
+    out = tmp_path / "made" / "frames"
+    done = call("fly", sketch, "--path", path, "-o", out, "--fps", 5, *SMALL)
+    assert done.code == 0, done.err
+    assert sorted(each.name for each in out.iterdir()) == [f"{number:04d}.png" for number in range(10)]
+    with Image.open(out / "0007.png") as image:
+        assert (image.size, image.getpixel((0, 0))) == ((64, 48), (63, 63, 63))
+    (shoot,) = asked
+    assert (shoot["fps"], shoot["size"], shoot["complete"], shoot["quality"]) == (5, (64, 48), True, None)
+    eye, terrain = shoot["views"].eye, shoot["terrain"]
+    assert eye[:, 1] == pytest.approx(50.0 + 8.0 * np.arange(10), abs=1e-3)
+    assert eye[0, 2] == pytest.approx(80.0 + float(terrain.heights(100.0, 50.0)), abs=1e-3)
+
+
+def test_the_numbers_are_those_of_the_frames(
+    call: Callable[..., Any], sketch: Path, path: Path, asked: list[dict[str, Any]]
+) -> None:
+    done = call("fly", sketch, "--path", path, "--fps", 5, "--seconds", 1, *SMALL, "--json")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert (told["frames"], told["seconds"], told["settled"], told["output"]) == (5, 1.0, 4, None)
+    assert told["frame"] == pytest.approx({"mean": 0.003, "worst": 0.005})
+    assert told["frames_per_second"] == pytest.approx(5 / 0.015)
+    assert told["triangles"] == {"mean": 200.0, "most": 400}
+    # The first frame is initial, the fourth got no tile.
+    expected = {"initial": 0.0, "updating_frames": 3, "mean": 0.007 / 3, "worst": 0.004, "tiles": 4}
+    assert told["generation"] == pytest.approx(expected)
+    assert (told["path"], told["seed"], told["real_time"]) == (str(path), 5, False)
+    assert told["lowest"] == pytest.approx(80.0, abs=15.0)
+    assert not asked[0]["pixels"]
+
+
+def test_a_person_reads_them_too(
+    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, asked: list[dict[str, Any]]
+) -> None:
+    film = tmp_path / "a.webp"
+    done = call("fly", sketch, "--path", path, "--fps", 5, "-o", film, *SMALL, "--seed", 9)
+    assert done.code == 0, done.err
+    assert "North-east, seed 9: 10 frames of 64 × 48 pixels, 2 s at 5 a second" in done.out
+    assert "181.8 frames a second, 5.5 ms a frame, 10.0 ms at most; 9 of 10 complete" in done.out
+    assert "triangles: 450 a frame, 900 at most" in done.out
+    assert done.out.endswith(f"film: {film}\n")
+    with Image.open(film) as image:
+        assert image.n_frames == 10
+
+
+def test_without_a_path_a_round_over_the_sketch(
+    call: Callable[..., Any], sketch: Path, asked: list[dict[str, Any]]
+) -> None:
+    told = json.loads(call("fly", sketch, "--fps", 2, *SMALL, "--json").out)
+    assert (told["path"], told["frames"], told["seconds"]) == (None, 40, 20.0)
+    assert told["lowest"] > 5.0
+    eye = asked[0]["views"].eye
+    assert (eye[:, :2] > 0.0).all()
+    assert (eye[:, :2] < (512.0, 384.0)).all()
+    call("fly", sketch, "--fps", 2, "--seconds", 3, *SMALL)
+    np.testing.assert_allclose(asked[1]["views"].eye, eye[:6], atol=1e-3)
+
+
+def test_quality_and_real_time(
+    call: Callable[..., Any], sketch: Path, path: Path, asked: list[dict[str, Any]]
+) -> None:
+    more = ["--path", path, "--fps", 1, *SMALL]
+    assert call("fly", sketch, *more, "--quality", 0.25).code == 0
+    assert call("fly", sketch, *more, "--real-time").code == 0
+    assert [(each["quality"], each["complete"]) for each in asked] == [
+        (Quality.of(0.25), True),
+        (None, False),
+    ]
+
+
+def test_a_path_under_the_ground_is_noted(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, asked: list[dict[str, Any]]
+) -> None:
+    keys = tuple(Key(t, (50.0 * t, 0.0, -500.0), (50.0 * t, 9.0, -500.0)) for t in range(2))
+    path = save_flight(Flight(keys), tmp_path / "deep.toml")
+    done = call("fly", sketch, "--path", path, "--fps", 2, *SMALL)
+    assert done.code == 0
+    assert "note: the path goes 5" in done.out
+    assert asked[0]["views"].eye[0, 2] == -500.0
+
+
+@pytest.mark.parametrize("name", ["frames", "a.webp", "a.gif"])
+def test_an_interruption_leaves_no_part_of_a_film(
+    call: Callable[..., Any],
+    sketch: Path,
+    path: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    name: str,
+) -> None:
+    def footage(terrain: object, views: object, **options: Any) -> Iterator[Any]:
+        for _ in range(3):
+            yield Shot(0.1, 0.0, 0, 0, 0, settled=True), np.zeros((48, 64, 3), np.uint8)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sketchterrain.fly, "footage", footage)
+    out = tmp_path / "out"
+    done = call("fly", sketch, "--path", path, "-o", out / name, *SMALL)
+    assert (done.code, done.out) == (130, "")
+    assert [each for each in out.rglob("*") if each.is_file()] == []
+
+
+@pytest.mark.skipif(len(list_devices()) < 2, reason="there is no other device to start again on")
+def test_a_device_that_fails_amid_a_flight_starts_it_again(
+    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = list_devices()[0]
+
+    def footage(terrain: Any, views: Any, **options: Any) -> Iterator[Any]:
+        failing = terrain.context.device == first
+        for number in range(len(views.eye)):
+            if failing and number == 3:
+                raise DeviceFailedError("it broke")
+            picture = np.full((48, 64, 3), 200 if failing else 100, np.uint8)
+            yield Shot(0.1, 0.0, 0, 0, 0, settled=True), picture
+
+    monkeypatch.setattr(sketchterrain.fly, "footage", footage)
+    out = tmp_path / "frames"
+    done = call(
+        "fly", sketch, "--path", path, "-o", out, "--fps", 3, *SMALL, "--device", first.index, "--json"
+    )
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["restarts"][0].startswith("it broke; all of it is done again on ")
+    assert len(list(out.iterdir())) == 6
+    for file in out.iterdir():
+        with Image.open(file) as image:
+            assert image.getpixel((0, 0)) == (100, 100, 100)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["-o", "film.avi"],
+        ["--fps", "0"],
+        ["--fps", "2.5"],
+        ["--seconds", "0"],
+        ["--seconds", "nan"],
+        ["--seconds", "1e9"],
+        ["--quality", "1.5"],
+        ["--size", "big"],
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_use(call: Callable[..., Any], sketch: Path, arguments: list[str]) -> None:
+    done = call("fly", sketch, *arguments)
+    assert (done.code, done.out) == (2, "")
+    assert done.error
+
+
+@pytest.mark.parametrize("text", ["format = 1", "format = 1\nspeed = 2", "= ="])
+def test_a_wrong_path_is_told_before_any_work(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, asked: list[dict[str, Any]], text: str
+) -> None:
+    (tmp_path / "way.toml").write_text(text)
+    done = call("fly", sketch, "--path", tmp_path / "way.toml", "-o", tmp_path / "frames")
+    assert (done.code, done.out) == (3, "")
+    assert done.error.startswith(f"{tmp_path / 'way.toml'}: ")
+    assert not (tmp_path / "frames").exists()
+    assert asked == []
+
+
+def test_frames_of_a_longer_film_are_not_mixed_with(
+    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, asked: list[dict[str, Any]]
+) -> None:
+    more = ["--path", path, "-o", tmp_path / "frames", *SMALL]
+    assert call("fly", sketch, *more, "--fps", 5).code == 0
+    done = call("fly", sketch, *more, "--fps", 4)
+    assert done.code == 3
+    assert "frames of a longer film, 0008.png to 0009.png" in done.error
+    assert call("fly", sketch, *more, "--fps", 6).code == 0
+    assert len(asked) == 2
+
+
+def test_endings_are_those_that_films_have() -> None:
+    from sketchterrain import arguments
+    from sketchterrain.export.film import ANIMATED, VIDEO
+
+    assert set(arguments._FILMS) == {*ANIMATED, VIDEO}
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("more", [[], ["--real-time"]], ids=["complete", "real time"])
+def test_it_really_flies(
+    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, more: list[str]
+) -> None:
+    out = tmp_path / "frames"
+    size = ["--size", "96x64", "--fps", 2, "--seconds", 1.5, "--quality", 0.2]
+    done = call("fly", sketch, "--path", path, "-o", out, *size, "--json", *more)
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["frames"] == 3
+    assert told["real_time"] == bool(more)
+    assert 0 < told["frame"]["mean"] <= told["frame"]["worst"]
+    pictures = [np.asarray(Image.open(out / f"000{number}.png")).astype(int) for number in range(3)]
+    assert all(picture.shape == (64, 96, 3) and picture.std() > 10 for picture in pictures)
+    assert all(np.abs(a - b).mean() > 0.5 for a, b in itertools.pairwise(pictures))

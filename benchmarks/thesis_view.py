@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.tiles.borders import EAST, NORTH, SOUTH, WEST
 
 if TYPE_CHECKING:
@@ -142,8 +143,9 @@ class ThesisView:
 
 
 def feature_discs(recipe: TerrainRecipe, factor: float) -> tuple[Disc, ...]:
-    """Return painted point features and pieces of rivers as discs of one factor."""
-    discs = [Disc(float(f["x"]), float(f["y"]), float(f["radius"]), factor) for f in recipe.painted]
+    """Return painted mountains and pieces of rivers as discs of one factor."""
+    mountains = recipe.painted[recipe.painted["type"] == FEATURE_TYPES.index("mountain")]
+    discs = [Disc(float(f["x"]), float(f["y"]), float(f["radius"]), factor) for f in mountains]
     for river in recipe.rivers:
         line, reach = river.points[:, :2], 4.0 * float(np.max(river.width))
         apart = np.linalg.norm(np.diff(line, axis=0), axis=1)

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 __all__ = ["Sampling", "ThesisTiles"]
 
 _FILE = "baselines/thesis.cl"
-_SIDE = QUADS + 3
 _RISING = ("hill", "mountain")
 _DEPTH = 2.0  # m, of a river's bed
 
@@ -55,16 +54,24 @@ class ThesisTiles:
         An open device; with ``real='double'`` the tiles are their own reference.
     keys
         Level, column and row of each tile; all of one level.
+    quads
+        Along a tile's side.
     """
 
     def __init__(
-        self, recipe: TerrainRecipe, context: ComputeContext, keys: Sequence[tuple[int, int, int]]
+        self,
+        recipe: TerrainRecipe,
+        context: ComputeContext,
+        keys: Sequence[tuple[int, int, int]],
+        *,
+        quads: int = QUADS,
     ) -> None:
         self._context = context
+        self._inner_side, self._side = quads + 1, quads + 3
         real = context.real_dtype
         width = recipe.extent / 2.0 ** keys[0][0]
         ground = recipe.ground
-        self.spacing = width / QUADS
+        self.spacing = width / quads
         octaves = int(np.log2(ground["wavelength"] / FINEST_WAVELENGTH)) + 1
         permutation = np.random.default_rng(recipe.seed).permutation(256).astype(np.int32)
         self._noise = (
@@ -78,12 +85,12 @@ class ThesisTiles:
         self._tiles: list[tuple[Any, ...]] = []
         for _, column, row in keys:
             west, south = column * width, row * width
-            near = _reaching(features[:, :2], features[:, 2], west, south, width)
+            near = _reaching(features[:, :2], features[:, 2], west, south, width, self.spacing)
             f = features[near]
             middle = segments[:, 1:3, :2].mean(axis=1)
             # A piece stays within its control points' spread of its middle.
             spread = np.ptp(segments[:, :, :2], axis=1).max(axis=1, initial=0.0)
-            along = _reaching(middle, spread + reach, west, south, width)
+            along = _reaching(middle, spread + reach, west, south, width, self.spacing)
             s = segments[along]
             self._tiles.append(
                 (
@@ -93,27 +100,27 @@ class ThesisTiles:
                     *(real.type(west), real.type(south + width)),
                 )
             )
-        self._height = context.empty(_SIDE**2, real)
-        self._inner = context.empty(len(keys) * (QUADS + 1) ** 2, real)
-        self._normal = context.empty(3 * len(keys) * (QUADS + 1) ** 2, real)
+        self._height = context.empty(self._side**2, real)
+        self._inner = context.empty(len(keys) * self._inner_side**2, real)
+        self._normal = context.empty(3 * len(keys) * self._inner_side**2, real)
 
     def launch(self, sampling: Sampling) -> None:
         """Enqueue the tiles one by one and wait for the last."""
         context, real = self._context, self._context.real_dtype
-        spacing, side = real.type(self.spacing), np.int32(_SIDE)
+        spacing, side = real.type(self.spacing), np.int32(self._side)
         looking = np.int32(sampling.samples), np.int32(sampling.rounds)
-        inner = (QUADS + 1, QUADS + 1)
+        inner = (self._inner_side, self._inner_side)
         for number, (*near, west, north) in enumerate(self._tiles):
             place = (west, north, spacing, side)
             heights = (*self._noise, *near, *looking, *place, self._height)
             normals = (self._height, side, spacing, np.int32(number), self._inner, self._normal)
-            context.launch(_FILE, "thesis_heights", (_SIDE, _SIDE), *heights)
+            context.launch(_FILE, "thesis_heights", (self._side, self._side), *heights)
             context.launch(_FILE, "thesis_normals", inner, *normals)
         context.download(self._inner, 1, real)
 
     def heights(self) -> Reals:
-        """Return the heights of the last launch, m, shape (tiles, 65, 65)."""
-        shape = (len(self._tiles), QUADS + 1, QUADS + 1)
+        """Return the heights of the last launch, m, shape (tiles, quads + 1, quads + 1)."""
+        shape = (len(self._tiles), self._inner_side, self._inner_side)
         return self._context.download(self._inner, shape, self._context.real_dtype)
 
 
@@ -149,9 +156,10 @@ def _reaches(recipe: TerrainRecipe) -> Reals:
     return np.concatenate(parts)
 
 
-def _reaching(centre: Reals, radius: Reals, west: float, south: float, width: float) -> npt.NDArray[np.bool_]:
-    """Return which discs reach a square tile, its border included."""
-    border = width / QUADS
+def _reaching(
+    centre: Reals, radius: Reals, west: float, south: float, width: float, border: float
+) -> npt.NDArray[np.bool_]:
+    """Return which discs reach a square tile and the border around it."""
     low = np.array([west, south]) - border
     nearest = np.clip(centre, low, low + width + 2 * border)
     return np.asarray(np.linalg.norm(nearest - centre, axis=1) < radius)

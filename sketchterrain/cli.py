@@ -285,20 +285,21 @@ def bench(
 
 @app.command()
 def devices(as_json: AsJson = False) -> None:
-    """List the OpenCL devices, test whether each computes the same bits, and tell which one is taken."""
+    """List the OpenCL devices, test whether each computes the same bits and how it reaches OpenGL."""
     from sketchterrain.compute import choose_device, list_devices
+    from sketchterrain.render.sharing_probe import probe_sharing
     from sketchterrain.terrain import self_test
 
     chosen, tested = choose_device(), []
     with Stages() as stages:
         for device in list_devices():
             with stages.stage(str(device.index), f"Testing {device.name} ({device.platform})"):
-                tested.append((device, self_test(device)))
+                tested.append((device, self_test(device), probe_sharing(device)))
     if as_json:
         _say_json([tested_entry(*each) | {"default": each[0] == chosen} for each in tested])
         return
-    for device, verdict in tested:
-        _say(*device_lines(device, verdict, chosen=device == chosen))
+    for device, verdict, sharing in tested:
+        _say(*device_lines(device, verdict, sharing, chosen=device == chosen))
 
 
 @app.command()

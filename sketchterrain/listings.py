@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.compute import Device
+    from sketchterrain.render.sharing_probe import Sharing
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Verdict
 
@@ -28,6 +29,7 @@ _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
     "mapped": "kernels write into mapped vertex buffers, no copy",
     "copy": "results are copied to vertex buffers",
+    "none": "nothing can be drawn",
 }
 
 
@@ -47,13 +49,18 @@ def device_entry(device: Device) -> dict[str, Any]:
     }
 
 
-def tested_entry(device: Device, verdict: Verdict) -> dict[str, Any]:
-    """Return that and what the self-test found."""
-    return device_entry(device) | {"self_test": {"bits": verdict.bits, "detail": verdict.detail}}
+def tested_entry(device: Device, verdict: Verdict, sharing: Sharing) -> dict[str, Any]:
+    """Return that, what the self-test found, and how vertices really reach OpenGL."""
+    return device_entry(device) | {
+        "self_test": {"bits": verdict.bits, "detail": verdict.detail},
+        "gl_sharing": sharing.kind,
+        "gl_sharing_note": sharing.reason,
+    }
 
 
-def device_lines(device: Device, verdict: Verdict, *, chosen: bool) -> list[str]:
-    """Return the same and what the self-test found for a person; `chosen` is the one taken by default."""
+def device_lines(device: Device, verdict: Verdict, sharing: Sharing, *, chosen: bool) -> list[str]:
+    """Return the same for a person; `chosen` is the one taken by default."""
+    note = f" ({sharing.reason})" if sharing.reason else ""
     doubles = "float64" if device.has_double else "no float64"
     return [
         f"{device.index}: {device.name}{' (taken by default)' if chosen else ''}",
@@ -61,7 +68,7 @@ def device_lines(device: Device, verdict: Verdict, *, chosen: bool) -> list[str]
         f"   {device.type}, {device.compute_units} compute units, "
         f"{device.memory_bytes / (1 << 30):.1f} GiB, {doubles}",
         f"   self-test: {verdict.line}",
-        f"   OpenGL: {_GL_SHARING.get(device.gl_sharing, device.gl_sharing)}",
+        f"   OpenGL: {_GL_SHARING[sharing.kind]}{note}",
     ]
 
 

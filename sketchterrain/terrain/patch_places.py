@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Keys = Sequence[tuple[int, int]] | Lattice
 
-__all__ = ["Patches", "tile_patches", "tile_samples"]
+__all__ = ["Patches", "sample_stride", "tile_patches", "tile_samples"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +104,11 @@ def tile_patches(level: int, keys: Keys, extent: float, *, up: int = 0, quads: i
     return Patches(column + offsets, row + quads * step - offsets, step * 2**up * metres_per_unit(extent))
 
 
+def sample_stride(quads: int) -> int:
+    """Return how many quads apart a tile's error is measured: two, and one in a small tile."""
+    return 1 if quads < QUADS else 2
+
+
 def tile_samples(
     level: int,
     keys: Keys,
@@ -112,7 +117,7 @@ def tile_samples(
     quads: int = QUADS,
     squares: int = 1,
 ) -> Patches:
-    """Return the middles of every second quad of every second row of tiles, from the first on.
+    """Return the middles of quads of tiles, :func:`sample_stride` quads apart, from the first on.
 
     Parameters
     ----------
@@ -125,7 +130,8 @@ def tile_samples(
     """
     step = level_step(level, quads)
     corner = np.array(keys, np.int64).reshape(-1, 2) * (quads * step)
-    along = np.arange(quads // 2, dtype=np.int64).reshape(squares, -1) * (2 * step) + step // 2
+    stride = sample_stride(quads)
+    along = np.arange(quads // stride, dtype=np.int64).reshape(squares, -1) * (stride * step) + step // 2
     shape = (len(keys), squares, squares, along.shape[1])
     axis_x = corner[:, 0, None, None, None] + along[None, None]
     axis_y = corner[:, 1, None, None, None] + quads * step - along[None, :, None]

@@ -208,9 +208,9 @@ class Terrain:
         -------
         structured ndarray, shape (tiles,)
             ``low`` and ``high``: the lowest and highest height of a tile's vertices, own and parent's (m).
-            ``error``: the tile's geometric error δ (m): in the middle of every second quad of every second
-            row full detail is no farther from the triangles, but for one place in a hundred, where it is
-            no farther than 2 δ.
+            ``error``: the tile's geometric error δ (m): in the middles of quads, of every second one of every
+            second row (of all where there are 32), full detail is no farther from the triangles; but for
+            one in a hundred, where it is no farther than 2 δ.
 
         Raises
         ------

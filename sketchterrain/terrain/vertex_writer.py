@@ -12,7 +12,7 @@ from sketchterrain.errors import DeviceFailedError
 from sketchterrain.terrain.batches import Batches
 from sketchterrain.terrain.detail import DetailBound
 from sketchterrain.terrain.lattice import finest_level
-from sketchterrain.terrain.patch_places import tile_patches, tile_samples
+from sketchterrain.terrain.patch_places import sample_stride, tile_patches, tile_samples
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.recipe import FINEST_CELL
 from sketchterrain.terrain.vertices import FACTS
@@ -75,8 +75,9 @@ class VertexWriter:
             return facts
         lives = np.concatenate([np.stack([slots, parents], axis=1), keys[:, 1:] & 1], axis=1).astype(np.int32)
         order = np.argsort(keys[:, 0], kind="stable")
-        half = store.quads // 2
-        found, away = self._room("found", 4 * len(keys) * half), self._room("away", len(keys) * half**2)
+        strips = store.quads // sample_stride(store.quads)
+        found = self._room("found", 4 * len(keys) * strips)
+        away = self._room("away", len(keys) * strips**2)
         at_once = self._at_once.setdefault(store.quads, Batches(max(_MOST_QUADS // store.quads**2, 1)))
         store.acquire()
         try:
@@ -89,8 +90,8 @@ class VertexWriter:
                     tail[some] = self._enqueue(keys[some], lives[some], store, found, away, place)
 
                 at_once.run(len(chosen), enqueue, smaller=self._give_back)
-            parts = self._context.download(found, (len(keys), half, 4), np.float32)
-            apart = self._context.download(away, (len(keys), half**2), np.float32)
+            parts = self._context.download(found, (len(keys), strips, 4), np.float32)
+            apart = self._context.download(away, (len(keys), strips**2), np.float32)
         finally:
             store.release(slots)
         if not np.isfinite(parts[..., 2]).all():
@@ -113,6 +114,7 @@ class VertexWriter:
     ) -> npt.NDArray[np.float64] | float:
         """Enqueue tiles of one level; return what is known of their error beyond what will be found (m)."""
         level, places = int(keys[0, 0]), keys[:, 1:]
+        stride = sample_stride(store.quads)
         patches = tile_patches(level, places, self._arguments.recipe.extent, quads=store.quads)
         reaching = self._launcher.vertices(patches, lives, store.buffer)
         wide = patches.cell_size * store.quads > _WIDEST_SAMPLED
@@ -126,8 +128,9 @@ class VertexWriter:
         self._context.launch(
             _FILE,
             "facts",
-            (store.quads // 2, len(keys)),
+            (store.quads // stride, len(keys)),
             np.int32(store.quads),
+            np.int32(stride),
             np.int32(bits),
             sample,
             slot,

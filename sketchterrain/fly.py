@@ -15,7 +15,7 @@ from sketchterrain.render.tour import tour
 from sketchterrain.terrain import build
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     import numpy as np
@@ -102,48 +102,24 @@ def fly(
     SketchterrainError
         If a file cannot be written.
     """
-    quality = None if take.quality is None else Quality.of(take.quality)
-    length = take.seconds or SECONDS
-    if output is not None:
-        frames = round(length * take.fps) if flight is None else len(flight.times(take.fps, take.seconds))
-        check_film(output, size=take.size, frames=max(frames, 1))
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> dict[str, Any]:
+        if output is not None:
+            check_film(output, size=take.size, frames=_frames(flight, take))
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
         with stages.stage("path", "Choosing a path"):
-            way = tour(terrain, seconds=length) if flight is None else flight.over(terrain.heights)
-            views = way.at(way.times(take.fps, length if flight is None else take.seconds))
+            views = _views(terrain, flight, take)
             lowest = _lowest(terrain, views)
-        frames = len(views.eye)
-        writing = (
-            nullcontext(_ignore)
-            if output is None
-            else film(output, size=take.size, fps=take.fps, frames=frames)
-        )
-        shots: list[Shot] = []
-        seen = footage(
-            terrain,
-            views,
-            fps=take.fps,
-            size=take.size,
-            quality=quality,
-            complete=not take.real_time,
-            pixels=output is not None,
-        )
-        with stages.stage("frames", "Flying") as tell, writing as add, closing(seen):
-            for shot, picture in seen:
-                shots.append(shot)
-                if picture is not None:
-                    add(picture)
-                tell(len(shots) / frames)
+        with stages.stage("frames", "Flying") as tell:
+            shots = _shoot(terrain, views, take, output, tell)
         seconds = stages.seconds | {"total": stages.elapsed}
         return {
             "sketch": sketch.name,
             "seed": sketch.seed,
             "size": {"width": take.size[0], "height": take.size[1]},
             "fps": take.fps,
-            "seconds": frames / take.fps,
+            "seconds": len(shots) / take.fps,
             "lowest": lowest,
             "real_time": take.real_time,
             **_told(shots),
@@ -155,6 +131,46 @@ def fly(
         }
 
     return run_job(work, device=device, fast=fast, stages=stages)
+
+
+def _frames(flight: Flight | None, take: Take) -> int:
+    if flight is None:
+        return max(1, round((take.seconds or SECONDS) * take.fps))
+    return len(flight.times(take.fps, take.seconds))
+
+
+def _views(terrain: Terrain, flight: Flight | None, take: Take) -> Views:
+    seconds = take.seconds
+    if flight is None:
+        seconds = seconds or SECONDS
+        flight = tour(terrain, seconds=seconds)
+    return flight.over(terrain.heights).at(flight.times(take.fps, seconds))
+
+
+def _shoot(
+    terrain: Terrain, views: Views, take: Take, output: Path | None, tell: Callable[[float], None]
+) -> list[Shot]:
+    frames = len(views.eye)
+    writing = (
+        nullcontext(_ignore) if output is None else film(output, size=take.size, fps=take.fps, frames=frames)
+    )
+    seen = footage(
+        terrain,
+        views,
+        fps=take.fps,
+        size=take.size,
+        quality=None if take.quality is None else Quality.of(take.quality),
+        complete=not take.real_time,
+        pixels=output is not None,
+    )
+    shots: list[Shot] = []
+    with writing as add, closing(seen):
+        for shot, picture in seen:
+            shots.append(shot)
+            if picture is not None:
+                add(picture)
+            tell(len(shots) / frames)
+    return shots
 
 
 def _ignore(_: npt.NDArray[np.uint8]) -> None:

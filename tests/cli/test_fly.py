@@ -210,6 +210,13 @@ def test_a_wrong_path_is_told_before_any_work(
     assert asked == []
 
 
+def test_without_a_device_there_is_no_folder(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    done = call("fly", sketch, "-o", tmp_path / "frames", "--device", "nonsense")
+    assert done.code == 4
+    assert "--device nonsense" in done.error
+    assert not (tmp_path / "frames").exists()
+
+
 def test_frames_of_a_longer_film_are_not_mixed_with(
     call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, asked: list[dict[str, Any]]
 ) -> None:

@@ -188,10 +188,9 @@ class Flight:
         times = np.linspace(0.0, self.duration, max(2, round(self.duration * _SAMPLES_PER_SECOND) + 1))
         moments = np.array([key.time for key in self.keys]) - self.keys[0].time
         segment = np.clip(np.searchsorted(moments, times, side="right") - 1, 0, len(moments) - 2)
-        eye = flight.at(times).eye
-        floor = np.asarray(ground(eye[:, 0], eye[:, 1]), np.float64) + clearance
         for _ in range(_ROUNDS):
-            missing = floor - eye[:, 2]
+            eye = flight.at(times).eye
+            missing = np.asarray(ground(eye[:, 0], eye[:, 1]), np.float64) + clearance - eye[:, 2]
             if (missing <= 0.0).all():
                 break
             lift = np.zeros(len(moments))
@@ -201,8 +200,6 @@ class Flight:
             places = np.array([[*key.eye, *key.target] for key in flight.keys])
             places[:, [2, 5]] += lift[:, None]
             flight = _with_places(flight, places)
-            eye = flight.at(times).eye
-            floor = np.asarray(ground(eye[:, 0], eye[:, 1]), np.float64) + clearance
         return flight
 
     @cached_property

@@ -27,8 +27,8 @@ TOO_WIDE: Final = 4.0
 class NearGround:
     """Heights of a terrain by interpolation in a map around the places that are asked for.
 
-    It is a `Ground` for `Walk` and `Orbit`. A map is made when a place lies outside the last one, or when all lie
-    so near to one another that a finer map shows more.
+    It is a `Ground` for `Walk` and `Orbit`. A map is made when a place lies outside the last one, or when all
+    lie so near to one another that a finer map shows more.
 
     Parameters
     ----------

@@ -8,21 +8,14 @@
 
 const int SIDE = TILE_QUADS + 1;
 
-in float height;        // m, the tile's own
-in float parent_height; // m, what its parent's triangles show here
-in ivec2 slope;         // x and y of the unit normal, times 32767
-in ivec2 parent_slope;
-in vec4 low_weights;  // grass, soil, rock, scree
-in vec4 high_weights; // sand, snow, river bed, forest floor
-in vec4 parent_low_weights;
-in vec4 parent_high_weights;
+// Few wide attributes: a driver that runs on the CPU takes about as long over each, wide or narrow.
+in uvec4 ground;    // height, the tile's own and what its parent's triangles show here, m; their normals' x and y
+in uvec4 materials; // the tile's own weights and its parent's: grass, soil, rock, scree; sand, snow, river bed, forest floor
 
 // Of the tile.
-in ivec2 corner;        // north-west, lattice units east and north of the eye's place on the lattice
-in int step_units;      // lattice units a quad
-in vec3 morph_west;     // how much of the parent is shown: north, middle, south
-in vec3 morph_middle;
-in vec3 morph_east;
+in ivec4 place_of_tile; // north-west corner, lattice units east and north of the eye's; units a quad; see below
+in vec4 morph_west;     // how much of the parent is shown: north, middle, south; north in the middle
+in vec4 morph_east;     // the same; south in the middle. That of the very middle is place_of_tile.w
 
 uniform float metres_per_unit;
 uniform vec2 eye_fraction; // of the eye, beyond its place on the lattice, m
@@ -38,8 +31,9 @@ float parent_share(ivec2 place)
 {
     ivec2 inward = min(place, TILE_QUADS - place);
     precise vec2 t = min(vec2(inward) * (4.0 / float(TILE_QUADS)), 1.0);
-    vec3 border = 2 * place.x < TILE_QUADS ? morph_west : morph_east;
-    precise vec3 along = (1.0 - t.x) * border + t.x * morph_middle;
+    vec3 border = 2 * place.x < TILE_QUADS ? morph_west.xyz : morph_east.xyz;
+    vec3 middle = vec3(morph_west.w, intBitsToFloat(place_of_tile.w), morph_east.w);
+    precise vec3 along = (1.0 - t.x) * border + t.x * middle;
     float end = 2 * place.y < TILE_QUADS ? along.x : along.z;
     precise float share = (1.0 - t.y) * end + t.y * along.y;
     return share;
@@ -48,15 +42,27 @@ float parent_share(ivec2 place)
 // Relative to the eye, m.
 vec3 ground_position(ivec2 place, float share)
 {
-    ivec2 units = corner + ivec2(place.x, -place.y) * step_units;
+    ivec2 units = place_of_tile.xy + ivec2(place.x, -place.y) * place_of_tile.z;
     precise vec2 flat_place = vec2(units) * metres_per_unit - eye_fraction;
-    precise float level = (1.0 - share) * height + share * parent_height;
+    precise float level = (1.0 - share) * uintBitsToFloat(ground.x) + share * uintBitsToFloat(ground.y);
     precise float up = level - eye.z;
     return vec3(flat_place, up);
 }
 
 vec3 ground_normal_at(float share)
 {
-    precise vec2 flat_part = ((1.0 - share) * vec2(slope) + share * vec2(parent_slope)) / 32767.0;
+    precise vec2 flat_part = (1.0 - share) * unpackSnorm2x16(ground.z) + share * unpackSnorm2x16(ground.w);
     return vec3(flat_part, sqrt(max(1.0 - dot(flat_part, flat_part), 0.0)));
+}
+
+// Grass, soil, rock, scree.
+vec4 low_weights_at(float share)
+{
+    return mix(unpackUnorm4x8(materials.x), unpackUnorm4x8(materials.z), share);
+}
+
+// Sand, snow, river bed, forest floor.
+vec4 high_weights_at(float share)
+{
+    return mix(unpackUnorm4x8(materials.y), unpackUnorm4x8(materials.w), share);
 }

@@ -17,8 +17,8 @@ void main()
     ivec2 place = place_in_tile();
     float share = parent_share(place);
     ground_normal = ground_normal_at(share);
-    weights_low = mix(low_weights, parent_low_weights, share);
-    weights_high = mix(high_weights, parent_high_weights, share);
+    weights_low = low_weights_at(share);
+    weights_high = high_weights_at(share);
     along = vec2(place) / float(TILE_QUADS);
     tile_tint = tint;
     gl_Position = to_clip * vec4(ground_position(place, share), 1.0);

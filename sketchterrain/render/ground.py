@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
 __all__ = [
-    "ATTRIBUTES",
     "OCTAVES",
     "SIDE",
     "VERTICES",
@@ -39,19 +38,12 @@ OCTAVES: Final = 7
 """Sizes in which material textures are laid, kernels/render/shade_ground.frag.glsl."""
 _PLANES: Final = ((1, 2), (0, 2), (0, 1))
 
-ATTRIBUTES: Final = {
-    "height": "1f4",
-    "parent_height": "1f4",
-    "slope": "2i2",
-    "parent_slope": "2i2",
-    "low_weights": "4f1",
-    "high_weights": "4f1",
-    "parent_low_weights": "4f1",
-    "parent_high_weights": "4f1",
-}
-"""Of a vertex, in the order in which they lie in memory: 32 bytes; kernels/render/ground.glsl."""
-_TILE: Final = np.dtype([("corner", "<i4", 2), ("step", "<i4"), ("morph", "<f4", (3, 3))])
-_TILE_ATTRIBUTES: Final = ("corner", "step_units", "morph_west", "morph_middle", "morph_east")
+_VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")
+"""32 bytes, `sketchterrain.terrain.vertices.VERTEX`; kernels/render/ground.glsl."""
+_TILE: Final = np.dtype(
+    [("corner", "<i4", 2), ("step", "<i4"), ("centre", "<f4"), ("west", "<f4", 4), ("east", "<f4", 4)]
+)
+_TILE_ATTRIBUTES: Final = ("4i4 4f4 4f4/i", "place_of_tile", "morph_west", "morph_east")
 _COMMAND: Final = np.dtype(
     [("count", "<u4"), ("instances", "<u4"), ("first", "<u4"), ("base_vertex", "<i4"), ("base_tile", "<u4")]
 )
@@ -98,7 +90,7 @@ class GroundPool:
     extent
         Width of a level-0 tile (m).
     vertices
-        ``ATTRIBUTES`` of (quads + 1)² vertices a slot.
+        `sketchterrain.terrain.vertices.VERTEX`, (quads + 1)² a slot.
     quads
         Along a tile's side: a power of two ≥ 4.
 
@@ -130,8 +122,8 @@ class GroundPool:
     def content(self) -> tuple[tuple[object, ...], ...]:
         """Buffers of the vertices' and of the tiles' attributes, as a vertex array wants them."""
         return (
-            (self._vertices, " ".join(ATTRIBUTES.values()), *ATTRIBUTES),
-            (self._tiles, "2i4 1i4 3f4 3f4 3f4/i", *_TILE_ATTRIBUTES),
+            (self._vertices, *_VERTEX_ATTRIBUTES),
+            (self._tiles, *_TILE_ATTRIBUTES),
         )
 
     def build(self, vertex: str, fragment: str) -> moderngl.Program:
@@ -174,7 +166,9 @@ class GroundPool:
         self._fraction = tuple((np.asarray(eye[:2]) - here * self._unit).tolist())
         tiles = np.empty(count, _TILE)
         tiles["corner"], tiles["step"] = corners, draws.steps
-        tiles["morph"] = draws.morph.transpose(0, 2, 1)
+        tiles["west"][:, :3], tiles["west"][:, 3] = draws.morph[:, :, 0], draws.morph[:, 0, 1]
+        tiles["east"][:, :3], tiles["east"][:, 3] = draws.morph[:, :, 2], draws.morph[:, 2, 1]
+        tiles["centre"] = draws.morph[:, 1, 1]
         commands = np.empty(count, _COMMAND)
         commands["count"], commands["first"] = self._count[draws.cases], self._first[draws.cases]
         commands["instances"], commands["base_tile"] = 1, np.arange(count)

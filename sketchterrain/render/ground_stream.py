@@ -30,12 +30,16 @@ __all__ = ["GroundStream", "StreamStats"]
 
 LEAP: Final = 0.1
 """Extents. An eye that is farther from where it was in the last frame has been put there."""
-LEAP_BUDGET: Final = 0.12
-"""s for the first frame, and after a leap: so much goes into a whole picture at once."""
-HURRY: Final = 8.0
-"""How much quicker tiles morph, so that the picture is whole ..."""
+LEAP_BUDGET: Final = 0.25
+"""s for the first frame, and for one after a leap: so much goes into a whole picture at once."""
 HURRY_SECONDS: Final = 1.0
-"""... so long after a leap."""
+"""So long after a leap ..."""
+HURRY: Final = 8.0
+"""... tiles morph so many times as quickly ..."""
+HURRY_SHARE: Final = 0.5
+"""... and may take so much of the time, if that is more than the budget."""
+_MOST_BATCHES: Final = 64
+"""In a frame."""
 
 
 class Ground(Protocol):
@@ -173,7 +177,8 @@ class GroundStream:
         elapsed
             Seconds since the last frame.
         budget
-            Seconds that tiles may take. The first frame, and one after a leap, may take 0.12 s.
+            Seconds that tiles may take. The first frame, and one after a leap, begins none after 0.25 s; in
+            the second that follows half of the time may go into them.
         draw_distance
             Horizontal distance up to which the ground is drawn, m.
         """
@@ -187,20 +192,15 @@ class GroundStream:
         self._eye = eye
         self._since_leap = 0.0 if leapt else self._since_leap + elapsed
         view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
-        count, seconds = 0, 0.0
-        while True:
-            left = (LEAP_BUDGET if leapt else budget) - seconds
-            batch = self.tiles.plan(view, budget=max(left, 0.0))
-            if not batch:
-                break
-            seconds += self._generate(batch)
-            count += len(batch.keys)
-            if not leapt:
-                break
+        hurries = self._since_leap < HURRY_SECONDS
+        if leapt:
+            budget = max(LEAP_BUDGET, budget)
+        elif hurries:
+            budget = max(HURRY_SHARE * elapsed, budget)
+        count, seconds = self._generate(view, budget, leapt=leapt, batches=_MOST_BATCHES if hurries else 1)
         if leapt:
             self.tiles.jump(view)
-        hurry = HURRY if self._since_leap < HURRY_SECONDS else 1.0
-        self._show(self.tiles.advance(view, elapsed=hurry * elapsed), camera)
+        self._show(self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed), camera)
         return StreamStats(
             seconds,
             count,
@@ -227,12 +227,20 @@ class GroundStream:
         self.draws = draws
         self.pool.place(draws, camera.eye)
 
-    def _generate(self, batch: Batch) -> float:
-        start = time.perf_counter()
-        facts = self._write(batch)
-        seconds = time.perf_counter() - start
-        self.tiles.arrived(batch, facts, seconds=seconds)
-        return seconds
+    def _generate(self, view: View, budget: float, *, leapt: bool, batches: int) -> tuple[int, float]:
+        """Generate what fits into a budget (s); return how many tiles, and what they took (s)."""
+        count, spent = 0, 0.0
+        for _ in range(batches):
+            left = max(budget - spent, 0.0)
+            batch = self.tiles.plan(view, budget=np.inf if leapt and left > 0 else left)
+            if not batch:
+                break
+            start = time.perf_counter()
+            facts = self._write(batch)
+            seconds = time.perf_counter() - start
+            self.tiles.arrived(batch, facts, seconds=seconds)
+            count, spent = count + len(batch.keys), spent + seconds
+        return count, spent
 
     def _write(self, batch: Batch) -> npt.NDArray[np.void]:
         return self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)

@@ -9,13 +9,13 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.render import Camera
 from sketchterrain.render.frame import FrameBlock
-from sketchterrain.render.ground import ATTRIBUTES, GroundPool
+from sketchterrain.render.ground import GroundPool
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.render.targets import Targets
 from sketchterrain.resources import source
 from sketchterrain.terrain.lattice import metres_per_unit
 
-from .ground_model import QUADS, SIDE, VERTEX, Draws, open_edges, pack_tiles, shaded
+from .ground_model import QUADS, SIDE, Draws, open_edges, pack_tiles, shaded
 
 WEST = 4
 EYES = [(510.3, 480.7, 90.0), (-3e6 + 0.123, 7e6 + 0.77, 1234.5)]
@@ -33,12 +33,6 @@ def neighbours(eye):
     coarse[:, 2] = 0.0
     morph = [coarse, grid[:3, :3], grid[:3, 2:], grid[2:, :3], grid[2:, 2:]]
     return keys, Draws.of(keys, cases=[0, WEST, 0, WEST, 0], morph=morph)
-
-
-def test_vertices_are_packed_as_the_attributes_say():
-    assert VERTEX.itemsize == 32
-    sizes = {"1f4": 4, "2i2": 4, "4f1": 4}
-    assert sum(sizes[kind] for kind in ATTRIBUTES.values()) == 32
 
 
 @pytest.mark.gl

@@ -53,6 +53,18 @@ class Effort:
         Tiles, a square number, on which other ways are compared.
     fidelities : tuple of float
         At which adherence is measured.
+    flight_views, flight_frames : int
+        Places of the flight at which errors are measured, and frames that are flown.
+    flight_every : int
+        Pixels between samples of a picture.
+    flight_quads, flight_own_quads : tuple of int
+        Sizes of tiles that are flown with, and those of this program whose errors are measured.
+    flight_pixels, flight_tessellations : tuple of float
+        τ of this program and the peers, px, and T of the thesis's metric, at which errors are measured.
+    flight_own_pixels, flight_factors : tuple of float
+        Those that are flown with.
+    flight_grid_levels : tuple of int
+        Levels of the uniform grids.
     """
 
     rounds: int
@@ -76,6 +88,16 @@ class Effort:
     accuracy_tiles: int
     choice_tiles: int
     fidelities: tuple[float, ...]
+    flight_views: int
+    flight_frames: int
+    flight_every: int
+    flight_quads: tuple[int, ...]
+    flight_own_quads: tuple[int, ...]
+    flight_pixels: tuple[float, ...]
+    flight_tessellations: tuple[float, ...]
+    flight_own_pixels: tuple[float, ...]
+    flight_factors: tuple[float, ...]
+    flight_grid_levels: tuple[int, ...]
 
 
 QUICK = Effort(
@@ -100,6 +122,16 @@ QUICK = Effort(
     accuracy_tiles=2,
     choice_tiles=4,
     fidelities=(0.0, 0.4, 0.8, 1.0),
+    flight_views=1,
+    flight_frames=10,
+    flight_every=8,
+    flight_quads=(32, 64),
+    flight_own_quads=(32,),
+    flight_pixels=(4.0, 2.0),
+    flight_tessellations=(2.0, 8.0),
+    flight_own_pixels=(4.0,),
+    flight_factors=(2.0,),
+    flight_grid_levels=(3, 4),
 )
 """Under a minute on two shared cores."""
 
@@ -125,5 +157,15 @@ FULL = Effort(
     accuracy_tiles=4,
     choice_tiles=16,
     fidelities=(0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
+    flight_views=6,
+    flight_frames=300,
+    flight_every=4,
+    flight_quads=(32, 64, 128, 256),
+    flight_own_quads=(32, 64),
+    flight_pixels=(8.0, 4.0, 2.0, 1.0, 0.5),
+    flight_tessellations=(2.0, 4.0, 8.0, 12.0, 16.0),
+    flight_own_pixels=(4.0, 2.0, 1.0),
+    flight_factors=(4.0, 8.0, 12.0),
+    flight_grid_levels=(2, 3, 4, 5, 6),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

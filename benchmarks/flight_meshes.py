@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,13 +19,13 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.screen_error import Picture
     from sketchterrain.terrain import Terrain
 
-__all__ = ["Drawn", "Mesh", "Tiles", "View", "drawn", "measured", "uniform_tiles"]
+__all__ = ["Drawn", "Mesh", "Tiles", "View", "drawn", "height_range", "measured", "uniform_tiles"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 _CHUNK = 1 << 20  # vertices evaluated at once
-_EVERYWHERE = 1e5  # m; no ground is higher or lower
+_LOOKED_AT, _MORE = 129, 100.0  # places a side of the world, and m beyond what was found there
 
 
 class Mesh(NamedTuple):
@@ -119,12 +120,20 @@ def uniform_tiles(extent: float, quads: int, level: int) -> Tiles:
     return Tiles(quads, places, np.zeros(len(places), np.int64))
 
 
+@lru_cache(maxsize=4)
+def height_range(terrain: Terrain) -> tuple[float, float]:
+    """Return heights that no ground of the square world is below or above, m."""
+    along = np.linspace(0.0, terrain.extent, _LOOKED_AT)
+    heights = terrain.heights(along[None], along[:, None])
+    return float(heights.min()) - _MORE, float(heights.max()) + _MORE
+
+
 def drawn(terrain: Terrain, tiles: Tiles, view: View) -> Drawn:
     """Return the tiles that the frustum may show, judged by the lowest and highest of their vertices."""
     west, south, width = _squares(terrain, tiles)
     corner = np.stack([west, south], axis=-1)
-    column = np.full((len(tiles), 1), _EVERYWHERE)
-    low, high = np.hstack([corner, -column]), np.hstack([corner + width[:, None], column])
+    bottom, top = (np.full((len(tiles), 1), each) for each in height_range(terrain))
+    low, high = np.hstack([corner, bottom]), np.hstack([corner + width[:, None], top])
     tiles = tiles.some(np.flatnonzero(inside_frustum(view.planes, low, high)))
     parts = []
     for part in _parts(tiles):

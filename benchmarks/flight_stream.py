@@ -76,20 +76,27 @@ class OwnTiles:
         return self._stream.relaxed == 1.0
 
     def settle(self, view: View) -> OwnFrame:
-        """Generate all that a view shows."""
-        seconds = 0.0
-        before = self.held
+        """Generate all that a view wants; seconds count until the last tile that it shows is there.
+
+        What is wanted out of the picture, for when the eye turns, comes after it.
+        """
+        batches: list[tuple[Batch, float, float]] = []
+        start = perf_counter()
 
         def generate(batch: Batch) -> npt.NDArray[np.void]:
-            nonlocal seconds
-            start = perf_counter()
+            begun = perf_counter()
             facts = self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
-            seconds += perf_counter() - start
+            batches.append((batch, begun, perf_counter()))
             return facts
 
-        start = perf_counter()
         draws = self._stream.settle(view, generate)
-        return OwnFrame(seconds, perf_counter() - start - seconds, self.held - before, draws)
+        shown = set(draws.keys)
+        last = max((i for i, (batch, _, _) in enumerate(batches) if shown & set(batch.keys)), default=-1)
+        needed = batches[: last + 1]
+        generation = sum(end - begun for _, begun, end in needed)
+        whole = needed[-1][2] - start if needed else 0.0
+        tiles = sum(len(batch.keys) for batch, _, _ in needed)
+        return OwnFrame(generation, whole - generation, tiles, draws)
 
     def frame(self, view: View, *, elapsed: float, budget: float) -> OwnFrame:
         """Go on by a frame: generate what fits into the budget (s)."""

@@ -169,29 +169,43 @@ class Fill:
         box = (float(west), float(south), float(east), float(north))
         if not all(math.isfinite(side) for side in box) or east < west or north < south:
             raise InputError(f"expected finite bounds with west <= east and south <= north, got {box}")
+        asked = [proposal for proposal in self._proposals.values() if proposal.high >= min_radius]
+        near = self._candidates_around(box, asked)
         parts = [np.zeros(0, dtype=FEATURE)]
-        parts.extend(
-            self._survivors(proposal, box, min_radius)
-            for proposal in self._proposals.values()
-            if proposal.high >= min_radius
-        )
+        parts.extend(self._survivors(proposal, near, box, min_radius) for proposal in asked)
         found = np.concatenate(parts)
         ordered: Points = found[np.argsort(found["id"], kind="stable")]
         return ordered
 
+    def _candidates_around(
+        self, box: tuple[float, float, float, float], asked: list[Proposal]
+    ) -> dict[str, Points]:
+        """Candidates of each type in a rectangle, and around it as far as they may stand in others' way."""
+        near = {}
+        for rival in self._proposals.values():
+            ways = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in asked]
+            reach = max(ways, default=0.0)
+            if reach > 0.0 or rival in asked:
+                wide = (box[0] - reach, box[1] - reach, box[2] + reach, box[3] + reach)
+                near[rival.name] = self._candidates(rival, wide)
+        return near
+
     def _survivors(
-        self, proposal: Proposal, box: tuple[float, float, float, float], min_radius: float
+        self,
+        proposal: Proposal,
+        near: dict[str, Points],
+        box: tuple[float, float, float, float],
+        min_radius: float,
     ) -> Points:
-        mine = self._candidates(proposal, box)
-        mine = mine[mine["radius"] >= min_radius]
+        mine = near[proposal.name]
+        inside = (box[0] <= mine["x"]) & (mine["x"] < box[2]) & (box[1] <= mine["y"]) & (mine["y"] < box[3])
+        mine = mine[inside & (mine["radius"] >= min_radius)]
         alive = np.ones(len(mine), dtype=np.bool_)
         for rival in self._proposals.values():
             factor = SPACING.get((rival.name, proposal.name), 0.0)
             if factor > 0.0 and len(mine):
                 reach = factor * (rival.high + proposal.high)
-                wide = (box[0] - reach, box[1] - reach, box[2] + reach, box[3] + reach)
-                rivals = self._candidates(rival, wide)
-                alive &= ~_beaten(mine, rivals, factor, reach, same=rival is proposal)
+                alive &= ~_beaten(mine, near[rival.name], factor, reach, same=rival is proposal)
         return mine[alive]
 
     def _candidates(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:

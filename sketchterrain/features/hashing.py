@@ -6,6 +6,7 @@ Keys are folded with the finaliser of splitmix64 (Steele, Lea & Flood 2014).
 from __future__ import annotations
 
 import zlib
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy.typing as npt
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
+_SHIFTS = (np.uint64(30), np.uint64(27), np.uint64(31))
 _MASK = (1 << 64) - 1
 
 Key = int | npt.NDArray[np.integer[Any]]
@@ -35,11 +37,15 @@ def hashed(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.uint64]:
     -------
     uint64 array of the keys' broadcast shape.
     """
-    start = (seed & _MASK) ^ (zlib.crc32(stream.encode()) << 32)
-    state = _mixed(np.asarray(start, dtype=np.uint64))
+    state: int | npt.NDArray[np.uint64] = _start(seed & _MASK, stream)
     for key in keys:
-        state = _mixed(state ^ _mixed(_words(key)))
-    return state
+        word = _word(key & _MASK) if isinstance(key, int) else _mixed(_words(key))
+        # Whole numbers of Python's are mixed as such: NumPy's overheads would be most of the work.
+        both_whole = isinstance(state, int) and isinstance(word, int)
+        state = (
+            _word(int(state ^ word)) if both_whole else _mixed(np.asarray(_as_word(state) ^ _as_word(word)))
+        )
+    return np.asarray(state, dtype=np.uint64)
 
 
 def unit(seed: int, stream: str, *keys: Key) -> npt.NDArray[np.float64]:
@@ -59,15 +65,35 @@ def smooth_noise(
     return (1.0 - v) * south + v * north
 
 
-def _words(key: Key) -> npt.NDArray[np.uint64]:
-    if isinstance(key, int):
-        return np.asarray(key & _MASK, dtype=np.uint64)
+@lru_cache(maxsize=256)
+def _start(seed: int, stream: str) -> int:
+    return _word(seed ^ (zlib.crc32(stream.encode()) << 32))
+
+
+def _word(state: int) -> int:
+    """Return what `_mixed` makes of one number below 2^64."""
+    state = (state + int(_GOLDEN)) & _MASK
+    state = ((state ^ (state >> 30)) * int(_FIRST)) & _MASK
+    state = ((state ^ (state >> 27)) * int(_SECOND)) & _MASK
+    return state ^ (state >> 31)
+
+
+def _words(key: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.uint64]:
     return np.asarray(key).astype(np.uint64)
 
 
+def _as_word(state: int | npt.NDArray[np.uint64]) -> np.uint64 | npt.NDArray[np.uint64]:
+    return np.uint64(state) if isinstance(state, int) else state
+
+
 def _mixed(state: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
-    with np.errstate(over="ignore"):  # wrapping is the point
-        state = np.asarray(state + _GOLDEN)
-        state = (state ^ (state >> np.uint64(30))) * _FIRST
-        state = (state ^ (state >> np.uint64(27))) * _SECOND
-        return np.asarray(state ^ (state >> np.uint64(31)))
+    if state.ndim == 0:
+        return np.asarray(_word(int(state)), dtype=np.uint64)
+    # Wrapping is the point; arrays do it without a word.
+    state = state + _GOLDEN
+    state ^= state >> _SHIFTS[0]
+    state *= _FIRST
+    state ^= state >> _SHIFTS[1]
+    state *= _SECOND
+    state ^= state >> _SHIFTS[2]
+    return state

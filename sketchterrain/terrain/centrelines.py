@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
 
-__all__ = ["TOLERANCE_CELLS", "Reach", "as_arcs", "tolerance_cell", "valley_reach"]
+__all__ = ["TOLERANCE_CELLS", "Course", "Reach", "as_arcs", "course_of", "tolerance_cell", "valley_reach"]
 
 _CELL_SHARE = 0.01  # of a cell: how near arcs stay to the spline
 _MOST_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
@@ -90,15 +90,22 @@ TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MOS
 """Every value of `tolerance_cell`."""
 
 
-def as_arcs(
-    river: River,
-    reach: npt.NDArray[np.float64],
-    meeting: npt.NDArray[np.float64] | None = None,
-    *,
-    cell_size: float = FINEST_CELL,
-    least: float = 0.0,
-) -> Reach:
-    """Flatten a river's spline to arcs within 1 % of a cell.
+@dataclass(frozen=True, eq=False)
+class Course:
+    """What of a river's centreline its arcs need whatever the cell size; made by `course_of`."""
+
+    river: River
+    line: npt.NDArray[np.float64]
+    curve: npt.NDArray[np.float64]
+    along: npt.NDArray[np.float64]
+    kept: npt.NDArray[np.bool_]
+    steep: npt.NDArray[np.bool_]
+
+
+def course_of(
+    river: River, reach: npt.NDArray[np.float64], meeting: npt.NDArray[np.float64] | None = None
+) -> Course:
+    """Prepare a river's centreline to be flattened.
 
     Parameters
     ----------
@@ -108,26 +115,34 @@ def as_arcs(
     meeting
         Positions (m) where rivers end, shape (n, 2): those on this centreline are kept, so that where
         two rivers meet both have one level.
+    """
+    line = np.column_stack(
+        [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), reach]
+    )
+    curve, along = _curve(river)
+    return Course(river, line, curve, along, _kept(river, line, _met(river, meeting)), _steep(river))
+
+
+def as_arcs(course: Course, *, cell_size: float = FINEST_CELL, least: float = 0.0) -> Reach:
+    """Flatten a river's spline to arcs within 1 % of a cell.
+
+    Parameters
+    ----------
+    course
     cell_size
         Metres between the samples that the terrain is wanted at: one of `TOLERANCE_CELLS`.
     least
         Metres that ends of arcs are rounded to anyway: a finer tolerance would be no better.
     """
-    line = np.column_stack(
-        [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), reach]
-    )
-    curve, u = _curve(river)
-    kept = _kept(river, line, _met(river, meeting))
-    if (
-        float(river.centreline_width.max()) > 2.0 * cell_size
-    ):  # else there is no channel that water could leave
-        kept |= _steep(river)
+    curve, u, kept = course.curve, course.along, course.kept
+    if float(course.river.centreline_width.max()) > 2.0 * cell_size:
+        kept = kept | course.steep  # else there is no channel that water could leave
     cuts = np.union1d(u[kept], np.arange(len(curve) + 1.0))
     cubic = np.minimum(cuts[:-1].astype(np.intp), len(curve) - 1)
     tolerance = max(_CELL_SHARE * cell_size - 0.75 * least, 0.5 * _CELL_SHARE * cell_size)
     pieces = flattened(curve, tolerance, spans=(cubic, cuts[:-1] - cubic, cuts[1:] - cubic))
     at = np.append(pieces.cubic + pieces.first, float(len(curve)))
-    points = np.stack([np.interp(at, u, column) for column in line.T], axis=-1)
+    points = np.stack([np.interp(at, u, column) for column in course.line.T], axis=-1)
     between = np.flatnonzero(~np.isin(at, u))
     # What was sampled stays to the bit, so that rivers that meet there have one point.
     points[between, :2] = position(curve[pieces.cubic[between]], pieces.first[between, None])[:, 0]

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.crests import crests
-from sketchterrain.terrain.centrelines import as_arcs, tolerance_cell
+from sketchterrain.terrain.centrelines import as_arcs, course_of, tolerance_cell
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.octaves import band_weight, octave_table
 from sketchterrain.terrain.recipe import FINEST_CELL
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.features.catalogue import Points
+    from sketchterrain.terrain.centrelines import Course
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.recipe import TerrainRecipe
 
@@ -34,6 +36,9 @@ _CRAG_DEPTH = 0.05
 _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
 _SLOTS = ("mountain", "hill", "forest")
+
+_kept_courses: WeakKeyDictionary[TerrainRecipe, list[tuple[npt.NDArray[np.int64], Course]]]
+_kept_courses = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -229,17 +234,11 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     Where rivers meet, both keep the point. A piece's say in a blend is its length, but a long one has no more
     than one of half a width: a straight river would shout down a winding one beside it.
     """
-    meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
     cell, unit = tolerance_cell(cell_size), metres_per_unit(recipe.extent)
     courses, anchors = [], []
-    for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
-        # Arcs are fitted from the spring, wherever that is: far away they would round otherwise.
-        anchor = to_lattice(river.centreline[0, :2], recipe.extent)
-        away = np.append(anchor * unit, 0.0)
-        local = replace(river, points=river.points - away, centreline=river.centreline - away)
-        course = as_arcs(local, reach, meeting - away[:2], cell_size=cell, least=unit)
-        courses.append(course)
-        anchors.append(np.tile(anchor, (len(course.bend), 1)))
+    for anchor, course in _courses(recipe):
+        courses.append(as_arcs(course, cell_size=cell, least=unit))
+        anchors.append(np.tile(anchor, (len(courses[-1].bend), 1)))
     if not courses:
         empty = np.zeros((0, 4))
         return PackedRivers(np.zeros((0, 2), np.int64), np.zeros((0, 8)), empty, empty)
@@ -254,3 +253,19 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     along[:, :2], along[:, 2], along[:, 3] = vector, 1 / np.where(kept, length2, 1), say
     along[:, 4] = np.concatenate([course.bend for course in courses])
     return PackedRivers(start[kept], along[kept], starts[kept, 2:], ends[kept, 2:])
+
+
+def _courses(recipe: TerrainRecipe) -> list[tuple[npt.NDArray[np.int64], Course]]:
+    """Where each river's spring lies on the lattice, and its course from there; kept."""
+    if recipe not in _kept_courses:
+        unit = metres_per_unit(recipe.extent)
+        meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
+        found = []
+        for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
+            # Arcs are fitted from the spring, wherever that is: far away they would round otherwise.
+            anchor = to_lattice(river.centreline[0, :2], recipe.extent)
+            away = np.append(anchor * unit, 0.0)
+            local = replace(river, points=river.points - away, centreline=river.centreline - away)
+            found.append((anchor, course_of(local, reach, meeting - away[:2])))
+        _kept_courses[recipe] = found
+    return _kept_courses[recipe]

@@ -29,6 +29,16 @@ TINY = Effort(
     accuracy_tiles=1,
     choice_tiles=1,
     fidelities=(0.8,),
+    flight_views=1,
+    flight_frames=3,
+    flight_every=30,
+    flight_quads=(32,),
+    flight_own_quads=(32,),
+    flight_pixels=(64.0, 16.0),
+    flight_tessellations=(0.5, 1.0),
+    flight_own_pixels=(16.0,),
+    flight_factors=(0.5,),
+    flight_grid_levels=(1, 2),
 )
 
 

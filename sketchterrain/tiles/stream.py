@@ -33,8 +33,9 @@ __all__ = ["Batch", "DrawList", "TileStream", "finest_level"]
 LATTICE_BITS: Final = 24
 """A tile of level 0 is 2^24 lattice units wide."""
 
-_MORPH: Final = 1.3
-"""Excess of a parent at which its children show nothing of it any more; 1 is where they come."""
+_MORPH: Final = (0.85, 1.15)
+"""Excess of a parent up to which its children show nothing else, and from which on nothing of it; they come
+and go at 1."""
 _PIXELS_A_SECOND: Final = 60.0
 """How quickly the ground may move on the screen while it morphs …"""
 _SHORTEST, _LONGEST = 0.12, 0.35
@@ -286,7 +287,7 @@ class TileStream:
         above, at = np.unique(parent_of(codes), return_inverse=True)
         excess = wanted.excess.of(above)[at]
         root = place_of(codes)[0] == ROOT_LEVEL
-        weights = np.where(root, 0.0, np.clip((_MORPH - excess) / (_MORPH - 1), 0.0, 1.0))
+        weights = np.where(root, 0.0, np.clip((_MORPH[1] - excess) / (_MORPH[1] - _MORPH[0]), 0.0, 1.0))
         shown = self._seen(view, above)[at]
         seconds = np.clip(shown / _PIXELS_A_SECOND, _SHORTEST, _LONGEST)
         return Goals(wanted.splits, weights, 1 / seconds)

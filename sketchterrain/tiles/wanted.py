@@ -43,7 +43,7 @@ _ASIDE: Final = 0.25
 """What an error counts for out of the picture: turning round shows something at once."""
 _MARGIN: Final = 0.15
 """Out of the picture begins so far beyond its edges, in distances."""
-_STEEP: Final = 1.5
+_STEEP: Final = 2.0
 """Excess from which on a tile's neighbours are split too. Along a coarser one its
 children show the parent's surface, which would be seen to be too coarse there."""
 

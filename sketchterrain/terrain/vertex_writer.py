@@ -10,17 +10,18 @@ import numpy as np
 from sketchterrain.compute.staging import Staging
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.terrain.batches import Batches
-from sketchterrain.terrain.detail import DetailBound
 from sketchterrain.terrain.lattice import finest_level
 from sketchterrain.terrain.patch_places import sample_stride, tile_patches, tile_samples
 from sketchterrain.terrain.patches import PatchLauncher
 from sketchterrain.terrain.recipe import FINEST_CELL
 from sketchterrain.terrain.vertices import FACTS
+from sketchterrain.terrain.wide_errors import WideErrors
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.terrain.kernel_arguments import KernelArguments
+    from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.vertices import VertexStore
 
     Lattice = npt.NDArray[np.int64]
@@ -29,8 +30,9 @@ __all__ = ["VertexWriter"]
 
 _FILE = "tiles.cl"
 _MOST_QUADS = 1 << 20  # of the tiles of a launch
-# Wider tiles (m) are not held against full detail, for which all their features would have to be placed.
-_WIDEST_SAMPLED = 17e3
+# Samples are evaluated in squares of so many a side where these are so wide (m): fewer features reach each.
+_SQUARE = 16
+_WIDE_SQUARE = 200.0
 _USUAL = 0.99  # share of a tile whose error is at most its δ
 
 
@@ -47,7 +49,7 @@ class VertexWriter:
         self._context = arguments.context
         self._launcher = PatchLauncher(arguments)
         self._staged = Staging(self._context)
-        self._detail = DetailBound(arguments.recipe)
+        self._wide = WideErrors(arguments.recipe, self._heights)
         self._at_once: dict[int, Batches] = {}
         self._rooms: dict[str, tuple[int, Any]] = {}
 
@@ -70,7 +72,6 @@ class VertexWriter:
             :data:`~sketchterrain.terrain.vertices.FACTS`.
         """
         facts = np.zeros(len(keys), FACTS)
-        tail = np.zeros(len(keys))
         if not len(keys):
             return facts
         lives = np.concatenate([np.stack([slots, parents], axis=1), keys[:, 1:] & 1], axis=1).astype(np.int32)
@@ -87,11 +88,16 @@ class VertexWriter:
                 def enqueue(part: slice, chosen: Lattice = chosen, first: int = first) -> None:
                     some = chosen[part]
                     place = first + part.start
-                    tail[some] = self._enqueue(keys[some], lives[some], store, found, away, place)
+                    self._enqueue(keys[some], lives[some], store, found, away, place)
 
                 at_once.run(len(chosen), enqueue, smaller=self._give_back)
             parts = self._context.download(found, (len(keys), strips, 4), np.float32)
             apart = self._context.download(away, (len(keys), strips**2), np.float32)
+            facts["error"][order] = _geometric_error(apart)
+            for i in np.flatnonzero([self._wide.is_wide(int(level)) for level in keys[:, 0]]):
+                level, column, row = (int(number) for number in keys[i])
+                apart = self._wide.of(level, column, row, store.heights(int(slots[i])))
+                facts["error"][i] = _geometric_error(apart[None])[0]
         finally:
             store.release(slots)
         if not np.isfinite(parts[..., 2]).all():
@@ -99,8 +105,6 @@ class VertexWriter:
             raise DeviceFailedError(f"{device.name} ({device.platform}) computed heights that are no numbers")
         facts["low"][order] = parts[..., 0].min(axis=1)
         facts["high"][order] = parts[..., 1].max(axis=1)
-        facts["error"][order] = _geometric_error(apart)
-        facts["error"] += tail
         return facts
 
     def _enqueue(
@@ -111,18 +115,18 @@ class VertexWriter:
         found: Any,
         away: Any,
         first: int,
-    ) -> npt.NDArray[np.float64] | float:
-        """Enqueue tiles of one level; return what is known of their error beyond what will be found (m)."""
+    ) -> None:
+        """Enqueue tiles of one level."""
         level, places = int(keys[0, 0]), keys[:, 1:]
         stride = sample_stride(store.quads)
         patches = tile_patches(level, places, self._arguments.recipe.extent, quads=store.quads)
-        reaching = self._launcher.vertices(patches, lives, store.buffer)
-        wide = patches.cell_size * store.quads > _WIDEST_SAMPLED
-        tail = self._detail.of(reaching, patches.blocks, patches.cell_size) if wide else 0.0
+        self._launcher.vertices(patches, lives, store.buffer)
         sample, bits = found, -1
-        if level < finest_level(store.quads):
-            cell = patches.cell_size if wide else FINEST_CELL
-            samples = tile_samples(level, places, cell_size=cell, quads=store.quads)
+        if level < finest_level(store.quads) and not self._wide.is_wide(level):
+            squares = store.quads // (stride * _SQUARE)
+            if patches.cell_size * stride * _SQUARE < _WIDE_SQUARE:
+                squares = 1
+            samples = tile_samples(level, places, cell_size=FINEST_CELL, quads=store.quads, squares=squares)
             sample, bits = self._launcher.heights(samples), samples.side.bit_length() - 1
         slot = self._staged.put({"slot": lives[:, 0]})["slot"]
         self._context.launch(
@@ -139,7 +143,12 @@ class VertexWriter:
             found,
             away,
         )
-        return tail
+
+    def _heights(self, patches: Patches) -> npt.NDArray[np.float32]:
+        """Return heights of patches here, shape (patches, side, side)."""
+        real = self._context.real_dtype
+        shape = (patches.count, patches.side, patches.side)
+        return self._context.download(self._launcher.heights(patches), shape, real).astype(np.float32)
 
     def _room(self, name: str, count: int) -> Any:
         """Return a buffer for so many floats; kept while it is large enough."""

@@ -121,6 +121,12 @@ class VertexStore:
         runs = zip(written[starts], ends - starts, strict=True)
         self.memory.release([(int(first) * size, int(count) * size) for first, count in runs])
 
+    def heights(self, slot: int) -> npt.NDArray[np.float32]:
+        """Wait for the device, whose the vertices must be, and return a tile's heights (m)."""
+        tile = np.empty((self.quads + 1, self.quads + 1), VERTEX)
+        self.context.download_into(self.buffer, tile, start=slot * self.tile_bytes)
+        return np.ascontiguousarray(tile["height"])
+
     def download(self) -> npt.NDArray[np.void]:
         """Wait for the device and return the vertices of all slots, shape (slots, quads + 1, quads + 1)."""
         self.acquire()

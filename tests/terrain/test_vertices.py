@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from sketchterrain.errors import InputError
+from sketchterrain.errors import DeviceFailedError, DeviceMemoryError, InputError
 from sketchterrain.terrain.vertices import TILE_QUADS, VERTEX
 
 if TYPE_CHECKING:
     import sketchterrain as st
+    from sketchterrain.compute import ComputeContext
 
 # A parent, its four children and a grandchild; far and coarse tiles: each with its parent's place here.
 FAMILY = [
@@ -192,3 +193,119 @@ def test_the_error_is_what_a_close_look_finds(valley: st.Terrain) -> None:
     assert min(within) > 0.98
     assert np.median(worst) < 2.0
     assert np.percentile(worst, 90) < 4.0
+
+
+@pytest.mark.parametrize("quads", TILE_QUADS)
+def test_samples_in_squares_are_the_same(
+    valley: st.Terrain, quads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Fewer features reach a square than the tile; none of those left out would have changed a bit."""
+    keys = [(1, 0, 1), (3, 3, 3), (3, 4, 5)]
+    store = valley.vertex_store(len(keys), quads=quads)
+    found = []
+    for widest in (0.0, np.inf):
+        monkeypatch.setattr("sketchterrain.terrain.vertex_writer._WIDE_SQUARE", widest)
+        found.append(valley.write_tiles(keys, range(3), [-1] * 3, store).tobytes())
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("quads", TILE_QUADS)
+def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley: st.Terrain, quads: int) -> None:
+    """By single points at full detail, which take another way through the kernels."""
+    keys = [(2, 1, 2), (6, 30, 31), (9, 250, 240)]
+    store = valley.vertex_store(len(keys), quads=quads)
+    facts = valley.write_tiles(keys, range(3), [-1] * 3, store)
+    for (level, column, row), vertex, fact in zip(keys, store.download(), facts, strict=True):
+        step = valley.extent / 2**level / quads
+        stride = 1 if quads == 32 else 2
+        middle = 0.5 + np.arange(0, quads, stride)
+        x, y = np.meshgrid((column * quads + middle) * step, ((row + 1) * quads - middle) * step)
+        z = vertex["height"]
+        flat = np.float32(0.5) * (z[:-1:stride, :-1:stride] + z[1::stride, 1::stride])
+        apart = np.sort(np.abs(valley.heights(x, y) - flat).ravel())
+        usual = apart[int(np.ceil(0.99 * apart.size)) - 1]
+        assert fact["error"] == max(usual, np.float32(0.5) * apart[-1])
+
+
+def test_every_level_has_an_error(valley: st.Terrain) -> None:
+    """Wide tiles by what one place in them shows; 0 where quads end."""
+    levels = list(range(-12, 19))
+    keys = [(level, 0, 0) for level in levels]
+    facts = valley.write_tiles(keys, range(len(keys)), [-1, *range(len(keys) - 1)], valley.vertex_store(31))
+    assert np.isfinite(facts["error"]).all()
+    assert (facts["error"][:5] > 100).all()
+    assert facts["error"][-1] == 0
+    assert (facts["low"] <= facts["high"]).all()
+    assert np.abs(facts["high"]).max() < 2000
+
+
+def test_heights_that_are_no_numbers_end_it(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = valley.vertex_store(2)
+    valley.write_tiles([(4, 3, 3)], [0], [-1], store)
+    bad = np.zeros(store.nbytes // 4, np.float32)
+    bad[:] = np.nan
+    valley.context.write(store.buffer, bad).wait()
+    with pytest.raises(DeviceFailedError, match="computed heights that are no numbers"):
+        valley.write_tiles([(5, 6, 6)], [1], [0], store)
+
+
+def test_no_room_means_smaller_batches(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The device gives nothing large for a while: the same vertices, in more launches."""
+    keys = [(5, c, r) for c in range(10, 14) for r in range(10, 14)]
+    expected = valley.vertex_store(16)
+    facts = valley.write_tiles(keys, range(16), [-1] * 16, expected)
+    terrain = type(valley)(valley.sketch, valley.recipe, valley.context)
+    store, found = terrain.vertex_store(16), []
+    whole = type(terrain.context).empty
+
+    def scarce(self: Any, shape: Any, dtype: Any) -> Any:
+        if np.dtype(dtype) == np.float32 and int(np.prod(shape)) > 4 * 5 * 67 * 67:
+            found.append(shape)
+            raise DeviceMemoryError("no room")
+        return whole(self, shape, dtype)
+
+    monkeypatch.setattr(type(terrain.context), "empty", scarce)
+    again = terrain.write_tiles(keys, range(16), [-1] * 16, store)
+    monkeypatch.undo()
+    assert found
+    assert again.tobytes() == facts.tobytes()
+    assert store.download().tobytes() == expected.download().tobytes()
+
+
+def test_the_double_build_agrees(valley: st.Terrain, double_context: ComputeContext) -> None:
+    """The same kernel in 64 bits: heights within a millimetre, the rest within a step."""
+    double = type(valley)(valley.sketch, valley.recipe, double_context)
+    keys, parents = [(5, 15, 15), (6, 31, 30)], [-1, 0]
+    stores = [terrain.vertex_store(2) for terrain in (valley, double)]
+    facts = [
+        terrain.write_tiles(keys, [0, 1], parents, store)
+        for terrain, store in zip((valley, double), stores, strict=True)
+    ]
+    single, exact = (store.download() for store in stores)
+    for part in ("", "parent_"):
+        np.testing.assert_allclose(single[f"{part}height"], exact[f"{part}height"], rtol=0, atol=2e-3)
+        for name, most in (("slope", 40), ("weights", 6)):
+            apart = single[f"{part}{name}"].astype(int) - exact[f"{part}{name}"]
+            assert np.abs(apart).max() <= most
+    np.testing.assert_allclose(facts[0]["error"], facts[1]["error"], rtol=0, atol=4e-3)
+
+
+def test_writing_allocates_and_launches_little(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four launches a level, and one wait for all."""
+    keys = [(6, c, r) for c in range(20, 28) for r in range(20, 28)] + [(5, 10, 10), (5, 11, 10)]
+    store = valley.vertex_store(len(keys))
+    parents = [-1] * len(keys)
+    valley.write_tiles(keys, range(len(keys)), parents, store)
+    calls: list[str] = []
+    whole = type(valley.context)._call
+
+    def counted(self: object, doing: str, *given: object, **named: object) -> object:
+        calls.append(doing)
+        return whole(self, doing, *given, **named)
+
+    monkeypatch.setattr(type(valley.context), "_call", counted)
+    valley.write_tiles(keys, range(len(keys)), parents, store)
+    launches = [call.removeprefix("launching ") for call in calls if call.startswith("launching")]
+    assert launches == ["patches", "vertices", "patches", "facts"] * 2
+    assert calls.count("downloading") == 2
+    assert "a buffer" not in calls

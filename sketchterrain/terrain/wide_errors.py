@@ -1,0 +1,99 @@
+"""The error of tiles too wide for all their features to be placed: by a close look at one place in each."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.terrain.lattice import LATTICE_BITS
+from sketchterrain.terrain.patch_places import tile_samples
+from sketchterrain.terrain.recipe import FINEST_CELL
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.patch_places import Patches
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+    Floats = npt.NDArray[np.float32]
+
+__all__ = ["WideErrors"]
+
+_WIDEST = 17e3  # m
+_MOST_KEPT = 256
+
+
+class WideErrors:
+    """How far full detail is from wide tiles, at 32 × 32 samples of a square of at most 17 km.
+
+    That is where the highest feature that was painted in the tile stands, or else as near to the sketch as
+    the tile comes: ground that nothing was painted on is much the same everywhere.
+
+    Parameters
+    ----------
+    recipe : TerrainRecipe
+    heights : callable
+        Gives the heights of patches, shape (patches, side, side).
+    """
+
+    def __init__(self, recipe: TerrainRecipe, heights: Callable[[Patches], Floats]) -> None:
+        self._recipe = recipe
+        self._heights = heights
+        self._square_level = int(np.ceil(np.log2(recipe.extent / _WIDEST)))
+        self._samples = lru_cache(maxsize=_MOST_KEPT)(self._sampled)
+
+    def is_wide(self, level: int) -> bool:
+        """Whether the tiles of a level are wider than what is looked at."""
+        return level < self._square_level
+
+    def of(self, level: int, column: int, row: int, height: Floats) -> Floats:
+        """Return how far full detail is from a tile's triangles at the samples, m, shape (samples,).
+
+        Parameters
+        ----------
+        level, column, row
+            Of a wide tile.
+        height
+            Of its vertices, m, shape (quads + 1, quads + 1).
+        """
+        x, y, full = self._samples(*self._square(level, column, row))
+        width, quads = 1 << (LATTICE_BITS - level), len(height) - 1
+        u = (x - column * width) * (quads / width)
+        v = ((row + 1) * width - y[:, None]) * (quads / width)
+        return np.abs(full - _on_triangles(height, u, v)).ravel()
+
+    def _square(self, level: int, column: int, row: int) -> tuple[int, int]:
+        """Column and row, at the squares' level, of the one that is looked at."""
+        side = self._recipe.extent / 2.0**self._square_level
+        share = 1 << (self._square_level - level)
+        low = np.array([column, row]) * share
+        painted = self._recipe.painted
+        at = np.floor(np.stack([painted["x"], painted["y"]], axis=-1) / side).astype(np.int64)
+        inside = np.flatnonzero(np.all((at >= low) & (at < low + share), axis=-1))
+        if inside.size:
+            best = at[inside[np.argmax(painted["strength"][inside])]]
+        else:
+            centre = int(self._recipe.extent / 2 // side)
+            best = np.clip(centre, low, low + share - 1)
+        return int(best[0]), int(best[1])
+
+    def _sampled(self, column: int, row: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
+        """Where the samples of a square lie (lattice units), and full detail there."""
+        patches = tile_samples(self._square_level, [(column, row)], cell_size=FINEST_CELL)
+        return patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
+
+
+def _on_triangles(height: Floats, u: npt.NDArray[np.float64], v: npt.NDArray[np.float64]) -> Floats:
+    """Return the height of quads cut from north-west to south-east, u east and v south in quads."""
+    u, v = np.broadcast_arrays(u, v)
+    column, row = (np.minimum(np.floor(place).astype(np.intp), len(height) - 2) for place in (u, v))
+    u, v = u - column, v - row
+    nw, se = height[row, column], height[row + 1, column + 1]
+    other = np.where(v > u, height[row + 1, column], height[row, column + 1])
+    # From north-west along the longer way first, then along the shorter.
+    longer, shorter = np.maximum(u, v), np.minimum(u, v)
+    return np.asarray(nw + longer * (other - nw) + shorter * (se - other), dtype=np.float32)

@@ -62,9 +62,10 @@ class WideErrors:
         """
         x, y, full = self._samples(*self._square(level, column, row))
         width, quads = 1 << (LATTICE_BITS - level), len(height) - 1
-        u = (x - column * width) * (quads / width)
-        v = ((row + 1) * width - y[:, None]) * (quads / width)
-        return np.abs(full - _on_triangles(height, u, v)).ravel()
+        u = np.asarray((x - column * width) * (quads / width), np.float64)
+        v = np.asarray(((row + 1) * width - y[:, None]) * (quads / width), np.float64)
+        apart: Floats = np.abs(np.subtract(full, _on_triangles(height, u, v)))
+        return apart.ravel()
 
     def _square(self, level: int, column: int, row: int) -> tuple[int, int]:
         """Column and row, at the squares' level, of the one that is looked at."""

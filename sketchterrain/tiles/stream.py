@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.codes import TileKey, children_of, keys_of, parent_of, place_of
+from sketchterrain.tiles.codes import Boxes, TileKey, children_of, keys_of, parent_of, place_of
 from sketchterrain.tiles.drawn import DrawnTree, Goals
+from sketchterrain.tiles.horizon import behind_ground
 from sketchterrain.tiles.metrics import ScreenError, screen_errors
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
@@ -119,6 +120,8 @@ class TileStream:
         No quad is made narrower than this, m.
     metric : Metric
         Which tiles are too coarse; τ = 1 px by default.
+    hide : bool
+        Whether tiles that lie behind nearer ground are left out of what is drawn.
     """
 
     def __init__(
@@ -129,6 +132,7 @@ class TileStream:
         slots: int = 1024,
         finest_cell: float = 0.2,
         metric: Metric | None = None,
+        hide: bool = True,
     ) -> None:
         if quads < 2 or quads > 256 or quads & (quads - 1):
             raise InputError(f"expected quads to be a power of two, 2 … 256, got {quads}")
@@ -137,6 +141,7 @@ class TileStream:
                 f"expected an extent and a finest cell > 0 m, got {extent:g} and {finest_cell:g}"
             )
         self.extent = extent
+        self._hide = hide
         self.quads = quads
         self.metric: Metric = metric or ScreenError()
         self.pool = TilePool(slots)
@@ -305,10 +310,9 @@ class TileStream:
         codes = self._tree.codes
         slots = self.pool.find(codes)
         boxes = self.pool.boxes(codes, slots, self.extent)
-        # What is drawn is partly the parent's surface.
-        above = self.pool.find(parent_of(codes))
-        margin = np.where(above >= 0, self.pool.error[above], 0.0)
-        shown = view.sees(boxes, margin=margin) & (across(view, boxes) <= view.draw_distance)
+        shown = view.sees(boxes) & (across(view, boxes) <= view.draw_distance)
+        if self._hide:
+            shown[shown] = ~behind_ground(view, Boxes(boxes.low[shown], boxes.high[shown]))
         codes, slots = codes[shown], slots[shown]
         level, col, row = place_of(codes)
         width = np.int64(1) << (LATTICE_BITS - level)

@@ -56,8 +56,8 @@ def heights_of(key, quads):
 def facts_of(keys, quads):
     facts = np.zeros(len(keys), FACTS)
     for i, key in enumerate(keys):
-        _, _, own, _ = heights_of(key, quads)
-        facts[i] = own.min(), own.max(), 2.0 * roughness(key.level + 1) * (1.0 + 0.5 * mix(99, *key))
+        _, _, *both = heights_of(key, quads)
+        facts[i] = np.min(both), np.max(both), 2.0 * roughness(key.level + 1) * (1.0 + 0.5 * mix(99, *key))
     return facts
 
 
@@ -110,7 +110,7 @@ def view_from(eye, *, heading=0.0, pixels_per_radian=100.0, everywhere=True, **m
 
 
 def new_stream(**more):
-    return TileStream(EXTENT, quads=QUADS, **{"slots": 3000, "finest_cell": 8.0, **more})
+    return TileStream(EXTENT, quads=QUADS, **{"slots": 3000, "hide": False, "finest_cell": 8.0, **more})
 
 
 def generate(batch):

@@ -221,3 +221,26 @@ def test_a_budget_must_be_a_time(toy):
     stream = toy.new_stream()
     with pytest.raises(InputError, match="budget"):
         stream.plan(toy.view_from(EYES[0]), budget=-1.0)
+
+
+def test_what_nearer_ground_hides_is_not_drawn_and_nothing_else_is_missing(toy):
+    view = toy.view_from((300.0, 200.0, -120.0))
+    every, seen = (
+        toy.new_stream(metric=ScreenError(4.0, quad=1e9), hide=hide).settle(view, toy.generate)
+        for hide in (False, True)
+    )
+    assert set(seen.keys) < set(every.keys)
+    gone = [i for i, key in enumerate(every.keys) if key not in set(seen.keys)]
+    triangles = toy.drawn_triangles(seen, toy.QUADS)
+    lattice = toy.LATTICE / toy.EXTENT
+    eye = np.array(view.eye) * [lattice, lattice, 1.0]
+    hidden = toy.drawn_triangles(every, toy.QUADS)
+    rng = np.random.default_rng(1)
+    for i in rng.choice(gone, 12):
+        _, _, own, parent = toy.heights_of(every.keys[i], toy.QUADS)
+        top = max(own.max(), parent.max())
+        col, row = every.corners[i] + every.steps[i] * toy.QUADS * np.array([0.5, -0.5])
+        ray = eye + np.geomspace(1e-3, 0.999, 400)[:, None] * (np.array([col, row, top]) - eye)
+        ground = toy.surface_at(hidden, ray[:, 0], ray[:, 1])
+        assert (ground > ray[:, 2]).any(), "a ray from the eye reaches a tile that was left out"
+    assert len(triangles) < len(hidden)

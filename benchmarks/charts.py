@@ -12,6 +12,7 @@ from sketchterrain.benchmarks.adherence_chart import draw_adherence
 from sketchterrain.benchmarks.choices_chart import draw_choices
 from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
+from sketchterrain.benchmarks.flight_chart import draw_errors, draw_generation
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
@@ -25,6 +26,7 @@ __all__ = ["CHARTS", "MORE", "available", "draw"]
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"
+_HUES = (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)
 _INK = "#333333"
 
 _STYLE = {
@@ -245,7 +247,7 @@ def _tiles(rows: Sequence[Row]) -> Any:
     figure = _figure(7.0, 4.0)
     axes = figure.subplots()
     grounds = dict.fromkeys(str(row["ground"]) for row in rows)
-    for ground, colour in zip(grounds, (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE), strict=False):
+    for ground, colour in zip(grounds, _HUES, strict=False):
         of_ground = [row for row in rows if row["ground"] == ground]
         batches = [_number(row, "batch") for row in of_ground]
         for key, what, style in (
@@ -276,11 +278,10 @@ def _tiles(rows: Sequence[Row]) -> Any:
 
 CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "accuracy": _accuracy,
-    "adherence": lambda rows: draw_adherence(
-        _figure(9.0, 5.4), rows, (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)
-    ),
+    "adherence": lambda rows: draw_adherence(_figure(9.0, 5.4), rows, _HUES),
     "culling": lambda rows: draw_culling(_figure(7.0, 4.0), rows),
     "erosion": draw_erosion,
+    "flight": lambda rows: draw_errors(_figure(11.0, 4.6), rows),
     "kernels": _kernels,
     "sketch": draw_scaling,
     "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
@@ -292,6 +293,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
 MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "accuracy": {"choices": lambda rows: draw_choices(_figure(12.0, 6.6), rows)},
     "erosion": {"normals": draw_normals},
+    "flight": {"generation": lambda rows: draw_generation(_figure(12.0, 7.0), rows)},
     "speed": {"tiles": lambda rows: draw_thesis(_figure(12.0, 4.2), rows)},
 }
 """Charts of its second table and so on, by how their files' names end."""

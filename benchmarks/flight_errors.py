@@ -71,6 +71,7 @@ def points(terrain: Terrain, effort: Effort) -> Table:
                     MOST: error.most,
                     "worst_px": error.worst,
                     "samples": error.samples,
+                    "note": None,
                     "triangles_each": triangles,
                     "seconds_each": seconds,
                 }

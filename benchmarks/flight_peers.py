@@ -1,9 +1,9 @@
 """Meshes by pymartini and pydelatin, which thin out a heightmap to an error in metres.
 
-Neither knows a camera. So the world is cut into squares that are no wider than half of their distance;
-each is a heightmap of 257² samples (one to two pixels apart, where the finest quads allow it), meshed to the
-error that a number of pixels is at the square's nearest point, seen as sideways as at its farthest corner:
-what a program that streams heightmaps can do. Gaps between squares are left.
+Neither knows a camera. So the world is cut into squares, narrower the nearer they are; each is a heightmap of
+257² samples a few pixels apart (where the finest quads allow it), meshed to the error that a number of pixels
+is at the square's nearest point, seen as sideways as at its farthest corner: what a program that streams
+heightmaps can do. Gaps between squares are left.
 """
 
 from __future__ import annotations
@@ -34,7 +34,6 @@ Floats = npt.NDArray[np.float64]
 Heights = npt.NDArray[np.float32]
 
 QUADS = 256
-_WIDEST = 0.5  # of its distance
 _BATCH = 16
 
 Thinned = tuple[Floats, Floats, npt.NDArray[np.int64]]
@@ -76,6 +75,15 @@ class Mesher:
 class Rasters:
     """Heightmaps around an eye.
 
+    Parameters
+    ----------
+    terrain
+        The terrain whose heights they hold.
+    view
+        Where the eye is.
+    apart
+        How many pixels samples are apart at most, seen head on.
+
     Attributes
     ----------
     squares : tuple of Square
@@ -84,8 +92,9 @@ class Rasters:
         What making them took.
     """
 
-    def __init__(self, terrain: Terrain, view: View) -> None:
+    def __init__(self, terrain: Terrain, view: View, *, apart: float = 2.0) -> None:
         self._view = view
+        self._widest = apart * QUADS / view.picture.pixels_per_radian(view.stop.camera)  # of its distance
         level = int(np.floor(np.log2(terrain.extent / QUADS / FINEST_CELL)))
         self._store = VertexStore(terrain.context, _BATCH, quads=QUADS)
         keys = [key for key in self._split(terrain, (0, 0, 0), level) if self._seen(terrain, key)]
@@ -110,7 +119,7 @@ class Rasters:
         width = terrain.extent / 2**level
         x, y, z = self._view.stop.camera.eye
         near, _ = _reach(col * width, row * width, width, x, y)
-        if level >= finest or width <= _WIDEST * np.hypot(near, z - self._view.stop.ground):
+        if level >= finest or width <= self._widest * np.hypot(near, z - self._view.stop.ground):
             return [key]
         children = [(level + 1, 2 * col + i, 2 * row + j) for j in (0, 1) for i in (0, 1)]
         return [each for child in children for each in self._split(terrain, child, finest)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import lru_cache, partial
 from time import perf_counter
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -37,6 +37,7 @@ SAMPLING = Sampling(8, 3)
 """How the thesis's kernels look for the nearest place on a river: the cheapest that serves mountains well."""
 
 _FACTOR = 2.0  # F near mountains and rivers
+_APART = 2.0  # px between samples of heightmaps, at least
 _BATCH = 64  # tiles of the uniform grid written at once
 
 
@@ -84,7 +85,7 @@ def ways(terrain: Terrain, effort: Effort) -> tuple[list[Way], list[Absent]]:
             partial(_uniform, terrain),
         )
     )
-    rasters = _RasterMemory(terrain)
+    rasters = _RasterMemory(terrain, min(effort.flight_pixels))
     absent = []
     for name in MESHERS:
         peer = mesher(name)
@@ -95,6 +96,7 @@ def ways(terrain: Terrain, effort: Effort) -> tuple[list[Way], list[Absent]]:
     return found, absent
 
 
+@lru_cache(maxsize=32)
 def thesis_view(terrain: Terrain, quads: int, tessellation: float) -> ThesisView:
     """Return the thesis's metric over the world."""
     return ThesisView(
@@ -140,16 +142,14 @@ def _uniform(terrain: Terrain, view: View, cell: float) -> Shown:
 class _RasterMemory:
     """Keeps the heightmaps of the last views, which all meshers and errors share."""
 
-    def __init__(self, terrain: Terrain) -> None:
+    def __init__(self, terrain: Terrain, finest: float) -> None:
         self._terrain = terrain
-
-    @cached_property
-    def _known(self) -> dict[View, Rasters]:
-        return {}
+        self._apart = max(_APART, finest / 2)
+        self._known: dict[View, Rasters] = {}
 
     def draw(self, peer: Mesher, view: View, pixels: float) -> Shown:
         if view not in self._known:
-            self._known[view] = Rasters(self._terrain, view)
+            self._known[view] = Rasters(self._terrain, view, apart=self._apart)
         rasters = self._known[view]
         start = perf_counter()
         meshes: Sequence[Mesh] = [

@@ -11,6 +11,7 @@ from sketchterrain.benchmarks import (
     adherence,
     culling,
     erosion,
+    flight,
     kernel_times,
     noise,
     part_costs,
@@ -95,6 +96,7 @@ BENCHMARKS = {
         Benchmark(
             "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
         ),
+        Benchmark("flight", "valley_river over 4096 m, and a round over it", _OWN, flight.measure),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "accuracy",

@@ -105,6 +105,23 @@ def test_every_choice_has_one_way_that_is_used(outcomes: dict[str, Outcome]) -> 
     assert error["culling", "all of the reach"] == 0.0
 
 
+def test_flight_compares_every_way_at_every_setting(outcomes: dict[str, Outcome], tiny: Effort) -> None:
+    points, generation, reached, first = (rows(outcomes["flight"], table) for table in range(4))
+    measured = [row for row in points if row["note"] is None]
+    for row in measured:
+        assert 0 < row["most_px"] <= row["worst_px"]
+        assert row["triangles"] > 0
+    for way in {row["way"] for row in measured}:
+        coarse, fine = sorted((r for r in measured if r["way"] == way), key=lambda r: r["triangles"])
+        assert fine["most_px"] <= coarse["most_px"]
+    assert {row["way"] for row in reached} == {row["way"] for row in measured}
+    assert len(generation) == 2 * len(tiny.flight_quads)
+    assert len(first) == 3 * len(tiny.flight_quads)
+    for row in generation:
+        assert 0 <= row["updating_ms"] <= row["worst_ms"]
+        assert len(row["seconds"]) == tiny.flight_frames
+
+
 @pytest.mark.parametrize("name", charts.CHARTS)
 def test_charts_are_pictures(outcomes: dict[str, Outcome], name: str) -> None:
     pytest.importorskip("matplotlib")

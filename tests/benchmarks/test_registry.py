@@ -29,6 +29,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "sketch",
         "foliage",
         "splines",
+        "flight",
         "erosion",
         "accuracy",
     ]

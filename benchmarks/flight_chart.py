@@ -1,0 +1,194 @@
+"""Charts of flights: screen error against triangles and time; generation in the thesis's terms."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.benchmarks.flight_errors import MOST
+from sketchterrain.benchmarks.flight_generation import BUDGET
+from sketchterrain.benchmarks.flight_ways import OURS, THESIS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sketchterrain.benchmarks.outcome import Row
+
+__all__ = ["draw_errors", "draw_generation"]
+
+# Okabe and Ito's palette, which colour-blind people can tell apart.
+_BLUE, _SKY, _VERMILION, _GREEN, _PURPLE, _GREY = (
+    "#0072B2",
+    "#56B4E9",
+    "#D55E00",
+    "#009E73",
+    "#AA5586",
+    "#888888",
+)
+_COLOURS = {
+    f"{OURS}, 32": _BLUE,
+    f"{OURS}, 64": _SKY,
+    THESIS: _VERMILION,
+    "uniform": _GREY,
+    "pymartini": _GREEN,
+    "pydelatin": _PURPLE,
+}
+_SMALL = 7.5
+_APART = 0.045  # of a panel's height, between labels
+_BINS = 12  # a decade
+_QUADS = 64  # whose frames are shown one by one
+
+
+def draw_errors(figure: Any, rows: Sequence[Row]) -> Any:
+    """Draw a line a way, a dot a setting: error against triangles, and against time."""
+    left, right = figure.subplots(1, 2, sharey=True)
+    rows = [row for row in rows if row.get(MOST) is not None]
+    errors = [_number(row, MOST) for row in rows]
+    low, high = min([*errors, 1.0]) / 1.6, max(errors) * 1.6
+    for axes, key, what in ((left, "triangles", "triangles in view"), (right, "ms", "ms from nothing")):
+        values = [_number(row, key) for row in rows]
+        axes.set(xscale="log", yscale="log", ylim=(low, high))
+        axes.set(xlim=(min(values) / 1.5, max(values) * 9), xlabel=what)
+        axes.axhline(1.0, color="#333333", linewidth=0.8, linestyle=":")
+        names = list(dict.fromkeys(str(row["way"]) for row in rows))
+        ends = {}
+        for name in names:
+            mine = [row for row in rows if row["way"] == name]
+            x, y = [_number(row, key) for row in mine], [_number(row, MOST) for row in mine]
+            axes.plot(x, y, "o-", color=_colour(name), markersize=4, linewidth=1.4)
+            last = int(np.argmin(y))
+            ends[name] = (x[last], y[last])
+        _label(axes, ends, np.log10(high / low))
+        _plain(axes)
+    left.set_ylabel("pixels that 99.9 % of the samples stay within")
+    figure.suptitle("Screen error of what is drawn. Down and left is better.", x=0.01, ha="left")
+    return figure
+
+
+def draw_generation(figure: Any, rows: Sequence[Row]) -> Any:
+    """Bars by size of tiles and setting as in the thesis's figures 7.1 and 7.2; frames one by one below."""
+    panels = figure.subplots(2, 3)
+    settings = list(dict.fromkeys((str(row["way"]), str(row["shown"])) for row in rows))
+    shades = _shades([way for way, _ in settings])
+    sizes = sorted({int(_number(row, "quads")) for row in rows})
+    bars = (
+        ("updating_ms", "generation while updating, ms a frame"),
+        ("worst_ms", "worst frame's generation, ms"),
+        ("initial_ms", "initial generation, ms"),
+    )
+    width = 0.8 / len(settings)
+    for axes, (key, title) in zip(panels[0], bars, strict=True):
+        for number, (way, shown) in enumerate(settings):
+            mine = {
+                int(_number(row, "quads")): row for row in rows if (row["way"], row["shown"]) == (way, shown)
+            }
+            places = [sizes.index(quads) + (number + 0.5) * width - 0.4 for quads in mine]
+            heights = [_number(row, key) for row in mine.values()]
+            axes.bar(places, heights, width * 0.92, color=shades[number], label=f"{way}, {shown}")
+        tops = [_number(row, key) for row in rows if _number(row, key) > 0] or [1.0]
+        axes.set(yscale="log", title=title, xlabel="quads along a tile")
+        axes.set_ylim(10 ** np.floor(np.log10(min(tops))), 10 ** np.ceil(np.log10(max(tops))))
+        axes.set_xticks(range(len(sizes)), [str(size) for size in sizes])
+        axes.grid(visible=False, axis="x")
+        if key != "initial_ms":
+            axes.axhline(BUDGET * 1e3, color="#333333", linewidth=0.8, linestyle=":")
+        _plain(axes, x=False)
+    frames: tuple[tuple[str, Callable[[Row], Sequence[float]]], ...] = (
+        ("generation of a frame, ms", lambda row: [1e3 * each for each in _numbers(row, "seconds")]),
+        ("choice and generation, ms", _whole_frames),
+        ("triangles in view", lambda row: _numbers(row, "triangles_each")),
+    )
+    size = _QUADS if _QUADS in sizes else sizes[0]
+    for axes, (title, values) in zip(panels[1], frames, strict=True):
+        for number, (way, shown) in enumerate(settings):
+            for row in rows:
+                if (row["way"], row["shown"], row["quads"]) == (way, shown, size):
+                    _histogram(axes, values(row), shades[number])
+        axes.set(title=f"{title}, {size} quads", xscale="log", ylabel="% of the frames")
+        _plain(axes, y=False)
+    figure.legend(
+        *panels[0][0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=min(4, len(settings)),
+        fontsize=_SMALL,
+        frameon=False,
+    )
+    figure.suptitle(
+        f"Generation in flight. Dotted: this program's budget, {BUDGET * 1e3:g} ms a frame.",
+        x=0.01,
+        ha="left",
+    )
+    return figure
+
+
+def _whole_frames(row: Row) -> list[float]:
+    generation, choice = _numbers(row, "seconds"), _numbers(row, "choice_seconds")
+    return [1e3 * (a + b) for a, b in zip(generation, choice, strict=True)]
+
+
+def _histogram(axes: Any, values: Sequence[float], colour: str) -> None:
+    """Draw the share of frames by size, twelve bins a decade; what is 0 stands in no bin."""
+    some = np.log10([value for value in values if value > 0])
+    if not some.size:
+        return
+    edges = np.arange(np.floor(some.min() * _BINS), np.floor(some.max() * _BINS) + 2) / _BINS
+    share = 100.0 * np.histogram(some, edges)[0] / len(values)
+    axes.stairs(share, 10**edges, color=colour, linewidth=1.3)
+
+
+def _label(axes: Any, ends: dict[str, tuple[float, float]], decades: float) -> None:
+    """Name the lines beside their lowest ends, moved apart where they would overlap."""
+    order = sorted(ends, key=lambda name: ends[name][1])
+    place = -np.inf
+    for name in order:
+        x, y = ends[name]
+        place = max(float(np.log10(y)), place + decades * _APART)
+        style = {"fontsize": _SMALL, "va": "center", "color": _colour(name), "fontweight": "bold"}
+        axes.annotate(name, (x * 1.15, 10**place), **style)
+
+
+def _plain(axes: Any, *, x: bool = True, y: bool = True) -> None:
+    """Write plain numbers at the decades of logarithmic axes."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    for axis, wanted in ((axes.xaxis, x), (axes.yaxis, y)):
+        if wanted:
+            axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value)))
+            axis.set_minor_formatter(NullFormatter())
+
+
+def _tick(value: float) -> str:
+    if value >= 1e6:
+        return f"{value / 1e6:g} M"
+    return f"{value / 1e3:g}k" if value >= 1e4 else f"{value:g}"
+
+
+def _colour(name: str) -> str:
+    return next((colour for start, colour in _COLOURS.items() if name.startswith(start)), _GREY)
+
+
+def _shades(names: Sequence[str]) -> list[str]:
+    """Return a colour for each setting: the way's, the stronger the later."""
+    ramps = {
+        OURS: ("#BBDDF0", "#56B4E9", "#0072B2", "#003F63"),
+        THESIS: ("#F3CDB4", "#E69F5A", "#D55E00", "#7F3800"),
+    }
+    seen: dict[str, int] = {}
+    shades = []
+    for name in names:
+        ramp, number = ramps[name], seen.get(name, 0)
+        seen[name] = number + 1
+        count = names.count(name)
+        shades.append(ramp[min(len(ramp) - 1, number + (1 if count < len(ramp) else 0))])
+    return shades
+
+
+def _number(row: Row, key: str) -> float:
+    value = row.get(key)
+    return float(value) if isinstance(value, (int, float)) else 0.0
+
+
+def _numbers(row: Row, key: str) -> list[float]:
+    value = row.get(key)
+    return [float(each) for each in value] if isinstance(value, (list, tuple)) else []

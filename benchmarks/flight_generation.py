@@ -1,0 +1,208 @@
+"""Generation in flight in the thesis's terms (section 7.1), by size of tiles and the metric's setting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.benchmarks.flight_meshes import height_range
+from sketchterrain.benchmarks.flight_scene import PICTURE, RATE, stops
+from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
+from sketchterrain.benchmarks.flight_ways import OURS, THESIS, thesis_seconds, thesis_view
+from sketchterrain.benchmarks.outcome import Column, Row, Table
+from sketchterrain.tiles import inside_frustum, tile_indices
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.flight_scene import Stop
+    from sketchterrain.terrain import Terrain
+
+Ints = npt.NDArray[np.int64]
+
+__all__ = ["BUDGET", "first_views", "flights"]
+
+BUDGET: Final = 8e-3
+"""s that this program may generate in a frame."""
+_SPEED_UP = 10.0
+"""How many times as quick as the thesis's way the first complete view is to be."""
+
+_COLUMNS = (
+    Column("way", "way"),
+    Column("quads", "quads"),
+    Column("shown", "setting"),
+    Column("initial_ms", "initial generation, ms"),
+    Column("updating_ms", "ms a frame while updating"),
+    Column("worst_ms", "worst frame, ms"),
+    Column("all_ms", "ms over all frames"),
+    Column("updating", "frames that update, %"),
+    Column("within_budget", "of them within the budget, %"),
+    Column("worst_budgets", "worst, budgets"),
+    Column("choice_ms", "ms to choose tiles"),
+    Column("triangles", "triangles in view"),
+)
+_FIRST = (
+    Column("way", "way"),
+    Column("quads", "quads"),
+    Column("shown", "setting"),
+    Column("tiles", "tiles"),
+    Column("ms", "first complete view, ms"),
+    Column("times", "the thesis's takes so many times as long"),
+    Column("asked", "asked"),
+)
+
+
+@dataclass
+class _Flown:
+    """What a flight took: seconds of generation and of the choice of tiles, and triangles, of each frame."""
+
+    initial: float
+    generation: list[float]
+    choice: list[float]
+    triangles: list[int]
+
+
+def flights(terrain: Terrain, effort: Effort) -> Table:
+    """Fly with every size of tiles and every setting."""
+    path = stops(terrain, effort.flight_frames, seconds=effort.flight_frames / RATE)
+    rows: list[Row] = []
+    for quads in effort.flight_quads:
+        for setting in effort.flight_factors:
+            flown = _thesis_flight(terrain, path, quads, setting)
+            rows.append(_row(THESIS, quads, setting, f"T = {setting:g}", flown, budget=None))
+        for setting in effort.flight_own_pixels:
+            flown = _own_flight(terrain, path, quads, setting)
+            rows.append(_row(OURS, quads, setting, f"τ = {setting:g} px", flown, budget=BUDGET))
+    return Table(f"Generation over {len(path)} frames at 30 Hz, 40 m/s", _COLUMNS, tuple(rows))
+
+
+def first_views(terrain: Terrain, effort: Effort, tessellation: float | None) -> Table:
+    """Measure the time from nothing to the first complete view of the world.
+
+    Parameters
+    ----------
+    terrain
+        The world.
+    effort
+        Sizes of tiles.
+    tessellation
+        T with which the thesis's way errs by one pixel; None for the largest that is flown with.
+    """
+    stop = stops(terrain, 1)[0]
+    factor = max(effort.flight_factors) if tessellation is None else tessellation
+    tolerance = min(effort.flight_own_pixels)
+    thesis: dict[int, tuple[int, float]] = {}
+    ours: dict[int, tuple[int, float]] = {}
+    around: dict[int, tuple[int, float]] = {}
+    for quads in effort.flight_quads:
+        OwnTiles(terrain, quads=quads, tolerance=4 * tolerance).settle(
+            view_of(stop, terrain.extent)
+        )  # warms up
+        for _ in range(2):
+            chosen = _places(terrain, stop, quads, factor)
+            thesis[quads] = (len(chosen), thesis_seconds(terrain, chosen[:, :3], quads))
+        for found, whole in ((ours, False), (around, True)):
+            tiles = OwnTiles(terrain, quads=quads, tolerance=tolerance)
+            frame = tiles.settle(view_of(stop, terrain.extent, around=whole))
+            found[quads] = (frame.tiles, frame.generation + frame.choice)
+    theirs = min(seconds for _, seconds in thesis.values())
+    rows: list[Row] = []
+    for name, setting, found in (
+        (f"{THESIS} all around", f"T = {factor:.3g}", thesis),
+        (f"{OURS}, what is in view", f"τ = {tolerance:g} px", ours),
+        (f"{OURS}, all around", f"τ = {tolerance:g} px", around),
+    ):
+        for quads, (count, seconds) in found.items():
+            own = name.startswith(OURS)
+            rows.append(
+                {
+                    "way": name,
+                    "quads": quads,
+                    "shown": setting,
+                    "tiles": count,
+                    "ms": seconds * 1e3,
+                    "times": theirs / seconds if own else None,
+                    "asked": _SPEED_UP if found is ours else None,
+                }
+            )
+    return Table("The first complete view, from nothing", _FIRST, tuple(rows))
+
+
+def _own_flight(terrain: Terrain, path: Sequence[Stop], quads: int, tolerance: float) -> _Flown:
+    tiles = OwnTiles(terrain, quads=quads, tolerance=tolerance)
+    first = tiles.settle(view_of(path[0], terrain.extent))
+    flown = _Flown(first.generation + first.choice, [], [], [])
+    for stop in path:
+        frame = tiles.frame(view_of(stop, terrain.extent), elapsed=1.0 / RATE, budget=BUDGET)
+        flown.generation.append(frame.generation)
+        flown.choice.append(frame.choice)
+        flown.triangles.append(within_world(frame.draws, quads).triangles)
+    return flown
+
+
+def _thesis_flight(terrain: Terrain, path: Sequence[Stop], quads: int, tessellation: float) -> _Flown:
+    """Fly as the thesis does: all tiles of the world are chosen anew, those that were not there generated."""
+    flown = _Flown(0.0, [], [], [])
+    known: set[tuple[int, ...]] = set()
+    for number, stop in enumerate(path):
+        start = perf_counter()
+        chosen = _places(terrain, stop, quads, tessellation)
+        choice = perf_counter() - start
+        keys = {(a, b, c) for a, b, c, _ in chosen.tolist()}
+        fresh = np.array(sorted(keys - known), np.int64).reshape(-1, 3)
+        known = set(keys)
+        seconds = thesis_seconds(terrain, fresh, quads)
+        if number == 0:
+            flown.initial, seconds = seconds, 0.0
+        flown.generation.append(seconds)
+        flown.choice.append(choice)
+        flown.triangles.append(_triangles_in_view(terrain, stop, chosen, quads))
+    return flown
+
+
+def _triangles_in_view(terrain: Terrain, stop: Stop, chosen: Ints, quads: int) -> int:
+    """Count the triangles of tiles in the frustum, as far as the world's lowest and highest ground tells."""
+    width = terrain.extent * np.exp2(-chosen[:, :1].astype(np.float64))
+    corner = chosen[:, 1:3] * width
+    bottom, top = (np.full_like(width, each) for each in height_range(terrain))
+    seen = inside_frustum(
+        stop.camera.frustum(PICTURE.width / PICTURE.height),
+        np.hstack([corner, bottom]),
+        np.hstack([corner + width, top]),
+    )
+    _, _, count = tile_indices(quads)
+    return int(count[chosen[seen, 3]].sum()) // 3
+
+
+def _places(terrain: Terrain, stop: Stop, quads: int, tessellation: float) -> Ints:
+    tiles = thesis_view(terrain, quads, tessellation).tiles(stop.camera.eye, stop.ground)
+    return np.array(tiles, np.int64)
+
+
+def _row(way: str, quads: int, setting: float, shown: str, flown: _Flown, *, budget: float | None) -> Row:
+    seconds = np.array(flown.generation)
+    updating = seconds[seconds > 0]
+    some = updating if updating.size else np.zeros(1)
+    return {
+        "way": way,
+        "quads": quads,
+        "setting": setting,
+        "shown": shown,
+        "initial_ms": flown.initial * 1e3,
+        "updating_ms": float(some.mean()) * 1e3,
+        "worst_ms": float(some.max()) * 1e3,
+        "all_ms": float(seconds.mean()) * 1e3,
+        "updating": 100.0 * updating.size / seconds.size,
+        "within_budget": None if budget is None else 100.0 * float(np.mean(some <= budget)),
+        "worst_budgets": None if budget is None else float(some.max()) / budget,
+        "choice_ms": float(np.mean(flown.choice)) * 1e3,
+        "triangles": round(float(np.mean(flown.triangles))),
+        "seconds": flown.generation,
+        "choice_seconds": flown.choice,
+        "triangles_each": flown.triangles,
+    }

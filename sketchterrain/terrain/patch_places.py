@@ -31,11 +31,14 @@ class Patches:
         Lattice coordinates; x runs west to east, y north to south.
     cell_size : float
         Metres between samples.
+    squares : int
+        Along a side: parts of a patch, each of which heeds only what reaches it.
     """
 
     axis_x: Lattice
     axis_y: Lattice
     cell_size: float
+    squares: int = 1
 
     @property
     def count(self) -> int:
@@ -57,6 +60,30 @@ class Patches:
     def corners(self) -> Lattice:
         """The south-west vertex of each, shape (patches, 2)."""
         return self.blocks[:, :2]
+
+    @property
+    def square_side(self) -> int:
+        """Vertices along a square's side; the last ones may have fewer."""
+        return -(-self.side // self.squares)
+
+    @property
+    def square_blocks(self) -> Lattice:
+        """West, south, east and north of squares, shape (patches · squares², 4).
+
+        Those of a patch come one after another, from west to east and then from north to south.
+        """
+        if self.squares == 1:
+            return self.blocks
+        first = np.arange(self.squares) * self.square_side
+        last = np.minimum(first + self.square_side, self.side) - 1
+        shape = (self.count, self.squares, self.squares)
+        along = (
+            self.axis_x[:, None, first],
+            self.axis_y[:, last, None],
+            self.axis_x[:, None, last],
+            self.axis_y[:, first, None],
+        )
+        return np.stack([np.broadcast_to(each, shape) for each in along], axis=-1).reshape(-1, 4)
 
     @cached_property
     def step_bits(self) -> tuple[int, int] | None:
@@ -115,7 +142,6 @@ def tile_samples(
     *,
     cell_size: float,
     quads: int = QUADS,
-    squares: int = 1,
 ) -> Patches:
     """Return the middles of quads of tiles, :func:`sample_stride` quads apart, from the first on.
 
@@ -125,15 +151,10 @@ def tile_samples(
         As in :func:`tile_patches`; not the finest level, whose quads have no middle.
     cell_size
         Metres between samples that heights are wanted for.
-    squares
-        Along a side, so many patches a tile, from west to east and then from north to south.
     """
     step = level_step(level, quads)
     corner = np.array(keys, np.int64).reshape(-1, 2) * (quads * step)
     stride = sample_stride(quads)
-    along = np.arange(quads // stride, dtype=np.int64).reshape(squares, -1) * (stride * step) + step // 2
-    shape = (len(keys), squares, squares, along.shape[1])
-    axis_x = corner[:, 0, None, None, None] + along[None, None]
-    axis_y = corner[:, 1, None, None, None] + quads * step - along[None, :, None]
-    x, y = (np.broadcast_to(axis, shape).reshape(-1, shape[-1]) for axis in (axis_x, axis_y))
-    return Patches(x, y, cell_size)
+    along = np.arange(quads // stride, dtype=np.int64) * (stride * step) + step // 2
+    north = corner[:, 1, None] + quads * step
+    return Patches(corner[:, 0, None] + along, north - along, cell_size)

@@ -151,11 +151,11 @@ class PatchLauncher:
         """Enqueue heights, masks and mottle with their border; put more small arrays where those go."""
         count, side = patches.count, patches.side
         size = 1 if bare else count * side * side
-        reaching = self._arguments.reaching(patches.blocks, patches.cell_size)
+        reaching = self._arguments.reaching(patches.square_blocks, patches.cell_size)
         vertices = self._vertices(patches)
         staging = self._staged["bare" if bare else "whole"]
         if not bare:
-            more = {**more, **vertices.inverse, "absent": reaching.absent}
+            more = {**more, **vertices.inverse, "absent": _in_none(reaching.absent, patches.squares)}
         small = staging.put({**reaching.lists, **vertices.arrays, **more})
         launch = _Launch(
             vertices.file,
@@ -170,16 +170,20 @@ class PatchLauncher:
                 self._room("mottle", size),
             ),
         )
-        group = _PATCH_GROUP if self._most(vertices.file, "patches") >= _PATCH_GROUP else GROUP
+        items = patches.square_side**2
+        whole = self._most(vertices.file, "patches") >= _PATCH_GROUP and items >= 4 * _PATCH_GROUP
+        group = _PATCH_GROUP if whole or items == _PATCH_GROUP else GROUP
         self._context.launch(
             vertices.file,
             "patches",
-            (-(-side * side // group) * group, count),
+            (-(-items // group) * group, count * patches.squares**2),
             *self._arguments.terrain(reaching, patches.cell_size, small),
             *(small[name] for name in vertices.noise),
             *vertices.octaves,
             *launch.places,
             np.int32(side),
+            np.int32(patches.squares),
+            np.int32(patches.square_side),
             np.int32(bare),
             *launch.results,
             group=(group, 1),
@@ -232,6 +236,13 @@ class PatchLauncher:
             buffer = self._context.empty(size, self._context.real_dtype)
             self._scratch[name] = size, buffer
         return buffer
+
+
+def _in_none(absent: npt.NDArray[np.int32], squares: int) -> npt.NDArray[np.int32]:
+    """Return the bits of what is absent from all squares of a patch, shape (patches,)."""
+    if squares == 1:
+        return absent
+    return np.asarray(np.bitwise_and.reduce(absent.reshape(-1, squares**2), axis=1), np.int32)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +32,9 @@ __all__ = ["VertexWriter"]
 
 _FILE = "tiles.cl"
 _MOST_QUADS = 1 << 20  # of the tiles of a launch
-# Samples are evaluated in squares of so many a side where these are so wide (m): fewer features reach each.
-_SQUARE = 16
-_WIDE_SQUARE = 200.0
+# Wide patches are cut into squares, which fewer features reach: of so many vertices a side at least, so wide.
+_LEAST_IN_SQUARE = 16
+_LEAST_SQUARE = 200.0  # m
 _USUAL = 0.99  # share of a tile whose error is at most its δ
 
 
@@ -120,14 +122,12 @@ class VertexWriter:
         level, places = int(keys[0, 0]), keys[:, 1:]
         stride = sample_stride(store.quads)
         patches = tile_patches(level, places, self._arguments.recipe.extent, quads=store.quads)
-        self._launcher.vertices(patches, lives, store.buffer)
-        sample, bits = found, -1
+        cut = partial(_in_squares, width=patches.cell_size * store.quads)
+        self._launcher.vertices(cut(patches), lives, store.buffer)
+        sample, sampled = found, False
         if level < finest_level(store.quads) and not self._wide.is_wide(level):
-            squares = store.quads // (stride * _SQUARE)
-            if patches.cell_size * stride * _SQUARE < _WIDE_SQUARE:
-                squares = 1
-            samples = tile_samples(level, places, cell_size=FINEST_CELL, quads=store.quads, squares=squares)
-            sample, bits = self._launcher.heights(samples), samples.side.bit_length() - 1
+            samples = tile_samples(level, places, cell_size=FINEST_CELL, quads=store.quads)
+            sample, sampled = self._launcher.heights(cut(samples)), True
         slot = self._staged.put({"slot": lives[:, 0]})["slot"]
         self._context.launch(
             _FILE,
@@ -135,7 +135,7 @@ class VertexWriter:
             (store.quads // stride, len(keys)),
             np.int32(store.quads),
             np.int32(stride),
-            np.int32(bits),
+            np.int32(sampled),
             sample,
             slot,
             store.buffer,
@@ -173,6 +173,12 @@ def _geometric_error(apart: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
     rank = min(int(np.ceil(_USUAL * samples)), samples) - 1
     usual = np.partition(apart, rank, axis=1)[:, rank]
     return np.asarray(np.maximum(usual, 0.5 * apart.max(axis=1)), np.float64)
+
+
+def _in_squares(patches: Patches, width: float) -> Patches:
+    """Return patches that are so wide (m) cut into squares, if that makes them quicker."""
+    most = min(patches.side // _LEAST_IN_SQUARE, int(width / _LEAST_SQUARE))
+    return replace(patches, squares=1 << (most.bit_length() - 1)) if most > 1 else patches
 
 
 def _runs(levels: Lattice) -> list[tuple[int, int]]:

@@ -196,17 +196,18 @@ def test_the_error_is_what_a_close_look_finds(valley: st.Terrain) -> None:
 
 
 @pytest.mark.parametrize("quads", TILE_QUADS)
-def test_samples_in_squares_are_the_same(
+def test_squares_are_the_same_as_the_whole(
     valley: st.Terrain, quads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Fewer features reach a square than the tile; none of those left out would have changed a bit."""
-    keys = [(1, 0, 1), (3, 3, 3), (3, 4, 5)]
-    store = valley.vertex_store(len(keys), quads=quads)
+    keys = [(-2, 0, 0), (0, 0, 0), (1, 0, 1), (3, 3, 3), (3, 4, 5), (6, 31, 30)]
     found = []
-    for widest in (0.0, np.inf):
-        monkeypatch.setattr("sketchterrain.terrain.vertex_writer._WIDE_SQUARE", widest)
-        found.append(valley.write_tiles(keys, range(3), [-1] * 3, store).tobytes())
-    assert found[0] == found[1]
+    for least in (0.1, 200.0, np.inf):
+        monkeypatch.setattr("sketchterrain.terrain.vertex_writer._LEAST_SQUARE", least)
+        store = valley.vertex_store(len(keys), quads=quads)
+        facts = valley.write_tiles(keys, range(len(keys)), [-1] * len(keys), store)
+        found.append(facts.tobytes() + store.download().tobytes())
+    assert found[0] == found[1] == found[2]
 
 
 @pytest.mark.parametrize("quads", TILE_QUADS)

@@ -17,6 +17,8 @@ from sketchterrain.terrain.packing import support_radii
 from sketchterrain.terrain.poisson import poisson_disk
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     import numpy.typing as npt
 
     from sketchterrain.terrain.evaluation import Evaluator
@@ -52,6 +54,18 @@ class FoliageSampler:
 
     def within(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
         """Return the plants of a rectangle in metres; see :meth:`Terrain.foliage`."""
+        steps = self.steps(west, south, east, north)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                plants: npt.NDArray[np.void] = end.value
+                return plants
+
+    def steps(
+        self, west: float, south: float, east: float, north: float
+    ) -> Generator[None, None, npt.NDArray[np.void]]:
+        """Do the same in steps; see :meth:`Terrain.foliage_steps`."""
         corners = to_lattice([west, south, east, north], self._recipe.extent)
         if west > east or south > north:
             raise InputError(
@@ -62,6 +76,7 @@ class FoliageSampler:
         places = poisson_disk(
             self._evaluator.context, area, max(round(SPACING * metre), 2), seed=self._recipe.seed
         )
+        yield
         if not len(places):
             return np.zeros(0, PLANT)
         x, y = places.T
@@ -69,14 +84,17 @@ class FoliageSampler:
         draw = self._draw("presence", x, y)
         kept = self._evaluator.may_hold(x, y, "forest") | (draw < self._lone_share)
         x, y, draw = x[kept], y[kept], draw[kept]
+        yield
         if not x.size:
             return np.zeros(0, PLANT)
         _, masks = self._evaluator.points(x, y, cell_size=_MASK_CELL)
         kept = draw < self._most_plants(masks)
         x, y, masks = x[kept], y[kept], masks[kept]
+        yield
         step = max(round(metre), 1)
         z = self._heights(x, y)
         steepness = np.hypot(self._heights(x + step, y) - z, self._heights(x, y + step) - z) / (step / metre)
+        yield
         kept = self._draw("hold", x, y) < self._hold(z, steepness, masks)
         return self._plants(x[kept], y[kept], z[kept], masks[kept])
 

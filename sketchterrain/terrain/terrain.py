@@ -16,7 +16,7 @@ from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.vertices import VertexStore
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Generator, Sequence
 
     import numpy.typing as npt
 
@@ -270,6 +270,12 @@ class Terrain:
             If the rectangle is not finite, or holds more plants than fit in memory.
         """
         return self._foliage.within(west, south, east, north)
+
+    def foliage_steps(
+        self, west: float, south: float, east: float, north: float
+    ) -> Generator[None, None, npt.NDArray[np.void]]:
+        """Find the plants of :meth:`foliage` in steps of a few ms each; what the last one returns are they."""
+        return self._foliage.steps(west, south, east, north)
 
     @property
     def material_names(self) -> tuple[str, ...]:

@@ -1,9 +1,6 @@
 #version 430 core
 // A plant as the sun sees it.
-#include "render/frame.glsl"
-
-uniform vec3 anchor;
-uniform int map; // 0 near, 1 far
+uniform mat4 to_map; // from the anchor of all plants to the map's clip space
 
 in vec3 place;
 in vec4 stand;
@@ -12,6 +9,5 @@ in vec4 manner;
 void main()
 {
     mat2 turn = mat2(manner.x, manner.y, -manner.y, manner.x);
-    vec3 position = anchor + stand.xyz + stand.w * vec3(turn * place.xy, place.z);
-    gl_Position = to_shade[map] * vec4(position, 1.0);
+    gl_Position = to_map * vec4(stand.xyz + stand.w * vec3(turn * place.xy, place.z), 1.0);
 }

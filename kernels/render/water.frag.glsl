@@ -11,6 +11,8 @@ uniform float clock;            // s
 
 in vec3 position;
 in vec4 flow;
+in float wet_room;
+in float nearer;
 out vec4 radiance;
 
 const vec3 ABSORPTION = vec3(0.95, 0.34, 0.26); // 1/m, of a river that carries a little silt
@@ -78,15 +80,17 @@ vec3 mirrored(vec3 direction)
 
 void main()
 {
+    if (wet_room < 0.0) discard;
     float distance = length(position);
     vec3 to_eye = -position / distance;
     vec3 normal = normalize(vec3(-ripples(distance), 1.0));
     vec2 uv = gl_FragCoord.xy / reach.zw;
 
     vec2 bent = uv + normal.xy * 0.03;
-    float depth = length(scene_position(bent)) - distance;
+    float from = distance * (1.0 - nearer);
+    float depth = length(scene_position(bent)) - from;
     bent = depth > 0.0 ? bent : uv;
-    depth = max(length(scene_position(bent)) - distance, 0.0);
+    depth = max(length(scene_position(bent)) - from, 0.0);
     vec3 bed = texture(scene, bent).rgb;
 
     vec4 light = ground_light(position.xy);

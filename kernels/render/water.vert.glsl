@@ -1,18 +1,34 @@
 #version 430 core
-// A river's surface: a strip along its centreline, wider than the water; the banks cut it.
+// A water's surface: sheets and strips wider than the water; the banks cut them. The ground may be drawn a little too
+// high, so water wins over ground that stands over it by no more than that: it is drawn where it is, with the depth
+// of the place where its line of sight meets the higher ground. There it ends at its shore instead of at the banks.
 #include "render/frame.glsl"
 
-uniform vec3 anchor; // of the strip's positions, relative to the eye, m
+uniform vec3 anchor; // of all positions, relative to the eye, m
+uniform float lift;  // how much too high the ground may be as seen sideways, m for each metre of distance
 
 in vec3 place;  // m from the anchor
 in vec4 course; // x: m across, from the centreline; y: m along; zw: unit vector downstream
+in vec2 shore;  // x: m from the shore, negative in the bank; y: how far into the bank the surface goes, m
 
 out vec3 position;
 out vec4 flow;
+out float wet_room; // m; no water below 0
+out float nearer;   // share of the distance by which it wins over the ground
+
+const float BANK = 1.0;       // m over which the banks hide
+const float STEEPEST = 0.25;  // how sideways water is seen at least
+const float FLATTEST = 0.035; // tangent of the angle from which on it is seen too flatly to win
 
 void main()
 {
     position = anchor + place;
+    float distance = length(position);
+    float rise = lift * distance / max(length(position.xy) / distance, STEEPEST);
+    nearer = min(rise / max(abs(position.z), FLATTEST * distance), 0.5);
+    wet_room = shore.x + max(1.0 - rise / BANK, 0.0) * shore.y;
     flow = course;
     gl_Position = to_clip * vec4(position, 1.0);
+    vec4 before = to_clip * vec4(position * (1.0 - nearer), 1.0);
+    if (before.w > 0.0) gl_Position.z = before.z / before.w * gl_Position.w;
 }

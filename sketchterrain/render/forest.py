@@ -1,159 +1,210 @@
-"""Plants in the view, as instances in levels of detail, and the shadows that they throw."""
+"""Plants in the view, as instances in levels of detail that pass into each other."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-import moderngl
 import numpy as np
 
+from sketchterrain.render.plant_cells import CELL, Cell, Place, PlantCells, Stand, cells_near, joined
+from sketchterrain.render.plant_meshes import Instances, PlantMeshes
+from sketchterrain.render.plant_shade import PlantShade
 from sketchterrain.render.programs import build_program, set_uniforms
-from sketchterrain.render.trees import DETAILS, HEIGHTS, SPECIES, plant_mesh
+from sketchterrain.render.trees import DETAILS, SPECIES
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import moderngl
     import numpy.typing as npt
 
+    from sketchterrain.render.allowance import Allowance
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.ground import DrawnGround
+    from sketchterrain.render.lit_ground import LitGround
+    from sketchterrain.render.quality import Quality
+    from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Forest", "shade_matrix", "wedge"]
+__all__ = ["Forest", "shares"]
 
-PIXELS: Final = (72.0, 20.0)
+PIXELS: Final = (72.0, 20.0, 7.0)
 """Height of a plant in pixels under which the next coarser detail does."""
+BAND: Final = 0.08
+"""Share of such a height, up and down, over which one detail passes into the next."""
 FADE: Final = 0.55
 """Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
-SINK: Final = 0.15
-"""m; feet go so far into the ground."""
+VANISH: Final = 0.05
+"""Share of the reach over which a single plant goes."""
+GROW: Final = 1.0
+"""s in which the plants of a new cell come."""
+ROOM: Final = 12.0
+"""m about a plant's foot that its crown may take."""
 
 
 class Forest:
-    """All plants that a view shows.
+    """The plants around an eye.
 
     Parameters
     ----------
     context
         Where they are drawn.
-    plants
-        Structured array with x, y, z, species, scale and rotation (see `Terrain.foliage`).
-    ground
-        What they stand on.
-    camera, height
-        Chooses levels of detail for a picture of this height (px).
-    reach
-        Distance (m) at which the last plants stand.
+    terrain
+        Whose plants.
+    sun
+        What they stand before.
+    quality
+        How far and how finely they are drawn.
+    defines
+        Macros of the shading, see `Shading.defines`.
+
+    Attributes
+    ----------
+    reach : float
+        Distance at which the last plants stand (m).
+    shade : PlantShade
+        The shadows that they throw.
     """
 
     def __init__(
         self,
         context: moderngl.Context,
-        plants: npt.NDArray[np.void],
-        ground: DrawnGround,
-        camera: Camera,
+        terrain: Terrain,
+        sun: Sun,
         *,
-        height: int,
-        reach: float,
+        quality: Quality,
+        defines: Mapping[str, int],
     ) -> None:
-        self._draws: list[tuple[moderngl.VertexArray, moderngl.VertexArray, int]] = []
-        self._anchor = np.asarray(camera.eye)
-        self._paint = build_program(context, "tree.vert.glsl", "tree.frag.glsl")
-        self._cast = build_program(context, "tree_shadow.vert.glsl", "nothing.frag.glsl")
-        distance = np.hypot(plants["x"] - camera.eye[0], plants["y"] - camera.eye[1])
-        tint, whim = _whims(plants)
-        keep = distance < reach * (FADE + (1.0 - FADE) * whim)
-        plants, distance, tint = plants[keep], distance[keep], tint[keep]
-        foot, _ = ground.surface(plants["x"].astype(np.float64), plants["y"].astype(np.float64))
-        shown = np.isfinite(foot)
-        plants, distance, tint, foot = plants[shown], distance[shown], tint[shown], foot[shown]
-        self.count = len(plants)
-        tall = np.asarray(HEIGHTS)[plants["species"]] * plants["scale"]
-        pixels = tall / np.maximum(distance, 1.0) * height / (2 * np.tan(np.radians(camera.fov) / 2))
-        detail = np.searchsorted(-np.asarray(PIXELS), -pixels)
-        stands = np.empty((len(plants), 8), np.float32)
-        stands[:, 0] = plants["x"] - self._anchor[0]
-        stands[:, 1] = plants["y"] - self._anchor[1]
-        stands[:, 2] = foot - SINK - self._anchor[2]
-        stands[:, 3] = tall
-        stands[:, 4], stands[:, 5] = np.cos(plants["rotation"]), np.sin(plants["rotation"])
-        stands[:, 6], stands[:, 7] = tint, 0.0
-        for species, name in enumerate(SPECIES):
-            for level in range(DETAILS):
-                members = stands[(plants["species"] == species) & (detail == level)]
-                if len(members):
-                    self._add(context, plant_mesh(name, level), members)
+        self.reach = min(quality.woods, 0.45 * terrain.extent)
+        self._pixels = np.array(PIXELS) / quality.leaves
+        self._cells = PlantCells(terrain)
+        meshes = PlantMeshes(context)
+        program = build_program(context, "tree.vert.glsl", "tree.frag.glsl", defines=defines)
+        self._batch = meshes.drawn_by(program)
+        self.shade = PlantShade(context, meshes, self._cells, sun, quality=quality, reach=self.reach)
+        self._asked = False
+        self._seen: list[Place] = []
+        self._shown: tuple[object, ...] = ()
+        self._origin = np.zeros(2)
+        self._stand: Stand | None = None
 
-    def _add(
-        self, context: moderngl.Context, mesh: npt.NDArray[np.void], stands: npt.NDArray[np.float32]
+    @property
+    def settled(self) -> bool:
+        """Whether all plants and shadows that the last camera needs are there, fully grown."""
+        grown = self._cells.complete and self._cells.youngest >= GROW
+        return self._asked and grown and self.shade.settled
+
+    @property
+    def triangles(self) -> int:
+        """Triangles that the last picture drew."""
+        return self._batch.triangles
+
+    def update(
+        self, camera: Camera, aspect: float, lit: LitGround, elapsed: float, allowance: Allowance
     ) -> None:
-        vertices, instances = context.buffer(mesh.tobytes()), context.buffer(stands.tobytes())
-        drawn = context.vertex_array(
-            self._paint,
-            [
-                (vertices, "3f4 3f4 4f1", "place", "outward", "colour"),
-                (instances, "4f4 4f4/i", "stand", "manner"),
-            ],
-        )
-        cast = context.vertex_array(
-            self._cast,
-            [(vertices, "3f4 16x", "place"), (instances, "4f4 4f4/i", "stand", "manner")],
-        )
-        self._draws.append((drawn, cast, len(stands)))
+        """Go on by a frame: make a part of the plants and of the shadows that are missing."""
+        self._want(camera, aspect, lit)
+        self._cells.grow(elapsed)
+        self.shade.go_on(camera.eye, allowance.part(0.5))
+        self._cells.go_on(allowance)
 
-    def draw(self, eye: tuple[float, float, float], uniforms: dict[str, object]) -> None:
-        """Draw the plants as seen from `eye`."""
-        set_uniforms(self._paint, uniforms | {"anchor": tuple(self._anchor - np.asarray(eye))})
-        for drawn, _, count in self._draws:
-            drawn.render(moderngl.TRIANGLES, instances=count)
+    def settle(self, camera: Camera, aspect: float, lit: LitGround) -> None:
+        """Make all that a camera's picture needs."""
+        self._want(camera, aspect, lit)
+        self._cells.finish()
+        self.shade.finish(camera.eye)
 
-    def cast_shadows(self, eye: tuple[float, float, float], shade_map: int) -> None:
-        """Draw the plants' depth as the sun sees it; 0 is the near map, 1 the far one."""
-        set_uniforms(self._cast, {"anchor": tuple(self._anchor - np.asarray(eye)), "map": shade_map})
-        for _, cast, count in self._draws:
-            cast.render(moderngl.TRIANGLES, instances=count)
+    def _want(self, camera: Camera, aspect: float, lit: LitGround) -> None:
+        self._asked = True
+        near = cells_near(camera.eye[0], camera.eye[1], self.reach)
+        planes = camera.frustum(aspect)
+        columns = [self._cells[place] for place in near]
+        seen = [_in_view(planes, place, cell) for place, cell in zip(near, columns, strict=True)]
+        self._seen = [place for place, is_seen in zip(near, seen, strict=True) if is_seen]
+        shading = [place for place in self.shade.places(camera, lit) if place not in set(self._seen)]
+        self._cells.want(self._seen + shading)
+
+    def draw(self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object]) -> None:
+        """Draw the plants that a camera sees in a picture of a size (px)."""
+        self._choose(camera, size[0] / size[1], size[1])
+        if self._batch.count:
+            anchor = (*(self._origin - camera.eye[:2]).tolist(), -camera.eye[2])
+            set_uniforms(self._batch.program, {**uniforms, "anchor": anchor})
+            self._batch.draw()
+
+    def _choose(self, camera: Camera, aspect: float, height: int) -> None:
+        cells = [cell for cell in (self._cells[place] for place in self._seen) if cell is not None]
+        shown = (tuple(id(cell) for cell in cells), self._cells.changes)
+        if shown != self._shown or self._stand is None:
+            self._shown = shown
+            self._origin = cells[0].corner if cells else np.zeros(2)
+            self._stand = joined(cells, self._origin)
+        stand = self._stand
+        age = np.repeat([cell.age for cell in cells], [len(cell.stand.tall) for cell in cells])
+        eye = np.asarray(camera.eye, dtype=np.float64) - [*self._origin, 0.0]
+        place = stand.place.astype(np.float64)
+        away = np.hypot(place[:, 0] - eye[0], place[:, 1] - eye[1])
+        scale = height / (2.0 * np.tan(np.radians(camera.fov) / 2.0))
+        pixels = stand.tall * scale / np.maximum(away, 1.0)
+        share = _present(stand.whim, away, age, self.reach)
+        share *= _beside(camera.frustum(aspect), place - eye)
+        self._batch.put(_grouped(stand, shares(pixels, stand.whim, self._pixels) * share[:, None]))
 
 
-def wedge(camera: Camera, aspect: float, reach: float) -> tuple[float, float, float, float]:
-    """Return west, south, east and north (m) of the box around all that a camera sees within `reach`."""
-    half = np.arctan(np.tan(np.radians(camera.fov) / 2.0) * aspect) + 0.06
-    middle = np.radians(camera.heading)
-    bearings = middle + np.linspace(-half, half, 9)
-    x = np.concatenate([[0.0], reach * np.sin(bearings)]) + camera.eye[0]
-    y = np.concatenate([[0.0], reach * np.cos(bearings)]) + camera.eye[1]
-    return float(x.min()), float(y.min()), float(x.max()), float(y.max())
-
-
-def shade_matrix(sun: Sun, centre: Floats, half_width: float, half_depth: float) -> Floats:
-    """Return the (4, 4) matrix from positions relative to the eye to a map seen from the sun.
+def shares(
+    pixels: npt.NDArray[np.floating], whim: npt.NDArray[np.floating], steps: Floats
+) -> npt.NDArray[np.float64]:
+    """Return how much of each detail is drawn of plants.
 
     Parameters
     ----------
-    sun
-        Its direction is the map's axis.
-    centre
-        (3,) middle of what the map covers, relative to the eye (m).
-    half_width, half_depth
-        Half the map's side, and half the range of depth along the light (m).
+    pixels
+        (n,) their heights, px.
+    whim
+        (n,) 0..1, moves the heights at which a plant changes, so that no ring of them shows.
+    steps
+        (details - 1,) heights at which the next coarser detail does, px, falling.
+
+    Returns
+    -------
+    (n, details) float64
+        0..1, sum 1; more than one of them is above 0 only near a step.
     """
-    back = sun.direction
-    up = np.array([0.0, 0.0, 1.0]) if back[2] < 0.999 else np.array([0.0, 1.0, 0.0])
-    right = np.cross(up, back)
-    right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[0, :3] = right / half_width
-    matrix[1, :3] = np.cross(back, right) / half_width
-    matrix[2, :3] = -back / half_depth
-    matrix[:3, 3] = -matrix[:3, :3] @ centre
-    return matrix
+    at = steps * (0.85 + 0.3 * np.asarray(whim, np.float64)[:, None])
+    finer = np.clip((np.asarray(pixels, np.float64)[:, None] / at - (1.0 - BAND)) / (2.0 * BAND), 0.0, 1.0)
+    edges = np.concatenate([np.zeros((len(finer), 1)), finer, np.ones((len(finer), 1))], axis=1)
+    return np.diff(edges, axis=1)
 
 
-def _whims(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
-    """Return two numbers for each plant from its place alone: tint in -1..1 and one in 0..1."""
-    seed = (plants["x"] * 8.0).astype(np.int64) * 73_856_093 ^ (plants["y"] * 8.0).astype(
-        np.int64
-    ) * 19_349_663
-    bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)
-    first = (bits & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
-    second = ((bits >> np.uint64(16)) & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
-    return first * 2.0 - 1.0, second
+def _present(whim: npt.NDArray[np.float32], away: Floats, age: Floats, reach: float) -> Floats:
+    """How much of each plant is there: it goes at its own distance and comes at its own time."""
+    gone = (reach * (FADE + (1.0 - FADE) * whim) - away) / (VANISH * reach)
+    come = 2.0 * age / GROW - whim
+    return np.asarray(np.clip(np.minimum(gone, come), 0.0, 1.0), dtype=np.float64)
+
+
+def _beside(planes: Floats, place: Floats) -> npt.NDArray[np.bool_]:
+    """Tell which places relative to the eye lie between the left and the right border of a view."""
+    return np.asarray((place @ planes[:2, :3].T > -ROOM).all(axis=1))
+
+
+def _grouped(stand: Stand, share: Floats) -> Instances:
+    """Put the plants in the order of species and detail, those that are drawn in two of them twice."""
+    detail, plant = np.nonzero(share.T > 1.0 / 512.0)
+    group = stand.species[plant].astype(np.int64) * DETAILS + detail
+    order = np.argsort(group, kind="stable")
+    plant, detail = plant[order], detail[order]
+    rows = np.empty((len(plant), 8), np.float32)
+    rows[:, :3], rows[:, 3] = stand.place[plant], stand.tall[plant]
+    rows[:, 4:7], rows[:, 7] = stand.manner[plant], share[plant, detail]
+    counts = np.bincount(group, minlength=len(SPECIES) * DETAILS)
+    return Instances(rows, counts.reshape(len(SPECIES), DETAILS))
+
+
+def _in_view(planes: Floats, place: tuple[int, int], cell: Cell | None) -> bool:
+    low, high = (-1e5, 1e5) if cell is None else (cell.low, cell.high)
+    west, south = CELL * place[0] - ROOM, CELL * place[1] - ROOM
+    box = np.array([[west, south, low], [west + CELL + 2 * ROOM, south + CELL + 2 * ROOM, high]])
+    corner = np.where(planes[:, :3] >= 0.0, box[1], box[0])
+    return bool(((corner * planes[:, :3]).sum(axis=1) + planes[:, 3] >= 0.0).all())

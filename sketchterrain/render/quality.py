@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from sketchterrain.errors import InputError
 
 __all__ = ["Quality"]
@@ -16,6 +18,8 @@ SHARED: Final = ("intel", "mali", "adreno", "videocore", "apple")
 ON_CPU: Final = 0.25
 ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
+_NUMBERS: Final = (0.0, 0.25, 0.5, 1.0)
+_TOLERANCES: Final = (10.0, 5.6, 2.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Quality:
     ====================  =========  =======  =======  ========  ===========================================
     number                0          0.25     0.5      1         scales
     ====================  =========  =======  =======  ========  ===========================================
-    tolerance             4          2.8      2        1         τ, px
+    tolerance             10         5.6      2        1         τ, px of the whole picture
     reach                 3          4        5        7         draw distance, extents
     samples               1          1        1        2         samples a pixel, along each axis
     materials             1          1        2        2         materials blended at a pixel
@@ -108,7 +112,7 @@ class Quality:
             raise InputError(f"expected a quality from 0 to 1, got {number:g}")
         rich = number >= 0.5
         return cls(
-            tolerance=4.0 ** (1.0 - number),
+            tolerance=float(np.exp(np.interp(number, _NUMBERS, np.log(_TOLERANCES)))),
             reach=3.0 + 4.0 * number,
             samples=2 if number >= 0.75 else 1,
             materials=2 if number >= 0.4 else 1,

@@ -1,44 +1,55 @@
-"""Draw a terrain: what is uploaded once, and what is drawn every frame."""
+"""Draw a terrain: a still picture with all that belongs to it, or frame by frame what is ready."""
 
 from __future__ import annotations
 
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
 
-from sketchterrain.render.forest import Forest, shade_matrix, wedge
+from sketchterrain.render.allowance import Allowance
+from sketchterrain.render.camera import clip_planes
+from sketchterrain.render.forest import Forest
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
-from sketchterrain.render.ground import DrawnGround
+from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun
+from sketchterrain.render.stats import FrameStats
 from sketchterrain.render.targets import Targets
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
-from sketchterrain.tiles import select_tiles
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy.typing as npt
+    from collections.abc import Callable, Iterator
 
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import Terrain
 
 __all__ = ["Renderer"]
 
-SHADE_TEXELS: Final = 2048
-"""Side of the maps of the plants' shadows."""
+VISIBILITY: Final = 7.0
+"""Extents that one sees through the haze."""
+CLIMB: Final = 8.0
+"""m by which the draw distance grows with each metre of height above the ground."""
+FARTHEST: Final = 50.0
+"""Extents: draw distance at most."""
+REST: Final = 0.25
+"""s for which the eye must stand still, with nothing missing, before a picture of full size is drawn."""
+TILES_SHARE: Final = (0.7, 0.7, 0.7, 0.25)
+"""Of the budget, frame by frame, while light or plants are missing."""
+WATER_LIFT: Final = 1.5
+"""Times the ground's tolerance, by which water stands over the ground that may stand too high."""
 
 
 class Renderer:
     """Draws one terrain into any framebuffer of one context.
 
-    `prepare` makes what a region needs: call it before `draw`, and again when the eye has moved far.
+    A still picture: `prepare`, then `draw`. A moving one: `frame` for each of its frames.
 
     Parameters
     ----------
@@ -50,172 +61,223 @@ class Renderer:
         Where the sun stands.
     quality
         What a picture may cost.
+    timer
+        Seconds that run on, against which a frame's budget is kept.
 
     Attributes
     ----------
+    ground : GroundStream
+        The tiles; overlays draw them once more.
     timings : dict of str to float
         Seconds that each stage took, summed up.
     """
 
     def __init__(
-        self, context: moderngl.Context, terrain: Terrain, *, sun: Sun, quality: Quality | None = None
+        self,
+        context: moderngl.Context,
+        terrain: Terrain,
+        *,
+        sun: Sun,
+        quality: Quality | None = None,
+        timer: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.timings: dict[str, float] = {}
         self._context = context
         self._terrain = terrain
         self._sun = sun
-        self._quality = quality or Quality()
-        self._targets: Targets | None = None
-        self._frame = FrameBlock(context)
+        self._quality = quality = quality or Quality()
+        self._timer = timer
+        self._targets: dict[tuple[int, int], Targets] = {}
+        self._frame_block = FrameBlock(context)
         self._aridity = float(terrain.sketch.climate.get("aridity", 0.2))
+        self._last: Camera | None = None
+        self._still, self._turn = 0.0, 0
         with self._timed("textures"):
             self._materials = MaterialTextures(context)
             self._noise = noise_texture(context)
-        self._shade_maps = [_shade_map(context, SHADE_TEXELS) for _ in range(2)]
-        self._shades = [context.framebuffer((), shade_map) for shade_map in self._shade_maps]
-        self._lit = LitGround(context, terrain, sun, texels=self._quality.map_texels)
         with self._timed("sky"):
             self._sky = Sky(context, sun)
-            self._shading = Shading(context, self._quality, aridity=self._aridity)
+            self._shading = Shading(context, quality, aridity=self._aridity)
+        self.ground = GroundStream(context, terrain, quality)
+        self._lit = LitGround(context, terrain, sun, texels=quality.map_texels)
+        self._forest = Forest(context, terrain, sun, quality=quality, defines=self._shading.defines)
+        self._water = Water(context, terrain.features, defines=self._shading.defines)
 
     def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
-        """Compute tiles and light for what a camera sees.
+        """Make all that a picture shows: tiles, light and plants.
 
         Parameters
         ----------
         camera
-            From where; tiles outside its view are left out.
+            From where; tiles and plants outside its view are left out.
         size
             Width and height of the picture (px).
         """
-        height = size[1]
-        aspect = size[0] / height
-        extent, quality = self._terrain.extent, self._quality
-        self._reach = quality.reach * extent
-        eye = camera.eye
         with self._timed("light"):
             self._lit.settle(camera)
-            far = self._lit.far_relief
+        view, distance = self._clipped(camera)
         with self._timed("tiles"):
-            clearance = eye[2] - self._lit.height_at(eye[0], eye[1])
-            keys = select_tiles(
-                eye,
-                extent,
-                draw_distance=self._reach,
-                split=quality.split,
-                clearance=max(clearance, 0.5),
-                frustum=camera.frustum(aspect),
-                height_range=far.bounds,
-            )
-            tiles = self._terrain.tiles(keys)
-        with self._timed("upload"):
-            self._ground = DrawnGround(self._context, extent, keys, tiles)
-            self._water = Water(self._context, self._terrain.features, self._ground)
+            self.ground.settle(view, size, draw_distance=distance)
         with self._timed("foliage"):
-            self._woods = min(quality.woods, 0.45 * extent)
-            plants = self._terrain.foliage(*wedge(camera, aspect, self._woods))
-        with self._timed("forest"):
-            self._forest = Forest(
-                self._context, plants, self._ground, camera, height=height, reach=self._woods
-            )
+            self._forest.settle(view, size[0] / size[1], self._lit)
 
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
-        """Draw what `camera` sees into a framebuffer.
+        """Draw what `camera` sees, as far as it was prepared, into a framebuffer.
 
         Parameters
         ----------
         camera
-            Near the one that `prepare` was given.
+            The one that `prepare` was given.
         framebuffer
             At least 8 bits a channel; its size is the picture's.
         clock
             Seconds, moves the water.
         """
         with self._timed("draw"):
-            if self._targets is None or self._targets.size != framebuffer.size:
-                self._targets = Targets(self._context, framebuffer.size, self._quality.samples)
-            self._set_frame(camera, self._targets)
-            self._bind(self._targets)
-            self._cast_shadows(camera)
-            self._draw_ground(camera, self._targets)
-            self._draw_upon_ground(camera, self._targets, clock)
-            self._shading.develop(self._targets, framebuffer, self._units, exposure=self._sky.exposure)
+            view, distance = self._clipped(camera)
+            self._draw(view, distance, framebuffer, framebuffer.size, clock)
 
-    def _cast_shadows(self, camera: Camera) -> None:
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        for index, target in enumerate(self._shades):
-            target.use()
-            target.clear(depth=1.0)
-            self._forest.cast_shadows(camera.eye, index)
+    def frame(
+        self, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float = 0.0
+    ) -> FrameStats:
+        """Draw a frame of a moving picture: what is ready now, a little more of it each time.
 
-    def _shade_matrices(self, camera: Camera) -> list[npt.NDArray[np.float64]]:
-        """Place a small map over the foreground and a wide one over all plants."""
-        ahead = camera.forward * [1.0, 1.0, 0.0]
-        ahead /= max(float(np.linalg.norm(ahead)), 1e-6)
-        matrices = []
-        for middle, half in ((0.06, 0.075), (0.45, 0.60)):
-            centre = ahead * middle * self._woods
-            centre[2] = (
-                self._lit.height_at(camera.eye[0] + centre[0], camera.eye[1] + centre[1]) - camera.eye[2]
-            )
-            matrices.append(shade_matrix(self._sun, centre, half * self._woods, 3000.0))
-        return matrices
+        New tiles, light and plants take no more than the quality's budget together, but for the first frame
+        and after the eye was put elsewhere; see `GroundStream.update`.
 
-    def _draw_ground(self, camera: Camera, targets: Targets) -> None:
+        Parameters
+        ----------
+        camera
+            From where; its clipping planes are set here.
+        framebuffer
+            At least 8 bits a channel. Until the camera rests and nothing is missing any more, a smaller picture
+            is drawn and enlarged.
+        elapsed
+            Seconds since the last frame.
+        clock
+            Seconds, moves the water.
+        """
+        allowance = Allowance(self._quality.budget, timer=self._timer)
+        size = framebuffer.size
+        moves = self._last is None or (camera.eye, camera.target, camera.fov) != (
+            self._last.eye,
+            self._last.target,
+            self._last.fov,
+        )
+        self._last, self._still = camera, 0.0 if moves else self._still + elapsed
+        view, distance = self._clipped(camera)
+        self._turn = (self._turn + 1) % len(TILES_SHARE)
+        busy = not (self._lit.settled and self._forest.settled)
+        tiles = self.ground.update(
+            view,
+            size,
+            elapsed=elapsed,
+            budget=self._quality.budget * (TILES_SHARE[self._turn] if busy else 1.0),
+            draw_distance=distance,
+        )
+        before = allowance.spent
+        self._lit.update(view, elapsed, allowance.part(0.5))
+        between = allowance.spent
+        self._forest.update(view, size[0] / size[1], self._lit, elapsed, allowance)
+        after = allowance.spent
+        complete = tiles.settled and self._lit.settled and self._forest.settled
+        inner = self._inner_size(size, rests=complete and self._still >= REST)
+        with self._timed("draw"):
+            self._draw(view, distance, framebuffer, inner, clock)
+        return FrameStats(
+            generation_seconds=tiles.generation_seconds,
+            light_seconds=between - before,
+            plant_seconds=after - between,
+            draw_seconds=allowance.spent - after,
+            tiles_generated=tiles.tiles_generated,
+            tiles_drawn=tiles.tiles_drawn,
+            resident_tiles=tiles.resident_tiles,
+            triangles=tiles.triangles + self._forest.triangles,
+            size=inner,
+            settled=complete and inner == size,
+        )
+
+    def _inner_size(self, size: tuple[int, int], *, rests: bool) -> tuple[int, int]:
+        scale = 1.0 if rests else self._quality.moving_scale
+        return max(round(size[0] * scale), 1), max(round(size[1] * scale), 1)
+
+    def _clipped(self, camera: Camera) -> tuple[Camera, float]:
+        """Return the camera with clipping planes that suit its height, and the draw distance (m)."""
+        x, y, z = camera.eye
+        clearance = max(z - float(self._terrain.heights([x], [y])[0]), 0.0)
+        extent = self._terrain.extent
+        distance = min(self._quality.reach * extent + CLIMB * clearance, FARTHEST * extent)
+        near, far = clip_planes(clearance, distance)
+        return replace(camera, near=near, far=far), distance
+
+    def _draw(
+        self,
+        camera: Camera,
+        distance: float,
+        framebuffer: moderngl.Framebuffer,
+        size: tuple[int, int],
+        clock: float,
+    ) -> None:
+        targets = self._targets.get(size)
+        if targets is None:
+            kept = list(self._targets.items())[-1:]
+            targets = Targets(self._context, size, self._quality.samples)
+            self._targets = {**dict(kept), size: targets}
+        self._set_frame(camera, targets, distance)
+        units = self._bind(targets)
         targets.seen.use()
         targets.seen.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        self._ground.draw(camera.eye)
-        self._shading.light_scene(targets, camera.eye, self._units)
-
-    def _draw_upon_ground(self, camera: Camera, targets: Targets, clock: float) -> None:
+        self.ground.draw(camera.eye)
+        self._shading.light_scene(targets, camera.eye, units)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
-        self._forest.draw(camera.eye, self._units)
+        self._forest.draw(camera, size, units)
         if self._water:
             targets.copy_scene()
             targets.scene.use()
-            self._water.set_uniforms(self._units | {"clock": clock})
-            self._water.draw(camera.eye)
-        self._context.enable_only(moderngl.NOTHING)
+            pixel = _pixel(camera, framebuffer.size[1])
+            lift = WATER_LIFT * self._quality.tolerance * pixel
+            self._water.draw(camera.eye, units | {"clock": clock, "lift": lift})
+        self._shading.develop(targets, framebuffer, units, exposure=self._sky.exposure)
 
-    def _set_frame(self, camera: Camera, targets: Targets) -> None:
+    def _set_frame(self, camera: Camera, targets: Targets, distance: float) -> None:
         width, height = targets.size
         eye = camera.eye
         to_clip = camera.to_clip(width / height)
-        frame = self._frame
+        frame, lit = self._frame_block, self._lit
+        visibility = VISIBILITY * self._terrain.extent
+        rayleigh = np.array([0.25, 0.58, 1.30]) / visibility
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)
         frame["eye"] = (eye[0] % NOISE_PERIOD, eye[1] % NOISE_PERIOD, eye[2])
         frame["to_sun"] = self._sun.direction
         frame["sun_light"] = (*self._sky.sunlight, self._sky.exposure)
         frame["sky_light"] = self._sky.harmonics
-        rayleigh = np.array([0.25, 0.58, 1.30]) / self._reach
-        frame["haze"] = (*(rayleigh + 2.1 / self._reach), self._lit.haze_height)
-        frame["reach"] = (self._reach, self._lit.haze_base, *targets.inner)
-        for field, value in self._lit.uniforms(eye).items():
+        frame["haze"] = (*(rayleigh + 2.1 / visibility), lit.haze_height)
+        frame["reach"] = (distance, lit.haze_base, *targets.inner)
+        for field, value in lit.uniforms(eye).items():
             frame[field] = value
-        pixel = 2.0 * np.tan(np.radians(camera.fov) / 2.0) / height
-        frame["to_shade"] = self._shade_matrices(camera)
-        frame["trees"] = (self._woods, self._aridity, pixel)
+        frame["to_shade"] = self._forest.shade.matrices(eye)
+        frame["trees"] = (self._forest.reach, self._aridity, _pixel(camera, height))
         frame.upload()
 
-    def _bind(self, targets: Targets) -> None:
-        """Bind all textures that passes share, each to a unit of its own."""
+    def _bind(self, targets: Targets) -> dict[str, object]:
+        """Bind all textures that passes share, each to a unit of its own; return the units by name."""
         textures: dict[str, moderngl.Texture | moderngl.TextureArray] = {
             "sky_view": self._sky.view,
             **self._lit.textures,
             "noise_field": self._noise,
             "material_colour": self._materials.colour,
             "material_relief": self._materials.relief,
-            "shade_near": self._shade_maps[0],
-            "shade_far": self._shade_maps[1],
+            **self._forest.shade.textures,
             **targets.textures,
         }
-        self._units: dict[str, object] = {"cloud_cover": 0.42}
+        units: dict[str, object] = {"cloud_cover": 0.42}
         for unit, (name, texture) in enumerate(textures.items(), start=1):
             texture.use(unit)
-            self._units[name] = unit
+            units[name] = unit
+        return units
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:
@@ -227,9 +289,6 @@ class Renderer:
             self.timings[stage] = self.timings.get(stage, 0.0) + time.perf_counter() - start
 
 
-def _shade_map(context: moderngl.Context, texels: int) -> moderngl.Texture:
-    texture = context.depth_texture((texels, texels))
-    texture.compare_func = "<="
-    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    texture.repeat_x = texture.repeat_y = False
-    return texture
+def _pixel(camera: Camera, height: int) -> float:
+    """Return the angle (rad) of a pixel in the middle of a picture of a height (px)."""
+    return 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / height

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from sketchterrain.render.ground_stream import Ground
+
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Generator, Mapping, Sequence
 
     import numpy as np
     import numpy.typing as npt
@@ -112,13 +114,8 @@ class Sketch(Protocol):
         ...
 
 
-class Terrain(Protocol):
+class Terrain(Ground, Protocol):
     """An endless terrain, see `sketchterrain.terrain`."""
-
-    @property
-    def extent(self) -> float:
-        """Width of a level-0 tile (m)."""
-        ...
 
     @property
     def size(self) -> tuple[float, float]:
@@ -147,4 +144,10 @@ class Terrain(Protocol):
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
         """Plants in a rectangle (m): x, y, z, species, scale, rotation."""
+        ...
+
+    def foliage_steps(
+        self, west: float, south: float, east: float, north: float
+    ) -> Generator[None, None, npt.NDArray[np.void]]:
+        """Find them in steps of a few ms."""
         ...

@@ -18,7 +18,7 @@ SPECIES: Final = ("conifer", "broadleaf", "shrub")
 """In the terrain's order."""
 HEIGHTS: Final = (16.0, 11.0, 1.9)
 """m, of a grown plant of each species."""
-DETAILS: Final = 3
+DETAILS: Final = 4
 """Levels of detail, 0 the finest."""
 
 VERTEX: Final = np.dtype([("place", "f4", 3), ("outward", "f4", 3), ("colour", "u1", 4)])
@@ -51,15 +51,17 @@ def plant_mesh(species: str, detail: int) -> npt.NDArray[np.void]:
     """
     rng = np.random.default_rng([SPECIES.index(species), detail])
     if species == "conifer":
-        leaves = _conifer(rng, tiers=(21, 9, 5)[detail], branches=(14, 7, 4)[detail])
+        leaves = _conifer(rng, tiers=(21, 9, 5, 3)[detail], branches=(14, 7, 4, 3)[detail])
         wood = _trunk(0.030, 0.92, 5 if detail == 0 else 3)
     elif species == "broadleaf":
-        leaves = _crown(rng, clumps=(760, 170, 36)[detail], centre=(0.0, 0.0, 0.54), radii=(0.40, 0.40, 0.45))
+        clumps = (760, 170, 36, 12)[detail]
+        leaves = _crown(rng, clumps=clumps, centre=(0.0, 0.0, 0.54), radii=(0.40, 0.40, 0.45))
         wood = _trunk(0.035, 0.5, 5 if detail == 0 else 3)
     else:
-        leaves = _crown(rng, clumps=(120, 36, 12)[detail], centre=(0.0, 0.0, 0.42), radii=(0.62, 0.62, 0.52))
+        clumps = (120, 36, 12, 6)[detail]
+        leaves = _crown(rng, clumps=clumps, centre=(0.0, 0.0, 0.42), radii=(0.62, 0.62, 0.52))
         wood = _trunk(0.05, 0.3, 3)
-    parts = [leaves] if detail == DETAILS - 1 else [leaves, wood]
+    parts = [leaves] if detail >= 2 else [leaves, wood]
     return np.concatenate([_pack(part) for part in parts])
 
 

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from sketchterrain.render.programs import build_program, set_uniforms
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     import moderngl
     import numpy.typing as npt
 
-    from sketchterrain.render.ground import DrawnGround
     from sketchterrain.render.scene import Features, Field
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Water", "sheet", "strip"]
+__all__ = ["Surface", "Water", "sheet", "strip"]
 
 ACROSS: Final = 9
 """Vertices from bank to bank."""
@@ -29,53 +30,69 @@ WIND: Final = (0.6, 0.8)
 """Unit vector in which waves run on lakes."""
 
 
+class Surface(NamedTuple):
+    """A water's surface as triangles.
+
+    Attributes
+    ----------
+    place : (n, 3) float64
+        World coordinates, m.
+    course : (n, 4) float64
+        m across and along, unit vector downstream.
+    inside : (n,) float64
+        m from the shore, negative in the bank.
+    triangles : (k,) uint32
+        Indices, three a triangle, counter-clockwise from above.
+    """
+
+    place: Floats
+    course: Floats
+    inside: Floats
+    triangles: npt.NDArray[np.uint32]
+
+
 class Water:
     """The surfaces of all rivers and lakes, as one list of triangles."""
 
-    def __init__(self, context: moderngl.Context, features: Features, ground: DrawnGround) -> None:
+    def __init__(
+        self, context: moderngl.Context, features: Features, *, defines: Mapping[str, int] | None = None
+    ) -> None:
         parts = [
-            strip(_on_ground(river.centreline, river.centreline_width, ground), river.centreline_width)
+            strip(river.centreline, river.centreline_width)
             for river in features.rivers
             if len(river.centreline) > 1
         ]
-        for lake in features.lakes:
-            place, course, triangles = sheet(lake.shape, lake.level)
-            width = np.full(len(place), 2.0 * lake.shape.inside.max(), np.float32)
-            parts.append((_on_ground(place, width, ground), course, triangles))
+        parts += [sheet(lake.shape, lake.level) for lake in features.lakes]
         self._array = None
         if not parts:
             return
-        self._anchor = parts[0][0][0].copy()
+        self._anchor = parts[0].place[0].copy()
         vertices, indices, base = [], [], 0
-        for place, course, triangles in parts:
-            vertices.append(np.concatenate([place - self._anchor, course], axis=1).astype(np.float32))
+        for place, course, inside, triangles in parts:
+            shore = np.stack([inside, np.full(len(inside), max(-inside.min(), 0.0))], axis=1)
+            vertices.append(np.concatenate([place - self._anchor, course, shore], axis=1).astype(np.float32))
             indices.append(triangles + np.uint32(base))
             base += len(place)
-        program = build_program(context, "water.vert.glsl", "water.frag.glsl")
+        buffer = context.buffer(np.concatenate(vertices).tobytes())
+        program = build_program(context, "water.vert.glsl", "water.frag.glsl", defines=defines)
         self._array = context.vertex_array(
             program,
-            [(context.buffer(np.concatenate(vertices).tobytes()), "3f4 4f4", "place", "course")],
+            [(buffer, "3f4 4f4 2f4", "place", "course", "shore")],
             index_buffer=context.buffer(np.concatenate(indices).tobytes()),
         )
 
     def __bool__(self) -> bool:
         return self._array is not None
 
-    def set_uniforms(self, values: dict[str, object]) -> None:
-        """Set uniforms of the water's program."""
-        if self._array is not None:
-            set_uniforms(self._array.program, values)
-
-    def draw(self, eye: tuple[float, float, float]) -> None:
+    def draw(self, eye: tuple[float, float, float], uniforms: Mapping[str, object]) -> None:
         """Draw the water as seen from `eye`; uniform ``scene`` must hold what was drawn before."""
         if self._array is not None:
-            self.set_uniforms({"anchor": tuple(self._anchor - np.asarray(eye))})
+            anchor = tuple(self._anchor - np.asarray(eye))
+            set_uniforms(self._array.program, {**uniforms, "anchor": anchor})
             self._array.render()
 
 
-def strip(
-    centreline: Floats, width: npt.NDArray[np.float32]
-) -> tuple[Floats, Floats, npt.NDArray[np.uint32]]:
+def strip(centreline: Floats, width: npt.NDArray[np.float32]) -> Surface:
     """Widen a centreline to a strip of triangles.
 
     Parameters
@@ -87,12 +104,8 @@ def strip(
 
     Returns
     -------
-    place : (m · ACROSS, 3) float64
-        World coordinates, m.
-    course : (m · ACROSS, 4) float64
-        m across and along, unit vector downstream.
-    triangles : (k,) uint32
-        Indices, three a triangle, counter-clockwise from above.
+    Surface
+        With m · ACROSS vertices.
     """
     flat = centreline[:, :2]
     gone = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(flat, axis=0).T))])
@@ -110,10 +123,11 @@ def strip(
     index = np.arange(len(flat) * ACROSS, dtype=np.uint32).reshape(len(flat), ACROSS)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
     triangles = np.stack([a, b, d, a, d, c], axis=-1).reshape(-1)
-    return place.reshape(-1, 3), course.reshape(-1, 4), triangles
+    inside = 0.5 * width.astype(np.float64)[:, None] - np.abs(across)
+    return Surface(place.reshape(-1, 3), course.reshape(-1, 4), inside.ravel(), triangles)
 
 
-def sheet(shape: Field, level: float) -> tuple[Floats, Floats, npt.NDArray[np.uint32]]:
+def sheet(shape: Field, level: float) -> Surface:
     """Cover a lake with a flat grid that ends inside its banks.
 
     Parameters
@@ -125,8 +139,8 @@ def sheet(shape: Field, level: float) -> tuple[Floats, Floats, npt.NDArray[np.ui
 
     Returns
     -------
-    place, course, triangles
-        As of :func:`strip`; across and along are those of the wind.
+    Surface
+        Across and along are those of the wind.
     """
     rows, columns = shape.inside.shape
     step = -(-max(rows, columns) // SHEET_CELLS)
@@ -145,13 +159,9 @@ def sheet(shape: Field, level: float) -> tuple[Floats, Floats, npt.NDArray[np.ui
     wet = np.maximum.reduce([inside[:-1, :-1], inside[:-1, 1:], inside[1:, :-1], inside[1:, 1:]])
     quads = np.stack([sw, se, ne, sw, ne, nw], axis=-1)[wet > -0.25 * shape.spacing]
     used, triangles = np.unique(quads, return_inverse=True)
-    return place.reshape(-1, 3)[used], course.reshape(-1, 4)[used], triangles.ravel().astype(np.uint32)
-
-
-def _on_ground(centreline: Floats, width: npt.NDArray[np.float32], ground: DrawnGround) -> Floats:
-    """Lift the water onto the drawn ground where that is too coarse to show the river's bed."""
-    height, cell = ground.surface(centreline[:, 0], centreline[:, 1])
-    lifted = centreline.copy()
-    coarse = np.isfinite(height) & (cell > width / 3.0)
-    lifted[coarse, 2] = np.maximum(lifted[coarse, 2], height[coarse] + 0.04 * cell[coarse])
-    return lifted
+    return Surface(
+        place.reshape(-1, 3)[used],
+        course.reshape(-1, 4)[used],
+        inside.ravel()[used].astype(np.float64),
+        triangles.ravel().astype(np.uint32),
+    )

@@ -78,6 +78,10 @@ class Waves:
         inside = (plants["x"] >= west) & (plants["x"] < east) & (plants["y"] >= south) & (plants["y"] < north)
         return plants[inside]
 
+    def foliage_steps(self, west, south, east, north):
+        yield
+        return self.foliage(west, south, east, north)
+
 
 @pytest.fixture(scope="session")
 def gl():

@@ -1,0 +1,217 @@
+"""Plants around an eye, by cells of the world: made in steps, the most urgent first, kept while near."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from sketchterrain.render.allowance import Pace
+from sketchterrain.render.trees import HEIGHTS
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Iterable, Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.render.allowance import Allowance
+    from sketchterrain.render.scene import Terrain
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["CELL", "Cell", "Place", "PlantCells", "Stand", "cells_near", "joined"]
+
+CELL: Final = 512.0
+"""m. Half the time that plants take does not depend on how many they are, so cells are large."""
+KEPT: Final = 160
+"""Cells that are held at most."""
+SINK: Final = 0.15
+"""m; feet go so far into the ground."""
+
+Place = tuple[int, int]
+
+
+class Stand(NamedTuple):
+    """Plants as arrays, x and y from the cell's south-west corner, all in m."""
+
+    place: npt.NDArray[np.float32]  # (n, 3)
+    tall: npt.NDArray[np.float32]  # (n,)
+    manner: npt.NDArray[np.float32]  # (n, 3) cosine and sine of the rotation, tint -1..1
+    whim: npt.NDArray[np.float32]  # (n,) 0..1, says when a plant comes and goes
+    species: npt.NDArray[np.uint8]  # (n,)
+
+
+@dataclass
+class Cell:
+    """The plants of one cell.
+
+    Attributes
+    ----------
+    corner : (2,) float64
+        South-west, m.
+    stand : Stand
+        Its plants.
+    low, high : float
+        Bounds of all they fill (m).
+    age : float
+        Seconds since they were made.
+    """
+
+    corner: Floats
+    stand: Stand
+    low: float
+    high: float
+    age: float = 0.0
+
+
+class PlantCells:
+    """The cells that were made.
+
+    Parameters
+    ----------
+    terrain
+        Whose plants.
+    """
+
+    def __init__(self, terrain: Terrain) -> None:
+        self._terrain = terrain
+        self._made: dict[Place, Cell] = {}  # least recently wanted first
+        self._wanted: list[Place] = []
+        self._job: tuple[Place, Generator[None, None, npt.NDArray[np.void]]] | None = None
+        self._step = 0
+        self._paces: list[Pace] = []
+        self.changes = 0
+        """Counts the cells that came."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether all cells that were asked for last are made."""
+        return not self._missing()
+
+    @property
+    def youngest(self) -> float:
+        """Least age (s) of the cells that were asked for last."""
+        return min((self._made[place].age for place in self._wanted if place in self._made), default=np.inf)
+
+    def __getitem__(self, place: Place) -> Cell | None:
+        return self._made.get(place)
+
+    def want(self, places: Sequence[Place]) -> None:
+        """Say which cells are needed, the most urgent one first."""
+        self._wanted = list(places)
+        for place in reversed(self._wanted):
+            if place in self._made:
+                self._made[place] = self._made.pop(place)
+        for place in list(self._made)[: max(len(self._made) - KEPT, 0)]:
+            del self._made[place]
+
+    def grow(self, elapsed: float) -> None:
+        """Let all cells grow older (s)."""
+        for cell in self._made.values():
+            cell.age += elapsed
+
+    def go_on(self, allowance: Allowance) -> None:
+        """Make what an allowance allows."""
+        while True:
+            if self._job is None:
+                missing = self._missing()
+                if not missing:
+                    return
+                self._job, self._step = (missing[0], self._begin(missing[0])), 0
+            while len(self._paces) <= self._step:
+                self._paces.append(Pace(0.004))
+            pace = self._paces[self._step]
+            if not pace.fits(allowance):
+                return
+            before = allowance.spent
+            place, steps = self._job
+            try:
+                next(steps)
+                self._step += 1
+            except StopIteration as end:
+                self._put(place, end.value)
+                self._job = None
+            pace.took(1, allowance.spent - before)
+
+    def finish(self) -> None:
+        """Make all that is missing at once; it does not grow in any more."""
+        self._job = None
+        missing = np.array(self._missing(), dtype=np.int64).reshape(-1, 2)
+        if len(missing):
+            low, high = missing.min(axis=0), missing.max(axis=0) + 1
+            west, south = (CELL * low).tolist()
+            east, north = (CELL * high).tolist()
+            plants = self._terrain.foliage(west, south, east, north)
+            col, row = (np.floor(plants[axis] / CELL).astype(np.int64) for axis in ("x", "y"))
+            for place in missing.tolist():
+                self._put((place[0], place[1]), plants[(col == place[0]) & (row == place[1])])
+        for cell in self._made.values():
+            cell.age = np.inf
+
+    def _missing(self) -> list[Place]:
+        return [place for place in self._wanted if place not in self._made]
+
+    def _begin(self, place: Place) -> Generator[None, None, npt.NDArray[np.void]]:
+        col, row = place
+        return self._terrain.foliage_steps(CELL * col, CELL * row, CELL * (col + 1), CELL * (row + 1))
+
+    def _put(self, place: Place, plants: npt.NDArray[np.void]) -> None:
+        corner = CELL * np.array(place, dtype=np.float64)
+        stand = _stand(plants, corner)
+        top = stand.place[:, 2] + stand.tall
+        low, high = (float(stand.place[:, 2].min()), float(top.max())) if len(top) else (0.0, 0.0)
+        self._made[place] = Cell(corner, stand, low, high)
+        self.changes += 1
+
+
+def cells_near(x: float, y: float, reach: float) -> list[Place]:
+    """Return the cells that lie within a distance (m) of a place, nearest first."""
+    col = np.arange(np.floor((x - reach) / CELL), np.floor((x + reach) / CELL) + 1)
+    row = np.arange(np.floor((y - reach) / CELL), np.floor((y + reach) / CELL) + 1)
+    cols, rows = (each.ravel() for each in np.meshgrid(col, row))
+    away = np.hypot(
+        np.maximum(np.abs(CELL * (cols + 0.5) - x) - CELL / 2, 0.0),
+        np.maximum(np.abs(CELL * (rows + 0.5) - y) - CELL / 2, 0.0),
+    )
+    order = np.argsort(away, kind="stable")
+    order = order[away[order] < reach]
+    return [(int(c), int(r)) for c, r in zip(cols[order], rows[order], strict=True)]
+
+
+def joined(cells: Iterable[Cell], origin: Floats) -> Stand:
+    """Join the plants of cells: x and y from `origin` (m) instead of from each cell's corner."""
+    parts = []
+    for cell in cells:
+        place = cell.stand.place.copy()
+        place[:, :2] += (cell.corner - origin).astype(np.float32)
+        parts.append(cell.stand._replace(place=place))
+    return Stand(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))) if parts else _EMPTY
+
+
+def _stand(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
+    place = np.stack([plants["x"] - corner[0], plants["y"] - corner[1], plants["z"] - SINK], axis=1)
+    tint, whim = _whims(plants)
+    manner = np.stack([np.cos(plants["rotation"]), np.sin(plants["rotation"]), tint], axis=1)
+    tall = np.asarray(HEIGHTS)[plants["species"]] * plants["scale"]
+    single = [array.astype(np.float32) for array in (place, tall, manner, whim)]
+    return Stand(single[0], single[1], single[2], single[3], plants["species"])
+
+
+def _whims(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
+    """Return two numbers for each plant from its place alone: tint in -1..1 and one in 0..1."""
+    x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
+    seed = x * 73_856_093 ^ y * 19_349_663
+    bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)
+    first = (bits & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
+    second = ((bits >> np.uint64(16)) & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
+    return first * 2.0 - 1.0, second
+
+
+_EMPTY: Final = Stand(
+    np.zeros((0, 3), np.float32),
+    np.zeros(0, np.float32),
+    np.zeros((0, 3), np.float32),
+    np.zeros(0, np.float32),
+    np.zeros(0, np.uint8),
+)

@@ -1,0 +1,112 @@
+"""All plants' meshes in one buffer, drawn as instances by one indirect call."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import moderngl
+import numpy as np
+
+from sketchterrain.render.trees import DETAILS, SPECIES, plant_mesh
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+__all__ = ["Instances", "PlantMeshes"]
+
+
+class Instances(NamedTuple):
+    """Plants to draw, by species and detail.
+
+    Attributes
+    ----------
+    rows : (n, 8) float32
+        Foot from an anchor and height (m); cosine, sine, tint, and the share of its triangles that is drawn.
+    counts : (species, details) int64
+        How many of each mesh; rows follow in this order.
+    """
+
+    rows: npt.NDArray[np.float32]
+    counts: npt.NDArray[np.int64]
+
+
+class PlantMeshes:
+    """Vertices of all species in all details.
+
+    Attributes
+    ----------
+    first, vertices : (species, details) int64
+        Where each mesh begins, and how many vertices it has.
+    """
+
+    def __init__(self, context: moderngl.Context) -> None:
+        meshes = [plant_mesh(name, detail) for name in SPECIES for detail in range(DETAILS)]
+        sizes = np.array([len(mesh) for mesh in meshes], dtype=np.int64)
+        self.vertices = sizes.reshape(len(SPECIES), DETAILS)
+        self.first = (np.cumsum(sizes) - sizes).reshape(self.vertices.shape)
+        self._context = context
+        self._buffer = context.buffer(np.concatenate(meshes).tobytes())
+
+    def drawn_by(self, program: moderngl.Program, *, depth_only: bool = False) -> PlantBatch:
+        """Return what draws plants by a program."""
+        form = ("3f4 16x", "place") if depth_only else ("3f4 3f4 4f1", "place", "outward", "colour")
+        return PlantBatch(self._context, self, program, (self._buffer, *form))
+
+    def commands(self, counts: npt.NDArray[np.int64], start: int, stop: int) -> npt.NDArray[np.uint32]:
+        """Return indirect draws of the instances from `start` to `stop`: one row a mesh."""
+        last = np.cumsum(counts.ravel())
+        begin = np.clip(last - counts.ravel(), start, stop)
+        end = np.clip(last, start, stop)
+        commands = np.zeros((counts.size, 5), np.uint32)
+        commands[:, 0] = self.vertices.ravel()
+        commands[:, 1] = end - begin
+        commands[:, 2] = self.first.ravel()
+        commands[:, 3] = begin
+        return np.asarray(commands[end > begin])
+
+
+class PlantBatch:
+    """Instances on the GPU, and the program that draws them."""
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        meshes: PlantMeshes,
+        program: moderngl.Program,
+        vertices: Sequence[object],
+    ) -> None:
+        self.program = program
+        self._meshes = meshes
+        self._instances = context.buffer(reserve=32 * 1024, dynamic=True)
+        self._commands = context.buffer(reserve=20 * meshes.vertices.size, dynamic=True)
+        self._counts = np.zeros_like(meshes.vertices)
+        self._array = context.vertex_array(
+            program, [tuple(vertices), (self._instances, "4f4 4f4/i", "stand", "manner")]
+        )
+
+    @property
+    def count(self) -> int:
+        """How many plants are held."""
+        return int(self._counts.sum())
+
+    @property
+    def triangles(self) -> int:
+        """How many triangles all of them have."""
+        return int((self._counts * self._meshes.vertices).sum()) // 3
+
+    def put(self, instances: Instances) -> None:
+        """Hold other plants."""
+        self._counts = instances.counts
+        if self.count:
+            size = max(instances.rows.nbytes, self._instances.size)
+            self._instances.orphan(size)
+            self._instances.write(instances.rows.tobytes())
+
+    def draw(self, start: int = 0, stop: int | None = None) -> None:
+        """Draw those from `start` to `stop`, all by default."""
+        commands = self._meshes.commands(self._counts, start, self.count if stop is None else stop)
+        if len(commands):
+            self._commands.write(commands.tobytes())
+            self._array.render_indirect(self._commands, moderngl.TRIANGLES, count=len(commands))

@@ -1,0 +1,245 @@
+"""Maps of the shadows that plants throw, seen from the sun: made in slices, kept until the eye moves on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import moderngl
+import numpy as np
+
+from sketchterrain.render.allowance import Pace
+from sketchterrain.render.plant_cells import Place, cells_near, joined
+from sketchterrain.render.plant_meshes import Instances, PlantMeshes
+from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.trees import DETAILS, SPECIES
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.render.allowance import Allowance
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.lit_ground import LitGround
+    from sketchterrain.render.plant_cells import Cell, PlantCells
+    from sketchterrain.render.quality import Quality
+    from sketchterrain.render.sky import Sun
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["PlantShade", "shade_matrix", "sun_axes"]
+
+MAPS: Final = ((0.06, 0.075, 1), (0.45, 0.60, 3))
+"""Near and far: where ahead its middle lies and half its side, in reaches of the woods; detail of plants."""
+STEPS: Final = 8
+"""A map follows the eye in steps of one in so many of its sides."""
+HALF_DEPTH: Final = 3000.0
+"""m along the light, up and down from the ground in the middle."""
+DEPTH_STEP: Final = 500.0
+ROOM: Final = 30.0
+"""m beyond a map's border from where a plant's shadow may fall into it."""
+
+
+class _Place(NamedTuple):
+    """Where a map lies, in the sun's axes (m)."""
+
+    centre: tuple[float, float, float]
+    half: float
+
+
+class _Map:
+    """One map: what is shown, and what is drawn meanwhile."""
+
+    def __init__(self, context: moderngl.Context, texels: int) -> None:
+        self.shown, self.drawn = (_depth(context, texels) for _ in range(2))
+        self.targets = {id(each): context.framebuffer((), each) for each in (self.shown, self.drawn)}
+        for target in self.targets.values():
+            target.use()
+            target.clear(depth=1.0)
+        self.place: _Place | None = None  # of what is shown
+        self.coming: _Place | None = None
+        self.changes = self.coming_changes = -1
+        self.goes_on = 0
+
+    def swap(self) -> None:
+        self.shown, self.drawn = self.drawn, self.shown
+        self.place, self.changes, self.coming = self.coming, self.coming_changes, None
+
+
+class PlantShade:
+    """The shadow maps of all plants: as many as the quality asks for, the wide one last.
+
+    Parameters
+    ----------
+    context
+        Where they are drawn.
+    meshes
+        Of the plants.
+    cells
+        Which plants stand where.
+    sun
+        From where it shines.
+    quality
+        How many maps, and their side.
+    reach
+        Distance at which the last plants stand (m).
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        meshes: PlantMeshes,
+        cells: PlantCells,
+        sun: Sun,
+        *,
+        quality: Quality,
+        reach: float,
+    ) -> None:
+        self._cells, self._sun, self._reach = cells, sun, reach
+        self._axes = sun_axes(sun)
+        self._context = context
+        self._maps = [_Map(context, quality.shade_texels if quality.shade_maps else 1) for _ in MAPS]
+        self._used = range(len(MAPS) - quality.shade_maps, len(MAPS))
+        program = build_program(context, "tree_shadow.vert.glsl", "nothing.frag.glsl")
+        self._batches = [meshes.drawn_by(program, depth_only=True) for _ in MAPS]
+        self._program = program
+        self._wanted: list[_Place | None] = [None] * len(MAPS)
+        self._pace = Pace(1e-6)  # s a plant
+        self._origins = [np.zeros(2) for _ in MAPS]
+
+    @property
+    def settled(self) -> bool:
+        """Whether all maps show what stands there now, where the eye is now."""
+        return all(not self._stale(index) for index in self._used)
+
+    @property
+    def textures(self) -> dict[str, moderngl.Texture]:
+        """By the names that shaders know them by."""
+        return {"shade_near": self._maps[0].shown, "shade_far": self._maps[1].shown}
+
+    def matrices(self, eye: tuple[float, float, float]) -> list[Floats]:
+        """Return, for each map, the (4, 4) matrix from positions relative to the eye to its clip space."""
+        places = [each.place or _Place((0.0, 0.0, 0.0), 1e-3) for each in self._maps]
+        return [self._matrix(place, eye) for place in places]
+
+    def places(self, camera: Camera, lit: LitGround) -> list[Place]:
+        """Say where the maps should lie for a camera, and return the cells whose plants they show."""
+        ahead = camera.forward[:2] / max(float(np.linalg.norm(camera.forward[:2])), 1e-6)
+        cells: dict[Place, None] = {}
+        for index in self._used:
+            middle, half, _ = MAPS[index]
+            x, y = (np.asarray(camera.eye[:2]) + ahead * middle * self._reach).tolist()
+            step = 2.0 * half * self._reach / STEPS
+            sunward = self._axes @ np.array([x, y, lit.height_at(x, y)])
+            steps = np.array([step, step, DEPTH_STEP])
+            u, v, w = (np.round(sunward / steps) * steps).tolist()
+            self._wanted[index] = _Place((u, v, w), half * self._reach)
+            cells.update(dict.fromkeys(cells_near(x, y, half * self._reach)))
+        self._covered = list(cells)
+        return self._covered
+
+    def go_on(self, eye: tuple[float, float, float], allowance: Allowance) -> None:
+        """Draw what an allowance allows."""
+        for index in self._used:
+            each = self._maps[index]
+            if each.coming is None and self._stale(index) and allowance.left > 0.0:
+                self._begin(index, eye)
+            while each.coming is not None:
+                batch = self._batches[index]
+                count = min(self._pace.fits(allowance), batch.count - each.goes_on)
+                if not count and batch.count:
+                    return
+                before = allowance.spent
+                self._draw(index, count)
+                if count:
+                    self._pace.took(count, allowance.spent - before)
+
+    def finish(self, eye: tuple[float, float, float]) -> None:
+        """Draw all that is missing at once."""
+        for index in self._used:
+            if self._stale(index):
+                self._begin(index, eye)
+                self._draw(index, self._batches[index].count)
+
+    def _stale(self, index: int) -> bool:
+        each, wanted = self._maps[index], self._wanted[index]
+        return wanted is not None and (each.place, each.changes) != (wanted, self._cells.changes)
+
+    def _begin(self, index: int, eye: tuple[float, float, float]) -> None:
+        """Choose the plants of a map that is drawn anew."""
+        each = self._maps[index]
+        each.coming, each.coming_changes, each.goes_on = self._wanted[index], self._cells.changes, 0
+        found = (self._cells[place] for place in self._covered)
+        cells: list[Cell] = [cell for cell in found if cell is not None]
+        origin = cells[0].corner if cells else np.zeros(2)
+        self._origins[index] = origin
+        stand = joined(cells, origin)
+        place = _Place((0.0, 0.0, 0.0), 1.0) if each.coming is None else each.coming
+        world = stand.place + np.array([*origin, 0.0])
+        away = np.hypot(world[:, 0] - eye[0], world[:, 1] - eye[1])
+        aside = np.abs(world @ self._axes[:2].T - place.centre[:2]).max(axis=1, initial=0.0)
+        chosen = np.flatnonzero((away < self._reach) & (aside < place.half + ROOM))
+        chosen = chosen[np.argsort(stand.species[chosen], kind="stable")]
+        rows = np.empty((len(chosen), 8), np.float32)
+        rows[:, :3], rows[:, 3] = stand.place[chosen], stand.tall[chosen]
+        rows[:, 4:7], rows[:, 7] = stand.manner[chosen], 1.0
+        counts = np.zeros((len(SPECIES), DETAILS), np.int64)
+        counts[:, MAPS[index][2]] = np.bincount(stand.species[chosen], minlength=len(SPECIES))
+        self._batches[index].put(Instances(rows, counts))
+        target = each.targets[id(each.drawn)]
+        target.use()
+        target.clear(depth=1.0)
+
+    def _draw(self, index: int, count: int) -> None:
+        """Draw the next plants of a map; the last ones bring it into view."""
+        each, batch = self._maps[index], self._batches[index]
+        if each.coming is None:
+            return
+        if count:
+            x, y = self._origins[index].tolist()
+            self._context.enable_only(moderngl.DEPTH_TEST)
+            each.targets[id(each.drawn)].use()
+            to_map = self._matrix(each.coming, (x, y, 0.0)).astype(np.float32)
+            set_uniforms(self._program, {"to_map": tuple(to_map.T.ravel().tolist())})
+            batch.draw(each.goes_on, each.goes_on + count)
+            self._context.finish()
+            each.goes_on += count
+        if each.goes_on == batch.count:
+            each.swap()
+
+    def _matrix(self, place: _Place, eye: tuple[float, float, float]) -> Floats:
+        centre = np.array(place.centre) @ self._axes - eye
+        return shade_matrix(self._sun, centre, place.half, HALF_DEPTH)
+
+
+def sun_axes(sun: Sun) -> Floats:
+    """Return the axes of a map seen from the sun: unit rows right, up and towards the sun."""
+    back = sun.direction
+    up = np.array([0.0, 0.0, 1.0]) if back[2] < 0.999 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(back, right), back])
+
+
+def shade_matrix(sun: Sun, centre: Floats, half_width: float, half_depth: float) -> Floats:
+    """Return the (4, 4) matrix from positions relative to a point to a map seen from the sun.
+
+    Parameters
+    ----------
+    sun
+        Its direction is the map's axis.
+    centre
+        (3,) middle of what the map covers, relative to that point (m).
+    half_width, half_depth
+        Half the map's side, and half the range of depth along the light (m).
+    """
+    matrix = np.eye(4)
+    matrix[:3, :3] = sun_axes(sun) / np.array([half_width, half_width, -half_depth])[:, None]
+    matrix[:3, 3] = -matrix[:3, :3] @ centre
+    return matrix
+
+
+def _depth(context: moderngl.Context, texels: int) -> moderngl.Texture:
+    texture = context.depth_texture((texels, texels))
+    texture.compare_func = "<="
+    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
+    texture.repeat_x = texture.repeat_y = False
+    return texture

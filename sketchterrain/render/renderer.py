@@ -150,8 +150,8 @@ class Renderer:
         camera
             From where; its clipping planes are set here.
         framebuffer
-            At least 8 bits a channel. Until the camera rests and nothing is missing any more, a smaller picture
-            is drawn and enlarged.
+            At least 8 bits a channel. Until the camera rests and nothing is missing any more, a smaller
+            picture is drawn and enlarged.
         elapsed
             Seconds since the last frame.
         clock

@@ -274,7 +274,7 @@ class Terrain:
     def foliage_steps(
         self, west: float, south: float, east: float, north: float
     ) -> Generator[None, None, npt.NDArray[np.void]]:
-        """Find the plants of :meth:`foliage` in steps of a few ms each; what the last one returns are they."""
+        """Find the plants of :meth:`foliage` in steps of a few ms each; the last one returns them."""
         return self._foliage.steps(west, south, east, north)
 
     @property

@@ -16,6 +16,8 @@ from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
 from sketchterrain.terrain.lattice import QUADS
+from sketchterrain.terrain.patch_places import sample_stride
+from sketchterrain.terrain.vertices import VERTEX
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -36,6 +38,8 @@ WRITTEN: Mapping[str, float] = {
     * _REAL
     * (QUADS + 1) ** 2
     / (QUADS // 2 + 1) ** 2,  # height and normal of nearly four children
+    "vertices": VERTEX.itemsize,
+    "facts": 4 * _REAL + _REAL * QUADS / sample_stride(QUADS),  # low, high, whether finite; a strip of errors
     "propose": 12,  # candidate and priority
     "resolve": 0.18,  # 8 bytes for an accepted point: 0.31 of the cells over 14 rounds
     "bench_fbm": _REAL,
@@ -63,10 +67,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Device time of a launch of every kernel, by profiling events.
 
     `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
-    `patches` has a border of one around each tile), `parents` what they keep of their parents, `points` a
-    square grid over the same ground at the same cell size, `propose` and `resolve` the places of plants (an
-    item is a cell of the window), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes,
-    `spline_…_distances` the distance to a spline of six control points, flattened for cells of 1 m.
+    `patches` has a border of one around each tile), `parents` what they keep of their parents, `vertices` the
+    same tiles as they are drawn and `facts` how high they are and how far from full detail (an item is a
+    strip of quads), `points` a square grid over the same ground at the same cell size, `propose` and
+    `resolve` the places of plants (an item is a cell of the window), `bench_fbm` 8 octaves of noise on a
+    grid, `bench_fbm_slope` with slopes, `spline_…_distances` the distance to a spline of six control points,
+    flattened for cells of 1 m.
     Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
     they write, over the median. Launches of `patches` are padded to whole groups of 256 items; the padding,
     under 3 %, counts as items.
@@ -99,6 +105,10 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
                 _Case(("patches", "surfaces", "parents"), name, level),
                 _tiles(context, terrain, level, effort.kernel_tiles),
             )
+            yield (
+                _Case(("vertices", "facts"), name, level),
+                _drawn(context, terrain, level, effort.kernel_tiles),
+            )
             yield _Case(("points",), name, level), _points(context, terrain, level, effort)
     bare, side = grounds[BARE], effort.foliage_side
     yield (_Case(("propose", "resolve")), partial(context.lap, partial(bare.foliage, 0.0, 0.0, side, side)))
@@ -120,6 +130,12 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
 def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
     keys = central_keys(level, count)
     return partial(context.lap, partial(terrain.tiles, keys))
+
+
+def _drawn(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
+    keys, store = central_keys(level, count), terrain.vertex_store(count)
+    write = partial(terrain.write_tiles, keys, np.arange(count), np.full(count, -1), store)
+    return partial(context.lap, write)
 
 
 def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort) -> Callable[[], Lap]:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import moderngl
 import numpy as np
 import pytest
 
-from sketchterrain.render import Camera, Quality
-from sketchterrain.render.camera import clip_planes, direction
-from sketchterrain.render.frame import FrameBlock
+from sketchterrain.render import Quality
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import TileStream, View
 
 from .ground_model import SIDE, TILE_BYTES, along_rims, beyond, names_of, open_edges, shaded, write_tiles
+from .ground_pictures import MAGENTA, Eye, camera_towards, holes, must_be_covered
 
 SLOTS = 600
 REACH = 20_000.0
 SIZE = (192, 108)
-MAGENTA = (255, 0, 255)
 
 
 class Streamed:
@@ -83,49 +80,6 @@ def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
     assert moved > 100
 
 
-def holes(picture, camera, reach, lowest):
-    """How many pixels show the background although their ray meets the plane under all ground in reach.
-
-    Picture (height, width, 4) of uint8, row 0 at the bottom; reach and lowest ground in m.
-    """
-    height, width = picture.shape[:2]
-    half = np.tan(np.radians(camera.fov) / 2.0)
-    x = ((np.arange(width) + 0.5) / width * 2.0 - 1.0) * half * width / height
-    y = ((np.arange(height) + 0.5) / height * 2.0 - 1.0)[:, None] * half
-    axes = camera.view()[:3, :3]
-    way = x[..., None] * axes[0] + y[..., None] * axes[1] - axes[2]
-    down = -way[..., 2]
-    with np.errstate(divide="ignore"):
-        far = (camera.eye[2] - lowest) / np.maximum(down, 0.0) * np.hypot(way[..., 0], way[..., 1])
-    return int(np.count_nonzero((picture[..., :3] == MAGENTA).all(axis=-1) & (far < reach)))
-
-
-class Eye:
-    """Draws a stream's ground before magenta."""
-
-    def __init__(self, gl, size):
-        self.gl, self.size = gl, size
-        self.texture = gl.texture(size, 4)
-        self.target = gl.framebuffer([self.texture], gl.depth_renderbuffer(size))
-        self.frame = FrameBlock(gl)
-
-    def see(self, stream, camera):
-        self.frame["to_clip"] = camera.to_clip(self.size[0] / self.size[1])
-        self.frame["eye"] = (0.0, 0.0, camera.eye[2])
-        self.frame.upload()
-        self.target.use()
-        self.target.clear(1.0, 0.0, 1.0, 1.0, depth=1.0)
-        self.gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        stream.draw(camera.eye)
-        self.gl.enable_only(moderngl.NOTHING)
-        return np.frombuffer(self.texture.read(), np.uint8).reshape(*self.size[::-1], 4)
-
-
-def camera_towards(eye, ground, bearing, pitch):
-    near, far = clip_planes(eye[2] - ground, REACH)
-    return Camera(tuple(eye), tuple(np.add(eye, direction(bearing, pitch))), fov=50.0, near=near, far=far)
-
-
 @pytest.mark.gl
 def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
     rng = np.random.default_rng(3)
@@ -139,7 +93,7 @@ def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
         place[:2] += rng.uniform(-20, 20, 2)
         ground = float(waves.heights(place[0], place[1]))
         place[2] = ground + (2.0, 20.0, 400.0, 9000.0)[step // 6]
-        camera = camera_towards(place.tolist(), ground, bearing, pitch)
+        camera = camera_towards(place.tolist(), ground, bearing, pitch, REACH)
         stats = stream.update(camera, SIZE, elapsed=0.04, budget=0.01, draw_distance=REACH)
         assert stats.tiles_drawn
         assert holes(eye.see(stream, camera), camera, REACH, lowest) == 0
@@ -152,9 +106,10 @@ def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
 def test_a_hole_would_be_seen(gl, waves):
     eye = Eye(gl, SIZE)
     stream = GroundStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
-    camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0)
+    camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0, REACH)
     stream.settle(camera, SIZE, draw_distance=REACH)
     picture = eye.see(stream, camera).copy()
+    assert must_be_covered(camera, SIZE, REACH, -100.0).all()
     assert holes(picture, camera, REACH, -100.0) == 0
     picture[20, 30, :3] = MAGENTA
     assert holes(picture, camera, REACH, -100.0) == 1

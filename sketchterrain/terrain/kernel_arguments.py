@@ -102,7 +102,13 @@ class KernelArguments:
         """Return what does not depend on the place, by the names of the kernels' arguments; kept."""
         return self._world(effective_cell(cell_size))
 
-    def reaching(self, blocks: npt.NDArray[np.int64], cell_size: float) -> Reaching:
+    def reaching(
+        self,
+        blocks: npt.NDArray[np.int64],
+        cell_size: float,
+        *,
+        ground: npt.NDArray[np.int64] | None = None,
+    ) -> Reaching:
         """Return what reaches blocks of ground.
 
         Parameters
@@ -111,9 +117,12 @@ class KernelArguments:
             West, south, east and north of the blocks of ground that are evaluated, lattice units.
         cell_size : float
             Metres between samples.
+        ground : (m, 4) int64 or None
+            Fewer blocks that hold all of them, if there are such.
         """
         shown = self.world(cell_size)["lakes_shown"]
-        gathered = self._around.gathered(blocks, effective_cell(cell_size))
+        around = blocks if ground is None else ground
+        gathered = self._around.gathered(around, effective_cell(cell_size))
         rivers = self._rivers(tolerance_cell(cell_size))
         lists = {
             "feature": gathered.lists(blocks),

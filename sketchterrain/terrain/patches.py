@@ -151,7 +151,7 @@ class PatchLauncher:
         """Enqueue heights, masks and mottle with their border; put more small arrays where those go."""
         count, side = patches.count, patches.side
         size = 1 if bare else count * side * side
-        reaching = self._arguments.reaching(patches.square_blocks, patches.cell_size)
+        reaching = self._arguments.reaching(patches.square_blocks, patches.cell_size, ground=patches.blocks)
         vertices = self._vertices(patches)
         staging = self._staged["bare" if bare else "whole"]
         if not bare:

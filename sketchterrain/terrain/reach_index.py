@@ -56,8 +56,9 @@ class ReachIndex:
             return block, item
         block, item = self._candidates(blocks)
         kept = _meet(blocks[block], self._low[item], self._high[item])
-        order = np.sort(block[kept] * len(self) + item[kept])
-        return order // len(self), order % len(self)
+        bits = len(self).bit_length()
+        order = np.sort(block[kept] << bits | item[kept])
+        return order >> bits, order & ((1 << bits) - 1)
 
     def _candidates(self, blocks: Lattice) -> tuple[Lattice, Lattice]:
         """Pairs of blocks and items in cells that may hold what touches them."""

@@ -13,7 +13,6 @@ import moderngl
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.fixed_ground import SIDE, VERTICES, DrawnGround, tile_indices
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import QUADS, borders
@@ -23,16 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-__all__ = [
-    "OCTAVES",
-    "SIDE",
-    "VERTICES",
-    "DrawnGround",
-    "Draws",
-    "GroundPool",
-    "texture_phases",
-    "tile_indices",
-]
+__all__ = ["OCTAVES", "Draws", "GroundPool", "texture_phases"]
 
 OCTAVES: Final = 7
 """Sizes in which material textures are laid, kernels/render/shade_ground.frag.glsl."""

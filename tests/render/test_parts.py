@@ -9,28 +9,13 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.render import Sun
-from sketchterrain.render.ground import OCTAVES, SIDE, VERTICES, texture_phases, tile_indices
+from sketchterrain.render.ground import OCTAVES, texture_phases
 from sketchterrain.render.plant_shade import shade_matrix
 from sketchterrain.render.relief import HeightMap
 from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.textures import tileable_noise
 from sketchterrain.render.trees import DETAILS, SPECIES, plant_mesh
 from sketchterrain.render.water import ACROSS, sheet, strip
-
-
-def test_tile_triangles_cover_each_quad_once_and_face_up():
-    triangles = tile_indices()[: 6 * 64 * 64].reshape(-1, 3)
-    x, y = triangles % SIDE, -(triangles // SIDE).astype(np.int64)
-    x = x.astype(np.int64)
-    area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
-    assert (area == 1).all()
-    assert len(np.unique(np.sort(triangles, axis=1), axis=0)) == 2 * 64 * 64
-
-
-def test_skirts_hang_from_every_border_edge():
-    skirts = tile_indices()[6 * 64 * 64 :].reshape(-1, 3)
-    assert skirts.max() == VERTICES - 1
-    assert len(skirts) == 4 * 64 * 2
 
 
 def test_texture_phases_move_with_the_eye_by_whole_textures():

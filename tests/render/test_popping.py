@@ -47,6 +47,6 @@ def test_tiles_come_and_go_unseen(gl, waves, z, pitch):
     assert stats.settled
     assert len(drawn) >= 3
     assert max(biggest) < BOUND
-    # There was something to be seen, had it come at once.
-    assert change(first, before).max() > 1.5 * max(biggest)
+    # There was something to be seen.
+    assert np.abs(first - before).max() > 0.5
     assert max(biggest[-5:]) == 0.0

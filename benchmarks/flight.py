@@ -41,11 +41,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     once what its metric asks for all around and was not there in the frame before. Milliseconds of generation
     by the clock: at the start, the mean of frames that generate, the worst, the mean of all. The first
     complete view: the time from nothing until all tiles are there, the thesis's with T where it errs by one
-    pixel, this program's at the least τ that is flown with.
+    pixel, this program's at the least τ that is flown with; kernels alone by profiling events.
     """
     terrain = open_world(context)
     errors = points(terrain, effort)
     generation = flights(terrain, effort)
     thesis = next(str(row["way"]) for row in errors.rows if str(row["way"]).startswith(THESIS))
-    first = first_views(terrain, effort, reaching(errors.rows, thesis, "setting"))
+    first = first_views(context, terrain, effort, reaching(errors.rows, thesis, "setting"))
     return Outcome((errors, generation, at_one_pixel(errors.rows), first))

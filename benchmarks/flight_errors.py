@@ -53,11 +53,12 @@ def points(terrain: Terrain, effort: Effort) -> Table:
     for way in found:
         way.draw(views[0], way.settings[0])  # warms up
         for setting in way.settings:
-            triangles, seconds, distances = [], [], []
+            triangles, seconds, distances, whole = [], [], [], True
             for view in views:
                 shown = way.draw(view, setting)
                 triangles.append(shown.triangles)
                 seconds.append(shown.seconds)
+                whole &= shown.whole
                 distances.append(measured(terrain, shown.meshes, view, every=effort.flight_every))
             error = ErrorSummary.of(np.concatenate(distances))
             rows.append(
@@ -71,7 +72,7 @@ def points(terrain: Terrain, effort: Effort) -> Table:
                     MOST: error.most,
                     "worst_px": error.worst,
                     "samples": error.samples,
-                    "note": None,
+                    "note": None if whole else "pool too small",
                     "triangles_each": triangles,
                     "seconds_each": seconds,
                 }

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from sketchterrain.benchmarks.flight_meshes import Tiles
 from sketchterrain.benchmarks.flight_scene import FINEST_CELL, PICTURE
+from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import ScreenError, TileStream, View
 
 if TYPE_CHECKING:
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["OwnFrame", "OwnTiles", "view_of", "within_world"]
 
-_BYTES = 256 << 20  # of a pool
+_BYTES = 2040 << 20  # of a pool: large tiles need much
+_MOST_SLOTS = 8192
 
 
 class OwnFrame(NamedTuple):
@@ -54,7 +56,7 @@ class OwnTiles:
     """
 
     def __init__(self, terrain: Terrain, *, quads: int, tolerance: float) -> None:
-        slots = _BYTES // (32 * (quads + 1) ** 2)
+        slots = min(_BYTES // (VERTEX.itemsize * (quads + 1) ** 2), _MOST_SLOTS)
         self._terrain = terrain
         self._store = terrain.vertex_store(slots, quads=quads)
         self._stream = TileStream(

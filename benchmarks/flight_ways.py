@@ -42,11 +42,23 @@ _BATCH = 64  # tiles of the uniform grid written at once
 
 
 class Shown(NamedTuple):
-    """What a way draws of a view: triangles in view, and the seconds in which they were made."""
+    """What a way draws of a view.
+
+    Attributes
+    ----------
+    meshes : iterable of Mesh
+    triangles : int
+        In view.
+    seconds : float
+        In which they were made, from nothing.
+    whole : bool
+        Whether there was room for all that the setting asks for.
+    """
 
     meshes: Iterable[Mesh]
     triangles: int
     seconds: float
+    whole: bool = True
 
 
 @dataclass(frozen=True)
@@ -118,7 +130,7 @@ def _own(terrain: Terrain, quads: int, view: View, tolerance: float) -> Shown:
     tiles = OwnTiles(terrain, quads=quads, tolerance=tolerance)
     frame = tiles.settle(view_of(view.stop, terrain.extent))
     seen = drawn(terrain, within_world(frame.draws, quads), view)
-    return Shown(seen.meshes(), seen.triangles, frame.generation + frame.choice)
+    return Shown(seen.meshes(), seen.triangles, frame.generation + frame.choice, tiles.whole)
 
 
 def _thesis(terrain: Terrain, quads: int, view: View, tessellation: float) -> Shown:

@@ -27,6 +27,7 @@ __all__ = [
     "Fps",
     "LookAt",
     "OptionalPictureFile",
+    "OverlayNames",
     "PictureFile",
     "PictureSize",
     "Point",
@@ -120,6 +121,14 @@ LookAt = Annotated[
     Any,
     typer.Option(
         parser=_parse_point, metavar="X,Y,Z", help="What it looks at, m; the sketch's middle if missing."
+    ),
+]
+OverlayNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--overlay",
+        metavar="NAME",
+        help="Lay over it wireframe, levels, error, screen-error, materials, features, triplanar.",
     ),
 ]
 PictureFile = Annotated[

@@ -27,6 +27,7 @@ from sketchterrain.arguments import (
     Fps,
     LookAt,
     OptionalPictureFile,
+    OverlayNames,
     PictureFile,
     PictureSize,
     QualityNumber,
@@ -43,6 +44,7 @@ from sketchterrain.listings import (
     device_lines,
     flown_lines,
     generated_lines,
+    legend_lines,
     preset_entry,
     preset_lines,
     tested_entry,
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.compute import ComputeContext
+    from sketchterrain.render.overlays import Legend
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Adherence, Terrain
 
@@ -168,6 +171,7 @@ def render(
     size: PictureSize = "1280x720",
     eye: Eye = None,
     look_at: LookAt = None,
+    overlay: OverlayNames = None,
     seed: Seed = None,
     device: DeviceName = None,
     fast: Fast = False,
@@ -181,19 +185,26 @@ def render(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.export import prepare_folder, write_picture
             from sketchterrain.jobs import run_job
-            from sketchterrain.render import render_picture
+            from sketchterrain.render import check_overlays, render_picture
             from sketchterrain.terrain import build
 
-        def work(context: ComputeContext, _: tuple[str, ...]) -> None:
+            check_overlays(overlay or ())
+
+        def work(context: ComputeContext, _: tuple[str, ...]) -> list[Legend]:
             with stages.stage("features", "Placing features"):
                 terrain = build(document, device=context)
             with stages.stage("picture", "Rendering"):
                 prepare_folder(output.parent)
-                picture = render_picture(terrain, size=size, camera=camera_at(terrain, eye, look_at))
+                camera = camera_at(terrain, eye, look_at)
+                legend: list[Legend] = []
+                picture = render_picture(
+                    terrain, size=size, camera=camera, overlays=overlay or (), legend=legend
+                )
                 write_picture(output, picture)
+            return legend
 
-        run_job(work, device=device, fast=fast, stages=stages)
-    _say(str(output))
+        legend = run_job(work, device=device, fast=fast, stages=stages)
+    _say(str(output), *legend_lines(legend))
 
 
 @app.command()

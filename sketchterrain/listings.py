@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from sketchterrain.compute import Device
+    from sketchterrain.render.overlays import Legend
     from sketchterrain.render.sharing_probe import Sharing
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Verdict
@@ -18,6 +20,7 @@ __all__ = [
     "device_lines",
     "flown_lines",
     "generated_lines",
+    "legend_lines",
     "preset_entry",
     "preset_lines",
     "tested_entry",
@@ -135,6 +138,11 @@ def flown_lines(told: dict[str, Any]) -> list[str]:
     if told["lowest"] < 0.0:
         lines.append(f"note: the path goes {-told['lowest']:.1f} m under the ground")
     return lines + [f"started again: {line}" for line in told["restarts"]]
+
+
+def legend_lines(legend: Iterable[Legend]) -> list[str]:
+    """Return a line for each colour of overlays: what it is and what it means."""
+    return [f"#{bytes(entry.colour).hex()}  {entry.meaning}" for entry in legend]
 
 
 def _counted(count: int, noun: str) -> str:

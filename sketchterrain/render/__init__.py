@@ -5,6 +5,7 @@ from sketchterrain.render.context import open_context
 from sketchterrain.render.flight import Flight, Key
 from sketchterrain.render.flight_file import load_flight, save_flight
 from sketchterrain.render.footage import Shot, footage
+from sketchterrain.render.overlays import OVERLAYS, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
@@ -13,6 +14,7 @@ from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
 
 __all__ = [
+    "OVERLAYS",
     "Camera",
     "Flight",
     "Key",
@@ -20,6 +22,7 @@ __all__ = [
     "Renderer",
     "Shot",
     "Sun",
+    "check_overlays",
     "find_sun",
     "find_view",
     "footage",

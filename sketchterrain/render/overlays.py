@@ -12,6 +12,8 @@ from sketchterrain.render.overlay_lines import COLOURS, FeatureLines
 from sketchterrain.render.programs import fill_screen, set_uniforms
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from sketchterrain.render.ground_stream import GroundStream
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["OVERLAYS", "Legend", "Overlay"]
+__all__ = ["OVERLAYS", "Legend", "Overlay", "check_overlays"]
 
 OVERLAYS: Final = {
     "wireframe": "the triangles that are drawn, coloured by their tile's level",
@@ -116,7 +118,7 @@ class Overlay:
             If there is no such overlay.
         """
         draws = self._ground.draws
-        _check(name)
+        check_overlays([name])
         if draws is None or not draws.keys:
             return
         target = self._sized(framebuffer.size)
@@ -142,7 +144,7 @@ class Overlay:
 
     def legend(self, name: str) -> tuple[Legend, ...]:
         """Return what the colours of an overlay mean, for the tiles of the last frame."""
-        _check(name)
+        check_overlays([name])
         if name in ("wireframe", "levels"):
             levels = sorted({key.level for key in self._ground.draws.keys}) if self._ground.draws else []
             return tuple(Legend(_rgb(_LEVELS[level % 8]), f"level {level}") for level in levels)
@@ -183,9 +185,17 @@ class Overlay:
         return self._target
 
 
-def _check(name: str) -> None:
-    if name not in OVERLAYS:
-        raise InputError(f"no overlay {name!r}; there are: {', '.join(OVERLAYS)}")
+def check_overlays(names: Sequence[str]) -> None:
+    """Refuse names that are none of ``OVERLAYS``.
+
+    Raises
+    ------
+    InputError
+        With the names that there are.
+    """
+    for name in names:
+        if name not in OVERLAYS:
+            raise InputError(f"no overlay {name!r}; there are: {', '.join(OVERLAYS)}")
 
 
 def _tints(name: str, draws: DrawList) -> npt.NDArray[np.float32]:

@@ -9,15 +9,19 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.context import open_context
+from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import moderngl
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Camera
+    from sketchterrain.render.overlays import Legend
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
@@ -35,6 +39,8 @@ def render_picture(
     camera: Camera | None = None,
     sun: Sun | None = None,
     quality: Quality | None = None,
+    overlays: Sequence[str] = (),
+    legend: list[Legend] | None = None,
     timings: dict[str, float] | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Draw one picture of a terrain.
@@ -51,6 +57,10 @@ def render_picture(
         Where the sun stands; by default `find_sun` chooses.
     quality
         What the picture may cost.
+    overlays
+        Drawn over the picture in this order: names of ``OVERLAYS``.
+    legend
+        If given, what the overlays' colours mean is put into it.
     timings
         If given, the seconds of each stage are put into it.
 
@@ -62,11 +72,12 @@ def render_picture(
     Raises
     ------
     InputError
-        If the size is out of range.
+        If the size is out of range, or there is no such overlay.
     DeviceError
         If there is no OpenGL.
     """
     check_size(size)
+    check_overlays(overlays)
     start = time.perf_counter()
     if camera is None:
         camera = find_view(terrain)
@@ -80,6 +91,12 @@ def render_picture(
         texture = context.texture(size, 4)
         framebuffer = context.framebuffer([texture])
         renderer.draw(camera, framebuffer)
+        if overlays:
+            overlay = Overlay(context, terrain, renderer.ground)
+            for name in overlays:
+                overlay.draw(name, camera.eye, framebuffer)
+                if legend is not None:
+                    legend += overlay.legend(name)
         picture = read_picture(texture)
         if timings is not None:
             timings.update(spent | renderer.timings)

@@ -13,6 +13,7 @@ from PIL import Image
 import sketchterrain.render
 from sketchterrain.compute import list_devices
 from sketchterrain.listings import adherence_lines
+from sketchterrain.render.overlays import Legend
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
 
@@ -86,8 +87,16 @@ def shots(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     """What the renderer was asked for, in place of a picture."""
     asked: list[dict[str, Any]] = []
 
-    def picture(terrain: object, *, size: tuple[int, int], camera: object) -> NDArray[np.uint8]:
-        asked.append({"terrain": terrain, "size": size, "camera": camera})
+    def picture(
+        terrain: object,
+        *,
+        size: tuple[int, int],
+        camera: object,
+        overlays: list[str],
+        legend: list[Legend],
+    ) -> NDArray[np.uint8]:
+        asked.append({"terrain": terrain, "size": size, "camera": camera, "overlays": overlays})
+        legend.extend(Legend((255, 0, 16), name) for name in overlays)
         return np.zeros((size[1], size[0], 3), np.uint8)
 
     monkeypatch.setattr(sketchterrain.render, "render_picture", picture)
@@ -125,6 +134,30 @@ def test_an_eye_alone_looks_at_the_middle_and_from_the_middle_north(
     outside, inside, _ = (shot["camera"] for shot in shots)
     assert outside.target[:2] == (256, 192)
     assert inside.target[:2] == (256, 192 + 256)
+
+
+def test_overlays_are_drawn_and_their_colours_told(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, shots: list[dict[str, Any]]
+) -> None:
+    path = tmp_path / "a.png"
+    done = call("render", sketch, "-o", path, "--overlay", "levels", "--overlay", "features")
+    assert done.code == 0, done.err
+    assert done.out.splitlines() == [str(path), "#ff0010  levels", "#ff0010  features"]
+    assert shots[0]["overlays"] == ["levels", "features"]
+
+
+def test_another_overlay_is_refused_before_any_work(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, shots: list[dict[str, Any]]
+) -> None:
+    done = call("render", sketch, "-o", tmp_path / "a.png", "--overlay", "contours")
+    assert done.code == 3
+    assert "no overlay 'contours'; there are: wireframe, levels" in done.err
+    assert not shots
+
+
+def test_help_names_every_overlay(call: Callable[..., Any]) -> None:
+    told = " ".join(call("render", "--help").out.split())
+    assert all(name in told for name in sketchterrain.render.OVERLAYS)
 
 
 @pytest.mark.gl

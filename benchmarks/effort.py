@@ -59,10 +59,10 @@ class Effort:
         Pixels between samples of a picture.
     flight_quads, flight_own_quads : tuple of int
         Sizes of tiles that are flown with, and those of this program whose errors are measured.
-    flight_pixels, flight_tessellations : tuple of float
-        τ of this program and the peers, px, and T of the thesis's metric, at which errors are measured.
-    flight_own_pixels, flight_factors : tuple of float
-        Those that are flown with.
+    flight_own_pixels, flight_pixels : tuple of float
+        τ at which errors are measured, px: of this program, which flies with them too; of the peers.
+    flight_tessellations, flight_factors : tuple of float
+        T of the thesis's metric at which errors are measured, and those that are flown with.
     flight_grid_levels : tuple of int
         Levels of the uniform grids.
     """
@@ -129,7 +129,7 @@ QUICK = Effort(
     flight_own_quads=(64,),
     flight_pixels=(8.0, 4.0),
     flight_tessellations=(2.0, 6.0),
-    flight_own_pixels=(8.0,),
+    flight_own_pixels=(8.0, 4.0),
     flight_factors=(2.0,),
     flight_grid_levels=(3, 4),
 )
@@ -162,10 +162,10 @@ FULL = Effort(
     flight_every=4,
     flight_quads=(32, 64, 128, 256),
     flight_own_quads=(32, 64),
-    flight_pixels=(8.0, 4.0, 2.0, 1.0, 0.5),
-    flight_tessellations=(2.0, 4.0, 8.0, 12.0, 16.0),
+    flight_pixels=(4.0, 2.0, 1.0, 0.5),
+    flight_tessellations=(1.0, 2.0, 4.0, 8.0),
     flight_own_pixels=(4.0, 2.0, 1.0),
-    flight_factors=(4.0, 8.0, 12.0),
-    flight_grid_levels=(2, 3, 4, 5, 6),
+    flight_factors=(2.0, 4.0, 6.0),
+    flight_grid_levels=(2, 3, 4, 5),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

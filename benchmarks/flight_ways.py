@@ -84,7 +84,7 @@ class Way:
 def ways(terrain: Terrain, effort: Effort) -> tuple[list[Way], list[Absent]]:
     """Return the ways, and the peers that are not on this machine."""
     found = [
-        Way(f"{OURS}, {quads} quads", "τ = {:g} px", effort.flight_pixels, partial(_own, terrain, quads))
+        Way(f"{OURS}, {quads} quads", "τ = {:g} px", effort.flight_own_pixels, partial(_own, terrain, quads))
         for quads in effort.flight_own_quads
     ]
     thesis = partial(_thesis, terrain, QUADS)

@@ -36,7 +36,7 @@ TINY = Effort(
     flight_own_quads=(32,),
     flight_pixels=(64.0, 16.0),
     flight_tessellations=(0.5, 1.0),
-    flight_own_pixels=(16.0,),
+    flight_own_pixels=(64.0, 16.0),
     flight_factors=(0.5,),
     flight_grid_levels=(1, 2),
 )

@@ -115,7 +115,8 @@ def test_flight_compares_every_way_at_every_setting(outcomes: dict[str, Outcome]
         coarse, fine = sorted((r for r in measured if r["way"] == way), key=lambda r: r["triangles"])
         assert fine["most_px"] <= coarse["most_px"]
     assert {row["way"] for row in reached} == {row["way"] for row in measured}
-    assert len(generation) == 2 * len(tiny.flight_quads)
+    settings = len(tiny.flight_own_pixels) + len(tiny.flight_factors)
+    assert len(generation) == settings * len(tiny.flight_quads)
     assert len(first) == 3 * len(tiny.flight_quads)
     for row in generation:
         assert 0 <= row["updating_ms"] <= row["worst_ms"]

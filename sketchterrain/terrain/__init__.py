@@ -10,6 +10,7 @@ from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.terrain import Terrain
+from sketchterrain.terrain.vertices import VertexStore
 
 __all__ = [
     "MATERIALS",
@@ -22,6 +23,7 @@ __all__ = [
     "TerrainRecipe",
     "Tile",
     "Verdict",
+    "VertexStore",
     "build",
     "changed_areas",
     "make_recipe",

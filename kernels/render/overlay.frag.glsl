@@ -5,7 +5,8 @@
 const int TILES = 0;     // each tile's colour, its borders dark
 const int MATERIALS = 1; // palette by weight
 const int TRIPLANAR = 2; // red, green, blue: weight of the planes across x, y and z
-const int PLAIN = 3;     // the colour, unlit
+const int PLAIN = 3;     // each tile's colour, unlit
+const int RELIEF = 4;    // light alone
 
 uniform int shown;
 uniform float opacity;
@@ -28,6 +29,7 @@ void main()
         for (int k = 0; k < 4; ++k) base += weights_low[k] * palette[k] + weights_high[k] * palette[4 + k];
     }
     if (shown == TRIPLANAR) base = triplanar_weights(n);
+    if (shown == RELIEF) base = vec3(0.92);
     if (shown != PLAIN) base *= 0.45 + 0.55 * max(dot(n, vec3(-0.5, 0.35, 0.79)), 0.0);
     if (shown == TILES) {
         vec2 pixels = min(along, 1.0 - along) / max(fwidth(along), 1e-6);

@@ -65,8 +65,10 @@ _MATERIALS: Final = {
     "forest_floor": (30, 90, 50),
 }
 _PLANES: Final = {"across x": (255, 0, 0), "across y": (0, 255, 0), "across z": (0, 0, 255)}
-_TILES, _WEIGHTS, _TRIPLANAR, _PLAIN = range(4)
+_TILES, _WEIGHTS, _TRIPLANAR, _PLAIN, _RELIEF = range(5)
 _OPACITY: Final = 0.8
+_WIRES: Final = 0.65
+"""Opacity of wires: where they are many, the relief still shows."""
 
 
 class Legend(NamedTuple):
@@ -161,13 +163,15 @@ class Overlay:
         self._ground.pool.draw(self._tiles)
 
     def _draw_wires(self) -> None:
-        """Draw the ground's depth a little behind itself, then its triangles' edges."""
+        """Draw the ground a little behind itself, then its triangles' edges."""
         context = self._context
         context.polygon_offset = 1.0, 1.0
-        self._draw_tiles(_PLAIN, 0.0)
+        self._draw_tiles(_RELIEF, _OPACITY)
         context.polygon_offset = 0.0, 0.0
+        context.enable(moderngl.BLEND)
+        context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         context.wireframe = True
-        self._draw_tiles(_PLAIN, 1.0)
+        self._draw_tiles(_PLAIN, _WIRES)
         context.wireframe = False
 
     def _draw_features(self, eye: tuple[float, float, float], size: tuple[int, int]) -> None:

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.render.plant_cells import CELL, Cell, Place, PlantCells, Stand, cells_near, joined
+from sketchterrain.render.plant_cells import (
+    CELL,
+    Cell,
+    Place,
+    PlantCells,
+    Stand,
+    cells_near,
+    joined,
+    reach_of,
+)
 from sketchterrain.render.plant_meshes import Instances, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade
 from sketchterrain.render.programs import build_program, set_uniforms
@@ -33,8 +42,6 @@ PIXELS: Final = (72.0, 20.0, 7.0)
 """Height of a plant in pixels under which the next coarser detail does."""
 BAND: Final = 0.08
 """Share of such a height, up and down, over which one detail passes into the next."""
-FADE: Final = 0.55
-"""Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
 VANISH: Final = 0.05
 """Share of the reach over which a single plant goes."""
 GROW: Final = 1.0
@@ -179,7 +186,7 @@ def shares(
 
 def _present(whim: npt.NDArray[np.float32], away: Floats, age: Floats, reach: float) -> Floats:
     """How much of each plant is there: it goes at its own distance and comes at its own time."""
-    gone = (reach * (FADE + (1.0 - FADE) * whim) - away) / (VANISH * reach)
+    gone = (reach_of(whim, reach) - away) / (VANISH * reach)
     come = 2.0 * age / GROW - whim
     return np.asarray(np.clip(np.minimum(gone, come), 0.0, 1.0), dtype=np.float64)
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["CELL", "Cell", "Place", "PlantCells", "Stand", "cells_near", "joined"]
+__all__ = ["CELL", "Cell", "Place", "PlantCells", "Stand", "cells_near", "joined", "reach_of"]
 
 CELL: Final = 512.0
 """m. Half the time that plants take does not depend on how many they are, so cells are large."""
@@ -28,6 +28,8 @@ KEPT: Final = 160
 """Cells that are held at most."""
 SINK: Final = 0.15
 """m; feet go so far into the ground."""
+FADE: Final = 0.55
+"""Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
 
 Place = tuple[int, int]
 
@@ -177,6 +179,11 @@ def cells_near(x: float, y: float, reach: float) -> list[Place]:
     order = np.argsort(away, kind="stable")
     order = order[away[order] < reach]
     return [(int(c), int(r)) for c, r in zip(cols[order], rows[order], strict=True)]
+
+
+def reach_of(whim: npt.NDArray[np.float32], reach: float) -> Floats:
+    """Return the distances (m) at which plants go, if the last of all go at `reach`."""
+    return np.asarray(reach * (FADE + (1.0 - FADE) * whim), dtype=np.float64)
 
 
 def joined(cells: Iterable[Cell], origin: Floats) -> Stand:

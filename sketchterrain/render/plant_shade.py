@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.render.allowance import Pace
-from sketchterrain.render.plant_cells import Place, cells_near, joined
+from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
 from sketchterrain.render.plant_meshes import Instances, PlantMeshes
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.trees import DETAILS, SPECIES
@@ -176,7 +176,7 @@ class PlantShade:
         world = stand.place + np.array([*origin, 0.0])
         away = np.hypot(world[:, 0] - eye[0], world[:, 1] - eye[1])
         aside = np.abs(world @ self._axes[:2].T - place.centre[:2]).max(axis=1, initial=0.0)
-        chosen = np.flatnonzero((away < self._reach) & (aside < place.half + ROOM))
+        chosen = np.flatnonzero((away < reach_of(stand.whim, self._reach)) & (aside < place.half + ROOM))
         chosen = chosen[np.argsort(stand.species[chosen], kind="stable")]
         rows = np.empty((len(chosen), 8), np.float32)
         rows[:, :3], rows[:, 3] = stand.place[chosen], stand.tall[chosen]

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
 
 from sketchterrain.render.allowance import Allowance
-from sketchterrain.render.camera import clip_planes
+from sketchterrain.render.draw_distance import clipped
 from sketchterrain.render.forest import Forest
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
 from sketchterrain.render.ground_stream import GroundStream
@@ -23,6 +22,7 @@ from sketchterrain.render.stats import FrameStats
 from sketchterrain.render.targets import Targets
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
+from sketchterrain.tiles import ScreenError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -34,14 +34,14 @@ __all__ = ["Renderer"]
 
 VISIBILITY: Final = 7.0
 """Extents that one sees through the haze."""
-CLIMB: Final = 8.0
-"""m by which the draw distance grows with each metre of height above the ground."""
-FARTHEST: Final = 50.0
-"""Extents: draw distance at most."""
 REST: Final = 0.25
 """s for which the eye must stand still, with nothing missing, before a picture of full size is drawn."""
 TILES_SHARE: Final = (0.7, 0.7, 0.7, 0.25)
 """Of the budget, frame by frame, while light or plants are missing."""
+OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 0.75)
+"""Of the budget, what light and plants get even where tiles took more than their share."""
+QUAD: Final = 32.0
+"""px that a quad of the ground is wide at most, where its tolerance is up to 2 px; more in proportion."""
 WATER_LIFT: Final = 1.5
 """Times the ground's tolerance, by which water stands over the ground that may stand too high."""
 
@@ -98,7 +98,8 @@ class Renderer:
         with self._timed("sky"):
             self._sky = Sky(context, sun)
             self._shading = Shading(context, quality, aridity=self._aridity)
-        self.ground = GroundStream(context, terrain, quality)
+        metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
+        self.ground = GroundStream(context, terrain, quality, metric=metric)
         self._lit = LitGround(context, terrain, sun, texels=quality.map_texels)
         self._forest = Forest(context, terrain, sun, quality=quality, defines=self._shading.defines)
         self._water = Water(context, terrain.features, defines=self._shading.defines)
@@ -176,9 +177,12 @@ class Renderer:
             draw_distance=distance,
         )
         before = allowance.spent
-        self._lit.update(view, elapsed, allowance.part(0.5))
+        others = Allowance(
+            max(allowance.left, self._quality.budget * OTHERS_SHARE[self._turn]), timer=self._timer
+        )
+        self._lit.update(view, elapsed, others.part(0.5))
         between = allowance.spent
-        self._forest.update(view, size[0] / size[1], self._lit, elapsed, allowance)
+        self._forest.update(view, size[0] / size[1], self._lit, elapsed, others)
         after = allowance.spent
         complete = tiles.settled and self._lit.settled and self._forest.settled
         inner = self._inner_size(size, rests=complete and self._still >= REST)
@@ -205,10 +209,7 @@ class Renderer:
         """Return the camera with clipping planes that suit its height, and the draw distance (m)."""
         x, y, z = camera.eye
         clearance = max(z - float(self._terrain.heights([x], [y])[0]), 0.0)
-        extent = self._terrain.extent
-        distance = min(self._quality.reach * extent + CLIMB * clearance, FARTHEST * extent)
-        near, far = clip_planes(clearance, distance)
-        return replace(camera, near=near, far=far), distance
+        return clipped(camera, clearance, extent=self._terrain.extent, reach=self._quality.reach)
 
     def _draw(
         self,

@@ -19,6 +19,8 @@ CHEAP = dataclasses.replace(
     tolerance=2.0,
     reach=3.0,
 )
+HASTY = dataclasses.replace(CHEAP, budget=1.0)
+"""For tests that wait for the end: a slow machine must not make them slow."""
 CAMERA = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
 
 pytestmark = pytest.mark.gl
@@ -43,7 +45,7 @@ def picture(framebuffer):
     return np.frombuffer(framebuffer.read(components=3), np.uint8).reshape(SIZE[1], SIZE[0], 3).astype(int)
 
 
-def streamed(renderer, camera, framebuffer, *, frames=600):
+def streamed(renderer, camera, framebuffer, *, frames=200):
     """Draw frames until nothing is missing; return what they told."""
     stats = []
     for _ in range(frames):
@@ -55,11 +57,11 @@ def streamed(renderer, camera, framebuffer, *, frames=600):
 
 def test_a_streamed_picture_ends_as_the_prepared_one(gl, waves):
     framebuffer = canvas(gl)
-    still = Renderer(gl, waves, sun=SUN, quality=CHEAP)
+    still = Renderer(gl, waves, sun=SUN, quality=HASTY)
     still.prepare(CAMERA, SIZE)
     still.draw(CAMERA, framebuffer)
     expected = picture(framebuffer)
-    renderer = Renderer(gl, waves, sun=SUN, quality=CHEAP)
+    renderer = Renderer(gl, waves, sun=SUN, quality=HASTY)
     stats = streamed(renderer, CAMERA, framebuffer)
     assert stats[-1].size == SIZE
     # Tiles that were once nearer in the choice may still differ by less than the tolerance.
@@ -71,7 +73,7 @@ def test_a_streamed_picture_ends_as_the_prepared_one(gl, waves):
 
 def test_a_moving_eye_gets_a_smaller_picture_at_once(gl, waves):
     framebuffer = canvas(gl)
-    renderer = Renderer(gl, waves, sun=SUN, quality=CHEAP)
+    renderer = Renderer(gl, waves, sun=SUN, quality=HASTY)
     streamed(renderer, CAMERA, framebuffer)
     moved = dataclasses.replace(CAMERA, eye=(503.0, 100.0, 130.0))
     stats = renderer.frame(moved, framebuffer, elapsed=0.05)
@@ -98,13 +100,13 @@ def test_no_frame_spends_more_than_its_budget_on_light_and_plants(gl, waves):
         setattr(waves, name, slow)
     renderer = Renderer(gl, waves, sun=SUN, quality=CHEAP, timer=clock)
     framebuffer = canvas(gl)
-    spent = [each.light_seconds + each.plant_seconds for each in streamed(renderer, CAMERA, framebuffer)]
-    assert sum(spent) > CHEAP.budget
-    assert max(spent) <= CHEAP.budget
-    for k in range(60):
-        eye = (500.0 + 12.0 * k, 100.0, 130.0)
+    spent = []
+    for k in range(80):
+        eye = (500.0 + 12.0 * max(k - 40, 0), 100.0, 130.0)
         each = renderer.frame(dataclasses.replace(CAMERA, eye=eye), framebuffer, elapsed=0.05)
-        assert each.light_seconds + each.plant_seconds <= CHEAP.budget
+        spent.append(each.light_seconds + each.plant_seconds)
+    assert sum(spent) > 2.0 * CHEAP.budget
+    assert max(spent) <= CHEAP.budget
 
 
 def test_draw_distance_grows_with_height_and_has_an_end(gl, waves):

@@ -1,0 +1,40 @@
+"""How far the ground is drawn from an eye, and the clipping planes that go with it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from sketchterrain.render.camera import clip_planes
+
+if TYPE_CHECKING:
+    from sketchterrain.render.camera import Camera
+
+__all__ = ["clipped", "draw_distance"]
+
+CLIMB: Final = 8.0
+"""m by which the draw distance grows with each metre of height above the ground."""
+FARTHEST: Final = 50.0
+"""Extents: draw distance at most."""
+
+
+def draw_distance(clearance: float, *, extent: float, reach: float) -> float:
+    """Return how far the ground is drawn (m).
+
+    Parameters
+    ----------
+    clearance
+        Of the eye above the ground (m).
+    extent
+        Of the terrain (m).
+    reach
+        Draw distance at the ground, extents.
+    """
+    return min(reach * extent + CLIMB * clearance, FARTHEST * extent)
+
+
+def clipped(camera: Camera, clearance: float, *, extent: float, reach: float) -> tuple[Camera, float]:
+    """Return a camera with clipping planes that suit its height, and the draw distance (m)."""
+    distance = draw_distance(clearance, extent=extent, reach=reach)
+    near, far = clip_planes(clearance, distance)
+    return replace(camera, near=near, far=far), distance

@@ -14,7 +14,7 @@ from sketchterrain import resources
 from sketchterrain.compute import gl_interop
 from sketchterrain.compute.device import Device, choose_device
 from sketchterrain.compute.failures import build_failure, call_failure
-from sketchterrain.errors import DeviceError
+from sketchterrain.errors import BuildError, DeviceError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -204,6 +204,10 @@ class ComputeContext:
         if (file, name) not in self._kernels:
             for kernel in self._call("building", self._build(file).all_kernels):
                 self._kernels[file, kernel.function_name] = kernel
+        if (file, name) not in self._kernels:
+            # PoCL's cache may give back a program that has none.
+            where = f"{self.device.name} ({self.device.platform} {self.device.driver})"
+            raise BuildError(f"kernels/{file} was built on {where} without its kernel {name}")
         return self._kernels[file, name]
 
     def _build(self, file: str) -> Any:

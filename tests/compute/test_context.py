@@ -43,6 +43,12 @@ def test_a_failed_build_tells_all_in_one_error(monkeypatch: pytest.MonkeyPatch) 
     assert "nonsense" in str(caught.value)
 
 
+def test_a_program_without_the_kernel_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resources, "source", lambda name: ADD)
+    with pytest.raises(BuildError, match=r"kernels/add.cl was built on .* without its kernel subtract"):
+        ComputeContext().launch("add.cl", "subtract", (1,))
+
+
 def test_empty_arrays_travel() -> None:
     context = ComputeContext()
     context.upload(np.zeros((0, 4), np.float32))

@@ -12,7 +12,7 @@ from sketchterrain.benchmarks.adherence_chart import draw_adherence
 from sketchterrain.benchmarks.choices_chart import draw_choices
 from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
-from sketchterrain.benchmarks.flight_chart import draw_errors, draw_generation
+from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
@@ -281,7 +281,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "adherence": lambda rows: draw_adherence(_figure(9.0, 5.4), rows, _HUES),
     "culling": lambda rows: draw_culling(_figure(7.0, 4.0), rows),
     "erosion": draw_erosion,
-    "flight": lambda rows: draw_errors(_figure(11.0, 4.6), rows),
+    "flight": draw_errors,
     "kernels": _kernels,
     "sketch": draw_scaling,
     "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
@@ -293,7 +293,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
 MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "accuracy": {"choices": lambda rows: draw_choices(_figure(12.0, 6.6), rows)},
     "erosion": {"normals": draw_normals},
-    "flight": {"generation": lambda rows: draw_generation(_figure(12.0, 7.0), rows)},
+    "flight": {"generation": draw_generation, "frames": draw_frames},
     "speed": {"tiles": lambda rows: draw_thesis(_figure(12.0, 4.2), rows)},
 }
 """Charts of its second table and so on, by how their files' names end."""

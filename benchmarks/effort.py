@@ -57,6 +57,8 @@ class Effort:
         Places of the flight at which errors are measured, and frames that are flown.
     flight_every : int
         Pixels between samples of a picture.
+    flight_size : (int, int)
+        Width and height of frames that are drawn, px.
     flight_quads, flight_own_quads : tuple of int
         Sizes of tiles that are flown with, and those of this program whose errors are measured.
     flight_own_pixels, flight_pixels : tuple of float
@@ -91,6 +93,7 @@ class Effort:
     flight_views: int
     flight_frames: int
     flight_every: int
+    flight_size: tuple[int, int]
     flight_quads: tuple[int, ...]
     flight_own_quads: tuple[int, ...]
     flight_pixels: tuple[float, ...]
@@ -125,6 +128,7 @@ QUICK = Effort(
     flight_views=1,
     flight_frames=10,
     flight_every=8,
+    flight_size=(1280, 720),
     flight_quads=(64,),
     flight_own_quads=(64,),
     flight_pixels=(8.0, 4.0),
@@ -160,6 +164,7 @@ FULL = Effort(
     flight_views=6,
     flight_frames=300,
     flight_every=4,
+    flight_size=(1280, 720),
     flight_quads=(32, 64, 128, 256),
     flight_own_quads=(32, 64),
     flight_pixels=(4.0, 2.0, 1.0, 0.5),

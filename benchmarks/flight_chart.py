@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_errors", "draw_generation"]
+__all__ = ["draw_errors", "draw_frames", "draw_generation"]
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _SKY, _VERMILION, _GREEN, _PURPLE, _GREY = (
@@ -40,8 +40,9 @@ _BINS = 12  # a decade
 _QUADS = 64  # whose frames are shown one by one
 
 
-def draw_errors(figure: Any, rows: Sequence[Row]) -> Any:
+def draw_errors(rows: Sequence[Row]) -> Any:
     """Draw a line a way, a dot a setting: error against triangles, and against time."""
+    figure = _figure(11.0, 4.6)
     left, right = figure.subplots(1, 2, sharey=True)
     rows = [row for row in rows if row.get(MOST) is not None]
     errors = [_number(row, MOST) for row in rows]
@@ -66,8 +67,9 @@ def draw_errors(figure: Any, rows: Sequence[Row]) -> Any:
     return figure
 
 
-def draw_generation(figure: Any, rows: Sequence[Row]) -> Any:
+def draw_generation(rows: Sequence[Row]) -> Any:
     """Bars by size of tiles and setting as in the thesis's figures 7.1 and 7.2; frames one by one below."""
+    figure = _figure(12.0, 7.0)
     panels = figure.subplots(2, 3)
     settings = list(dict.fromkeys((str(row["way"]), str(row["shown"])) for row in rows))
     shades = _shades([way for way, _ in settings])
@@ -120,6 +122,36 @@ def draw_generation(figure: Any, rows: Sequence[Row]) -> Any:
         ha="left",
     )
     return figure
+
+
+def draw_frames(rows: Sequence[Row]) -> Any:
+    """Draw the shares of frames by how long they took, how long their new tiles, and their triangles."""
+    figure = _figure(11.0, 3.2)
+    panels = figure.subplots(1, 3)
+    known = [row for row in rows if row.get("seconds")]
+    titles = ("frame, ms", "generation of tiles, ms", "triangles")
+    for axes, title in zip(panels, titles, strict=True):
+        axes.set(title=title, ylabel="% of the frames")
+    for row in known:
+        parts = (
+            [1e3 * each for each in _numbers(row, "seconds")],
+            [1e3 * each for each in _numbers(row, "generation_seconds") if each > 0],
+            _numbers(row, "triangles_each"),
+        )
+        for axes, values in zip(panels, parts, strict=True):
+            if values:
+                weights = np.full(len(values), 100.0 / len(parts[0]))
+                axes.hist(values, bins=40, weights=weights, color=_BLUE)
+        panels[1].axvline(_number(row, "budget_ms"), color="#333333", linewidth=0.8, linestyle=":")
+        panels[1].set_xlim(left=0)
+        figure.suptitle(f"Frames as drawn by {row['opengl']}. Dotted: the budget.", x=0.01, ha="left")
+    return figure
+
+
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def _whole_frames(row: Row) -> list[float]:

@@ -32,6 +32,7 @@ TINY = Effort(
     flight_views=2,
     flight_frames=3,
     flight_every=30,
+    flight_size=(64, 36),
     flight_quads=(32,),
     flight_own_quads=(32,),
     flight_pixels=(64.0, 16.0),

@@ -106,7 +106,7 @@ def test_every_choice_has_one_way_that_is_used(outcomes: dict[str, Outcome]) -> 
 
 
 def test_flight_compares_every_way_at_every_setting(outcomes: dict[str, Outcome], tiny: Effort) -> None:
-    points, generation, reached, first = (rows(outcomes["flight"], table) for table in range(4))
+    points, generation, drawn, reached, first = (rows(outcomes["flight"], table) for table in range(5))
     measured = [row for row in points if "most_px" in row]
     for row in measured:
         assert 0 < row["most_px"] <= row["worst_px"]
@@ -118,6 +118,7 @@ def test_flight_compares_every_way_at_every_setting(outcomes: dict[str, Outcome]
     settings = len(tiny.flight_own_pixels) + len(tiny.flight_factors)
     assert len(generation) == settings * len(tiny.flight_quads)
     assert len(first) == 3 * len(tiny.flight_quads)
+    assert len(drawn) == 1
     for row in generation:
         assert 0 <= row["updating_ms"] <= row["worst_ms"]
         assert len(row["seconds"]) == tiny.flight_frames

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from sketchterrain.errors import SketchterrainError, one_line
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device
 
-__all__ = ["Sharing", "open_device", "probe_sharing"]
+__all__ = ["Sharing", "beside_gl", "open_device", "probe_sharing"]
+
+T = TypeVar("T")
 
 _MODULE: Final = "sketchterrain.render.sharing_probe"
 _WORDS: Final = 1 << 18
@@ -77,6 +79,23 @@ def open_device(device: Device, *, real: str = "float", fast: bool = False) -> C
 
     shared = device.gl_sharing == "extension" and probe_sharing(device).kind == "extension"
     return ComputeContext(device, real=real, fast=fast, gl=current_handles() if shared else None)
+
+
+def beside_gl(terrain: T) -> T:
+    """Return a terrain on a device that shares buffers with the OpenGL context that is current.
+
+    The same bits: only programs and lists are put on the device anew. Where no buffers can be shared, where
+    they are already, and what is no `Terrain`, comes back as it is.
+    """
+    from sketchterrain.terrain import Terrain
+
+    if not isinstance(terrain, Terrain) or terrain.context.gl is not None:
+        return terrain
+    before = terrain.context
+    context = open_device(before.device, real=before.real, fast=before.fast)
+    if context.gl is None:
+        return terrain
+    return type(terrain)(terrain.sketch, terrain.recipe, context, memory=terrain.memory)
 
 
 def _tried(device: Device, kind: str, timeout: float) -> str | None:

@@ -6,13 +6,16 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from sketchterrain.compute import ComputeContext, Device, list_devices
 from sketchterrain.compute.gl_interop import GLHandles, current_handles
 from sketchterrain.errors import DeviceError
 from sketchterrain.render import sharing_probe
-from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing
+from sketchterrain.render.sharing_probe import Sharing, beside_gl, open_device, probe_sharing
+from sketchterrain.sketch import load_sketch
+from sketchterrain.terrain import build
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -108,6 +111,22 @@ def test_a_driver_that_ends_the_process(gl: object, monkeypatch: pytest.MonkeyPa
         assert found.kind == "mapped"
         assert found.reason.startswith("extension: ")
         assert "\n" not in found.reason
+
+
+def test_a_terrain_moves_beside_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To a device that shares buffers; elsewhere it stays where it is."""
+    terrain = build(load_sketch("rolling_hills"), device=ComputeContext(CPUS[0]))
+    assert beside_gl(terrain) is terrain
+    other = ComputeContext(CPUS[0])
+    monkeypatch.setattr(sharing_probe, "open_device", lambda *_, **__: other)
+    assert beside_gl(terrain) is terrain
+    other.gl = GLHandles("EGL", 5, 7)
+    moved = beside_gl(terrain)
+    assert moved.context is other
+    assert (moved.recipe, moved.sketch) == (terrain.recipe, terrain.sketch)
+    np.testing.assert_array_equal(moved.tile(4, 3, 3).height, terrain.tile(4, 3, 3).height)
+    assert beside_gl(moved) is moved
+    assert beside_gl("a stand-in") == "a stand-in"
 
 
 def test_what_opencl_is_told() -> None:

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sketchterrain.render.camera import Camera, clip_planes
+from sketchterrain.render.camera import Camera
 from sketchterrain.render.context import open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.flight import Views
     from sketchterrain.render.scene import Terrain
 
-__all__ = ["Shot", "cameras_of", "footage"]
-
-FARTHEST = 50.0  # extents
+__all__ = ["Shot", "footage"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Shot:
     tiles_generated, tiles_drawn, triangles : int
         Of this frame.
     settled : bool
-        Whether nothing that it shows was still missing or moving.
+        Whether nothing was missing, and nothing but the camera and water moved.
     """
 
     seconds: float
@@ -50,29 +48,6 @@ class Shot:
     tiles_drawn: int
     triangles: int
     settled: bool
-
-
-def cameras_of(terrain: Terrain, views: Views, *, reach: float) -> list[Camera]:
-    """Return the cameras of views, with clipping planes that suit their heights above the ground.
-
-    Parameters
-    ----------
-    terrain
-        Whose ground.
-    views
-        Of a flight.
-    reach
-        How far the ground is drawn from near to it, in extents.
-    """
-    ground = terrain.heights(views.eye[:, 0], views.eye[:, 1])
-    extent, cameras = terrain.extent, []
-    for eye, target, fov, floor in zip(
-        views.eye.tolist(), views.target.tolist(), views.fov.tolist(), ground.tolist(), strict=True
-    ):
-        clearance = max(eye[2] - floor, 0.0)
-        near, far = clip_planes(clearance, min(reach * extent + 8.0 * clearance, FARTHEST * extent))
-        cameras.append(Camera(tuple(eye), tuple(target), fov=fov, near=near, far=far))
-    return cameras
 
 
 def footage(
@@ -100,7 +75,8 @@ def footage(
     quality
         What a frame may cost; by default the best if frames shall be complete, else what suits the device.
     complete
-        Whether each frame shows all in full detail; else what is ready within its budget, as in a viewer.
+        Whether each frame is the picture that `render_picture` gives; else it shows what is ready within its
+        budget, as in a viewer.
     pixels
         Whether the frames are wanted, or only what they took.
 
@@ -123,22 +99,53 @@ def footage(
     try:
         if quality is None:
             quality = Quality() if complete else Quality.for_renderer(context.info["GL_RENDERER"])
-        cameras = cameras_of(terrain, views, reach=quality.reach)
+        cameras = _cameras(views)
         renderer = Renderer(context, terrain, sun=find_sun(terrain, cameras[0]), quality=quality)
         texture = context.texture(size, 4)
         framebuffer = context.framebuffer([texture])
+        shoot = _complete if complete else _ready
         for number, camera in enumerate(cameras):
-            shot = _shoot(renderer, camera, framebuffer, clock=number / fps, complete=complete)
+            shot = shoot(renderer, camera, framebuffer, elapsed=1.0 / fps, clock=number / fps)
             yield shot, read_picture(texture) if pixels else None
     finally:
         context.release()
 
 
-def _shoot(
-    renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float, complete: bool
+def _cameras(views: Views) -> list[Camera]:
+    rows = zip(views.eye.tolist(), views.target.tolist(), views.fov.tolist(), strict=True)
+    return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
+
+
+def _complete(
+    renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float
 ) -> Shot:
-    start = time.perf_counter()
+    """Draw the picture that `render` gives, whatever there was before."""
+    del elapsed
+    start, ground = time.perf_counter(), renderer.ground
+    before = renderer.timings.get("tiles", 0.0), ground.written
     renderer.prepare(camera, framebuffer.size)
-    generation = time.perf_counter() - start
     renderer.draw(camera, framebuffer, clock=clock)
-    return Shot(time.perf_counter() - start, generation, 0, 0, 0, settled=complete)
+    return Shot(
+        seconds=time.perf_counter() - start,
+        generation_seconds=renderer.timings["tiles"] - before[0],
+        tiles_generated=ground.written - before[1],
+        tiles_drawn=ground.pool.tiles,
+        triangles=renderer.triangles,
+        settled=True,
+    )
+
+
+def _ready(
+    renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float
+) -> Shot:
+    """Draw what is ready, and a little more of it each time."""
+    start = time.perf_counter()
+    stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+    return Shot(
+        seconds=time.perf_counter() - start,
+        generation_seconds=stats.generation_seconds,
+        tiles_generated=stats.tiles_generated,
+        tiles_drawn=stats.tiles_drawn,
+        triangles=stats.triangles,
+        settled=stats.settled,
+    )

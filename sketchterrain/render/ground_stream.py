@@ -125,6 +125,8 @@ class GroundStream:
         What the last frame draws.
     memory : DrawnMemory
         Where the vertices live.
+    written : int
+        Tiles generated so far.
     """
 
     def __init__(
@@ -149,6 +151,7 @@ class GroundStream:
             metric=metric or ScreenError(quality.tolerance),
         )
         self.draws: DrawList | None = None
+        self.written = 0
         self._terrain = terrain
         self.memory = open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory)
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
@@ -243,6 +246,7 @@ class GroundStream:
         return count, spent
 
     def _write(self, batch: Batch) -> npt.NDArray[np.void]:
+        self.written += len(batch.keys)
         return self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
 
 

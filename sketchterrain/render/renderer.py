@@ -138,6 +138,11 @@ class Renderer:
             view, distance = self._clipped(camera)
             self._draw(view, distance, framebuffer, framebuffer.size, clock)
 
+    @property
+    def triangles(self) -> int:
+        """Of the ground and the plants in the last picture."""
+        return self.ground.pool.triangles + self._forest.triangles
+
     def frame(
         self, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float = 0.0
     ) -> FrameStats:
@@ -196,7 +201,7 @@ class Renderer:
             tiles_generated=tiles.tiles_generated,
             tiles_drawn=tiles.tiles_drawn,
             resident_tiles=tiles.resident_tiles,
-            triangles=tiles.triangles + self._forest.triangles,
+            triangles=self.triangles,
             size=inner,
             settled=complete and inner == size,
         )

@@ -197,7 +197,7 @@ class TileStream:
         slots = self.pool.take(codes)
         return Batch(tuple(keys_of(codes)), slots, parents)
 
-    def arrived(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float) -> None:
+    def arrived(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float | None) -> None:
         """Take note of tiles that were generated.
 
         Parameters
@@ -207,10 +207,11 @@ class TileStream:
         facts
             (n,) fields ``low``, ``high`` and ``error``, m.
         seconds
-            What they took.
+            What they took; None where that says nothing about what others will.
         """
         self.pool.describe(batch.slots, facts)
-        self._cost.learn(np.array([key.level for key in batch.keys]), seconds)
+        if seconds is not None:
+            self._cost.learn(np.array([key.level for key in batch.keys]), seconds)
         self._changes += 1
 
     def advance(self, view: View, *, elapsed: float) -> DrawList:
@@ -254,7 +255,7 @@ class TileStream:
             Makes a batch and returns its facts, as `arrived` takes them.
         """
         while batch := self._plan_or_relax(view):
-            self.arrived(batch, generate(batch), seconds=self._cost.expected(1, len(batch.keys)))
+            self.arrived(batch, generate(batch), seconds=None)
         self.jump(view)
         return self.advance(view, elapsed=np.inf)
 

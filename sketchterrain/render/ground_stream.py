@@ -10,6 +10,7 @@ import numpy as np
 
 from sketchterrain.render.ground import GroundPool
 from sketchterrain.render.quality import Quality
+from sketchterrain.render.sharing_probe import beside_gl
 from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import QUADS, ScreenError, TileStream, View
@@ -140,6 +141,7 @@ class GroundStream:
         metric: Metric | None = None,
     ) -> None:
         quality = quality or Quality()
+        terrain = beside_gl(terrain)
         quads = quality.quads
         tile_bytes = (quads + 1) ** 2 * VERTEX.itemsize
         slots = max(quality.tile_memory // tile_bytes, 1)
@@ -241,7 +243,7 @@ class GroundStream:
             start = time.perf_counter()
             facts = self._write(batch)
             seconds = time.perf_counter() - start
-            self.tiles.arrived(batch, facts, seconds=seconds)
+            self.tiles.arrived(batch, facts, seconds=None if leapt else seconds)
             count, spent = count + len(batch.keys), spent + seconds
         return count, spent
 

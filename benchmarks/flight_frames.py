@@ -17,7 +17,6 @@ from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sunlight import find_sun
 
 if TYPE_CHECKING:
-    import moderngl
     import numpy.typing as npt
 
     from sketchterrain.benchmarks.effort import Effort
@@ -49,6 +48,8 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class _Frames:
+    name: str
+    quality: Quality
     seconds: npt.NDArray[np.float64]
     stats: tuple[FrameStats, ...]
 
@@ -57,33 +58,34 @@ def frames(terrain: Terrain, effort: Effort) -> Table:
     """Draw the flight at the quality that suits the driver, from a complete first picture on."""
     title = "Frames as drawn, {} × {}".format(*effort.flight_size)
     try:
-        gl = open_context()
+        found = _drawn(terrain, effort)
     except DeviceError as error:
         return Table(title, _COLUMNS, ({"opengl": "absent", "note": str(error)},))
+    return Table(title, _COLUMNS, (_row(found),))
+
+
+def _drawn(terrain: Terrain, effort: Effort) -> _Frames:
+    path = stops(terrain, effort.flight_frames + 1, seconds=effort.flight_frames / RATE)
+    gl = open_context()
     try:
         name = str(gl.info["GL_RENDERER"])
         quality = Quality.for_renderer(name)
-        found = _drawn(terrain, effort, gl, quality)
+        renderer = Renderer(gl, terrain, sun=find_sun(terrain, path[0].camera), quality=quality)
+        framebuffer = gl.framebuffer([gl.texture(effort.flight_size, 4)])
+        renderer.prepare(path[0].camera, effort.flight_size)
+        seconds, stats = [], []
+        for number, stop in enumerate(path):
+            start = perf_counter()
+            stats.append(renderer.frame(stop.camera, framebuffer, elapsed=1.0 / RATE, clock=number / RATE))
+            gl.finish()
+            seconds.append(perf_counter() - start)
     finally:
         gl.release()
-    return Table(title, _COLUMNS, (_row(name, quality, found),))
+    return _Frames(name, quality, np.array(seconds[1:]), tuple(stats[1:]))
 
 
-def _drawn(terrain: Terrain, effort: Effort, gl: moderngl.Context, quality: Quality) -> _Frames:
-    path = stops(terrain, effort.flight_frames + 1, seconds=effort.flight_frames / RATE)
-    renderer = Renderer(gl, terrain, sun=find_sun(terrain, path[0].camera), quality=quality)
-    framebuffer = gl.framebuffer([gl.texture(effort.flight_size, 4)])
-    renderer.prepare(path[0].camera, effort.flight_size)
-    seconds, stats = [], []
-    for number, stop in enumerate(path):
-        start = perf_counter()
-        stats.append(renderer.frame(stop.camera, framebuffer, elapsed=1.0 / RATE, clock=number / RATE))
-        gl.finish()
-        seconds.append(perf_counter() - start)
-    return _Frames(np.array(seconds[1:]), tuple(stats[1:]))
-
-
-def _row(name: str, quality: Quality, found: _Frames) -> Row:
+def _row(found: _Frames) -> Row:
+    name, quality = found.name, found.quality
     generation = np.array([each.generation_seconds for each in found.stats if each.tiles_generated])
     new = np.array(
         [each.generation_seconds + each.light_seconds + each.plant_seconds for each in found.stats]

@@ -4,9 +4,8 @@ from sketchterrain.tiles.borders import tile_indices
 from sketchterrain.tiles.codes import TileKey
 from sketchterrain.tiles.metrics import QuadLength, ScreenError
 from sketchterrain.tiles.morph import morph_weights
-from sketchterrain.tiles.quadtree import QUADS, inside_frustum, select_tiles
-from sketchterrain.tiles.stream import Batch, DrawList, TileStream
-from sketchterrain.tiles.view import View
+from sketchterrain.tiles.stream import QUADS, Batch, DrawList, TileStream
+from sketchterrain.tiles.view import View, inside_frustum
 
 __all__ = [
     "QUADS",
@@ -19,6 +18,5 @@ __all__ = [
     "View",
     "inside_frustum",
     "morph_weights",
-    "select_tiles",
     "tile_indices",
 ]

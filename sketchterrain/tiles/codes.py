@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "AROUND",
+    "FARTHEST_TILE",
     "Boxes",
     "TileKey",
     "around",
@@ -40,6 +41,8 @@ __all__ = [
 _BITS: Final = 28
 _MIDDLE: Final = 1 << (_BITS - 1)
 _MASK: Final = (1 << _BITS) - 1
+FARTHEST_TILE: Final = _MIDDLE // 2
+"""Columns and rows may go as far; neighbours and children of those that do have codes too."""
 _LEVELS: Final = 32
 _CONTROL_BITS: Final = _BITS + 1
 _CONTROL_LEVELS: Final = 16
@@ -65,7 +68,7 @@ class Boxes(NamedTuple):
 
 
 def code_of(level: int | Codes, col: int | Codes, row: int | Codes) -> Codes:
-    """Return codes of tiles; columns and rows in ±2^27."""
+    """Return codes of tiles; columns and rows in ±2^27 - 1."""
     return np.asarray(
         ((level + _LEVELS) << (2 * _BITS)) + ((col + _MIDDLE) << _BITS) + (row + _MIDDLE), np.int64
     )

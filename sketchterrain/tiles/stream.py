@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
 
-__all__ = ["Batch", "DrawList", "TileStream", "finest_level"]
+__all__ = ["QUADS", "Batch", "DrawList", "TileStream", "finest_level"]
 
+QUADS: Final = 64
+"""Along a tile's side, unless another number is asked for."""
 LATTICE_BITS: Final = 24
 """A tile of level 0 is 2^24 lattice units wide."""
 
@@ -128,7 +130,7 @@ class TileStream:
         self,
         extent: float,
         *,
-        quads: int = 64,
+        quads: int = QUADS,
         slots: int = 1024,
         finest_cell: float = 0.2,
         metric: Metric | None = None,

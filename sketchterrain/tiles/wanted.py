@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sketchterrain.errors import InputError
 from sketchterrain.tiles.codes import (
+    FARTHEST_TILE,
     around,
     children_of,
     code_of,
@@ -38,7 +40,6 @@ ROOT_LEVEL: Final = -6
 ROOTS_AROUND: Final = 2
 """Roots come in this many of their widths before they are needed; so no neighbour is split when one does."""
 
-_FAR: Final = 1 << 27
 _ASIDE: Final = 0.25
 """What an error counts for out of the picture: turning round shows something at once."""
 _MARGIN: Final = 0.15
@@ -114,7 +115,19 @@ class Selection:
     finest: int
 
     def roots(self, view: View) -> Codes:
-        """Return the codes of the coarsest tiles about the eye."""
+        """Return the codes of the coarsest tiles about the eye.
+
+        Raises
+        ------
+        InputError
+            If the eye is too far away for the columns and rows of the finest tiles around it.
+        """
+        farthest = FARTHEST_TILE * self.extent * 2.0**-self.finest
+        if not max(abs(view.eye[0]), abs(view.eye[1])) < farthest:
+            east, north, _ = view.eye
+            raise InputError(
+                f"expected an eye within ±{farthest:.3g} m of the origin, got {east:g} and {north:g}"
+            )
         col, row = (int(np.floor(place / (self.extent * 2.0**-ROOT_LEVEL))) for place in view.eye[:2])
         around = np.arange(-ROOTS_AROUND, ROOTS_AROUND + 1)
         east, north = np.meshgrid(col + around, row + around)
@@ -160,7 +173,9 @@ class Selection:
         """Return the tiles of each level, from the roots, that are too coarse as all above them are."""
         coarse = excess.of_all > 1
         codes, values = excess.codes[coarse], excess.of_all[coarse]
-        starts = np.searchsorted(codes, [code_of(level, -_FAR, -_FAR) for level in self._levels])
+        starts = np.searchsorted(
+            codes, [code_of(level, -FARTHEST_TILE, -FARTHEST_TILE) for level in self._levels]
+        )
         found: list[tuple[Codes, Floats]] = []
         for first, last in zip(starts, [*starts[1:], None], strict=True):
             here, by = codes[first:last], values[first:last]

@@ -222,6 +222,12 @@ def test_wrong_numbers_are_refused(toy, wrong, expected):
         TileStream(toy.EXTENT, **{"quads": 4, **wrong})
 
 
+@pytest.mark.parametrize("east", [1e12, np.nan])
+def test_an_eye_too_far_away_is_refused(toy, east):
+    with pytest.raises(InputError, match="within ±"):
+        toy.new_stream().plan(toy.view_from((east, 0.0, 1.0)), budget=1.0)
+
+
 def test_a_budget_must_be_a_time(toy):
     stream = toy.new_stream()
     with pytest.raises(InputError, match="budget"):

@@ -124,10 +124,8 @@ class Selection:
         """
         farthest = FARTHEST_TILE * self.extent * 2.0**-self.finest
         if not max(abs(view.eye[0]), abs(view.eye[1])) < farthest:
-            east, north, _ = view.eye
-            raise InputError(
-                f"expected an eye within ±{farthest:.3g} m of the origin, got {east:g} and {north:g}"
-            )
+            x, y, _ = view.eye
+            raise InputError(f"expected an eye within ±{farthest:.3g} m of the origin, got {x:g} and {y:g}")
         col, row = (int(np.floor(place / (self.extent * 2.0**-ROOT_LEVEL))) for place in view.eye[:2])
         around = np.arange(-ROOTS_AROUND, ROOTS_AROUND + 1)
         east, north = np.meshgrid(col + around, row + around)

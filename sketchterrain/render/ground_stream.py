@@ -41,6 +41,8 @@ HURRY_SHARE: Final = 0.5
 """... and may take so much of the time, if that is more than the budget."""
 _MOST_BATCHES: Final = 64
 """In a frame."""
+_ROOM: Final = 1.5
+"""Times as long as the longest of a frame another batch must have left."""
 
 
 class Ground(Protocol):
@@ -202,7 +204,7 @@ class GroundStream:
             budget = max(LEAP_BUDGET, budget)
         elif hurries:
             budget = max(HURRY_SHARE * elapsed, budget)
-        count, seconds = self._generate(view, budget, leapt=leapt, batches=_MOST_BATCHES if hurries else 1)
+        count, seconds = self._generate(view, budget, leapt=leapt)
         if leapt:
             self.tiles.jump(view)
         self._show(self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed), camera)
@@ -232,11 +234,13 @@ class GroundStream:
         self.draws = draws
         self.pool.place(draws, camera.eye)
 
-    def _generate(self, view: View, budget: float, *, leapt: bool, batches: int) -> tuple[int, float]:
+    def _generate(self, view: View, budget: float, *, leapt: bool) -> tuple[int, float]:
         """Generate what fits into a budget (s); return how many tiles, and what they took (s)."""
-        count, spent = 0, 0.0
-        for _ in range(batches):
+        count, spent, longest = 0, 0.0, 0.0
+        for _ in range(_MOST_BATCHES):
             left = max(budget - spent, 0.0)
+            if left < _ROOM * longest:
+                break
             batch = self.tiles.plan(view, budget=np.inf if leapt and left > 0 else left)
             if not batch:
                 break
@@ -245,6 +249,7 @@ class GroundStream:
             seconds = time.perf_counter() - start
             self.tiles.arrived(batch, facts, seconds=None if leapt else seconds)
             count, spent = count + len(batch.keys), spent + seconds
+            longest = 0.0 if leapt else max(longest, seconds)
         return count, spent
 
     def _write(self, batch: Batch) -> npt.NDArray[np.void]:

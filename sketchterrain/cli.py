@@ -217,6 +217,7 @@ def fly(
     fps: Fps = 30,
     quality: QualityNumber = None,
     real_time: RealTime = False,
+    overlay: OverlayNames = None,
     seed: Seed = None,
     device: DeviceName = None,
     fast: Fast = False,
@@ -228,10 +229,11 @@ def fly(
             document = _load(sketch, seed)
         with stages.stage("program", "Loading the program"):
             from sketchterrain import fly as whole
-            from sketchterrain.render import load_flight
+            from sketchterrain.render import check_overlays, load_flight
 
+            check_overlays(overlay or ())
             flight = None if path is None else load_flight(path)
-        take = whole.Take(size, fps, seconds, quality, real_time)
+        take = whole.Take(size, fps, seconds, quality, real_time, tuple(overlay or ()))
         told = whole.fly(document, flight, take, output=output, device=device, fast=fast, stages=stages)
     told["path"] = None if path is None else str(path)
     if as_json:

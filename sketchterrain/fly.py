@@ -50,6 +50,8 @@ class Take:
         0 … 1; by default the best, or with `real_time` what suits the device.
     real_time : bool
         Whether frames show what is ready within their budget, as a viewer does; else each one is complete.
+    overlays : tuple of str
+        Names of what is drawn over each frame.
     """
 
     size: tuple[int, int] = (1280, 720)
@@ -57,6 +59,7 @@ class Take:
     seconds: float | None = None
     quality: float | None = None
     real_time: bool = False
+    overlays: tuple[str, ...] = ()
 
 
 def fly(
@@ -161,6 +164,7 @@ def _shoot(
         size=take.size,
         quality=None if take.quality is None else Quality.of(take.quality),
         complete=not take.real_time,
+        overlays=take.overlays,
         pixels=output is not None,
     )
     shots: list[Shot] = []

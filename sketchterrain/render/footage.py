@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.context import open_context
+from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import check_size, read_picture
 from sketchterrain.render.sunlight import find_sun
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Generator, Sequence
 
     import moderngl
     import numpy as np
@@ -58,6 +59,7 @@ def footage(
     size: tuple[int, int] = (1280, 720),
     quality: Quality | None = None,
     complete: bool = True,
+    overlays: Sequence[str] = (),
     pixels: bool = True,
 ) -> Generator[tuple[Shot, npt.NDArray[np.uint8] | None]]:
     """Draw what a camera sees along a flight, a frame for each of its views.
@@ -77,6 +79,8 @@ def footage(
     complete
         Whether each frame is the picture that `render_picture` gives; else it shows what is ready within its
         budget, as in a viewer.
+    overlays
+        Drawn over each frame in this order: names of ``OVERLAYS``.
     pixels
         Whether the frames are wanted, or only what they took.
 
@@ -90,11 +94,12 @@ def footage(
     Raises
     ------
     InputError
-        If the size is out of range.
+        If the size is out of range, or there is no such overlay.
     DeviceError
         If there is no OpenGL.
     """
     check_size(size)
+    check_overlays(overlays)
     context = open_context()
     try:
         if quality is None:
@@ -104,8 +109,12 @@ def footage(
         texture = context.texture(size, 4)
         framebuffer = context.framebuffer([texture])
         shoot = _complete if complete else _ready
+        overlay = Overlay(context, terrain, renderer.ground) if overlays else None
         for number, camera in enumerate(cameras):
             shot = shoot(renderer, camera, framebuffer, elapsed=1.0 / fps, clock=number / fps)
+            if overlay is not None:
+                for name in overlays:
+                    overlay.draw(name, camera.eye, framebuffer)
             yield shot, read_picture(texture) if pixels else None
     finally:
         context.release()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import moderngl
@@ -10,7 +12,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE
-from sketchterrain.render import Camera, Quality
+from sketchterrain.render import Camera, Quality, footage, render_picture
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.render.overlay_lines import COLOURS, feature_lines
@@ -169,3 +171,36 @@ def test_nothing_to_draw_is_nothing_drawn(gl, waves):
     Overlay(gl, waves, stream).draw("levels", (0.0, 0.0, 9.0), gl.framebuffer([texture]))
     gl.enable_only(moderngl.NOTHING)
     assert set(texture.read()) == {9}
+
+
+@pytest.mark.gl
+def test_a_film_and_a_picture_have_them(gl, waves, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(Overlay, "draw", lambda self, name, eye, framebuffer: drawn.append((name, eye[2])))
+    views = SimpleNamespace(
+        eye=np.array([CAMERA.eye, (500.0, -90.0, 150.0)]),
+        target=np.array([CAMERA.target] * 2),
+        fov=np.array([50.0] * 2),
+    )
+    quick = replace(Quality.of(0.0), quads=64)
+    list(
+        footage(
+            waves, views, fps=10, size=(32, 18), quality=quick, complete=False, overlays=("levels", "error")
+        )
+    )
+    assert drawn == [("levels", 160.0), ("error", 160.0), ("levels", 150.0), ("error", 150.0)]
+    legend = []
+    render_picture(waves, size=(32, 18), camera=CAMERA, quality=quick, overlays=["triplanar"], legend=legend)
+    assert drawn[4:] == [("triplanar", 160.0)]
+    assert [entry.meaning for entry in legend] == ["across x", "across y", "across z"]
+    for call in (
+        lambda: render_picture(waves, overlays=["contours"]),
+        lambda: next(footage(waves, views, fps=10, overlays=["contours"])),
+    ):
+        with pytest.raises(InputError, match="no overlay 'contours'"):
+            call()
+
+
+def test_the_page_names_each():
+    page = (Path(__file__).parents[2] / "docs/overlays.md").read_text(encoding="utf-8")
+    assert all(f"| `{name}` |" in page for name in OVERLAYS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -97,6 +98,12 @@ class OctaveTable:
     scale: npt.NDArray[np.float64]
     ranges: dict[str, tuple[int, int]]
 
+    @cached_property
+    def shifts(self) -> tuple[int, int]:
+        """Bits of the smallest and of the largest cell in skewed units; 63 and 0 where there is no octave."""
+        shift = self.form[:, 0]
+        return int(shift.min(initial=63)), int(shift.max(initial=0))
+
 
 def band_weight(wavelength: float, cell_size: float) -> float:
     """Return what samples ``cell_size`` apart keep of a wavelength: 0 up to two cells, 1 from four on."""
@@ -145,7 +152,7 @@ def octave_table(
 
 def whole_step_bits(octaves: OctaveTable) -> int:
     """Return the bits of the longest step, in lattice units, that every octave's shift is a multiple of."""
-    return int(octaves.form[:, 0].min(initial=_MOST_STEP_BITS + _OFFSET_CELL_BITS)) - _OFFSET_CELL_BITS
+    return min(octaves.shifts[0], _MOST_STEP_BITS + _OFFSET_CELL_BITS) - _OFFSET_CELL_BITS
 
 
 def fits_patches(octaves: OctaveTable, step_bits: int, steps: int = QUADS + 3) -> bool:
@@ -159,8 +166,7 @@ def fits_patches(octaves: OctaveTable, step_bits: int, steps: int = QUADS + 3) -
     steps
         Along the side of a patch.
     """
-    shifts = octaves.form[:, 0]
-    fine = steps <= _MOST_STEPS and bool(np.all(shifts - step_bits <= _MOST_BITS))
+    fine = steps <= _MOST_STEPS and octaves.shifts[1] - step_bits <= _MOST_BITS
     return fine and steps << step_bits <= _MOST_UNITS and step_bits <= whole_step_bits(octaves)
 
 

@@ -17,6 +17,7 @@ from sketchterrain.terrain.culling import (
 )
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.packing import pack_features, slot_count, support_radii
+from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -32,13 +33,18 @@ if TYPE_CHECKING:
 
 __all__ = ["Gathered", "Surroundings"]
 
-_MOST_SHEETS = 1024
+_MOST_SHEETS = 4096
 _MOST_GATHERED = 64
 # A sheet is at least so many times as wide as half of the painted features reach.
 _PAINTED_REACHES = 4
 _EVERYWHERE_BITS = 56
 # Blocks wider than so many sheets are looked after one by one.
-_WIDEST_BLOCK = 2
+_WIDEST_BLOCK = 6
+# Sheets are gathered in rectangles whose borders are multiples of so many, if these hold at most so often
+# what one block needs; what fills them is found in squares of 2^bits by as many at once.
+_ALIGNED = 2
+_MOST_AROUND = 6
+_FOUND_TOGETHER_BITS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,8 @@ class Gathered:
         How many kinds there are.
     index, order
         From :func:`~sketchterrain.terrain.culling.feature_index`.
+    smallest : float
+        Radius (m) of the smallest; 0 where smaller ones have been left out.
     """
 
     at: Any
@@ -63,6 +71,7 @@ class Gathered:
     slots: int
     index: ReachIndex
     order: Lattice
+    smallest: float
 
     def lists(self, blocks: Lattice) -> Lists:
         """Return which of them reach which block: ``starts`` and ``list`` of the kernels' ``Features``."""
@@ -117,17 +126,23 @@ class Surroundings:
         """
         wide = int((blocks[:, 2:] - blocks[:, :2]).max()) > _WIDEST_BLOCK << self._bits
         sheets = blocks if wide else self._sheets_around(blocks)
-        key = (cell, bytes([wide]) + sheets.tobytes())
-        if key in self._gathered:
-            self._gathered.move_to_end(key)
-            return self._gathered[key]
+        where = bytes([wide]) + sheets.tobytes()
+        # All that stands there shows in full at the finest cells, which one list serves.
+        for known in (FINEST_CELL, cell):
+            found = self._gathered.get((known, where))
+            if found is not None and (known == cell or 2 * cell <= found.smallest):
+                self._gathered.move_to_end((known, where))
+                return found
         near = features_near(self._recipe, blocks, cell) if wide else self._features_of(sheets, cell)
-        found = self._gathered[key] = self._packed(near, cell)
+        # Of the fill, small ones may have been left out.
+        whole = cell == FINEST_CELL or not (wide or self._recipe.fill.max_radius < cell)
+        found = self._packed(near, cell, float(near["radius"].min(initial=np.inf)) if whole else 0.0)
+        self._gathered[FINEST_CELL if 2 * cell <= found.smallest else cell, where] = found
         if len(self._gathered) > _MOST_GATHERED:
             self._gathered.popitem(last=False)
         return found
 
-    def _packed(self, near: Points, cell: float) -> Gathered:
+    def _packed(self, near: Points, cell: float, smallest: float) -> Gathered:
         packed = pack_features(self._recipe, near, cell)
         index, order = feature_index(self._recipe, packed)
         upload = self._context.upload
@@ -138,17 +153,19 @@ class Surroundings:
             self._slots,
             index,
             order,
+            smallest,
         )
 
     def _sheets_around(self, blocks: Lattice) -> Lattice:
         """Columns and rows of the sheets that hold what may reach the blocks, shape (n, 2)."""
         first = (blocks[:, :2] - self._margin) >> self._bits
         last = (blocks[:, 2:] + self._margin) >> self._bits
-        if len(blocks) == 1:
-            (west, south), (east, north) = first[0], last[0]
-            grid = np.mgrid[west : east + 1, south : north + 1]
-            return np.ascontiguousarray(grid.reshape(2, -1).T)
         most = (last - first).max(axis=0) + 1
+        low, high = first.min(axis=0) & -_ALIGNED, last.max(axis=0) | (_ALIGNED - 1)
+        if np.prod(high - low + 1) <= _MOST_AROUND * np.prod(most):
+            # The same rectangle for many sets of blocks, whose features are then packed once.
+            grid = np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1]
+            return np.ascontiguousarray(grid.reshape(2, -1).T)
         step = np.indices(tuple(most)).reshape(2, -1).T
         sheets = (first[:, None] + step)[np.all(step <= (last - first)[:, None], axis=-1)]
         low = sheets.min(axis=0)
@@ -158,13 +175,11 @@ class Surroundings:
         return np.asarray(np.stack(np.divmod(number, rows), axis=-1) + low)
 
     def _features_of(self, sheets: Lattice, cell: float) -> Points:
-        """All features of sheets that show at a cell size, sorted by id."""
+        """All features of sheets, sorted by id, without the fill where none of it shows at a cell size."""
         ground = np.concatenate([sheets, sheets + 1], axis=1) << self._bits
         found = painted_near(self._recipe, ground)
         if self._margin and self._recipe.fill.max_radius >= cell:
-            fill = np.concatenate(self._fill_of(sheets))
-            fill = fill[fill["radius"] >= cell]
-            found = np.concatenate([found, fill])
+            found = np.concatenate([found, *self._fill_of(sheets)])
         _, unique = np.unique(found["id"], return_index=True)
         return found[unique]
 
@@ -174,8 +189,11 @@ class Surroundings:
         missing = [key for key in keys if key not in self._sheets]
         if missing:
             side = metres_per_unit(self._recipe.extent) * 2.0**self._bits
-            lost = np.array(missing)
-            found = self._within(lost)
+            square = 1 << _FOUND_TOGETHER_BITS
+            corners = np.unique(np.array(missing) >> _FOUND_TOGETHER_BITS, axis=0) << _FOUND_TOGETHER_BITS
+            lost = (corners[:, None] + np.indices((square, square)).reshape(2, -1).T).reshape(-1, 2)
+            missing = [(col, row) for col, row in lost.tolist() if (col, row) not in self._sheets]
+            found = self._within(corners, square)
             # Found in a little more ground, so that rounding at a sheet's border loses and doubles none.
             column, row = (np.floor(found[axis] / side).astype(np.int64) for axis in ("x", "y"))
             for key in missing:
@@ -187,15 +205,15 @@ class Surroundings:
             self._sheets.popitem(last=False)
         return result
 
-    def _within(self, sheets: Lattice) -> Points:
-        """Return the fill with centres in the sheets and a little around, each once."""
+    def _within(self, corners: Lattice, square: int) -> Points:
+        """Return the fill with centres in squares of sheets and a little around, each once."""
         side = metres_per_unit(self._recipe.extent) * 2.0**self._bits
         parts = []
-        whole = np.ptp(sheets, axis=0) + 1
-        if np.prod(whole) <= 2 * len(sheets):
-            areas = [(*sheets.min(axis=0), *(sheets.max(axis=0) + 1))]
+        whole = np.ptp(corners, axis=0) // square + 1
+        if np.prod(whole) <= 4 * len(corners):
+            areas = [(*corners.min(axis=0), *(corners.max(axis=0) + square))]
         else:
-            areas = [(*sheet, *(sheet + 1)) for sheet in sheets]
+            areas = [(*corner, *(corner + square)) for corner in corners]
         for west, south, east, north in areas:
             box = (west * side - 1, south * side - 1, east * side + 1, north * side + 1)
             parts.append(self._recipe.fill.within(*(float(edge) for edge in box)))

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 __all__ = ["draw_errors", "draw_frames", "draw_generation"]
 
 # Okabe and Ito's palette, which colour-blind people can tell apart.
-_BLUE, _SKY, _VERMILION, _GREEN, _PURPLE, _GREY = (
+_BLUE, _SKY, _VERMILION, _ORANGE, _GREEN, _PURPLE, _GREY = (
     "#0072B2",
     "#56B4E9",
     "#D55E00",
+    "#E69F00",
     "#009E73",
     "#AA5586",
     "#888888",
@@ -29,6 +30,7 @@ _BLUE, _SKY, _VERMILION, _GREEN, _PURPLE, _GREY = (
 _COLOURS = {
     f"{OURS}, 32": _BLUE,
     f"{OURS}, 64": _SKY,
+    f"{THESIS}, 32": _ORANGE,
     THESIS: _VERMILION,
     "uniform": _GREY,
     "pymartini": _GREEN,
@@ -46,11 +48,11 @@ def draw_errors(rows: Sequence[Row]) -> Any:
     left, right = figure.subplots(1, 2, sharey=True)
     rows = [row for row in rows if row.get(MOST) is not None]
     errors = [_number(row, MOST) for row in rows]
-    low, high = min([*errors, 1.0]) / 1.6, max(errors) * 1.6
+    low, high = min([*errors, 1.0]) / 2, max(errors) * 1.6
     for axes, key, what in ((left, "triangles", "triangles in view"), (right, "ms", "ms from nothing")):
         values = [_number(row, key) for row in rows]
         axes.set(xscale="log", yscale="log", ylim=(low, high))
-        axes.set(xlim=(min(values) / 1.5, max(values) * 9), xlabel=what)
+        axes.set(xlim=(min(values) / 1.5, max(values) * (max(values) / min(values)) ** 0.75), xlabel=what)
         axes.axhline(1.0, color="#333333", linewidth=0.8, linestyle=":")
         names = list(dict.fromkeys(str(row["way"]) for row in rows))
         ends = {}
@@ -60,7 +62,7 @@ def draw_errors(rows: Sequence[Row]) -> Any:
             axes.plot(x, y, "o-", color=_colour(name), markersize=4, linewidth=1.4)
             last = int(np.argmin(y))
             ends[name] = (x[last], y[last])
-        _label(axes, ends, np.log10(high / low))
+        _label(axes, ends, max(values) * 1.5)
         _plain(axes)
     left.set_ylabel("pixels that 99.9 % of the samples stay within")
     figure.suptitle("Screen error of what is drawn. Down and left is better.", x=0.01, ha="left")
@@ -68,7 +70,7 @@ def draw_errors(rows: Sequence[Row]) -> Any:
 
 
 def draw_generation(rows: Sequence[Row]) -> Any:
-    """Bars by size of tiles and setting as in the thesis's figures 7.1 and 7.2; frames one by one below."""
+    """Bars by size of tiles and setting as in the thesis's figures 7.1 and 7.2; single frames below."""
     figure = _figure(12.0, 7.0)
     panels = figure.subplots(2, 3)
     settings = list(dict.fromkeys((str(row["way"]), str(row["shown"])) for row in rows))
@@ -103,10 +105,10 @@ def draw_generation(rows: Sequence[Row]) -> Any:
     )
     size = _QUADS if _QUADS in sizes else sizes[0]
     for axes, (title, values) in zip(panels[1], frames, strict=True):
-        for number, (way, shown) in enumerate(settings):
+        for way, shown in {way: (way, shown) for way, shown in settings}.values():
             for row in rows:
                 if (row["way"], row["shown"], row["quads"]) == (way, shown, size):
-                    _histogram(axes, values(row), shades[number])
+                    _histogram(axes, values(row), shades[settings.index((way, shown))])
         axes.set(title=f"{title}, {size} quads", xscale="log", ylabel="% of the frames")
         _plain(axes, y=False)
     figure.legend(
@@ -169,23 +171,33 @@ def _histogram(axes: Any, values: Sequence[float], colour: str) -> None:
     axes.stairs(share, 10**edges, color=colour, linewidth=1.3)
 
 
-def _label(axes: Any, ends: dict[str, tuple[float, float]], decades: float) -> None:
-    """Name the lines beside their lowest ends, moved apart where they would overlap."""
-    order = sorted(ends, key=lambda name: ends[name][1])
-    place = -np.inf
-    for name in order:
+def _label(axes: Any, ends: dict[str, tuple[float, float]], column: float) -> None:
+    """Name the lines in a column to the right of their lowest ends, moved apart where they would overlap."""
+    low, high = np.log10(axes.get_ylim())
+    apart = (high - low) * _APART
+    names = sorted(ends, key=lambda name: ends[name][1])
+    places = np.log10([ends[name][1] for name in names])
+    for _ in range(200):
+        missing = np.maximum(apart - np.diff(places), 0.0) / 2
+        places[:-1] -= missing
+        places[1:] += missing
+    places += max(low + apart / 2 - places[0], 0.0)
+    for name, place in zip(names, places, strict=True):
         x, y = ends[name]
-        place = max(float(np.log10(y)), place + decades * _APART)
-        style = {"fontsize": _SMALL, "va": "center", "color": _colour(name), "fontweight": "bold"}
-        axes.annotate(name, (x * 1.15, 10**place), **style)
+        colour = _colour(name)
+        axes.plot([x, column], [y, 10**place], color=colour, linewidth=0.6, alpha=0.6)
+        style = {"fontsize": _SMALL, "va": "center", "color": colour, "fontweight": "bold"}
+        axes.annotate(name, (column * 1.08, 10**place), **style)
 
 
 def _plain(axes: Any, *, x: bool = True, y: bool = True) -> None:
     """Write plain numbers at the decades of logarithmic axes."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     for axis, wanted in ((axes.xaxis, x), (axes.yaxis, y)):
         if wanted:
+            low, high = axis.get_view_interval()
+            axis.set_major_locator(LogLocator(subs=(1.0,) if high > 100 * low else (1.0, 2.0, 5.0)))
             axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value)))
             axis.set_minor_formatter(NullFormatter())
 

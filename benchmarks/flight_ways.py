@@ -87,8 +87,15 @@ def ways(terrain: Terrain, effort: Effort) -> tuple[list[Way], list[Absent]]:
         Way(f"{OURS}, {quads} quads", "τ = {:g} px", effort.flight_own_pixels, partial(_own, terrain, quads))
         for quads in effort.flight_own_quads
     ]
-    thesis = partial(_thesis, terrain, QUADS)
-    found.append(Way(f"{THESIS}, {QUADS} quads", "T = {:g}", effort.flight_tessellations, thesis))
+    found += [
+        Way(
+            f"{THESIS}, {quads} quads",
+            "T = {:g}",
+            effort.flight_tessellations,
+            partial(_thesis, terrain, quads),
+        )
+        for quads in effort.flight_own_quads
+    ]
     found.append(
         Way(
             "uniform grid",

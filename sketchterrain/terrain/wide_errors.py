@@ -30,8 +30,8 @@ _MOST_KEPT = 256
 class WideErrors:
     """How far full detail is from wide tiles, at 32 × 32 samples of a square of at most 17 km.
 
-    That is where the highest feature that was painted in the tile stands, or else as near to the sketch as
-    the tile comes: ground that nothing was painted on is much the same everywhere.
+    That is where the highest feature that was painted in the tile stands. Ground that nothing was painted on
+    is much the same everywhere, so one square beside the sketch tells what a level leaves out of it.
 
     Parameters
     ----------
@@ -45,6 +45,7 @@ class WideErrors:
         self._heights = heights
         self._square_level = int(np.ceil(np.log2(recipe.extent / _WIDEST)))
         self._samples = lru_cache(maxsize=_MOST_KEPT)(self._sampled)
+        self._unpainted = lru_cache(maxsize=_MOST_KEPT)(self._left_out)
 
     def is_wide(self, level: int) -> bool:
         """Whether the tiles of a level are wider than what is looked at."""
@@ -60,27 +61,35 @@ class WideErrors:
         height
             Of its vertices, m, shape (quads + 1, quads + 1).
         """
-        x, y, full = self._samples(*self._square(level, column, row))
+        square = self._painted_square(level, column, row)
+        if square is None:
+            return self._unpainted(self._recipe.extent * 2.0**-level / (len(height) - 1))
+        x, y, full = self._samples(*square)
         width, quads = 1 << (LATTICE_BITS - level), len(height) - 1
         u = np.asarray((x - column * width) * (quads / width), np.float64)
         v = np.asarray(((row + 1) * width - y[:, None]) * (quads / width), np.float64)
         apart: Floats = np.abs(np.subtract(full, _on_triangles(height, u, v)))
         return apart.ravel()
 
-    def _square(self, level: int, column: int, row: int) -> tuple[int, int]:
-        """Column and row, at the squares' level, of the one that is looked at."""
+    def _painted_square(self, level: int, column: int, row: int) -> tuple[int, int] | None:
+        """Column and row, at the squares' level, of the one with a tile's highest painted feature, if any."""
         side = self._recipe.extent / 2.0**self._square_level
         share = 1 << (self._square_level - level)
         low = np.array([column, row]) * share
         painted = self._recipe.painted
         at = np.floor(np.stack([painted["x"], painted["y"]], axis=-1) / side).astype(np.int64)
         inside = np.flatnonzero(np.all((at >= low) & (at < low + share), axis=-1))
-        if inside.size:
-            best = at[inside[np.argmax(painted["strength"][inside])]]
-        else:
-            centre = int(self._recipe.extent / 2 // side)
-            best = np.clip(centre, low, low + share - 1)
+        if not inside.size:
+            return None
+        best = at[inside[np.argmax(painted["strength"][inside])]]
         return int(best[0]), int(best[1])
+
+    def _left_out(self, cell_size: float) -> Floats:
+        """How far full detail is from what a cell size shows of ground that nothing was painted on, m."""
+        beside = int(np.ceil(2.0**self._square_level)) + 1
+        _, _, full = self._samples(beside, 0)
+        coarse = tile_samples(self._square_level, [(beside, 0)], cell_size=cell_size)
+        return np.asarray(np.abs(full - self._heights(coarse)[0]), np.float32).ravel()
 
     def _sampled(self, column: int, row: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
         """Where the samples of a square lie (lattice units), and full detail there."""

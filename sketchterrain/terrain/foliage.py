@@ -14,7 +14,7 @@ from sketchterrain.features.hashing import unit
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import support_radii
-from sketchterrain.terrain.poisson import poisson_disk
+from sketchterrain.terrain.poisson import poisson_disk_steps
 
 if TYPE_CHECKING:
     from collections.abc import Generator
@@ -73,7 +73,7 @@ class FoliageSampler:
             )
         area = (int(corners[0]), int(corners[1]), int(corners[2]), int(corners[3]))
         metre = 1 / metres_per_unit(self._recipe.extent)
-        places = poisson_disk(
+        places = yield from poisson_disk_steps(
             self._evaluator.context, area, max(round(SPACING * metre), 2), seed=self._recipe.seed
         )
         yield

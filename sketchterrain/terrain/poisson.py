@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,11 +10,13 @@ from sketchterrain.errors import InputError
 from sketchterrain.features.hashing import hashed
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["GREATEST_DENSITY", "ROUNDS", "poisson_disk"]
+__all__ = ["GREATEST_DENSITY", "ROUNDS", "poisson_disk", "poisson_disk_steps"]
 
 ROUNDS = 14
 """Rounds of candidates: about nine tenths of the points a maximal set would have."""
@@ -55,6 +57,19 @@ def poisson_disk(
     InputError
         If the radius is below 2 units, or the rectangle would hold over forty million points.
     """
+    steps = poisson_disk_steps(context, area, radius, seed=seed)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            points: npt.NDArray[np.int64] = end.value
+            return points
+
+
+def poisson_disk_steps(
+    context: ComputeContext, area: tuple[int, int, int, int], radius: int, *, seed: int
+) -> Generator[None, None, npt.NDArray[np.int64]]:
+    """Do what :func:`poisson_disk` does in steps: the device works while others go on."""
     west, south, east, north = area
     if radius < 2:
         raise InputError(f"the distance between plants must be at least 2 lattice units, not {radius}")
@@ -69,10 +84,12 @@ def poisson_disk(
     bands = []
     for bottom in range(first[1], last[1], _WINDOW):
         top = min(bottom + _WINDOW, last[1])
-        found = [
-            _window(context, (left, bottom, min(left + _WINDOW, last[0]), top), cell, radius, salt)
-            for left in range(first[0], last[0], _WINDOW)
-        ]
+        found = []
+        for left in range(first[0], last[0], _WINDOW):
+            cells = (left, bottom, min(left + _WINDOW, last[0]), top)
+            accepted = _accepted(context, cells, cell, radius, salt)
+            yield
+            found.append(_points(context, accepted, cells, cell))
         points = np.concatenate(found)
         bands.append(points[np.lexsort((points[:, 0] // cell, points[:, 1] // cell))])
     points = np.concatenate(bands)
@@ -80,12 +97,17 @@ def poisson_disk(
     return points[inside]
 
 
-def _window(
-    context: ComputeContext, cells: tuple[int, int, int, int], cell: int, radius: int, salt: int
-) -> npt.NDArray[np.int64]:
-    """Points of the cells from (left, bottom) up to (right, top), from a window with its halo."""
+def _with_halo(cells: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    """Return a window's first cell, its width and its height."""
     left, bottom = cells[0] - _HALO, cells[1] - _HALO
-    width, height = cells[2] + _HALO - left, cells[3] + _HALO - bottom
+    return left, bottom, cells[2] + _HALO - left, cells[3] + _HALO - bottom
+
+
+def _accepted(
+    context: ComputeContext, cells: tuple[int, int, int, int], cell: int, radius: int, salt: int
+) -> Any:
+    """Start to look for the points of the cells from (left, bottom) up to (right, top) with their halo."""
+    left, bottom, width, height = _with_halo(cells)
     # The rim stays empty: it only spares the kernels a test for the window's end.
     nothing = np.full((height, width, 2), _EMPTY, np.int32)
     accepted, candidate = (context.upload(nothing, writable=True) for _ in range(2))
@@ -98,6 +120,14 @@ def _window(
         place = (np.int64(left), np.int64(bottom), np.int32(cell), r2, salted)
         context.launch("foliage.cl", "propose", size, *window, *place, group=(_GROUP, 1))
         context.launch("foliage.cl", "resolve", size, *window, np.int32(cell), r2, group=(_GROUP, 1))
+    return accepted
+
+
+def _points(
+    context: ComputeContext, accepted: Any, cells: tuple[int, int, int, int], cell: int
+) -> npt.NDArray[np.int64]:
+    """Return the points of the cells without their halo."""
+    _, _, width, height = _with_halo(cells)
     offset = context.download(accepted, (height, width, 2), np.int32)[_HALO:-_HALO, _HALO:-_HALO]
     row, column = np.nonzero(offset[..., 0] != _EMPTY)
     corner = np.stack([(column + cells[0]) * cell, (row + cells[1]) * cell], axis=-1)

@@ -15,7 +15,8 @@ layout(std140) uniform Frame {
     vec4 near_window;  // west, south, east, north of the rectangle in which the near map is shown, relative to the eye, m
     vec4 far_window;
     vec4 map_strength; // x: how much of the near map is shown in its window, 0..1; y: of the far one; zw: unused
-    mat4 to_shade[2];  // relative position → clip space of the tree shadow maps, near and far
+    mat4 to_shade[4];  // relative position → clip space of the tree shadow maps: near, far, and those before them
+    vec4 shade_share;  // x: how much of the near map is shown, 0..1, else the one before; y: of the far one
     vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; z: pixel, rad; w: unused
 };
 

@@ -15,6 +15,8 @@ _LAUNCH: Final = 0.0004
 _SLOWER: Final = 0.3
 """How much of one quick measurement is believed; a slow one is believed at once."""
 _HOPE: Final = 0.9
+_AS_MUCH: Final = 0.8
+"""Of the most time that there was, which counts as as much."""
 
 
 class Allowance:
@@ -65,16 +67,18 @@ class Pace:
     def __init__(self, unit: float) -> None:
         self.unit = unit
         self._quickest = unit
+        self._most = 0.0
 
     def fits(self, allowance: Allowance, *, step: int = 1) -> int:
         """Return how many steps of so many units are expected to fit into what is left, 0 if none.
 
-        Where none does though there is time, the next answer is more hopeful: one slow moment of the machine
-        must not stop the work for ever.
+        Where none does though there is as much time as there ever was, the next answer is more hopeful: one
+        slow moment of the machine must not stop the work for ever.
         """
         left = allowance.left
+        self._most = max(left, self._most)
         steps = max(int((left - _LAUNCH) / (self.unit * step)), 0)
-        if not steps and left > 2.0 * _LAUNCH:
+        if not steps and left > max(2.0 * _LAUNCH, _AS_MUCH * self._most):
             self.unit = max(_HOPE * self.unit, self._quickest)
         return steps
 

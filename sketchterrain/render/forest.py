@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.render.plant_cells import (
-    CELL,
-    Cell,
+    ROOM,
     Place,
     PlantCells,
     Stand,
     cells_near,
+    in_view,
     joined,
     reach_of,
 )
@@ -44,10 +44,10 @@ BAND: Final = 0.08
 """Share of such a height, up and down, over which one detail passes into the next."""
 VANISH: Final = 0.05
 """Share of the reach over which a single plant goes."""
+UNKNOWN: Final = (-1e5, 1e5)
+"""m; lowest and highest point of a cell that is not made yet."""
 GROW: Final = 1.0
 """s in which the plants of a new cell come."""
-ROOM: Final = 12.0
-"""m about a plant's foot that its crown may take."""
 
 
 class Forest:
@@ -113,22 +113,23 @@ class Forest:
         """Go on by a frame: make a part of the plants and of the shadows that are missing."""
         self._want(camera, aspect, lit)
         self._cells.grow(elapsed)
-        self.shade.go_on(camera.eye, allowance.part(0.5))
+        self.shade.go_on(camera.eye, elapsed, allowance.part(0.5))
         self._cells.go_on(allowance)
 
     def settle(self, camera: Camera, aspect: float, lit: LitGround) -> None:
         """Make all that a camera's picture needs."""
         self._want(camera, aspect, lit)
         self._cells.finish()
+        self._want(camera, aspect, lit)  # what stands in a cell says whether it is seen
         self.shade.finish(camera.eye)
 
     def _want(self, camera: Camera, aspect: float, lit: LitGround) -> None:
         self._asked = True
         near = cells_near(camera.eye[0], camera.eye[1], self.reach)
-        planes = camera.frustum(aspect)
-        columns = [self._cells[place] for place in near]
-        seen = [_in_view(planes, place, cell) for place, cell in zip(near, columns, strict=True)]
-        self._seen = [place for place, is_seen in zip(near, seen, strict=True) if is_seen]
+        cells = [self._cells[place] for place in near]
+        bounds = np.array([UNKNOWN if cell is None else (cell.low, cell.high) for cell in cells])
+        seen = in_view(camera.frustum(aspect), near, bounds)
+        self._seen = [place for place, is_seen in zip(near, seen.tolist(), strict=True) if is_seen]
         shading = [place for place in self.shade.places(camera, lit) if place not in set(self._seen)]
         self._cells.want(self._seen + shading)
 
@@ -207,11 +208,3 @@ def _grouped(stand: Stand, share: Floats) -> Instances:
     rows[:, 4:7], rows[:, 7] = stand.manner[plant], share[plant, detail]
     counts = np.bincount(group, minlength=len(SPECIES) * DETAILS)
     return Instances(rows, counts.reshape(len(SPECIES), DETAILS))
-
-
-def _in_view(planes: Floats, place: tuple[int, int], cell: Cell | None) -> bool:
-    low, high = (-1e5, 1e5) if cell is None else (cell.low, cell.high)
-    west, south = CELL * place[0] - ROOM, CELL * place[1] - ROOM
-    box = np.array([[west, south, low], [west + CELL + 2 * ROOM, south + CELL + 2 * ROOM, high]])
-    corner = np.where(planes[:, :3] >= 0.0, box[1], box[0])
-    return bool(((corner * planes[:, :3]).sum(axis=1) + planes[:, 3] >= 0.0).all())

@@ -32,7 +32,8 @@ _FRAME: Final = np.dtype(
         ("near_window", "f4", 4),
         ("far_window", "f4", 4),
         ("map_strength", "f4", 4),
-        ("to_shade", "f4", (2, 4, 4)),
+        ("to_shade", "f4", (4, 4, 4)),
+        ("shade_share", "f4", 4),
         ("trees", "f4", 4),
     ]
 )

@@ -25,7 +25,11 @@ FAR: Final = 5.0
 AHEAD: Final = 0.42
 """Extents by which the near map's middle lies before the eye."""
 FADE: Final = 0.5
-"""s that each step from one map to the next takes."""
+"""s that each step from one map to the next takes, at least."""
+SOFT: Final = 0.04
+"""Width of a window's soft border in widths of its map, see ground_light in kernels/render/frame.glsl."""
+SLOWEST: Final = 4.0
+"""Times `FADE` that a window may take to move: its soft border passes a place in a fade, or nearly."""
 EASE: Final = 2.0
 """s in which the haze follows to other heights."""
 
@@ -57,8 +61,8 @@ def _whole(square: Square) -> _Window:
 class _Layer:
     """One of the two maps: what is shown of it, and its successor.
 
-    A successor that is ready is shown in three steps of `FADE` seconds: the window of the old one shrinks to
-    what both cover, one light fades into the other there, and the window grows. Where they share nothing, or
+    A successor that is ready is shown in three steps: the window of the old one shrinks to what both cover,
+    one light fades into the other there, and the window grows. Where they share nothing, or
     there was none, the new one fades in.
     """
 
@@ -100,7 +104,15 @@ class _Layer:
             self._begin(self.coming)
         elif self.step:
             self._gone += elapsed
-            self._change(min(self._gone / FADE, 1.0))
+            self._change(min(self._gone / self._duration(), 1.0))
+
+    def _duration(self) -> float:
+        """How long the present step takes (s)."""
+        if self.step not in (1, 3) or self.shown is None:
+            return FADE
+        start = self._from if self.step == 1 else _whole(self.shown.square)
+        way = max(abs(a - b) for a, b in zip(start, self._meet, strict=True))
+        return FADE * min(max(way / (SOFT * self.shown.square.width), 1.0), SLOWEST)
 
     def _begin(self, coming: LightMap) -> None:
         self._from, self._meet, self._gone = self.window, self.window.meet(_whole(coming.square)), 0.0

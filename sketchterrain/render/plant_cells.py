@@ -20,14 +20,27 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["CELL", "Cell", "Place", "PlantCells", "Stand", "cells_near", "joined", "reach_of"]
+__all__ = [
+    "CELL",
+    "ROOM",
+    "Cell",
+    "Place",
+    "PlantCells",
+    "Stand",
+    "cells_near",
+    "in_view",
+    "joined",
+    "reach_of",
+]
 
-CELL: Final = 512.0
-"""m. Half the time that plants take does not depend on how many they are, so cells are large."""
-KEPT: Final = 160
+CELL: Final = 256.0
+"""m. Smaller ones take as long, larger ones longer than a frame can spare."""
+KEPT: Final = 640
 """Cells that are held at most."""
 SINK: Final = 0.15
 """m; feet go so far into the ground."""
+ROOM: Final = 12.0
+"""m about a plant's foot that its crown may take."""
 FADE: Final = 0.55
 """Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
 
@@ -165,6 +178,28 @@ class PlantCells:
         low, high = (float(stand.place[:, 2].min()), float(top.max())) if len(top) else (0.0, 0.0)
         self._made[place] = Cell(corner, stand, low, high)
         self.changes += 1
+
+
+def in_view(planes: Floats, places: Sequence[Place], bounds: Floats) -> npt.NDArray[np.bool_]:
+    """Tell which cells a view may show.
+
+    Parameters
+    ----------
+    planes
+        (k, 4) of the view, see `Camera.frustum`.
+    places
+        The cells.
+    bounds
+        (n, 2) lowest and highest point of what stands in them (m).
+    """
+    corner = CELL * np.array(places, dtype=np.float64).reshape(-1, 2)
+    low = np.concatenate([corner - ROOM, bounds[:, :1]], axis=1)
+    high = np.concatenate([corner + CELL + ROOM, bounds[:, 1:]], axis=1)
+    inside = np.ones(len(corner), dtype=np.bool_)
+    for plane in planes:
+        normal = plane[:3]
+        inside &= np.where(normal >= 0.0, high, low) @ normal + plane[3] >= 0.0
+    return inside
 
 
 def cells_near(x: float, y: float, reach: float) -> list[Place]:

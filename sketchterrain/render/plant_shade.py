@@ -29,6 +29,8 @@ __all__ = ["PlantShade", "shade_matrix", "sun_axes"]
 
 MAPS: Final = ((0.06, 0.075, 1), (0.45, 0.60, 3))
 """Near and far: where ahead its middle lies and half its side, in reaches of the woods; detail of plants."""
+FADE: Final = 0.5
+"""s in which a map takes the place of the one before."""
 STEPS: Final = 8
 """A map follows the eye in steps of one in so many of its sides."""
 HALF_DEPTH: Final = 3000.0
@@ -45,23 +47,30 @@ class _Place(NamedTuple):
     half: float
 
 
+_NOWHERE: Final = _Place((0.0, 0.0, 0.0), 1e-3)
+
+
 class _Map:
-    """One map: what is shown, and what is drawn meanwhile."""
+    """One map: what is shown, what was shown before and fades, and what is drawn meanwhile."""
 
     def __init__(self, context: moderngl.Context, texels: int) -> None:
-        self.shown, self.drawn = (_depth(context, texels) for _ in range(2))
-        self.targets = {id(each): context.framebuffer((), each) for each in (self.shown, self.drawn)}
+        self.shown, self.before, self.drawn = (_depth(context, texels) for _ in range(3))
+        textures = (self.shown, self.before, self.drawn)
+        self.targets = {id(each): context.framebuffer((), each) for each in textures}
         for target in self.targets.values():
             target.use()
             target.clear(depth=1.0)
-        self.place: _Place | None = None  # of what is shown
+        self.place = self.place_before = _NOWHERE
+        self.share = 1.0  # of what is shown, against what was shown before
         self.coming: _Place | None = None
         self.changes = self.coming_changes = -1
         self.goes_on = 0
 
-    def swap(self) -> None:
-        self.shown, self.drawn = self.drawn, self.shown
-        self.place, self.changes, self.coming = self.coming, self.coming_changes, None
+    def swap(self, place: _Place) -> None:
+        """Show what is drawn, softly."""
+        self.shown, self.before, self.drawn = self.drawn, self.shown, self.before
+        self.place, self.place_before = place, self.place
+        self.changes, self.coming, self.share = self.coming_changes, None, 0.0
 
 
 class PlantShade:
@@ -108,16 +117,31 @@ class PlantShade:
     @property
     def settled(self) -> bool:
         """Whether all maps show what stands there now, where the eye is now."""
-        return all(not self._stale(index) for index in self._used)
+        return all(not self._stale(index) and self._maps[index].share == 1.0 for index in self._used)
 
     @property
     def textures(self) -> dict[str, moderngl.Texture]:
         """By the names that shaders know them by."""
-        return {"shade_near": self._maps[0].shown, "shade_far": self._maps[1].shown}
+        near, far = self._maps
+        return {
+            "shade_near": near.shown,
+            "shade_far": far.shown,
+            "shade_near_before": near.before,
+            "shade_far_before": far.before,
+        }
+
+    @property
+    def shown_share(self) -> tuple[float, float]:
+        """How much each map is shown, against the one before it, 0 … 1."""
+        near, far = self._maps
+        return near.share, far.share
 
     def matrices(self, eye: tuple[float, float, float]) -> list[Floats]:
-        """Return, for each map, the (4, 4) matrix from positions relative to the eye to its clip space."""
-        places = [each.place or _Place((0.0, 0.0, 0.0), 1e-3) for each in self._maps]
+        """Return the (4, 4) matrices from positions relative to the eye to the clip spaces of the maps.
+
+        The near and the far one, then those of the maps before them.
+        """
+        places = [each.place for each in self._maps] + [each.place_before for each in self._maps]
         return [self._matrix(place, eye) for place in places]
 
     def places(self, camera: Camera, lit: LitGround) -> list[Place]:
@@ -136,17 +160,18 @@ class PlantShade:
         self._covered = list(cells)
         return self._covered
 
-    def go_on(self, eye: tuple[float, float, float], allowance: Allowance) -> None:
-        """Draw what an allowance allows."""
+    def go_on(self, eye: tuple[float, float, float], elapsed: float, allowance: Allowance) -> None:
+        """Go on by a frame: fade over, and draw what an allowance allows."""
         for index in self._used:
             each = self._maps[index]
-            if each.coming is None and self._stale(index) and allowance.left > 0.0:
+            each.share = min(each.share + elapsed / FADE, 1.0)
+            if each.coming is None and self._stale(index) and each.share == 1.0 and allowance.left > 0.0:
                 self._begin(index, eye)
             while each.coming is not None:
                 batch = self._batches[index]
                 count = min(self._pace.fits(allowance), batch.count - each.goes_on)
                 if not count and batch.count:
-                    return
+                    break
                 before = allowance.spent
                 self._draw(index, count)
                 if count:
@@ -158,6 +183,7 @@ class PlantShade:
             if self._stale(index):
                 self._begin(index, eye)
                 self._draw(index, self._batches[index].count)
+            self._maps[index].share = 1.0
 
     def _stale(self, index: int) -> bool:
         each, wanted = self._maps[index], self._wanted[index]
@@ -203,7 +229,7 @@ class PlantShade:
             self._context.finish()
             each.goes_on += count
         if each.goes_on == batch.count:
-            each.swap()
+            each.swap(each.coming)
 
     def _matrix(self, place: _Place, eye: tuple[float, float, float]) -> Floats:
         centre = np.array(place.centre) @ self._axes - eye

@@ -36,9 +36,9 @@ VISIBILITY: Final = 7.0
 """Extents that one sees through the haze."""
 REST: Final = 0.25
 """s for which the eye must stand still, with nothing missing, before a picture of full size is drawn."""
-TILES_SHARE: Final = (0.7, 0.7, 0.7, 0.25)
+TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
 """Of the budget, frame by frame, while light or plants are missing."""
-OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 0.75)
+OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 1.0)
 """Of the budget, what light and plants get even where tiles took more than their share."""
 QUAD: Final = 32.0
 """px that a quad of the ground is wide at most, where its tolerance is up to 2 px; more in proportion."""
@@ -163,8 +163,7 @@ class Renderer:
         clock
             Seconds, moves the water.
         """
-        allowance = Allowance(self._quality.budget, timer=self._timer)
-        size = framebuffer.size
+        size, budget = framebuffer.size, self._quality.budget
         moves = self._last is None or (camera.eye, camera.target, camera.fov) != (
             self._last.eye,
             self._last.target,
@@ -178,26 +177,24 @@ class Renderer:
             view,
             size,
             elapsed=elapsed,
-            budget=self._quality.budget * (TILES_SHARE[self._turn] if busy else 1.0),
+            budget=budget * TILES_SHARE[self._turn] if busy else budget,
             draw_distance=distance,
         )
-        before = allowance.spent
-        others = Allowance(
-            max(allowance.left, self._quality.budget * OTHERS_SHARE[self._turn]), timer=self._timer
-        )
-        self._lit.update(view, elapsed, others.part(0.5))
-        between = allowance.spent
-        self._forest.update(view, size[0] / size[1], self._lit, elapsed, others)
-        after = allowance.spent
+        left = max(budget - tiles.generation_seconds, budget * OTHERS_SHARE[self._turn])
+        allowance = Allowance(left, timer=self._timer)
+        self._lit.update(view, elapsed, allowance.part(0.5))
+        lit = allowance.spent
+        self._forest.update(view, size[0] / size[1], self._lit, elapsed, allowance)
+        grown = allowance.spent
         complete = tiles.settled and self._lit.settled and self._forest.settled
         inner = self._inner_size(size, rests=complete and self._still >= REST)
         with self._timed("draw"):
             self._draw(view, distance, framebuffer, inner, clock)
         return FrameStats(
             generation_seconds=tiles.generation_seconds,
-            light_seconds=between - before,
-            plant_seconds=after - between,
-            draw_seconds=allowance.spent - after,
+            light_seconds=lit,
+            plant_seconds=grown - lit,
+            draw_seconds=allowance.spent - grown,
             tiles_generated=tiles.tiles_generated,
             tiles_drawn=tiles.tiles_drawn,
             resident_tiles=tiles.resident_tiles,
@@ -265,6 +262,7 @@ class Renderer:
         for field, value in lit.uniforms(eye).items():
             frame[field] = value
         frame["to_shade"] = self._forest.shade.matrices(eye)
+        frame["shade_share"] = self._forest.shade.shown_share
         frame["trees"] = (self._forest.reach, self._aridity, _pixel(camera, height))
         frame.upload()
 

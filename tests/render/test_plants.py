@@ -171,12 +171,13 @@ def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
         if sliced:
             frames = 0
             while not shade.settled:
-                shade.go_on(CAMERA.eye, Allowance(allowance))
+                shade.go_on(CAMERA.eye, 0.05, Allowance(allowance))
                 frames += 1
                 assert frames < 3000
         else:
             shade.finish(CAMERA.eye)
-        drawn.append([texture.read() for texture in shade.textures.values()])
+        drawn.append([shade.textures[name].read() for name in ("shade_near", "shade_far")])
+        assert shade.shown_share == (1.0, 1.0)
         assert np.frombuffer(drawn[-1][1], np.float32).min() < 1.0
     assert drawn[0] == drawn[1]
 

@@ -16,7 +16,7 @@ from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import QUADS, ScreenError, TileStream, View
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import moderngl
     import numpy.typing as npt
@@ -117,6 +117,8 @@ class GroundStream:
         No quad is made narrower than this, m.
     metric
         Which tiles are too coarse; by default by the quality's tolerance on the screen.
+    timer
+        Seconds that run on, by which the time for tiles is kept.
 
     Attributes
     ----------
@@ -141,6 +143,7 @@ class GroundStream:
         memory: str | None = None,
         finest_cell: float = 0.2,
         metric: Metric | None = None,
+        timer: Callable[[], float] = time.perf_counter,
     ) -> None:
         quality = quality or Quality()
         terrain = beside_gl(terrain)
@@ -157,6 +160,7 @@ class GroundStream:
         self.draws: DrawList | None = None
         self.written = 0
         self._terrain = terrain
+        self._timer = timer
         self.memory = open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory)
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
         self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads)
@@ -244,10 +248,10 @@ class GroundStream:
             batch = self.tiles.plan(view, budget=np.inf if leapt and left > 0 else left)
             if not batch:
                 break
-            start = time.perf_counter()
+            start = self._timer()
             facts = self._write(batch)
-            seconds = time.perf_counter() - start
-            self.tiles.arrived(batch, facts, seconds=None if leapt else seconds)
+            seconds = self._timer() - start
+            self.tiles.arrived(batch, facts, seconds=seconds)
             count, spent = count + len(batch.keys), spent + seconds
             longest = 0.0 if leapt else max(longest, seconds)
         return count, spent

@@ -10,12 +10,16 @@ import numpy as np
 from sketchterrain.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy.typing as npt
+
     from sketchterrain.tiles.codes import Codes
 
 __all__ = ["CostModel"]
 
-_FIRST_GUESS: Final = (0.0005, 0.0005, 0.0005)
-"""s a batch, s a level and s a tile, before anything is known."""
+_FIRST_GUESS: Final = (0.0005, 0.0005, 0.0005, 0.004)
+"""s a batch, a level, a tile and a wide tile, before anything is known."""
+_WIDE: Final = -2
+"""Tiles of coarser levels are wide: so much of the world takes longer to look through."""
 _REMEMBERED: Final = 64
 _CAUTION: Final = 0.97
 """Share of what was remembered that stayed below what is planned with."""
@@ -24,20 +28,20 @@ _LEAST: Final = 1e-6
 
 
 class CostModel:
-    """Time of a batch: so much for itself, for each level in it and for each tile.
+    """Time of a batch: so much for itself, for each level in it, for each tile, and more for each wide one.
 
     That is fitted to what the last batches took, by relative errors; plans allow for all but the slowest few
     of those.
     """
 
     def __init__(self) -> None:
-        self._batch, self._level, self._tile = _FIRST_GUESS
-        self._seen: deque[tuple[int, int, float]] = deque(maxlen=_REMEMBERED)
+        self._cost = np.array(_FIRST_GUESS)
+        self._seen: deque[tuple[npt.NDArray[np.float64], float]] = deque(maxlen=_REMEMBERED)
         self._slow = 1.0
 
-    def expected(self, levels: int, tiles: int) -> float:
-        """Return how many seconds a batch will take."""
-        return self._batch + self._level * levels + self._tile * tiles
+    def expected(self, levels: Codes) -> float:
+        """Return how many seconds a batch of tiles of some levels will take."""
+        return float(_counts(levels)[-1] @ self._cost) if len(levels) else 0.0
 
     def fitting(self, levels: Codes, budget: float) -> int:
         """Return how many tiles, in their order, fit into a budget.
@@ -58,21 +62,26 @@ class CostModel:
             raise InputError(f"expected a budget ≥ 0 s, got {budget:g}")
         if budget == 0 or not len(levels):
             return 0
-        _, first = np.unique(levels, return_index=True)
-        new = np.zeros(len(levels))
-        new[first] = 1
-        cost = self._batch + self._level * np.cumsum(new) + self._tile * np.arange(1, len(levels) + 1)
-        return max(1, int(np.searchsorted(cost * self._slow, budget, side="right")))
+        seconds = _counts(levels) @ self._cost * self._slow
+        return max(1, int(np.searchsorted(seconds, budget, side="right")))
 
     def learn(self, levels: Codes, seconds: float) -> None:
         """Note what a batch took (s)."""
-        self._seen.append((len(np.unique(levels)), len(levels), max(seconds, _LEAST)))
-        counts = np.array([(1, *each[:2]) for each in self._seen], np.float64)
-        took = np.array([each[2] for each in self._seen])
+        self._seen.append((_counts(levels)[-1], max(seconds, _LEAST)))
+        counts = np.stack([each for each, _ in self._seen])
+        took = np.array([each for _, each in self._seen])
         # What was known counts as one batch of each kind: batches that are all alike can't tell them apart.
-        known = np.diag(1.0 / np.array([self._batch, self._level, self._tile]))
-        shares = np.concatenate([counts / took[:, None], known])
+        shares = np.concatenate([counts / took[:, None], np.diag(1.0 / self._cost)])
         fitted = np.linalg.lstsq(shares, np.ones(len(shares)), rcond=None)[0]
-        fitted = np.maximum(fitted, _LEAST)
-        self._batch, self._level, self._tile = fitted.tolist()
-        self._slow = max(float(np.quantile(took / (counts @ fitted), _CAUTION)), 1.0)
+        self._cost = np.maximum(fitted, _LEAST)
+        self._slow = max(float(np.quantile(took / (counts @ self._cost), _CAUTION)), 1.0)
+
+
+def _counts(levels: Codes) -> npt.NDArray[np.float64]:
+    """Return batches, levels, tiles and wide tiles among the first 1, 2, … n tiles: (n, 4)."""
+    _, first = np.unique(levels, return_index=True)
+    new = np.zeros(len(levels))
+    new[first] = 1
+    one = np.ones(len(levels))
+    wide = np.asarray(levels) < _WIDE
+    return np.stack([one, np.cumsum(new), np.cumsum(one), np.cumsum(wide)], axis=1)

@@ -14,8 +14,8 @@ __all__ = ["clipped", "draw_distance"]
 
 CLIMB: Final = 8.0
 """m by which the draw distance grows with each metre of height above the ground."""
-FARTHEST: Final = 50.0
-"""Extents: draw distance at most."""
+FARTHEST: Final = 16.0
+"""Extents: draw distance at most; the coarsest tiles are as wide."""
 
 
 def draw_distance(clearance: float, *, extent: float, reach: float) -> float:

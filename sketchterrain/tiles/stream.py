@@ -46,6 +46,8 @@ _SHORTEST, _LONGEST = 0.12, 0.35
 _AHEAD: Final = (0.4, 1.2)
 """s; for where the eye will be then tiles are fetched beforehand, where now none is lacking."""
 _PER_BATCH: Final = 64
+_LEVELS_A_BATCH: Final = 2
+"""Each level costs launches of its own."""
 _STRICTER, _LOOSER, _MOST_RELAXED = 0.97, 1.1, 1e3
 """How the metric is relaxed when the pool is too small for the view, and back."""
 
@@ -193,7 +195,7 @@ class TileStream:
             self._relaxed = min(self._relaxed * _LOOSER, _MOST_RELAXED)
         elif self._relaxed > 1 and room > self.pool.slots // 4:
             self._relaxed = max(self._relaxed * _STRICTER, 1.0)
-        codes = codes[: min(_PER_BATCH, room)]
+        codes = _of_few_levels(codes)[: min(_PER_BATCH, room)]
         codes = codes[: self._cost.fitting(place_of(codes)[0], budget)]
         parents = np.where(place_of(codes)[0] > ROOT_LEVEL, self.pool.find(parent_of(codes)), -1)
         slots = self.pool.take(codes)
@@ -329,6 +331,13 @@ class TileStream:
             self.pool.error[slots],
             self._seen(view, codes),
         )
+
+
+def _of_few_levels(codes: Codes) -> Codes:
+    """Return the tiles of those levels that come first, in their order."""
+    level, _, _ = place_of(codes)
+    levels, first = np.unique(level, return_index=True)
+    return codes[np.isin(level, levels[np.argsort(first)[:_LEVELS_A_BATCH]])]
 
 
 def finest_level(extent: float, quads: int, finest_cell: float) -> int:

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["ROOT_LEVEL", "Excess", "Selection", "Wanted", "across"]
 
-ROOT_LEVEL: Final = -6
-"""Roots are 64 extents wide: wider than any draw distance."""
+ROOT_LEVEL: Final = -4
+"""Roots are 16 extents wide: as wide as the farthest draw distance."""
 ROOTS_AROUND: Final = 2
 """Roots come in this many of their widths before they are needed; so no neighbour is split when one does."""
 

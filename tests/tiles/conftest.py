@@ -32,7 +32,7 @@ def roughness(level):
 
 
 def own_height(level, x, y):
-    return sum(roughness(k) * mix(k, x, y) for k in range(-6, level + 1))
+    return sum(roughness(k) * mix(k, x, y) for k in range(ROOT_LEVEL, level + 1))
 
 
 def heights_of(key, quads):
@@ -42,7 +42,7 @@ def heights_of(key, quads):
     x = key.col * width + np.arange(quads + 1) * step + np.zeros((quads + 1, 1), np.int64)
     y = (key.row + 1) * width - np.arange(quads + 1)[:, None] * step + np.zeros(quads + 1, np.int64)
     own = own_height(key.level, x, y)
-    if key.level == -6:
+    if key.level == ROOT_LEVEL:
         return x, y, own, own
     coarse = own_height(key.level - 1, x, y)
     parent = coarse.copy()
@@ -106,7 +106,7 @@ def view_from(eye, *, heading=0.0, pixels_per_radian=100.0, everywhere=True, **m
     if not everywhere:
         ahead = np.array([np.sin(heading), np.cos(heading), 0.0])
         planes = np.array([[*ahead, -ahead @ eye]])
-    return View(tuple(float(v) for v in eye), planes, pixels_per_radian, **more)
+    return View(tuple(float(v) for v in eye), planes, pixels_per_radian, draw_distance=16 * EXTENT, **more)
 
 
 def new_stream(**more):
@@ -134,15 +134,10 @@ def limited(stream, tiles):
     return stream
 
 
-def rim(edges, draws):
-    """Which open edges lie on the border of all that is drawn: every tile of the roots' square is."""
-    width = LATTICE << -ROOT_LEVEL
-    roots = np.array(
-        [(key.col >> (key.level - ROOT_LEVEL), key.row >> (key.level - ROOT_LEVEL)) for key in draws.keys]
-    )
-    low, high = roots.min(axis=0) * width, (roots.max(axis=0) + 1) * width
-    both = edges[:, :, :2]
-    return ((both == low).all(axis=1) | (both == high).all(axis=1)).any(axis=1)
+def rim(edges, view):
+    """Which open edges (n, 2, 3) lie where nothing needs to be drawn any more."""
+    away = edges[:, :, :2] * (EXTENT / LATTICE) - np.array(view.eye[:2])
+    return (np.linalg.norm(away, axis=-1) > view.draw_distance * 0.999).all(axis=1)
 
 
 @pytest.fixture(scope="session")

@@ -12,19 +12,26 @@ from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.resources import source
 
 MAGENTA = (255, 0, 255)
-LIT = """#version 430 core
+LIT = """
 in vec3 ground_normal;
 out float light;
-void main() { light = 110.0 + 140.0 * max(dot(normalize(ground_normal), vec3(-0.5, 0.35, 0.79)), 0.0); }
+void main()
+{
+    light = 110.0 + 140.0 * max(dot(normalize(ground_normal), vec3(-0.5, 0.35, 0.79)), 0.0);
+    vec3 seen = vec3(gl_FragCoord.xy / reach.zw, gl_FragCoord.z) * 2.0 - 1.0;
+    vec4 position = from_clip * vec4(seen, 1.0);
+    light = mix(light, 255.0, smoothstep(0.75, 0.98, length(position.xy / position.w) / reach.x));
+}
 """
-
-
 FINER = 4
 """Samples a pixel along each axis: one would see facets come and go that are far smaller than a pixel."""
 
 
 class Shade:
-    """Draws a stream's ground lit from the side, up to 250, before a sky of 255; averages over pixels."""
+    """Draws a stream's ground lit from the side, up to 250, before a sky of 255; averages over pixels.
+
+    Towards the draw distance it goes over into the sky, as in frame.glsl.
+    """
 
     def __init__(self, gl, stream, size):
         self.gl, self.size = gl, size
@@ -34,14 +41,17 @@ class Shade:
         self.frame = FrameBlock(gl)
         version, _, rest = source("render/ground.vert.glsl").partition("\n")
         program = gl.program(
-            vertex_shader=f"{version}\n#define TILE_QUADS {stream.tiles.quads}\n{rest}", fragment_shader=LIT
+            vertex_shader=f"{version}\n#define TILE_QUADS {stream.tiles.quads}\n{rest}",
+            fragment_shader=f"{version}\n{source('render/frame.glsl')}{LIT}",
         )
         program["Frame"].binding = FRAME_BINDING
         self.pool = stream.pool
         self.array = stream.pool.array(program)
 
-    def see(self, camera):
-        self.frame["to_clip"] = camera.to_clip(self.size[0] / self.size[1])
+    def see(self, camera, reach):
+        to_clip = camera.to_clip(self.size[0] / self.size[1])
+        self.frame["to_clip"], self.frame["from_clip"] = to_clip, np.linalg.inv(to_clip)
+        self.frame["reach"] = (reach, 0.0, *self.light.size)
         self.frame["eye"] = (0.0, 0.0, camera.eye[2])
         self.frame.upload()
         self.target.use()

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.gl
 SIZE = (192, 108)
 RATE = 30.0
 SMALL = Quality(quads=64, tile_memory=600 * TILE_BYTES)
-REACH = 60_000.0
+REACH = 16_000.0
 BOUND = 4.0
 """Of 255 levels, at 30 frames a second; beyond what an edge that moves by a pixel brings."""
 
@@ -37,7 +37,7 @@ def test_tiles_come_and_go_unseen(gl, waves, z, pitch):
     for _ in range(90):
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
         assert not stats.leapt
-        picture = shade.see(camera)
+        picture = shade.see(camera, REACH)
         if before is None:
             first = picture
         else:

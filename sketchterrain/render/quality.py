@@ -19,7 +19,10 @@ ON_CPU: Final = 0.25
 ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
 _NUMBERS: Final = (0.0, 0.25, 0.5, 1.0)
-_TOLERANCES: Final = (10.0, 5.6, 2.0, 1.0)
+_TOLERANCES: Final = (12.0, 7.0, 2.0, 1.0)
+_WOODS: Final = (250.0, 400.0, 1000.0, 2400.0)
+_LEAVES: Final = (0.15, 0.25, 0.6, 1.0)
+_MOVING_SCALES: Final = (0.33, 0.45, 0.67, 1.0)
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Quality:
     ====================  =========  =======  =======  ========  ===========================================
     number                0          0.25     0.5      1         scales
     ====================  =========  =======  =======  ========  ===========================================
-    tolerance             10         5.6      2        1         τ, px of the whole picture
+    tolerance             12         7        2        1         τ, px of the whole picture
     reach                 3          4        5        7         draw distance, extents
     samples               1          1        1        2         samples a pixel, along each axis
     materials             1          1        2        2         materials blended at a pixel
@@ -40,9 +43,9 @@ class Quality:
     map_texels            256        384      512      768       side of the light maps
     shade_maps            0          1        2        2         maps of the plants' shadows
     shade_texels          1024       1024     2048     2048      their side
-    woods                 400        626      980      2400      distance up to which plants stand, m
-    leaves                0.25       0.44     0.63     1         plants' height in pixels for a finer mesh
-    moving_scale          0.33       0.5      0.67     1         side of the picture while the eye moves
+    woods                 250        400      1000     2400      distance up to which plants stand, m
+    leaves                0.15       0.25     0.6      1         plants' height in pixels for a finer mesh
+    moving_scale          0.33       0.45     0.67     1         side of the picture until it is complete
     quads                 32         32       64       64        quads along a tile's side
     tile_memory           128        181      256      512       MiB for tiles
     budget                6          7        8        10        ms a frame for what is new
@@ -71,13 +74,15 @@ class Quality:
     leaves : float
         Scales the heights in pixels from which plants are drawn by their finer meshes.
     moving_scale : float
-        Side of the internal picture, over the whole one's, while the eye moves.
+        Side of the internal picture, over the whole one's, until the eye rests and nothing is missing.
     quads : int
         Quads along the side of a tile.
     tile_memory : int
         Bytes that tiles may take.
     budget : float
-        Seconds a frame that may go into what is new: tiles first, light and plants share what they leave.
+        Seconds a frame that may go into what is new. While light or plants are missing, tiles get four
+        fifths of it in three frames of four, and light and plants what is left, a tenth at least; the fourth
+        frame is theirs: light takes half at most, then shadows, then plants.
     split : float
         Tiles are split while wider than this share of their distance.
     """
@@ -112,7 +117,7 @@ class Quality:
             raise InputError(f"expected a quality from 0 to 1, got {number:g}")
         rich = number >= 0.5
         return cls(
-            tolerance=float(np.exp(np.interp(number, _NUMBERS, np.log(_TOLERANCES)))),
+            tolerance=_between(number, _TOLERANCES),
             reach=3.0 + 4.0 * number,
             samples=2 if number >= 0.75 else 1,
             materials=2 if number >= 0.4 else 1,
@@ -121,9 +126,9 @@ class Quality:
             map_texels=64 * round(4.0 + 8.0 * number),
             shade_maps=2 if rich else 1 if number >= 0.2 else 0,
             shade_texels=2048 if rich else 1024,
-            woods=400.0 * 6.0**number,
-            leaves=0.25 + 0.75 * number,
-            moving_scale=(1.0 + 2.0 * number) / 3.0,
+            woods=_between(number, _WOODS),
+            leaves=_between(number, _LEAVES),
+            moving_scale=_between(number, _MOVING_SCALES),
             quads=64 if rich else 32,
             tile_memory=round((128 << 20) * 4.0**number),
             budget=0.006 + 0.004 * number,
@@ -139,3 +144,8 @@ class Quality:
         if any(part in low for part in SOFTWARE):
             return cls.of(ON_CPU)
         return cls.of(ON_SHARED if any(part in low for part in SHARED) else ON_CARD)
+
+
+def _between(number: float, values: tuple[float, ...]) -> float:
+    """Interpolate values at `_NUMBERS`, each step by the same factor."""
+    return round(float(np.exp(np.interp(number, _NUMBERS, np.log(values)))), 6)

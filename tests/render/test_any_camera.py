@@ -7,6 +7,7 @@ import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.render import Quality
+from sketchterrain.render.draw_distance import draw_distance
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
@@ -21,7 +22,7 @@ CAMERAS = 75
 SIZE = (128, 72)
 REACH = 4.0
 FRAMES = 3
-FARTHEST = 50.0
+FARTHEST = 16.0
 BOUND = 20.0
 """Of 255 levels, between frames 1/30 s apart; beyond what an edge that moves by a pixel brings."""
 QUICK = Quality(tolerance=2.0, quads=32, tile_memory=128 << 20)
@@ -34,10 +35,6 @@ def terrain(request):
     return build(load_sketch(request.param), device=ComputeContext())
 
 
-def draw_distance(terrain, height):
-    return min(REACH * terrain.extent + 8.0 * height, 50.0 * terrain.extent)
-
-
 def test_no_holes(gl, terrain):
     rng = np.random.default_rng(11)
     eye, stream = Eye(gl, SIZE), GroundStream(gl, terrain, QUICK)
@@ -48,7 +45,7 @@ def test_no_holes(gl, terrain):
         bearing, pitch = rng.uniform(0.0, 360.0), np.degrees(np.arcsin(rng.uniform(-1.0, 0.3)))
         for frame in range(FRAMES):
             ground = float(terrain.heights(east, north))
-            reach = draw_distance(terrain, height)
+            reach = draw_distance(height, extent=terrain.extent, reach=REACH)
             camera = camera_towards((east, north, ground + height), ground, bearing, pitch, reach)
             if frame < FRAMES - 1 or number % 3:
                 stats = stream.update(camera, SIZE, elapsed=0.05, budget=0.008, draw_distance=reach)
@@ -87,7 +84,7 @@ def test_no_pops_before_a_camera_that_stands_still(gl, terrain):
             stats = stream.update(
                 camera, SIZE, elapsed=1 / 30, budget=0.008, draw_distance=FARTHEST * terrain.extent
             )
-            picture = shade.see(camera)
+            picture = shade.see(camera, FARTHEST * terrain.extent)
             biggest.append(0.0 if before is None else change(before, picture).max())
             before = picture
             assert not stats.leapt

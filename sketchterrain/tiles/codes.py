@@ -112,7 +112,7 @@ def neighbours_of(codes: Codes) -> Codes:
     return np.asarray(codes[:, None] + steps)
 
 
-def around(code: int, inside: tuple[int, ...]) -> list[int]:
+def around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
     """Return those of a tile's eight neighbours that lie in a range of columns and rows."""
     col, row = ((code >> _BITS) & _MASK) - _MIDDLE, (code & _MASK) - _MIDDLE
     west, east, south, north = inside
@@ -121,7 +121,7 @@ def around(code: int, inside: tuple[int, ...]) -> list[int]:
     ]
 
 
-def parents_around(code: int, inside: tuple[int, ...]) -> list[int]:
+def parents_around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
     """Return the parents of a tile and of its neighbours that lie in a range of columns and rows.
 
     There are four at most: the tile's own, and those on the two sides that the tile lies at.

@@ -102,8 +102,8 @@ class DrawnTree:
         """Split and merge what can be without a change to the picture; follow the roots."""
         codes = self.codes
         resting = self.controls.reshape(-1, 9)
-        may_split = contains(splits, codes) & (resting == 0).all(axis=1) & ~self._coarser.any(axis=1)
-        may_split[may_split] = (pool.find(children_of(codes[may_split])) >= 0).all(axis=1)
+        may_split = contains(splits, codes) & (resting == 0).all(axis=1)
+        may_split[may_split] = self._may_split(may_split, splits, pool)
         merges = self._merges(splits, (resting == 1).all(axis=1) & ~self._finer.any(axis=1), pool)
         gone = may_split | contains(merges, parent_of(codes))
         kept = codes[~gone]
@@ -145,6 +145,12 @@ class DrawnTree:
         self.moving = bool(np.any(after != target)) or self._unfinished(goals.splits)
         self._known = places, after
         self.controls = after[at].reshape(-1, 3, 3)
+
+    def _may_split(self, some: Flags, splits: Codes, pool: TilePool) -> Flags:
+        """Tell which of some tiles have their children, and no coarser neighbour that is to split first."""
+        codes = self.codes[some]
+        first = self._coarser[some] & contains(splits, parent_of(neighbours_of(codes)))
+        return np.asarray((pool.find(children_of(codes)) >= 0).all(axis=1) & ~first.any(axis=1))
 
     def _merges(self, splits: Codes, still: Flags, pool: TilePool) -> Codes:
         """Return the parents that four leaves can merge into; sorted."""

@@ -31,14 +31,16 @@ if TYPE_CHECKING:
     from sketchterrain.tiles.view import View
 
     Floats = npt.NDArray[np.float64]
-    Slots = npt.NDArray[np.int64]
+    Range = tuple[int, int, int, int]
 
 __all__ = ["ROOT_LEVEL", "Excess", "Selection", "Wanted", "across"]
 
 ROOT_LEVEL: Final = -4
 """Roots are 16 extents wide: as wide as the farthest draw distance."""
-ROOTS_AROUND: Final = 2
-"""Roots come in this many of their widths before they are needed; so no neighbour is split when one does."""
+_BALANCED, _ROOTS_AHEAD = 1.25, 1.5
+"""Draw distances up to which tiles are balanced, and up to which there are roots."""
+_MOST_ROOTS: Final = 2.0
+"""Widths of a root up to which there are any, whatever the draw distance."""
 
 _ASIDE: Final = 0.25
 """What an error counts for out of the picture: turning round shows something at once."""
@@ -126,10 +128,9 @@ class Selection:
         if not max(abs(view.eye[0]), abs(view.eye[1])) < farthest:
             x, y, _ = view.eye
             raise InputError(f"expected an eye within ±{farthest:.3g} m of the origin, got {x:g} and {y:g}")
-        col, row = (int(np.floor(place / (self.extent * 2.0**-ROOT_LEVEL))) for place in view.eye[:2])
-        around = np.arange(-ROOTS_AROUND, ROOTS_AROUND + 1)
-        east, north = np.meshgrid(col + around, row + around)
-        return np.sort(code_of(ROOT_LEVEL, east.ravel(), north.ravel()))
+        west, east, south, north = self._range(view, ROOT_LEVEL, _ROOTS_AHEAD)
+        cols, rows = np.meshgrid(np.arange(west, east + 1), np.arange(south, north + 1))
+        return np.sort(code_of(ROOT_LEVEL, cols.ravel(), rows.ravel()))
 
     def excess(self, view: View, pool: TilePool) -> Excess:
         """Return how much too coarse all tiles are that are held."""
@@ -144,7 +145,7 @@ class Selection:
     def wanted(self, view: View, pool: TilePool) -> Wanted:
         """Return the tree that a view wants, as far as what is held says."""
         roots, excess = self.roots(view), self.excess(view, pool)
-        splits, urgency = self._balanced(self._descend(excess), roots)
+        splits, urgency = self._balanced(self._descend(excess), view)
         needed = np.concatenate([roots, children_of(splits).ravel()])
         urgent = np.concatenate([np.full(len(roots), np.inf), np.repeat(urgency, 4)])
         ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(contains(excess.codes, splits), 4)])
@@ -162,7 +163,8 @@ class Selection:
             here = ready[level == at]
             if at > ROOT_LEVEL:
                 beside = neighbours_of(here)
-                backed = ~_within(roots, beside) | contains(shown, parent_of(beside))
+                matter = _within(beside, self._range(view, at, _BALANCED))
+                backed = ~matter | contains(shown, parent_of(beside))
                 here = here[contains(shown, parent_of(here)) & backed.all(axis=1)]
             shown = np.sort(np.concatenate([shown, here]))
         return shown
@@ -183,17 +185,23 @@ class Selection:
             found.append((here, by))
         return found[:-1]
 
+    def _range(self, view: View, level: int, share: float) -> Range:
+        """Return first and last column and row of a level within a share of the draw distance."""
+        width = self.extent * 2.0**-level
+        reach = min(share * view.draw_distance, _MOST_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
+        ends = [int(np.floor((at + way * reach) / width)) for at in view.eye[:2] for way in (-1, 1)]
+        return ends[0], ends[1], ends[2], ends[3]
+
     @property
     def _levels(self) -> range:
         return range(ROOT_LEVEL, self.finest + 1)
 
-    def _balanced(self, own: list[tuple[Codes, Floats]], roots: Codes) -> tuple[Codes, Floats]:
+    def _balanced(self, own: list[tuple[Codes, Floats]], view: View) -> tuple[Codes, Floats]:
         """Return all tiles to be split so that no two that touch differ by more than a level; sorted.
 
-        With each comes the greatest excess that makes it split. Few tiles on many levels: plain integers in
-        dictionaries are quicker here than arrays.
+        With each comes the greatest excess that makes it split. What is not drawn need not be balanced. Few
+        tiles on many levels: plain integers in dictionaries are quicker here than arrays.
         """
-        _, (west, *_, east), (south, *_, north) = (part.tolist() for part in place_of(roots))
         forced: dict[int, float] = {}
         parts = []
         for level in range(self.finest - 1, ROOT_LEVEL - 1, -1):
@@ -201,11 +209,10 @@ class Selection:
             splits = dict(zip(codes.tolist(), excess.tolist(), strict=True))
             steep = [(code, by) for code, by in splits.items() if by > _STEEP]
             _raise(splits, forced.items())
-            up = level - ROOT_LEVEL
-            inside = west << up, ((east + 1) << up) - 1, south << up, ((north + 1) << up) - 1
+            inside = self._range(view, level, _BALANCED)
             _raise(splits, ((n, by) for code, by in steep for n in around(code, inside)))
             parts.append(splits)
-            inside = tuple(bound >> 1 for bound in inside)
+            inside = self._range(view, level - 1, _BALANCED)
             forced = {}
             _raise(forced, ((p, by) for code, by in splits.items() for p in parents_around(code, inside)))
         splits = {code: by for part in parts for code, by in part.items()}
@@ -220,15 +227,11 @@ def _raise(values: dict[int, float], others: Iterable[tuple[int, float]]) -> Non
             values[code] = value
 
 
-def _within(roots: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
-    """Tell which tiles lie in one of the roots, which fill a square."""
-    level, col, row = place_of(codes)
-    _, root_col, root_row = place_of(roots[[0, -1]])
-    up = level - ROOT_LEVEL
-    col, row = col >> up, row >> up
-    return np.asarray(
-        (col >= root_col[0]) & (col <= root_col[1]) & (row >= root_row[0]) & (row <= root_row[1])
-    )
+def _within(codes: Codes, inside: Range) -> npt.NDArray[np.bool_]:
+    """Tell which tiles lie in a range of columns and rows."""
+    _, col, row = place_of(codes)
+    west, east, south, north = inside
+    return np.asarray((col >= west) & (col <= east) & (row >= south) & (row <= north))
 
 
 def across(view: View, boxes: Boxes) -> Floats:

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
 
 __all__ = ["PlantShade", "shade_matrix", "sun_axes"]
 
-MAPS: Final = ((0.06, 0.075, 1), (0.45, 0.60, 3))
-"""Near and far: where ahead its middle lies and half its side, in reaches of the woods; detail of plants."""
+MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
+"""Near and far: where ahead its middle lies and half its side, in reaches of the woods."""
+FINE: Final = (1, 2)
+"""Detail of the plants in them, if there are both; a coarser one where the wide one is alone."""
 FADE: Final = 0.5
 """s in which a map takes the place of the one before."""
 STEPS: Final = 8
@@ -106,6 +108,7 @@ class PlantShade:
         self._axes = sun_axes(sun)
         self._context = context
         self._maps = [_Map(context, quality.shade_texels if quality.shade_maps else 1) for _ in MAPS]
+        self._details = FINE if quality.shade_maps == len(MAPS) else (DETAILS - 1,) * len(MAPS)
         self._used = range(len(MAPS) - quality.shade_maps, len(MAPS))
         program = build_program(context, "tree_shadow.vert.glsl", "nothing.frag.glsl")
         self._batches = [meshes.drawn_by(program, depth_only=True) for _ in MAPS]
@@ -149,7 +152,7 @@ class PlantShade:
         ahead = camera.forward[:2] / max(float(np.linalg.norm(camera.forward[:2])), 1e-6)
         cells: dict[Place, None] = {}
         for index in self._used:
-            middle, half, _ = MAPS[index]
+            middle, half = MAPS[index]
             x, y = (np.asarray(camera.eye[:2]) + ahead * middle * self._reach).tolist()
             step = 2.0 * half * self._reach / STEPS
             sunward = self._axes @ np.array([x, y, lit.height_at(x, y)])
@@ -208,7 +211,7 @@ class PlantShade:
         rows[:, :3], rows[:, 3] = stand.place[chosen], stand.tall[chosen]
         rows[:, 4:7], rows[:, 7] = stand.manner[chosen], 1.0
         counts = np.zeros((len(SPECIES), DETAILS), np.int64)
-        counts[:, MAPS[index][2]] = np.bincount(stand.species[chosen], minlength=len(SPECIES))
+        counts[:, self._details[index]] = np.bincount(stand.species[chosen], minlength=len(SPECIES))
         self._batches[index].put(Instances(rows, counts))
         target = each.targets[id(each.drawn)]
         target.use()

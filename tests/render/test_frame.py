@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.render import Camera, Quality, Renderer, Sun
+from sketchterrain.render.draw_distance import FARTHEST
 
 SIZE = (160, 90)
 SUN = Sun(250.0, 35.0)
@@ -112,9 +113,9 @@ def test_no_frame_spends_more_than_its_budget_on_light_and_plants(gl, waves):
 def test_draw_distance_grows_with_height_and_has_an_end(gl, waves):
     renderer = Renderer(gl, waves, sun=SUN, quality=CHEAP)
     low, high, highest = (
-        renderer._clipped(Camera((500.0, 300.0, z), (500.0, 800.0, 0.0))) for z in (130.0, 2000.0, 20_000.0)
+        renderer._clipped(Camera((500.0, 300.0, z), (500.0, 800.0, 0.0))) for z in (130.0, 1000.0, 20_000.0)
     )
-    assert low[1] < high[1] < highest[1] == 50.0 * waves.extent
+    assert low[1] < high[1] < highest[1] == FARTHEST * waves.extent
     for camera, distance in (low, high, highest):
         assert camera.far >= 1.1 * distance * 0.999
         assert 0.1 <= camera.near <= 100.0

@@ -31,10 +31,10 @@ __all__ = ["GroundStream", "StreamStats"]
 
 LEAP: Final = 0.1
 """Extents. An eye that is farther from where it was in the last frame has been put there."""
-LEAP_BUDGET: Final = 0.25
+LEAP_BUDGET: Final = 0.5
 """s for the first frame, and for one after a leap: so much goes into a whole picture at once."""
-HURRY_SECONDS: Final = 1.0
-"""So long after a leap ..."""
+HURRY_SECONDS: Final = 2.0
+"""So long after a leap at most, until the picture is as good as it gets ..."""
 HURRY: Final = 8.0
 """... tiles morph so many times as quickly ..."""
 HURRY_SHARE: Final = 0.5
@@ -188,8 +188,8 @@ class GroundStream:
         elapsed
             Seconds since the last frame.
         budget
-            Seconds that tiles may take. The first frame, and one after a leap, begins none after 0.25 s; in
-            the second that follows half of the time may go into them.
+            Seconds that tiles may take. The first frame, and one after a leap, begins none after 0.5 s; until
+            the picture is whole, for 2 s at most, half of the time may then go into them.
         draw_distance
             Horizontal distance up to which the ground is drawn, m.
         """
@@ -212,6 +212,8 @@ class GroundStream:
         if leapt:
             self.tiles.jump(view)
         self._show(self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed), camera)
+        if self.tiles.settled:
+            self._since_leap = np.inf
         return StreamStats(
             seconds,
             count,

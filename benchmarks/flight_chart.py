@@ -53,7 +53,7 @@ def draw_errors(rows: Sequence[Row]) -> Any:
         values = [_number(row, key) for row in rows]
         axes.set(xscale="log", yscale="log", ylim=(low, high))
         axes.set(xlim=(min(values) / 1.5, max(values) * (max(values) / min(values)) ** 0.75), xlabel=what)
-        axes.axhline(1.0, color="#333333", linewidth=0.8, linestyle=":")
+        axes.plot([min(values) / 1.5, max(values) * 1.2], [1, 1], ":", color="#333333", linewidth=0.8)
         names = list(dict.fromkeys(str(row["way"]) for row in rows))
         ends = {}
         for name in names:
@@ -146,6 +146,7 @@ def draw_frames(rows: Sequence[Row]) -> Any:
                 axes.hist(values, bins=40, weights=weights, color=_BLUE)
         panels[1].axvline(_number(row, "budget_ms"), color="#333333", linewidth=0.8, linestyle=":")
         panels[1].set_xlim(left=0)
+        panels[2].xaxis.set_major_formatter(lambda value, _: _tick(value))
         figure.suptitle(f"Frames as drawn by {row['opengl']}. Dotted: the budget.", x=0.01, ha="left")
     return figure
 

@@ -18,11 +18,11 @@ SHARED: Final = ("intel", "mali", "adreno", "videocore", "apple")
 ON_CPU: Final = 0.25
 ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
-_NUMBERS: Final = (0.0, 0.25, 0.5, 1.0)
-_TOLERANCES: Final = (12.0, 7.0, 2.0, 1.0)
-_WOODS: Final = (250.0, 400.0, 1000.0, 2400.0)
-_LEAVES: Final = (0.15, 0.25, 0.6, 1.0)
-_MOVING_SCALES: Final = (0.33, 0.45, 0.67, 1.0)
+_NUMBERS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
+_TOLERANCES: Final = (12.0, 7.0, 2.0, 1.4, 1.0)
+_WOODS: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
+_LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
+_MOVING_SCALES: Final = (0.33, 0.45, 0.67, 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Quality:
     budget                6          7        8        10        ms a frame for what is new
     ====================  =========  =======  =======  ========  ===========================================
 
-    So the ground's shading reads 2 material texels a pixel at 0 and 16 at 1.
+    So the ground's shading reads 2 material texels a pixel at 0 and 16 at 1. Pictures are whole from 0.75 on.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
 
-__all__ = ["QUADS", "Batch", "DrawList", "TileStream", "finest_level"]
+__all__ = ["MORPH_SECONDS", "QUADS", "Batch", "DrawList", "TileStream", "finest_level"]
 
 QUADS: Final = 64
 """Along a tile's side, unless another number is asked for."""
@@ -41,7 +41,7 @@ _MORPH: Final = (0.85, 1.15)
 and go at 1."""
 _PIXELS_A_SECOND: Final = 60.0
 """How quickly the ground may move on the screen while it morphs …"""
-_SHORTEST, _LONGEST = 0.12, 0.35
+MORPH_SECONDS: Final = (0.2, 0.4)
 """… in so many seconds from parent to child at least and at most."""
 _AHEAD: Final = (0.4, 1.2)
 """s; for where the eye will be then tiles are fetched beforehand, where now none is lacking."""
@@ -299,7 +299,7 @@ class TileStream:
         root = place_of(codes)[0] == ROOT_LEVEL
         weights = np.where(root, 0.0, np.clip((_MORPH[1] - excess) / (_MORPH[1] - _MORPH[0]), 0.0, 1.0))
         shown = self._seen(view, above)[at]
-        seconds = np.clip(shown / _PIXELS_A_SECOND, _SHORTEST, _LONGEST)
+        seconds = np.clip(shown / _PIXELS_A_SECOND, *MORPH_SECONDS)
         return Goals(wanted.splits, weights, 1 / seconds)
 
     def _seen(self, view: View, codes: Codes) -> Floats:

@@ -8,6 +8,7 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.tiles import QuadLength, ScreenError, TileStream
 from sketchterrain.tiles.codes import codes_of, contains, keys_of, parent_of, place_of
+from sketchterrain.tiles.stream import MORPH_SECONDS
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
 EYES = [(300.0, 200.0, 40.0), (-5000.3, 17.0, 3.0), (1e6 + 0.25, -2e6, 90.0)]
@@ -86,8 +87,8 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
         now = toy.surface_at(triangles, x, y)
         assert np.isfinite(now).all(), f"frame {frame}: a hole"
         if before is not None:
-            # Shortest way from parent to child: 0.12 s; levels differ by what is rough, twice for both ends.
-            most = 2 * toy.roughness(min(levels)) * (1 / 30) / 0.12
+            # Levels differ by what is rough, twice for both ends.
+            most = 2 * toy.roughness(min(levels)) * (1 / 30) / MORPH_SECONDS[0]
             assert np.abs(now - before).max() <= most * 1.001
             here = draws.levels.max()
             assert here >= ROOT_LEVEL
@@ -115,7 +116,9 @@ def test_controls_move_no_quicker_than_their_rate(toy):
         places, values = stream._tree._known
         now = dict(zip(places.tolist(), values.tolist(), strict=True))
         common = known.keys() & now.keys()
-        assert max((abs(known[k] - now[k]) for k in common), default=0.0) <= (1 / 30) / 0.12 + 1e-12
+        assert (
+            max((abs(known[k] - now[k]) for k in common), default=0.0) <= (1 / 30) / MORPH_SECONDS[0] + 1e-12
+        )
         known = now
 
 

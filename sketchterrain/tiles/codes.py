@@ -7,7 +7,7 @@ level, 29 and 29 bits place.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -65,6 +65,10 @@ class Boxes(NamedTuple):
 
     low: Floats
     high: Floats
+
+    def some(self, which: npt.NDArray[Any]) -> Boxes:
+        """Return some of the boxes, by number or by flag."""
+        return Boxes(self.low[which], self.high[which])
 
 
 def code_of(level: int | Codes, col: int | Codes, row: int | Codes) -> Codes:

@@ -28,7 +28,7 @@ _SHELL: Final = 1.25
 """Ratio of distances up to which tiles are judged by the same horizon."""
 
 
-def behind_ground(view: View, boxes: Boxes) -> npt.NDArray[np.bool_]:
+def behind_ground(view: View, boxes: Boxes, ground: Boxes | None = None) -> npt.NDArray[np.bool_]:
     """Tell which tiles others hide wholly.
 
     Parameters
@@ -36,7 +36,9 @@ def behind_ground(view: View, boxes: Boxes) -> npt.NDArray[np.bool_]:
     view
         From where; only the eye counts.
     boxes
-        Tiles that are drawn, beside one another; each holds its ground.
+        Of the tiles; each holds its ground.
+    ground
+        Tiles beside one another that may hide them; by default they hide each other.
 
     Returns
     -------
@@ -45,29 +47,45 @@ def behind_ground(view: View, boxes: Boxes) -> npt.NDArray[np.bool_]:
     hidden = np.zeros(len(boxes.low), np.bool_)
     eye = np.asarray(view.eye)
     near, far = _distances(view, boxes)
-    beside = near > 0.0
     first, last = _bearings(eye, boxes)
-    least = _tangent(boxes.low[:, 2] - eye[2], far, near)
     most = _tangent(boxes.high[:, 2] - eye[2], near, far)
-    horizon = np.full(_BEARINGS, -np.inf)
-    by_far = np.argsort(far)
-    by_far = by_far[beside[by_far]]
-    raised = 0
+    rising = _Rising(view, boxes if ground is None else ground)
     shell = np.floor(np.log(np.maximum(near, 1e-3)) / np.log(_SHELL))
+    beside = near > 0.0
     for number in np.unique(shell[beside]):
         here = np.flatnonzero(beside & (shell == number))
-        nearer = int(np.searchsorted(far[by_far], near[here].min(), side="right"))
-        if nearer > raised:
-            some = by_far[raised:nearer]
-            tile, bearing = _spread(np.ceil(first[some]), np.floor(last[some]))
-            np.maximum.at(horizon, bearing, least[some][tile])
-            raised = nearer
-        if raised:
-            tile, bearing = _spread(np.floor(first[here]), np.ceil(last[here]))
-            lowest = np.full(len(here), np.inf)
-            np.minimum.at(lowest, tile, horizon[bearing])
-            hidden[here] = most[here] < lowest
+        horizon = rising.up_to(near[here].min())
+        tile, bearing = _spread(np.floor(first[here]), np.ceil(last[here]))
+        lowest = np.full(len(here), np.inf)
+        np.minimum.at(lowest, tile, horizon[bearing])
+        hidden[here] = most[here] < lowest
     return hidden
+
+
+class _Rising:
+    """The horizon that ground makes, from near to far."""
+
+    def __init__(self, view: View, ground: Boxes) -> None:
+        near, far = _distances(view, ground)
+        order = np.argsort(far)
+        order = order[near[order] > 0.0]
+        first, last = _bearings(np.asarray(view.eye), ground)
+        # Only bearings that lie wholly within a tile are sure to meet it.
+        self._first, self._last = np.ceil(first[order]), np.floor(last[order])
+        self._far = far[order]
+        self._least = _tangent(ground.low[:, 2] - view.eye[2], far, near)[order]
+        self._horizon = np.full(_BEARINGS, -np.inf)
+        self._raised = 0
+
+    def up_to(self, distance: float) -> Floats:
+        """Return the tangents that ground within a distance (m) hides all below; distances only grow."""
+        end = int(np.searchsorted(self._far, distance, side="right"))
+        if end > self._raised:
+            some = slice(self._raised, end)
+            tile, bearing = _spread(self._first[some], self._last[some])
+            np.maximum.at(self._horizon, bearing, self._least[some][tile])
+            self._raised = end
+        return self._horizon
 
 
 def _distances(view: View, boxes: Boxes) -> tuple[Floats, Floats]:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.codes import Boxes, TileKey, children_of, keys_of, parent_of, place_of
+from sketchterrain.tiles.codes import TileKey, children_of, keys_of, parent_of, place_of
 from sketchterrain.tiles.drawn import DrawnTree, Goals
 from sketchterrain.tiles.horizon import behind_ground
 from sketchterrain.tiles.metrics import ScreenError, screen_errors
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
-from sketchterrain.tiles.wanted import ROOT_LEVEL, Selection, Wanted, across
+from sketchterrain.tiles.wanted import ROOT_LEVEL, UNSEEN, Selection, Wanted, across
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -154,6 +154,7 @@ class TileStream:
         self._cost = CostModel()
         self._relaxed = 1.0
         self._lacking = True
+        self._complete = False
         self._wanted: tuple[tuple[Any, ...], Wanted] | None = None
         self._changes = 0
         self._ahead = deque(_AHEAD)
@@ -162,6 +163,11 @@ class TileStream:
     def settled(self) -> bool:
         """Whether nothing was missing or moving in the last frame."""
         return not self._lacking and not self._tree.moving
+
+    @property
+    def complete(self) -> bool:
+        """Whether in the last frame's plan nothing was missing that would be seen."""
+        return self._complete
 
     @property
     def relaxed(self) -> float:
@@ -185,8 +191,10 @@ class TileStream:
         """
         wanted = self._want(view)
         self._lacking = bool(wanted.missing.size)
+        seen = wanted.urgency > UNSEEN
+        self._complete = not seen.any()
         self._hold(view, wanted)
-        codes = wanted.missing
+        codes = wanted.missing if self._complete else wanted.missing[seen]
         if not codes.size and any(view.velocity):
             codes = self._selection.wanted(view.after(self._ahead[0]), self.pool).missing
             self._ahead.rotate()
@@ -273,7 +281,7 @@ class TileStream:
     @property
     def _selection(self) -> Selection:
         metric = self.metric if self._relaxed == 1 else self.metric.coarser(self._relaxed)
-        return Selection(self.extent, self.quads, metric, self.finest)
+        return Selection(self.extent, self.quads, metric, self.finest, hide=self._hide)
 
     def _want(self, view: View) -> Wanted:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
@@ -317,7 +325,7 @@ class TileStream:
         boxes = self.pool.boxes(codes, slots, self.extent)
         shown = view.sees(boxes) & (across(view, boxes) <= view.draw_distance)
         if self._hide:
-            shown[shown] = ~behind_ground(view, Boxes(boxes.low[shown], boxes.high[shown]))
+            shown[shown] = ~behind_ground(view, boxes.some(shown))
         codes, slots = codes[shown], slots[shown]
         level, col, row = place_of(codes)
         width = np.int64(1) << (LATTICE_BITS - level)

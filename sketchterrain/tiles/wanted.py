@@ -19,6 +19,7 @@ from sketchterrain.tiles.codes import (
     parents_around,
     place_of,
 )
+from sketchterrain.tiles.horizon import behind_ground
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -33,17 +34,19 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Range = tuple[int, int, int, int]
 
-__all__ = ["ROOT_LEVEL", "Excess", "Selection", "Wanted", "across"]
+__all__ = ["ROOT_LEVEL", "UNSEEN", "Excess", "Selection", "Wanted", "across"]
 
 ROOT_LEVEL: Final = -4
 """Roots are 16 extents wide: as wide as the farthest draw distance."""
+UNSEEN: Final = 0.5
+"""Urgency that what is not seen stays below."""
 _BALANCED, _ROOTS_AHEAD = 1.25, 1.5
 """Draw distances up to which tiles are balanced, and up to which there are roots."""
 _MOST_ROOTS: Final = 2.0
 """Widths of a root up to which there are any, whatever the draw distance."""
 
 _ASIDE: Final = 0.25
-"""What an error counts for out of the picture: turning round shows something at once."""
+"""What an error counts for where it is not seen: turning round shows something at once."""
 _MARGIN: Final = 0.15
 """Out of the picture begins so far beyond its edges, in distances."""
 _STEEP: Final = 2.0
@@ -59,11 +62,14 @@ class Excess:
     ----------
     codes : sorted codes
     of_all : (n,) float64
-        By the metric, 1 being the limit; less out of the picture, and 0 beyond the draw distance.
+        By the metric, 1 being the limit; less where they are not seen, and 0 beyond the draw distance.
+    seen : (n,) bool
+        Whether they lie in the picture, and not behind nearer ground.
     """
 
     codes: Codes
     of_all: Floats
+    seen: npt.NDArray[np.bool_]
 
     def of(self, codes: Codes) -> Floats:
         """Return that of some tiles, 0 of those that are unknown."""
@@ -84,7 +90,7 @@ class Wanted:
     missing : codes
         Tiles that are not held and whose parents are: most visible first.
     urgency : (missing,) float64
-        Excess of what each of them is to replace; infinite for roots.
+        Excess of what each of them is to replace; infinite for roots, up to ``UNSEEN`` where it is not seen.
     excess : Excess
         Of all tiles that are held.
     """
@@ -109,12 +115,15 @@ class Selection:
         Which tiles are too coarse.
     finest : int
         Level at which splitting ends.
+    hide : bool
+        Whether tiles behind nearer ground count as not seen.
     """
 
     extent: float
     quads: int
     metric: Metric
     finest: int
+    hide: bool = True
 
     def roots(self, view: View) -> Codes:
         """Return the codes of the coarsest tiles about the eye.
@@ -133,19 +142,27 @@ class Selection:
         return np.sort(code_of(ROOT_LEVEL, cols.ravel(), rows.ravel()))
 
     def excess(self, view: View, pool: TilePool) -> Excess:
-        """Return how much too coarse all tiles are that are held."""
+        """Return how much too coarse all tiles are that are held, those that nearer ground hides included."""
         codes, slots = pool.all()
         boxes = pool.boxes(codes, slots, self.extent)
         cells = (boxes.high[:, 0] - boxes.low[:, 0]) / self.quads
         excess = self.metric.excess(view, boxes, pool.error[slots], cells)
         distance = across(view, boxes)
-        excess = np.where(view.sees(boxes, margin=_MARGIN * distance), excess, _ASIDE * excess)
-        return Excess(codes, np.where(distance <= view.draw_distance, excess, 0.0))
+        excess = np.where(distance <= view.draw_distance, excess, 0.0)
+        seen = view.sees(boxes, margin=_MARGIN * distance)
+        every = Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
+        if self.hide:
+            coarse = np.flatnonzero(seen & (excess > 1))
+            leaves = self._leaves(every)
+            hidden = behind_ground(view, boxes.some(coarse), boxes.some(leaves))
+            seen[coarse[hidden]] = False
+        return Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
 
     def wanted(self, view: View, pool: TilePool) -> Wanted:
         """Return the tree that a view wants, as far as what is held says."""
         roots, excess = self.roots(view), self.excess(view, pool)
-        splits, urgency = self._balanced(self._descend(excess), view)
+        coarse = self._descend(excess)
+        splits, urgency = self._balanced(excess, coarse, view)
         needed = np.concatenate([roots, children_of(splits).ravel()])
         urgent = np.concatenate([np.full(len(roots), np.inf), np.repeat(urgency, 4)])
         ready = np.concatenate([np.ones(len(roots), np.bool_), np.repeat(contains(excess.codes, splits), 4)])
@@ -169,21 +186,29 @@ class Selection:
             shown = np.sort(np.concatenate([shown, here]))
         return shown
 
-    def _descend(self, excess: Excess) -> list[tuple[Codes, Floats]]:
-        """Return the tiles of each level, from the roots, that are too coarse as all above them are."""
-        coarse = excess.of_all > 1
-        codes, values = excess.codes[coarse], excess.of_all[coarse]
+    def _descend(self, excess: Excess) -> list[npt.NDArray[np.intp]]:
+        """Return which tiles of each level, from the roots, are too coarse as all above them are."""
+        coarse = np.flatnonzero(excess.of_all > 1)
+        codes = excess.codes[coarse]
         starts = np.searchsorted(
             codes, [code_of(level, -FARTHEST_TILE, -FARTHEST_TILE) for level in self._levels]
         )
-        found: list[tuple[Codes, Floats]] = []
+        found: list[npt.NDArray[np.intp]] = []
         for first, last in zip(starts, [*starts[1:], None], strict=True):
-            here, by = codes[first:last], values[first:last]
+            here = coarse[first:last]
             if found:
-                under = contains(found[-1][0], parent_of(here))
-                here, by = here[under], by[under]
-            found.append((here, by))
+                here = here[contains(excess.codes[found[-1]], parent_of(excess.codes[here]))]
+            found.append(here)
         return found[:-1]
+
+    def _leaves(self, excess: Excess) -> npt.NDArray[np.intp]:
+        """Return which tiles are left when those that are too coarse are split, unbalanced."""
+        splits = np.sort(np.concatenate(self._descend(excess)))
+        codes = excess.codes
+        level, _, _ = place_of(codes)
+        left = contains(codes[splits], parent_of(codes)) | (level == ROOT_LEVEL)
+        left[splits] = False
+        return np.flatnonzero(left)
 
     def _range(self, view: View, level: int, share: float) -> Range:
         """Return first and last column and row of a level within a share of the draw distance."""
@@ -196,18 +221,23 @@ class Selection:
     def _levels(self) -> range:
         return range(ROOT_LEVEL, self.finest + 1)
 
-    def _balanced(self, own: list[tuple[Codes, Floats]], view: View) -> tuple[Codes, Floats]:
+    def _balanced(
+        self, excess: Excess, coarse: list[npt.NDArray[np.intp]], view: View
+    ) -> tuple[Codes, Floats]:
         """Return all tiles to be split so that no two that touch differ by more than a level; sorted.
 
-        With each comes the greatest excess that makes it split. What is not drawn need not be balanced. Few
-        tiles on many levels: plain integers in dictionaries are quicker here than arrays.
+        With each comes how urgent that is: the greatest excess that makes it split, and after all that are
+        seen those that are not. What is not drawn need not be balanced. Few tiles on many levels: plain
+        integers in dictionaries are quicker here than arrays.
         """
+        urgency = np.where(excess.seen, excess.of_all, UNSEEN * np.minimum(excess.of_all, 1e6) / 1e6)
         forced: dict[int, float] = {}
         parts = []
         for level in range(self.finest - 1, ROOT_LEVEL - 1, -1):
-            codes, excess = own[level - ROOT_LEVEL]
-            splits = dict(zip(codes.tolist(), excess.tolist(), strict=True))
-            steep = [(code, by) for code, by in splits.items() if by > _STEEP]
+            own = coarse[level - ROOT_LEVEL]
+            splits = dict(zip(excess.codes[own].tolist(), urgency[own].tolist(), strict=True))
+            far_too_coarse = own[excess.of_all[own] > _STEEP]
+            steep = [(code, splits[code]) for code in excess.codes[far_too_coarse].tolist()]
             _raise(splits, forced.items())
             inside = self._range(view, level, _BALANCED)
             _raise(splits, ((n, by) for code, by in steep for n in around(code, inside)))

@@ -95,7 +95,14 @@ def flights(terrain: Terrain, effort: Effort) -> Table:
     return Table(f"Generation over {len(path)} frames at 30 Hz, 40 m/s", _COLUMNS, tuple(rows))
 
 
-def first_views(context: TimedContext, terrain: Terrain, effort: Effort, tessellation: float | None) -> Table:
+def first_views(
+    context: TimedContext,
+    terrain: Terrain,
+    effort: Effort,
+    *,
+    tessellation: float | None,
+    tolerance: float | None,
+) -> Table:
     """Measure the time from nothing to the first complete view of the world.
 
     Parameters
@@ -108,10 +115,12 @@ def first_views(context: TimedContext, terrain: Terrain, effort: Effort, tessell
         Sizes of tiles.
     tessellation
         T with which the thesis's way errs by one pixel; None for the largest that is flown with.
+    tolerance
+        τ with which this program errs by one pixel; None for the least that is flown with.
     """
     stop = stops(terrain, 1)[0]
     factor = max(effort.flight_factors) if tessellation is None else tessellation
-    tolerance = min(effort.flight_own_pixels)
+    allowed = min(effort.flight_own_pixels) if tolerance is None else tolerance
     found: dict[str, list[_First]] = {}
 
     def thesis(quads: int) -> _First:
@@ -120,7 +129,7 @@ def first_views(context: TimedContext, terrain: Terrain, effort: Effort, tessell
         lap = context.lap(lambda: seconds.append(thesis_seconds(terrain, chosen[:, :3], quads)))
         return _First(quads, len(chosen), seconds[0], lap.device)
 
-    def own(quads: int, *, around: bool, pixels: float = tolerance) -> _First:
+    def own(quads: int, *, around: bool, pixels: float = allowed) -> _First:
         tiles = OwnTiles(terrain, quads=quads, tolerance=pixels)
         frames: list[OwnFrame] = []
         view = view_of(stop, terrain.extent, around=around)
@@ -134,7 +143,7 @@ def first_views(context: TimedContext, terrain: Terrain, effort: Effort, tessell
     )
     for quads in effort.flight_quads:
         thesis(quads)  # warms up
-        own(quads, around=False, pixels=4 * tolerance)
+        own(quads, around=False, pixels=4 * allowed)
         for name, measure in ways:
             found.setdefault(name, []).append(measure(quads))
     theirs = min(each.seconds for each in found[ways[0][0]])
@@ -143,7 +152,7 @@ def first_views(context: TimedContext, terrain: Terrain, effort: Effort, tessell
         {
             "way": name,
             "quads": each.quads,
-            "shown": f"T = {factor:.3g}" if name == ways[0][0] else f"τ = {tolerance:g} px",
+            "shown": f"T = {factor:.3g}" if name == ways[0][0] else f"τ = {allowed:.3g} px",
             "tiles": each.tiles,
             "ms": each.seconds * 1e3,
             "kernels_ms": each.kernels * 1e3,

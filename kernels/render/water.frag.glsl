@@ -17,7 +17,14 @@ out vec4 radiance;
 
 const vec3 ABSORPTION = vec3(0.95, 0.34, 0.26); // 1/m, of a river that carries a little silt
 const vec3 SILT = vec3(0.020, 0.034, 0.028);    // light scattered back, share of what comes in
+// Steps along a mirrored ray, each so many times as long as the last: 1 to 2 km.
+#if MATERIALS == 1
+const int MARCH = 12;
+const float STRIDE = 1.65;
+#else
 const int MARCH = 40;
+const float STRIDE = 1.15;
+#endif
 
 float relief_at(vec2 place)
 {
@@ -62,7 +69,7 @@ vec3 mirrored(vec3 direction)
         vec3 p = position + direction * gone;
         if (hit < 0.0 && p.z < relief_at(p.xy) - 0.4) hit = 0.5 * (before + gone);
         before = gone;
-        gone = gone * 1.15 + 1.0;
+        gone = gone * STRIDE + 1.0;
     }
     if (hit < 0.0) return sky;
     vec3 p = position + direction * hit;

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["GroundStream", "StreamStats"]
 
+QUAD, QUAD_A_PIXEL = 24.0, 8.0
+"""px; quads are no wider than the first and so much more for each pixel of tolerance."""
 LEAP: Final = 0.1
 """Extents. An eye that is farther from where it was in the last frame has been put there."""
 LEAP_BUDGET: Final = 0.5
@@ -155,7 +157,10 @@ class GroundStream:
             quads=quads,
             slots=slots,
             finest_cell=finest_cell,
-            metric=metric or ScreenError(quality.tolerance),
+            metric=metric
+            or ScreenError(
+                quality.tolerance, quad=QUAD + QUAD_A_PIXEL * quality.tolerance, steep=quality.steep
+            ),
         )
         self.draws: DrawList | None = None
         self.written = 0

@@ -15,7 +15,7 @@ SOFTWARE: Final = ("llvmpipe", "softpipe", "swrast", "swiftshader", "basic rende
 """In the names of drivers that draw on the CPU."""
 SHARED: Final = ("intel", "mali", "adreno", "videocore", "apple")
 """In the names of those that share the CPU's memory."""
-ON_CPU: Final = 0.25
+ON_CPU: Final = 0.1
 ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
 _NUMBERS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -35,6 +35,7 @@ class Quality:
     number                0          0.25     0.5      1         scales
     ====================  =========  =======  =======  ========  ===========================================
     tolerance             12         7        2        1         τ, px of the whole picture
+    steep                 none       none     2        2         excess at which neighbours of tiles are split
     reach                 3          4        5        7         draw distance, extents
     samples               1          1        1        2         samples a pixel, along each axis
     materials             1          1        2        2         materials blended at a pixel
@@ -57,6 +58,8 @@ class Quality:
     ----------
     tolerance : float
         Pixels by which the drawn ground may stand from the true one (τ).
+    steep : float
+        How much too coarse the parent of a tile may be along a coarser neighbour, in tolerances.
     reach : float
         Draw distance near the ground, in extents; it grows with the eye's height.
     samples : int
@@ -88,6 +91,7 @@ class Quality:
     """
 
     tolerance: float = 1.0
+    steep: float = 2.0
     reach: float = 7.0
     samples: int = 2
     materials: int = 2
@@ -118,6 +122,7 @@ class Quality:
         rich = number >= 0.5
         return cls(
             tolerance=_between(number, _TOLERANCES),
+            steep=2.0 if rich else float("inf"),
             reach=3.0 + 4.0 * number,
             samples=2 if number >= 0.75 else 1,
             materials=2 if number >= 0.4 else 1,

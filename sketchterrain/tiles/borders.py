@@ -21,11 +21,13 @@ if TYPE_CHECKING:
 
     Vertices = npt.NDArray[np.int64]
 
-__all__ = ["CASES", "EAST", "NORTH", "SOUTH", "WEST", "tile_indices"]
+__all__ = ["CASES", "EAST", "NORTH", "PARENT", "SOUTH", "WEST", "tile_indices"]
 
 NORTH, SOUTH, WEST, EAST = 1, 2, 4, 8
-"""Bits of a case: on that side lies a coarser tile."""
-CASES: Final = 16
+"""Bits of a case: on that side lies a coarser tile, or one that shows nothing but its parent."""
+PARENT: Final = 16
+"""The case of a tile that shows nothing but its parent: every other vertex shows the same."""
+CASES: Final = 17
 
 
 @cache
@@ -42,7 +44,7 @@ def tile_indices(quads: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int
     indices : (n,) uint32
         Three a triangle, counter-clockwise from above, of vertices in rows from north to south, each from
         west to east. Quads are cut from north-west to south-east.
-    first, count : (16,) int64
+    first, count : (17,) int64
         Which part of `indices` belongs to a case.
 
     Raises
@@ -63,6 +65,8 @@ def tile_indices(quads: int) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.int
 def _case(quads: int, case: int) -> Vertices:
     side = quads + 1
     vertex = np.arange(side * side, dtype=np.int64).reshape(side, side)
+    if case == PARENT:
+        return _cut(vertex[::2, ::2]).reshape(-1)
     seen = vertex.copy()
     odd = np.arange(1, quads, 2)
     if case & NORTH:
@@ -73,8 +77,8 @@ def _case(quads: int, case: int) -> Vertices:
         seen[odd, 0] = vertex[odd - 1, 0]
     if case & EAST:
         seen[odd, -1] = vertex[odd + 1, -1]
-    nw, ne, sw, se = seen[:-1, :-1], seen[:-1, 1:], seen[1:, :-1], seen[1:, 1:]
-    triangles = np.stack([np.stack([nw, sw, se], -1), np.stack([nw, se, ne], -1)], axis=2)
+    nw, ne, sw, se = _corners(seen)
+    triangles = _cut(seen)
     for corner, borders in (((0, -1), NORTH | EAST), ((-1, 0), SOUTH | WEST)):
         if case & borders == borders:
             one, two, three, four = (int(each[corner]) for each in (nw, sw, se, ne))
@@ -82,3 +86,14 @@ def _case(quads: int, case: int) -> Vertices:
     triangles = triangles.reshape(-1, 3)
     a, b, c = triangles.T
     return np.asarray(triangles[(a != b) & (b != c) & (a != c)].reshape(-1))
+
+
+def _corners(vertex: Vertices) -> tuple[Vertices, Vertices, Vertices, Vertices]:
+    """Return the vertices of each quad: north-west, north-east, south-west, south-east."""
+    return vertex[:-1, :-1], vertex[:-1, 1:], vertex[1:, :-1], vertex[1:, 1:]
+
+
+def _cut(vertex: Vertices) -> Vertices:
+    """Return the two triangles of each quad, shape (rows, columns, 2, 3)."""
+    nw, ne, sw, se = _corners(vertex)
+    return np.stack([np.stack([nw, sw, se], -1), np.stack([nw, se, ne], -1)], axis=2)

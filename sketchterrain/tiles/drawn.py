@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.tiles.borders import EAST, NORTH, SOUTH, WEST
+from sketchterrain.tiles.borders import EAST, NORTH, PARENT, SOUTH, WEST
 from sketchterrain.tiles.codes import (
     children_of,
     code_of,
@@ -73,7 +73,7 @@ class DrawnTree:
     controls : (n, 3, 3) float64
         How much of its parent each shows at its controls; row 0 north, column 0 west.
     cases : (n,) int64
-        Which borders lie at a coarser tile (borders.py).
+        Which of their vertices they show (borders.py).
     moving : bool
         Whether weights were not yet where they should be, or a step is left to do.
     """
@@ -145,6 +145,7 @@ class DrawnTree:
         self.moving = bool(np.any(after != target)) or self._unfinished(goals.splits)
         self._known = places, after
         self.controls = after[at].reshape(-1, 3, 3)
+        self.cases = self._cases()
 
     def _may_split(self, some: Flags, splits: Codes, pool: TilePool) -> Flags:
         """Tell which of some tiles have their children, and no coarser neighbour that is to split first."""
@@ -190,10 +191,16 @@ class DrawnTree:
             child = children[0]
             near = code_of(level[:, way] + 1, 2 * col[:, way] + (child & 1), 2 * row[:, way] + (child >> 1))
             self._finer[:, way] = ~same[:, way] & contains(self.codes, near)
-        self.cases = sum(
-            (self._coarser[:, way] * np.int64(bit) for way, bit in _BORDERS),
-            np.zeros(len(self.codes), np.int64),
-        )
+
+    def _cases(self) -> npt.NDArray[np.int64]:
+        """Return which vertices tiles show: every other one where that is the same."""
+        as_parent = (self.controls.reshape(-1, 9) == 1).all(axis=1)
+        along = self._coarser | contains(self.codes[as_parent], neighbours_of(self.codes))
+        cases = np.zeros(len(self.codes), np.int64)
+        for way, bit in _BORDERS:
+            cases[along[:, way]] |= bit
+        cases[as_parent] = PARENT
+        return cases
 
     def _touching(self, neighbours: Flags) -> Flags:
         """Tell which controls touch one of the given neighbours, shape (n, 9)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Protocol, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Protocol, Self
 
 import numpy as np
 
@@ -25,6 +25,11 @@ _NEAREST: Final = 0.5
 
 class Metric(Protocol):
     """Says by how much tiles are too coarse."""
+
+    @property
+    def steep(self) -> float:
+        """Excess from which on a tile's neighbours are split too."""
+        ...
 
     def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
         """Return for each tile what should be at most 1; above, it is split.
@@ -57,10 +62,14 @@ class ScreenError:
         τ in px, > 0.
     quad : float
         Greatest width of a quad in px, > 0, as it would be seen head on.
+    steep : float
+        Excess from which on a tile's neighbours are split too. Along a coarser one its children show the
+        parent's surface, which would be too coarse there by as much.
     """
 
     tolerance: float = 1.0
     quad: float = 32.0
+    steep: float = 2.0
 
     def __post_init__(self) -> None:
         if not (self.tolerance > 0 and self.quad > 0):
@@ -90,6 +99,7 @@ class QuadLength:
     """
 
     factor: float = 1.0
+    steep: ClassVar[float] = np.inf
 
     def __post_init__(self) -> None:
         if not self.factor > 0:

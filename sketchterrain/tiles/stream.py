@@ -85,7 +85,7 @@ class DrawList:
     steps : (n,) int64
         Lattice units between vertices.
     cases : (n,) int64
-        Which borders lie at a coarser tile: see borders.py.
+        Which vertices they show: see borders.py.
     morph : (n, 3, 3) float32
         How much of the parent is shown at the controls: see morph.py.
     errors, screen_errors : (n,) float64
@@ -155,7 +155,8 @@ class TileStream:
         self._relaxed = 1.0
         self._lacking = True
         self._complete = False
-        self._wanted: tuple[tuple[Any, ...], Wanted] | None = None
+        self._wanted: tuple[tuple[Any, ...], tuple[Any, ...], Wanted] | None = None
+        self._coasts = False
         self._changes = 0
         self._ahead = deque(_AHEAD)
 
@@ -189,13 +190,15 @@ class TileStream:
         Batch
             Most visible first, then what the camera's motion leads to; empty when nothing is lacking.
         """
+        # In flight the tree of the last frame does for every second one, and that one looks ahead.
+        self._coasts = any(view.velocity) and not self._coasts
         wanted = self._want(view)
         self._lacking = bool(wanted.missing.size)
         seen = wanted.urgency > UNSEEN
         self._complete = not seen.any()
         self._hold(view, wanted)
         codes = wanted.missing if self._complete else wanted.missing[seen]
-        if not codes.size and any(view.velocity):
+        if not codes.size and self._coasts:
             codes = self._selection.wanted(view.after(self._ahead[0]), self.pool).missing
             self._ahead.rotate()
         room = self.pool.room()
@@ -285,10 +288,11 @@ class TileStream:
 
     def _want(self, view: View) -> Wanted:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
-        key = (*seen, self._changes, self._relaxed, self.pool.held, self.metric)
-        if self._wanted is None or self._wanted[0] != key:
-            self._wanted = key, self._selection.wanted(view, self.pool)
-        return self._wanted[1]
+        held = (self._changes, self._relaxed, self.pool.held, self.metric)
+        known = self._wanted
+        if known is None or known[1] != held or (known[0] != seen and not self._coasts):
+            self._wanted = known = seen, held, self._selection.wanted(view, self.pool)
+        return known[2]
 
     def _hold(self, view: View, wanted: Wanted) -> None:
         """Note which tiles may not go: the wanted tree, what is drawn, and all above it."""

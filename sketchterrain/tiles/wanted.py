@@ -49,9 +49,6 @@ _ASIDE: Final = 0.25
 """What an error counts for where it is not seen: turning round shows something at once."""
 _MARGIN: Final = 0.15
 """Out of the picture begins so far beyond its edges, in distances."""
-_STEEP: Final = 2.0
-"""Excess from which on a tile's neighbours are split too. Along a coarser one its
-children show the parent's surface, which would be seen to be too coarse there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +233,7 @@ class Selection:
         for level in range(self.finest - 1, ROOT_LEVEL - 1, -1):
             own = coarse[level - ROOT_LEVEL]
             splits = dict(zip(excess.codes[own].tolist(), urgency[own].tolist(), strict=True))
-            far_too_coarse = own[excess.of_all[own] > _STEEP]
+            far_too_coarse = own[excess.of_all[own] > self.metric.steep]
             steep = [(code, splits[code]) for code in excess.codes[far_too_coarse].tolist()]
             _raise(splits, forced.items())
             inside = self._range(view, level, _BALANCED)

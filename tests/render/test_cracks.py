@@ -76,7 +76,7 @@ def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
         cases |= int(np.bitwise_or.reduce(draws.cases))
         moved += int(np.count_nonzero((draws.morph > 0) & (draws.morph < 1)))
     assert levels >= 4
-    assert cases == 15
+    assert cases == 31
     assert moved > 100
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.tiles import morph_weights, tile_indices
-from sketchterrain.tiles.borders import EAST, NORTH, SOUTH, WEST
+from sketchterrain.tiles.borders import EAST, NORTH, PARENT, SOUTH, WEST
 
 ALL = [2, 4, 8, 64]
 
@@ -47,6 +47,17 @@ def test_borders_have_every_vertex_or_every_other(quads, case):
     for border, flags in on.items():
         length = np.abs(np.diff(x[flags], axis=1)) + np.abs(np.diff(y[flags], axis=1))
         assert (length == (2 if case & border else 1)).all()
+
+
+@pytest.mark.parametrize("quads", ALL)
+def test_a_tile_that_is_its_parent_has_a_quarter_of_the_triangles(quads):
+    triangles = triangles_of(quads, PARENT)
+    assert len(triangles) == quads**2 // 2
+    x, y = places(triangles, quads)
+    assert not (x % 2).any()
+    assert not (y % 2).any()
+    area = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    assert (area == 4).all()
 
 
 @pytest.mark.parametrize("case", [0, NORTH | EAST, SOUTH | WEST, NORTH | WEST, SOUTH | EAST])

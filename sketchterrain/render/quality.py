@@ -86,8 +86,6 @@ class Quality:
         Seconds a frame that may go into what is new. While light or plants are missing, tiles get four
         fifths of it in three frames of four, and light and plants what is left, a tenth at least; the fourth
         frame is theirs: light takes half at most, then shadows, then plants.
-    split : float
-        Tiles are split while wider than this share of their distance.
     """
 
     tolerance: float = 1.0
@@ -106,7 +104,6 @@ class Quality:
     quads: int = 64
     tile_memory: int = 512 << 20
     budget: float = 0.010
-    split: float = 0.5
 
     @classmethod
     def of(cls, number: float) -> Quality:

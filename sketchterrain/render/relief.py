@@ -78,20 +78,6 @@ class HeightMap:
                 np.maximum(window, v, out=window)
         return HeightMap(self.west, self.south, self.width, marks)
 
-    def bounds(self, west: Floats, south: Floats, east: Floats, north: Floats) -> tuple[Floats, Floats]:
-        """Return generous bounds of the ground's height in rectangles, see `tiles.quadtree.HeightRange`."""
-        lowest, highest = float(self.heights.min()), float(self.heights.max())
-        size = np.maximum(east - west, north - south)
-        margin = 0.35 * np.maximum(size, self.texel) + 2.0 * self.texel
-        middle = self.at(0.5 * (west + east), 0.5 * (south + north))
-        beyond = (west < self.west) | (south < self.south)
-        beyond |= (east > self.west + self.width) | (north > self.south + self.width)
-        wide = beyond | (size > 4.0 * self.texel)
-        room = 0.3 * (highest - lowest) + 100.0
-        low = np.where(wide, lowest - room, middle - 1.5 * margin)
-        high = np.where(wide, highest + room, middle + 1.5 * margin)
-        return low, high
-
 
 def sample_heights(terrain: Terrain, centre: tuple[float, float], width: float, texels: int) -> HeightMap:
     """Sample a square of a terrain, band-limited to what the texels can carry."""

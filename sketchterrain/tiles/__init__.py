@@ -4,7 +4,8 @@ from sketchterrain.tiles.borders import tile_indices
 from sketchterrain.tiles.codes import TileKey
 from sketchterrain.tiles.metrics import QuadLength, ScreenError
 from sketchterrain.tiles.morph import morph_weights
-from sketchterrain.tiles.stream import QUADS, Batch, DrawList, TileStream
+from sketchterrain.tiles.orders import Batch, DrawList
+from sketchterrain.tiles.stream import QUADS, TileStream
 from sketchterrain.tiles.view import View, inside_frustum
 
 __all__ = [

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.codes import TileKey, children_of, keys_of, parent_of, place_of
+from sketchterrain.tiles.codes import children_of, keys_of, parent_of, place_of
 from sketchterrain.tiles.drawn import DrawnTree, Goals
 from sketchterrain.tiles.horizon import behind_ground
 from sketchterrain.tiles.metrics import ScreenError, screen_errors
+from sketchterrain.tiles.orders import Batch, DrawList
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
 from sketchterrain.tiles.wanted import ROOT_LEVEL, UNSEEN, Selection, Wanted, across
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
 
-__all__ = ["MORPH_SECONDS", "QUADS", "Batch", "DrawList", "TileStream", "finest_level"]
+__all__ = ["MORPH_SECONDS", "QUADS", "TileStream", "finest_level"]
 
 QUADS: Final = 64
 """Along a tile's side, unless another number is asked for."""
@@ -50,61 +50,6 @@ _LEVELS_A_BATCH: Final = 2
 """Each level costs launches of its own."""
 _STRICTER, _LOOSER, _MOST_RELAXED = 0.97, 1.1, 1e3
 """How the metric is relaxed when the pool is too small for the view, and back."""
-
-
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Tiles to generate: parents come before children.
-
-    Attributes
-    ----------
-    keys : tuple of TileKey
-    slots, parents : (n,) int64
-        Where each is to live, and where its parent does, -1 for a root.
-    """
-
-    keys: tuple[TileKey, ...]
-    slots: Ints
-    parents: Ints
-
-    def __bool__(self) -> bool:
-        return bool(self.keys)
-
-
-@dataclass(frozen=True, eq=False)
-class DrawList:
-    """Tiles to draw.
-
-    Attributes
-    ----------
-    keys : tuple of TileKey
-    slots : (n,) int64
-        Where each lives.
-    corners : (n, 2) int64
-        North-west corner, lattice units from the world's origin, eastward and northward.
-    steps : (n,) int64
-        Lattice units between vertices.
-    cases : (n,) int64
-        Which vertices they show: see borders.py.
-    morph : (n, 3, 3) float32
-        How much of the parent is shown at the controls: see morph.py.
-    errors, screen_errors : (n,) float64
-        Geometric error δ (m) and what it covers on the screen (px).
-    """
-
-    keys: tuple[TileKey, ...]
-    slots: Ints
-    corners: Ints
-    steps: Ints
-    cases: Ints
-    morph: npt.NDArray[np.float32]
-    errors: Floats
-    screen_errors: Floats
-
-    @property
-    def levels(self) -> Ints:
-        """Level of each tile, (n,)."""
-        return np.array([key.level for key in self.keys], np.int64)
 
 
 class TileStream:

@@ -1,4 +1,4 @@
-"""Before a camera that stands still, tiles refine and morph without a jump."""
+"""Before a camera that stands still and before one that flies, tiles refine and morph without a jump."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.render import Quality
-from sketchterrain.render.ground_stream import LEAP, GroundStream
+from sketchterrain.render.ground_stream import LEAP, GroundStream, view_of
 from sketchterrain.tiles import ScreenError
 
 from .ground_model import TILE_BYTES
@@ -50,3 +50,25 @@ def test_tiles_come_and_go_unseen(gl, waves, z, pitch):
     # There was something to be seen.
     assert np.abs(first - before).max() > 0.5
     assert max(biggest[-5:]) == 0.0
+
+
+def test_in_flight_no_frame_differs_by_more_than_the_motion(gl, waves):
+    """From one place, the tiles of the frame before and those of this one show all but the same."""
+    speed = 40.0
+    stream = GroundStream(gl, waves, SMALL, metric=ScreenError(tolerance=0.3, quad=10.0))
+    shade = Shade(gl, stream, SIZE)
+    biggest, drawn = [], set()
+    for frame in range(50):
+        place = (300.0 + speed * frame / RATE, 200.0, 150.0 + 20.0 * np.sin(frame / 20.0))
+        camera = camera_towards(place, 0.0, 90.0 + 0.3 * frame, -12.0, REACH)
+        if frame:
+            view = view_of(camera, SIZE, draw_distance=REACH)
+            stream.pool.place(stream.tiles._draws(view), camera.eye)
+            before = shade.see(camera, REACH)
+        stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
+        assert stats.leapt == (frame == 0)
+        if frame > 15:  # the first picture has become as good as it gets
+            biggest.append(change(before, shade.see(camera, REACH)).max())
+            drawn.add(stats.triangles)
+    assert len(drawn) > 10
+    assert 0.0 < max(biggest) < BOUND

@@ -11,7 +11,7 @@ import numpy as np
 from sketchterrain.benchmarks.flight_scene import RATE, stops
 from sketchterrain.benchmarks.outcome import Column, Row, Table
 from sketchterrain.errors import DeviceError
-from sketchterrain.render.context import open_context
+from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sunlight import find_sun
@@ -80,7 +80,7 @@ def _drawn(terrain: Terrain, effort: Effort) -> _Frames:
             gl.finish()
             seconds.append(perf_counter() - start)
     finally:
-        gl.release()
+        close_context(gl)
     return _Frames(name, quality, np.array(seconds[1:]), tuple(stats[1:]))
 
 

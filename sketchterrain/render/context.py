@@ -8,7 +8,7 @@ import moderngl
 
 from sketchterrain.errors import DeviceError
 
-__all__ = ["VERSION", "open_context"]
+__all__ = ["VERSION", "close_context", "open_context"]
 
 VERSION = 430
 """OpenGL 4.3 core: the ground is drawn by one indirect multi-draw."""
@@ -31,3 +31,13 @@ def open_context() -> moderngl.Context:
         ) from error
     context.gc_mode = "auto"
     return context
+
+
+def close_context(context: moderngl.Context) -> None:
+    """Close a context and all that was made in it.
+
+    Buffers and textures that are still referred to go later; they must not delete by number then, for another
+    context that is current would lose its own of the same numbers.
+    """
+    context.gc_mode = None  # type: ignore[assignment]  # as its documentation says
+    context.release()

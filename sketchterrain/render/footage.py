@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.context import open_context
+from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
@@ -117,7 +117,7 @@ def footage(
                     overlay.draw(name, camera.eye, framebuffer)
             yield shot, read_picture(texture) if pixels else None
     finally:
-        context.release()
+        close_context(context)
 
 
 def _cameras(views: Views) -> list[Camera]:

@@ -20,6 +20,7 @@ ON_SHARED: Final = 0.5
 ON_CARD: Final = 0.8
 _NUMBERS: Final = (0.0, 0.25, 0.5, 0.75, 1.0)
 _TOLERANCES: Final = (12.0, 7.0, 2.0, 1.4, 1.0)
+_STEEPS: Final = (64.0, 16.0, 4.0, 2.8, 2.0)
 _WOODS: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
 _LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
 _MOVING_SCALES: Final = (0.33, 0.45, 0.67, 1.0, 1.0)
@@ -35,7 +36,7 @@ class Quality:
     number                0          0.25     0.5      1         scales
     ====================  =========  =======  =======  ========  ===========================================
     tolerance             12         7        2        1         τ, px of the whole picture
-    steep                 none       none     2        2         excess at which neighbours of tiles are split
+    steep                 64         16       4        2         excess at which neighbours of tiles are split
     reach                 3          4        5        7         draw distance, extents
     samples               1          1        1        2         samples a pixel, along each axis
     materials             1          1        2        2         materials blended at a pixel
@@ -119,7 +120,7 @@ class Quality:
         rich = number >= 0.5
         return cls(
             tolerance=_between(number, _TOLERANCES),
-            steep=2.0 if rich else float("inf"),
+            steep=_between(number, _STEEPS),
             reach=3.0 + 4.0 * number,
             samples=2 if number >= 0.75 else 1,
             materials=2 if number >= 0.4 else 1,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.context import open_context
+from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sunlight import find_sun
@@ -102,7 +102,7 @@ def render_picture(
             timings.update(spent | renderer.timings)
         return picture
     finally:
-        context.release()
+        close_context(context)
 
 
 def check_size(size: tuple[int, int]) -> None:

@@ -24,7 +24,7 @@ __all__ = ["behind_ground"]
 
 _BEARINGS: Final = 2048
 """Of the horizon, all round."""
-_SHELL: Final = 1.25
+_SHELL: Final = 1.15
 """Ratio of distances up to which tiles are judged by the same horizon."""
 
 
@@ -54,7 +54,8 @@ def behind_ground(view: View, boxes: Boxes, ground: Boxes | None = None) -> npt.
     beside = near > 0.0
     for number in np.unique(shell[beside]):
         here = np.flatnonzero(beside & (shell == number))
-        horizon = rising.up_to(near[here].min())
+        # Not the nearest of these: whether a tile is hidden must not depend on which others are asked about.
+        horizon = rising.up_to(_SHELL**number * (1 - 1e-9))
         tile, bearing = _spread(np.floor(first[here]), np.ceil(last[here]))
         lowest = np.full(len(here), np.inf)
         np.minimum.at(lowest, tile, horizon[bearing])

@@ -48,7 +48,7 @@ def test_from_above_a_low_hill_hides_only_the_ground_close_behind():
     hill = (1000, 1100, -800, 800, 300, 310)
     near, far = (1300, 1400, -50, 50, 0, 5), (5000, 5100, -50, 50, 0, 5)
     assert behind_ground(view, boxes(hill, near, far)).tolist() == [False, False, False]
-    close = (1150, 1200, -50, 50, 0, 5)
+    close = (1300, 1350, -50, 50, 0, 5)
     steep = (900, 1000, -200, 200, 480, 490)
     assert behind_ground(view, boxes(steep, close)).tolist() == [False, True]
 

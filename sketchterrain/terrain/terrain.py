@@ -210,7 +210,7 @@ class Terrain:
             ``low`` and ``high``: the lowest and highest height of a tile's vertices, own and parent's (m).
             ``error``: the tile's geometric error δ (m): in the middles of quads, of every second one of every
             second row (of all where there are 32), full detail is no farther from the triangles; but for
-            one in a hundred, where it is no farther than 2 δ.
+            one in a hundred, where it is no farther than 1.5 δ.
 
         Raises
         ------

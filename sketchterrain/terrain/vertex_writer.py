@@ -36,6 +36,7 @@ _MOST_QUADS = 1 << 20  # of the tiles of a launch
 _LEAST_IN_SQUARE = 16
 _LEAST_SQUARE = 200.0  # m
 _USUAL = 0.99  # share of a tile whose error is at most its δ
+_WORST = 1.5  # δ that no sample is farther off, so that what lies between samples is hardly beyond 2 δ
 
 
 class VertexWriter:
@@ -167,12 +168,12 @@ class VertexWriter:
 def _geometric_error(apart: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
     """Return δ of tiles from how far samples of full detail are from their triangles (m), shape (tiles, n).
 
-    A hundredth of a tile may be farther off, but nothing of it twice as far: a rare crag does not decide.
+    A hundredth of a tile may be farther off, but nothing of it much farther: a rare crag does not decide.
     """
     samples = apart.shape[1]
     rank = min(int(np.ceil(_USUAL * samples)), samples) - 1
     usual = np.partition(apart, rank, axis=1)[:, rank]
-    return np.asarray(np.maximum(usual, 0.5 * apart.max(axis=1)), np.float64)
+    return np.asarray(np.maximum(usual, apart.max(axis=1) / _WORST), np.float64)
 
 
 def _in_squares(patches: Patches, width: float) -> Patches:

@@ -101,10 +101,9 @@ class DrawnTree:
     def step(self, roots: Codes, splits: Codes, pool: TilePool) -> None:
         """Split and merge what can be without a change to the picture; follow the roots."""
         codes = self.codes
-        resting = self.controls.reshape(-1, 9)
-        may_split = contains(splits, codes) & (resting == 0).all(axis=1)
-        may_split[may_split] = self._may_split(may_split, splits, pool)
-        merges = self._merges(splits, (resting == 1).all(axis=1) & ~self._finer.any(axis=1), pool)
+        may_split = self._may_split(splits)
+        may_split[may_split] = (pool.find(children_of(codes[may_split])) >= 0).all(axis=1)
+        merges = self._merges(splits, pool)
         gone = may_split | contains(merges, parent_of(codes))
         kept = codes[~gone]
         inside = contains(roots, _root_of(kept))
@@ -147,14 +146,26 @@ class DrawnTree:
         self.controls = after[at].reshape(-1, 3, 3)
         self.cases = self._cases()
 
-    def _may_split(self, some: Flags, splits: Codes, pool: TilePool) -> Flags:
-        """Tell which of some tiles have their children, and no coarser neighbour that is to split first."""
-        codes = self.codes[some]
-        first = self._coarser[some] & contains(splits, parent_of(neighbours_of(codes)))
-        return np.asarray((pool.find(children_of(codes)) >= 0).all(axis=1) & ~first.any(axis=1))
+    def _may_split(self, splits: Codes) -> Flags:
+        """Tell which leaves are to split and show nothing of their parent.
 
-    def _merges(self, splits: Codes, still: Flags, pool: TilePool) -> Codes:
-        """Return the parents that four leaves can merge into; sorted."""
+        A coarser neighbour splits first if it is to. If not, it lies where nothing is drawn, and so does what
+        the leaf shows of its parent along it.
+        """
+        first = contains(splits, parent_of(neighbours_of(self.codes)))
+        as_own = (self.controls.reshape(-1, 9) == 0) | self._touching(self._coarser & ~first)
+        waits = (self._coarser & first).any(axis=1)
+        return np.asarray(contains(splits, self.codes) & as_own.all(axis=1) & ~waits)
+
+    def _merges(self, splits: Codes, pool: TilePool) -> Codes:
+        """Return the parents that four leaves can merge into, which show nothing else; sorted.
+
+        Finer neighbours merge first, unless they are to stay: then they lie where something is drawn, and
+        these where nothing is.
+        """
+        stay = contains(splits, neighbours_of(self.codes))
+        as_parent = (self.controls.reshape(-1, 9) == 1) | self._touching(self._finer & stay)
+        still = as_parent.all(axis=1) & ~(self._finer & ~stay).any(axis=1)
         candidates = still & (place_of(self.codes)[0] > ROOT_LEVEL)
         parents, count = np.unique(parent_of(self.codes[candidates]), return_counts=True)
         parents = parents[count == 4]

@@ -11,7 +11,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.tiles.codes import children_of, keys_of, parent_of, place_of
 from sketchterrain.tiles.drawn import DrawnTree, Goals
 from sketchterrain.tiles.horizon import behind_ground
-from sketchterrain.tiles.metrics import ScreenError, screen_errors
+from sketchterrain.tiles.metrics import ScreenError, nearest, screen_errors
 from sketchterrain.tiles.orders import Batch, DrawList
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
@@ -43,6 +43,8 @@ _PIXELS_A_SECOND: Final = 60.0
 """How quickly the ground may move on the screen while it morphs …"""
 MORPH_SECONDS: Final = (0.2, 0.4)
 """… in so many seconds from parent to child at least and at most."""
+_OF_THE_WAY: Final = 0.25
+"""They take no longer than this share of the way to them does: a quick eye would be there before they are."""
 _AHEAD: Final = (0.4, 1.2)
 """s; for where the eye will be then tiles are fetched beforehand, where now none is lacking."""
 _PER_BATCH: Final = 64
@@ -257,6 +259,10 @@ class TileStream:
         weights = np.where(root, 0.0, np.clip((_MORPH[1] - excess) / (_MORPH[1] - _MORPH[0]), 0.0, 1.0))
         shown = self._seen(view, above)[at]
         seconds = np.clip(shown / _PIXELS_A_SECOND, *MORPH_SECONDS)
+        speed = float(np.linalg.norm(view.velocity))
+        if speed > 0:
+            distance, _ = nearest(view, self.pool.boxes(codes, self.pool.find(codes), self.extent))
+            seconds = np.minimum(seconds, _OF_THE_WAY * distance / speed)
         return Goals(wanted.splits, weights, 1 / seconds)
 
     def _seen(self, view: View, codes: Codes) -> Floats:

@@ -263,3 +263,26 @@ def test_what_nearer_ground_hides_is_not_drawn_and_nothing_else_is_missing(toy):
         ground = toy.surface_at(hidden, ray[:, 0], ray[:, 1])
         assert (ground > ray[:, 2]).any(), "a ray from the eye reaches a tile that was left out"
     assert len(triangles) < len(hidden)
+
+
+@pytest.mark.parametrize("way", [(130.0, 0.0, 0.0), (-90.0, 140.0, 0.0)])
+def test_far_walks_with_a_short_view_end_as_good_as_they_began(toy, way):
+    """What is not drawn is not balanced, and must not keep what is drawn from becoming finer."""
+    metric = ScreenError(3.0, quad=1e9)
+    stream = toy.limited(toy.new_stream(metric=metric), 40)
+    eye = np.array([0.0, 0.0, 30.0])
+
+    def short(eye):
+        return replace(toy.view_from(eye), draw_distance=3.0 * toy.EXTENT)
+
+    stream.settle(short(eye), toy.generate)
+    for _ in range(260):
+        eye += np.array(way)
+        toy.go(stream, short(eye), tiles=40)
+    for _ in range(200):
+        draws = toy.go(stream, short(eye), tiles=40)
+    assert stream.settled
+    alone = toy.new_stream(metric=metric).settle(short(eye), toy.generate)
+    assert sorted(alone.keys) == sorted(draws.keys)
+    triangles = toy.drawn_triangles(draws, toy.QUADS)
+    assert toy.rim(toy.open_edges(triangles), short(eye)).all()

@@ -21,6 +21,8 @@ _FIRST_GUESS: Final = (0.0005, 0.0005, 0.0005, 0.004)
 _WIDE: Final = -2
 """Tiles of coarser levels are wide: so much of the world takes longer to look through."""
 _REMEMBERED: Final = 64
+_AIM: Final = 0.8
+"""Share of a budget that is planned with."""
 _CAUTION: Final = 0.97
 """Share of what was remembered that stayed below what is planned with."""
 _LEAST: Final = 1e-6
@@ -63,7 +65,7 @@ class CostModel:
         if budget == 0 or not len(levels):
             return 0
         seconds = _counts(levels) @ self._cost * self._slow
-        return max(1, int(np.searchsorted(seconds, budget, side="right")))
+        return max(1, int(np.searchsorted(seconds, _AIM * budget, side="right")))
 
     def learn(self, levels: Codes, seconds: float) -> None:
         """Note what a batch took (s)."""

@@ -13,6 +13,7 @@ from sketchterrain.benchmarks.choices_chart import draw_choices
 from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
+from sketchterrain.benchmarks.outcome import value_of
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
@@ -113,11 +114,6 @@ def _decades(values: Iterable[float], *, below: int = 0, above: int = 0) -> tupl
     return 10.0 ** (math.floor(min(known)) - below), 10.0 ** (math.ceil(max(known)) + above)
 
 
-def _number(row: Row, key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, (int, float)) else 0.0
-
-
 # Error against time ---------------------------------------------------------------------------------------
 
 _MEASURES = (
@@ -136,10 +132,10 @@ def _accuracy(rows: Sequence[Row]) -> Any:
     panels = figure.subplots(len(grounds), len(_MEASURES), squeeze=False)
     for ground, line in zip(grounds, panels, strict=True):
         of_ground = [row for row in rows if row["ground"] == ground]
-        times = [_number(row, "ns_per_vertex") for row in of_ground]
+        times = [value_of(row, "ns_per_vertex") for row in of_ground]
         for (key, title, unit), axes in zip(_MEASURES, line, strict=True):
             axes.set(ylabel=unit, title=f"{ground}: {title}", xlabel="ns a vertex")
-            errors = [_number(row, key) for row in of_ground if _number(row, key) > 0] or [1.0]
+            errors = [value_of(row, key) for row in of_ground if value_of(row, key) > 0] or [1.0]
             _log_axis(axes.xaxis, (min(times) / 80, max(times) * 4))  # room for labels on both sides
             _log_axis(axes.yaxis, _decades(errors, below=1, above=1))
             for method in _METHODS:
@@ -154,26 +150,26 @@ def _accuracy(rows: Sequence[Row]) -> Any:
 def _error_points(axes: Any, rows: Sequence[Row], method: str, key: str) -> None:
     """Mark a method's errors, with all its labels in one column beside the points of all methods."""
     colour, marker, side = _METHODS[method]
-    known = [row for row in rows if row["method"] == method and _number(row, key) > 0]
+    known = [row for row in rows if row["method"] == method and value_of(row, key) > 0]
     if not known:
         return
-    times = [_number(row, "ns_per_vertex") for row in known]
-    axes.plot(times, [_number(row, key) for row in known], marker, color=colour, markersize=5)
-    every = [_number(row, "ns_per_vertex") for row in rows if _number(row, key) > 0]
+    times = [value_of(row, "ns_per_vertex") for row in known]
+    axes.plot(times, [value_of(row, key) for row in known], marker, color=colour, markersize=5)
+    every = [value_of(row, "ns_per_vertex") for row in rows if value_of(row, key) > 0]
     x = max(every) if side > 0 else min(every)
     style = {"textcoords": "offset points", "va": "center", "color": colour}
     style["ha"] = "left" if side > 0 else "right"
     low, high = axes.get_ylim()
     for y, text in _merged(known, key, decades=math.log10(high / low)):
         axes.annotate(text, (x, y), (8 * side, 0), fontsize=_SMALL, **style)
-    top = max(_number(row, key) for row in known)
+    top = max(value_of(row, key) for row in known)
     axes.annotate(method.removesuffix(" kernels"), (x, top), (8 * side, 13), fontweight="bold", **style)
 
 
 def _references(axes: Any, rows: Sequence[Row], key: str) -> None:
     """Mark, on the time axis, the method that the others' errors are measured against."""
     method = DOUBLE if key == "material" else NUMPY
-    times = [_number(row, "ns_per_vertex") for row in rows if row["method"] == method]
+    times = [value_of(row, "ns_per_vertex") for row in rows if row["method"] == method]
     if not times:
         return
     colour, below = _METHODS[method][0], axes.get_xaxis_transform()
@@ -185,15 +181,15 @@ def _references(axes: Any, rows: Sequence[Row], key: str) -> None:
 def _merged(rows: Sequence[Row], key: str, *, decades: float) -> list[tuple[float, str]]:
     """Labels of cell sizes and their heights: points within 6 % of the axis share one, a range."""
     groups: list[list[Row]] = []
-    for row in sorted(rows, key=lambda row: _number(row, key)):
-        if groups and math.log10(_number(row, key) / _number(groups[-1][-1], key)) < 0.06 * decades:
+    for row in sorted(rows, key=lambda row: value_of(row, key)):
+        if groups and math.log10(value_of(row, key) / value_of(groups[-1][-1], key)) < 0.06 * decades:
             groups[-1].append(row)
         else:
             groups.append([row])
     labels = []
     for group in groups:
-        sizes = sorted((_number(row, "cell_size") for row in group), reverse=True)
-        y = math.sqrt(_number(group[0], key) * _number(group[-1], key))
+        sizes = sorted((value_of(row, "cell_size") for row in group), reverse=True)
+        y = math.sqrt(value_of(group[0], key) * value_of(group[-1], key))
         shown = [f"{size:.2g}" for size in sizes]
         labels.append((y, ", ".join(shown) if len(shown) < 3 else f"{shown[0]} … {shown[-1]}"))
     return labels
@@ -205,15 +201,15 @@ def _merged(rows: Sequence[Row], key: str, *, decades: float) -> list[tuple[floa
 def _kernels(rows: Sequence[Row]) -> Any:
     """Nanoseconds an item: a line a kernel and ground, a dot a level, a whisker to the 95th percentile."""
     lines = list(dict.fromkeys((str(row["kernel"]), row["ground"]) for row in rows))
-    levels = sorted({int(_number(row, "level")) for row in rows if row["level"] is not None})
+    levels = sorted({int(value_of(row, "level")) for row in rows if row["level"] is not None})
     shades = dict(zip(levels, (_ORANGE, _VERMILION, _BLUE, _GREEN, _PURPLE), strict=False))
     figure = _figure(8.0, 1.2 + 0.24 * len(lines))
     axes = figure.subplots()
     for row in rows:
         y = lines.index((str(row["kernel"]), row["ground"]))
-        x = _number(row, "ns_per_item")
-        worst = x * _number(row, "p95_ms") / _number(row, "median_ms")
-        colour = _INK if row["level"] is None else shades[int(_number(row, "level"))]
+        x = value_of(row, "ns_per_item")
+        worst = x * value_of(row, "p95_ms") / value_of(row, "median_ms")
+        colour = _INK if row["level"] is None else shades[int(value_of(row, "level"))]
         axes.plot([x, worst], [y, y], "-", color=colour, linewidth=1.2)
         axes.plot(x, y, "o", color=colour, markersize=5)
     axes.set(
@@ -224,7 +220,7 @@ def _kernels(rows: Sequence[Row]) -> Any:
         range(len(lines)), [kernel if ground is None else f"{kernel}, {ground}" for kernel, ground in lines]
     )
     axes.tick_params(axis="y", length=0)
-    _log_axis(axes.xaxis, _decades(_number(row, "ns_per_item") for row in rows))
+    _log_axis(axes.xaxis, _decades(value_of(row, "ns_per_item") for row in rows))
     for place, level in enumerate(levels):
         axes.text(
             0.02 + 0.1 * place,
@@ -249,12 +245,12 @@ def _tiles(rows: Sequence[Row]) -> Any:
     grounds = dict.fromkeys(str(row["ground"]) for row in rows)
     for ground, colour in zip(grounds, _HUES, strict=False):
         of_ground = [row for row in rows if row["ground"] == ground]
-        batches = [_number(row, "batch") for row in of_ground]
+        batches = [value_of(row, "batch") for row in of_ground]
         for key, what, style in (
             ("launch_rate", "launches alone", "--"),
             ("total_rate", "with download", "-"),
         ):
-            rates = [_number(row, key) for row in of_ground]
+            rates = [value_of(row, key) for row in of_ground]
             axes.plot(batches, rates, f"o{style}", color=colour, markersize=4, linewidth=1.4)
             axes.annotate(
                 f"{ground}, {what}",
@@ -265,7 +261,7 @@ def _tiles(rows: Sequence[Row]) -> Any:
                 va="center",
                 fontsize=_SMALL + 0.5,
             )
-    batches = sorted({int(_number(row, "batch")) for row in rows})
+    batches = sorted({int(value_of(row, "batch")) for row in rows})
     axes.set_xscale("log", base=2)
     axes.set_xticks(batches, [str(batch) for batch in batches])
     axes.set(

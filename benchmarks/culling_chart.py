@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.benchmarks.outcome import value_of
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -23,15 +25,10 @@ _LINES = (
 def draw_culling(figure: Any, rows: Sequence[Row]) -> Any:
     """Draw microseconds a tile over features in the world, at one density."""
     axes = figure.subplots()
-    x = [_number(row, "features") for row in rows]
+    x = [value_of(row, "features") for row in rows]
     for key, name, colour in _LINES:
-        axes.plot(x, [_number(row, key) for row in rows], "o-", color=colour, markersize=4, label=name)
+        axes.plot(x, [value_of(row, key) for row in rows], "o-", color=colour, markersize=4, label=name)
     axes.set(xscale="log", yscale="log", xlabel="features in the world, at one density", ylabel="µs a tile")
     axes.legend(fontsize=7.5, frameon=False)
     figure.suptitle("A tile costs the same in a world of any size", x=0.01, ha="left")
     return figure
-
-
-def _number(row: Row, key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, (int, float)) else 0.0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.benchmarks.outcome import samples_of, value_of
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -27,18 +29,18 @@ def draw_erosion(rows: Sequence[Row]) -> Any:
     for row in kept:
         name = str(row["method"])
         style = {"color": _COLOURS[name], "label": name, "linewidth": 1.4}
-        share = _numbers(row, "slope_share")
+        share = samples_of(row, "slope_share")
         slopes.plot([_BIN * (i + 0.5) for i in range(len(share))], [100 * each for each in share], **style)
-        area = [each / 1e6 for each in _numbers(row, "area_m2")]
-        drainage.plot(area, _numbers(row, "area_slope"), "o-", markersize=2.5, **style)
-        heights.plot(range(101), _numbers(row, "hypsometry"), **style)
+        area = [each / 1e6 for each in samples_of(row, "area_m2")]
+        drainage.plot(area, samples_of(row, "area_slope"), "o-", markersize=2.5, **style)
+        heights.plot(range(101), samples_of(row, "hypsometry"), **style)
     slopes.set(xlabel="slope, degrees", ylabel="% of the ground", title="Slopes")
     drainage.set(xlabel="drainage area, km²", ylabel="mean slope", title="Slope against area")
     drainage.set(xscale="log", yscale="log")
     heights.set(xlabel="% of the ground below", ylabel="relative height", title="Hypsometry")
     names = [str(row["method"]) for row in kept]
-    times.barh(names, [_number(row, "ms") for row in kept], color=[_COLOURS[name] for name in names])
-    times.set(xscale="log", xlabel="ms", title=f"Time for {_number(kept[0], 'side'):g}² cells")
+    times.barh(names, [value_of(row, "ms") for row in kept], color=[_COLOURS[name] for name in names])
+    times.set(xscale="log", xlabel="ms", title=f"Time for {value_of(kept[0], 'side'):g}² cells")
     times.invert_yaxis()
     slopes.legend(fontsize=7.5, frameon=False)
     return figure
@@ -54,8 +56,8 @@ def draw_normals(rows: Sequence[Row]) -> Any:
     for ground, axes in zip(grounds, panels, strict=True):
         for method, colour in (("finite differences", _BLUE), ("analytic", _VERMILION)):
             mine = [row for row in rows if row["ground"] == ground and row["method"] == method]
-            cells = [_number(row, "cell_size") for row in mine]
-            middle, most = ([_number(row, key) for row in mine] for key in ("median_deg", "p95_deg"))
+            cells = [value_of(row, "cell_size") for row in mine]
+            middle, most = ([value_of(row, key) for row in mine] for key in ("median_deg", "p95_deg"))
             axes.plot(cells, middle, "o-", color=colour, markersize=3.5, label=f"{method}, median")
             axes.plot(cells, most, "^:", color=colour, markersize=3.5, label="95 %")
         axes.set(xscale="log", yscale="log", xlabel="cell, m", title=ground.capitalize())
@@ -64,13 +66,3 @@ def draw_normals(rows: Sequence[Row]) -> Any:
     panels[0].set_ylabel("error of normals, degrees")
     panels[1].legend(fontsize=7.0, frameon=False)
     return figure
-
-
-def _number(row: Row, key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, (int, float)) else 0.0
-
-
-def _numbers(row: Row, key: str) -> list[float]:
-    value = row.get(key)
-    return [float(each) for each in value] if isinstance(value, (list, tuple)) else []

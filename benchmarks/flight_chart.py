@@ -9,6 +9,7 @@ import numpy as np
 from sketchterrain.benchmarks.flight_errors import MOST
 from sketchterrain.benchmarks.flight_generation import BUDGET
 from sketchterrain.benchmarks.flight_ways import OURS, THESIS
+from sketchterrain.benchmarks.outcome import samples_of, value_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -47,10 +48,10 @@ def draw_errors(rows: Sequence[Row]) -> Any:
     figure = _figure(11.0, 4.6)
     left, right = figure.subplots(1, 2, sharey=True)
     rows = [row for row in rows if row.get(MOST) is not None]
-    errors = [_number(row, MOST) for row in rows]
+    errors = [value_of(row, MOST) for row in rows]
     low, high = min([*errors, 1.0]) / 2, max(errors) * 1.6
     for axes, key, what in ((left, "triangles", "triangles in view"), (right, "ms", "ms from nothing")):
-        values = [_number(row, key) for row in rows]
+        values = [value_of(row, key) for row in rows]
         axes.set(xscale="log", yscale="log", ylim=(low, high))
         axes.set(xlim=(min(values) / 1.5, max(values) * (max(values) / min(values)) ** 0.75), xlabel=what)
         axes.plot([min(values) / 1.5, max(values) * 1.2], [1, 1], ":", color="#333333", linewidth=0.8)
@@ -58,7 +59,7 @@ def draw_errors(rows: Sequence[Row]) -> Any:
         ends = {}
         for name in names:
             mine = [row for row in rows if row["way"] == name]
-            x, y = [_number(row, key) for row in mine], [_number(row, MOST) for row in mine]
+            x, y = [value_of(row, key) for row in mine], [value_of(row, MOST) for row in mine]
             axes.plot(x, y, "o-", color=_colour(name), markersize=4, linewidth=1.4)
             last = int(np.argmin(y))
             ends[name] = (x[last], y[last])
@@ -75,7 +76,7 @@ def draw_generation(rows: Sequence[Row]) -> Any:
     panels = figure.subplots(2, 3)
     settings = list(dict.fromkeys((str(row["way"]), str(row["shown"])) for row in rows))
     shades = _shades([way for way, _ in settings])
-    sizes = sorted({int(_number(row, "quads")) for row in rows})
+    sizes = sorted({int(value_of(row, "quads")) for row in rows})
     bars = (
         ("updating_ms", "generation while updating, ms a frame"),
         ("worst_ms", "worst frame's generation, ms"),
@@ -85,12 +86,12 @@ def draw_generation(rows: Sequence[Row]) -> Any:
     for axes, (key, title) in zip(panels[0], bars, strict=True):
         for number, (way, shown) in enumerate(settings):
             mine = {
-                int(_number(row, "quads")): row for row in rows if (row["way"], row["shown"]) == (way, shown)
+                int(value_of(row, "quads")): row for row in rows if (row["way"], row["shown"]) == (way, shown)
             }
             places = [sizes.index(quads) + (number + 0.5) * width - 0.4 for quads in mine]
-            heights = [_number(row, key) for row in mine.values()]
+            heights = [value_of(row, key) for row in mine.values()]
             axes.bar(places, heights, width * 0.92, color=shades[number], label=f"{way}, {shown}")
-        tops = [_number(row, key) for row in rows if _number(row, key) > 0] or [1.0]
+        tops = [value_of(row, key) for row in rows if value_of(row, key) > 0] or [1.0]
         axes.set(yscale="log", title=title, xlabel="quads along a tile")
         axes.set_ylim(10 ** np.floor(np.log10(min(tops))), 10 ** np.ceil(np.log10(max(tops))))
         axes.set_xticks(range(len(sizes)), [str(size) for size in sizes])
@@ -99,9 +100,9 @@ def draw_generation(rows: Sequence[Row]) -> Any:
             axes.axhline(BUDGET * 1e3, color="#333333", linewidth=0.8, linestyle=":")
         _plain(axes, x=False)
     frames: tuple[tuple[str, Callable[[Row], Sequence[float]]], ...] = (
-        ("generation of a frame, ms", lambda row: [1e3 * each for each in _numbers(row, "seconds")]),
+        ("generation of a frame, ms", lambda row: [1e3 * each for each in samples_of(row, "seconds")]),
         ("choice and generation, ms", _whole_frames),
-        ("triangles in view", lambda row: _numbers(row, "triangles_each")),
+        ("triangles in view", lambda row: samples_of(row, "triangles_each")),
     )
     size = _QUADS if _QUADS in sizes else sizes[0]
     for axes, (title, values) in zip(panels[1], frames, strict=True):
@@ -136,15 +137,15 @@ def draw_frames(rows: Sequence[Row]) -> Any:
         axes.set(title=title, ylabel="% of the frames")
     for row in known:
         parts = (
-            [1e3 * each for each in _numbers(row, "seconds")],
-            [1e3 * each for each in _numbers(row, "generation_seconds") if each > 0],
-            _numbers(row, "triangles_each"),
+            [1e3 * each for each in samples_of(row, "seconds")],
+            [1e3 * each for each in samples_of(row, "generation_seconds") if each > 0],
+            samples_of(row, "triangles_each"),
         )
         for axes, values in zip(panels, parts, strict=True):
             if values:
                 weights = np.full(len(values), 100.0 / len(parts[0]))
                 axes.hist(values, bins=40, weights=weights, color=_BLUE)
-        panels[1].axvline(_number(row, "budget_ms"), color="#333333", linewidth=0.8, linestyle=":")
+        panels[1].axvline(value_of(row, "budget_ms"), color="#333333", linewidth=0.8, linestyle=":")
         panels[1].set_xlim(left=0)
         panels[2].xaxis.set_major_formatter(lambda value, _: _tick(value))
         figure.suptitle(f"Frames as drawn by {row['opengl']}. Dotted: the budget.", x=0.01, ha="left")
@@ -158,7 +159,7 @@ def _figure(width: float, height: float) -> Any:
 
 
 def _whole_frames(row: Row) -> list[float]:
-    generation, choice = _numbers(row, "seconds"), _numbers(row, "choice_seconds")
+    generation, choice = samples_of(row, "seconds"), samples_of(row, "choice_seconds")
     return [1e3 * (a + b) for a, b in zip(generation, choice, strict=True)]
 
 
@@ -227,13 +228,3 @@ def _shades(names: Sequence[str]) -> list[str]:
         count = names.count(name)
         shades.append(ramp[min(len(ramp) - 1, number + (1 if count < len(ramp) else 0))])
     return shades
-
-
-def _number(row: Row, key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, (int, float)) else 0.0
-
-
-def _numbers(row: Row, key: str) -> list[float]:
-    value = row.get(key)
-    return [float(each) for each in value] if isinstance(value, (list, tuple)) else []

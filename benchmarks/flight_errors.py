@@ -9,7 +9,7 @@ import numpy as np
 from sketchterrain.benchmarks.flight_meshes import View, measured
 from sketchterrain.benchmarks.flight_scene import PICTURE, stops
 from sketchterrain.benchmarks.flight_ways import OURS, THESIS, ways
-from sketchterrain.benchmarks.outcome import Column, Row, Table
+from sketchterrain.benchmarks.outcome import Column, Row, Table, value_of
 from sketchterrain.benchmarks.screen_error import ErrorSummary
 
 if TYPE_CHECKING:
@@ -109,16 +109,11 @@ def reaching(rows: Sequence[Row], way: str, key: str, *, pixels: float = 1.0) ->
     None where its points don't lie to both sides of the error.
     """
     known = sorted(
-        (_number(row, MOST), _number(row, key))
+        (value_of(row, MOST), value_of(row, key))
         for row in rows
-        if row["way"] == way and _number(row, MOST) > 0
+        if row["way"] == way and value_of(row, MOST) > 0
     )
     errors = np.log([error for error, _ in known])
     if not known or not errors[0] <= np.log(pixels) <= errors[-1]:
         return None
     return float(np.exp(np.interp(np.log(pixels), errors, np.log([value for _, value in known]))))
-
-
-def _number(row: Row, key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, (int, float)) else 0.0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["Cell", "Column", "Outcome", "Row", "Table"]
+__all__ = ["Cell", "Column", "Outcome", "Row", "Table", "samples_of", "value_of"]
 
 Cell: TypeAlias = "str | int | float | Sequence[float] | None"
 """A value: text, a count, a measure, the samples behind it, or nothing."""
@@ -39,3 +39,15 @@ class Outcome:
     """The tables of one benchmark."""
 
     tables: tuple[Table, ...]
+
+
+def value_of(row: Row, key: str) -> float:
+    """Return a row's number, 0 where there is none."""
+    value = row.get(key)
+    return float(value) if isinstance(value, (int, float)) else 0.0
+
+
+def samples_of(row: Row, key: str) -> list[float]:
+    """Return a row's samples, none where there are none."""
+    value = row.get(key)
+    return [float(each) for each in value] if isinstance(value, (list, tuple)) else []

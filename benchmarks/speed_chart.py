@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.benchmarks.outcome import value_of
 from sketchterrain.benchmarks.thesis_tiles import OURS
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ def draw_rates(figure: Any, rows: Sequence[Row]) -> Any:
     """Draw a bar a method, longer is faster; methods that are absent have none."""
     axes = figure.subplots()
     names = [str(row["method"]) for row in rows]
-    rates = [_number(row, "million_octaves_per_s") for row in rows]
+    rates = [value_of(row, "million_octaves_per_s") for row in rows]
     colours = [_OWN if name.startswith(OURS) else _OTHER for name in names]
     axes.barh(range(len(rows)), rates, color=colours, height=0.62)
     for place, (row, rate) in enumerate(zip(rows, rates, strict=True)):
@@ -50,7 +51,7 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
     for ground, axes in zip(grounds, panels, strict=True):
         for number, row in enumerate(row for row in rows if row["ground"] == ground):
             own = str(row["method"]).startswith(OURS)
-            x, y = _number(row, "us_per_tile"), max(_number(row, "error_mm"), _LEAST)
+            x, y = value_of(row, "us_per_tile"), max(value_of(row, "error_mm"), _LEAST)
             colour = _OWN if own else _OTHER
             axes.plot(x, y, "o", color=colour, markersize=6, clip_on=False)
             text = str(row["method"]).removeprefix("the thesis's way, ").removeprefix(f"{OURS}, ")
@@ -64,10 +65,10 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
                 fontsize=7.5,
                 fontweight=weight,
             )
-        times = [_number(row, "us_per_tile") for row in rows if row["ground"] == ground]
+        times = [value_of(row, "us_per_tile") for row in rows if row["ground"] == ground]
         axes.set(xscale="log", yscale="log", xlim=(min(times) / 1.5, max(times) * 5), title=ground)
         axes.set_xlabel("µs a tile")
-        axes.set_ylim(_LEAST / 2, 3 * max(_number(row, "error_mm") for row in rows) + _LEAST)
+        axes.set_ylim(_LEAST / 2, 3 * max(value_of(row, "error_mm") for row in rows) + _LEAST)
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
     panels[0].set_ylabel("height error of 99 % of the vertices, mm")
@@ -77,8 +78,3 @@ def draw_thesis(figure: Any, rows: Sequence[Row]) -> Any:
         ha="left",
     )
     return figure
-
-
-def _number(row: Row, key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, (int, float)) else 0.0

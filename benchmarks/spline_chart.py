@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.benchmarks.outcome import value_of
 from sketchterrain.benchmarks.spline_cases import KINDS
 from sketchterrain.benchmarks.spline_methods import ARCS, FLATTENED, SEGMENTS
 
@@ -45,8 +46,11 @@ def _errors(axes: Any, rows: Sequence[Row]) -> None:
             continue
         if method not in FLATTENED:
             mine = [row for row in mine if row["cell_size"] == _SHOWN_CELL]
-        x, y = [_number(row, "ns_per_place") for row in mine], [_number(row, "worst_mm") for row in mine]
-        fails = any(_number(row, "failures") > 0 for row in mine)
+        x, y = (
+            [value_of(row, "ns_per_place") for row in mine],
+            [value_of(row, "worst_mm") for row in mine],
+        )
+        fails = any(value_of(row, "failures") > 0 for row in mine)
         axes.plot(x, y, "X-" if fails else "o-", color=colour, markersize=7, linewidth=1.0)
         text = f"{method}: fails" if fails else method
         left = method == "two steps"  # else it would lie upon Newton
@@ -62,7 +66,7 @@ def _errors(axes: Any, rows: Sequence[Row]) -> None:
         )
         for row, place in zip(mine, zip(x, y, strict=True), strict=True):
             if method == ARCS:
-                label = f"{_number(row, 'cell_size'):g} m"
+                label = f"{value_of(row, 'cell_size'):g} m"
                 axes.annotate(
                     label, place, (-6, -4), textcoords="offset points", ha="right", va="top", fontsize=7.5
                 )
@@ -74,7 +78,7 @@ def _errors(axes: Any, rows: Sequence[Row]) -> None:
 
 def _failures(axes: Any, rows: Sequence[Row]) -> None:
     methods = [str(row["method"]) for row in rows]
-    shares = [[_number(row, kind) for kind in KINDS] for row in rows]
+    shares = [[value_of(row, kind) for kind in KINDS] for row in rows]
     axes.imshow(shares, cmap="Oranges", vmin=0.0, vmax=60.0, aspect="auto")
     for i, line in enumerate(shares):
         for j, share in enumerate(line):
@@ -85,8 +89,3 @@ def _failures(axes: Any, rows: Sequence[Row]) -> None:
     axes.grid(visible=False)
     axes.tick_params(length=0)
     axes.set_title(f"Places wrong by over 1 % of cells of {_SHOWN_CELL:g} m, %")
-
-
-def _number(row: Row, key: str) -> float:
-    value = row.get(key)
-    return float(value) if isinstance(value, (int, float)) else 0.0

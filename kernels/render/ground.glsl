@@ -17,6 +17,12 @@ in ivec4 place_of_tile; // north-west corner, lattice units east and north of th
 in vec4 morph_west;     // how much of the parent is shown: north, middle, south; north in the middle
 in vec4 morph_east;     // the same; south in the middle. That of the very middle is place_of_tile.w
 
+out vec3 ground_normal;
+out vec4 weights_low;
+out vec4 weights_high;
+
+invariant gl_Position;
+
 uniform float metres_per_unit;
 uniform vec2 eye_fraction; // of the eye, beyond its place on the lattice, m
 
@@ -65,4 +71,16 @@ vec4 low_weights_at(float share)
 vec4 high_weights_at(float share)
 {
     return mix(unpackUnorm4x8(materials.y), unpackUnorm4x8(materials.w), share);
+}
+
+// Put the vertex where it lies, with all that is shown of it; return its place in the tile.
+ivec2 lay_vertex()
+{
+    ivec2 place = place_in_tile();
+    float share = parent_share(place);
+    ground_normal = ground_normal_at(share);
+    weights_low = low_weights_at(share);
+    weights_high = high_weights_at(share);
+    gl_Position = to_clip * vec4(ground_position(place, share), 1.0);
+    return place;
 }

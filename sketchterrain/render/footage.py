@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.snapshot import check_size, read_picture
+from sketchterrain.render.snapshot import canvas, check_size, read_picture
 from sketchterrain.render.sunlight import find_sun
 
 if TYPE_CHECKING:
@@ -100,14 +99,11 @@ def footage(
     """
     check_size(size)
     check_overlays(overlays)
-    context = open_context()
-    try:
+    with canvas(size) as (context, texture, framebuffer):
         if quality is None:
             quality = Quality() if complete else Quality.for_renderer(context.info["GL_RENDERER"])
         cameras = _cameras(views)
         renderer = Renderer(context, terrain, sun=find_sun(terrain, cameras[0]), quality=quality)
-        texture = context.texture(size, 4)
-        framebuffer = context.framebuffer([texture])
         shoot = _complete if complete else _ready
         overlay = Overlay(context, terrain, renderer.ground) if overlays else None
         for number, camera in enumerate(cameras):
@@ -116,8 +112,6 @@ def footage(
                 for name in overlays:
                     overlay.draw(name, camera.eye, framebuffer)
             yield shot, read_picture(texture) if pixels else None
-    finally:
-        close_context(context)
 
 
 def _cameras(views: Views) -> list[Camera]:

@@ -170,6 +170,7 @@ class GroundStream:
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
         self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads)
         self._eye: npt.NDArray[np.float64] | None = None
+        self._placed_for: tuple[float, float, float] | None = None
         self._since_leap = np.inf
 
     def update(
@@ -216,7 +217,7 @@ class GroundStream:
         count, seconds = self._generate(view, budget, leapt=leapt)
         if leapt:
             self.tiles.jump(view)
-        self._show(self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed), camera)
+        self._place(self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed), camera.eye)
         if self.tiles.settled:
             self._since_leap = np.inf
         return StreamStats(
@@ -232,18 +233,19 @@ class GroundStream:
     def settle(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
         """Generate all that a still picture shows; see :meth:`update`."""
         view = view_of(camera, size, draw_distance=draw_distance)
-        self._show(self.tiles.settle(view, self._write), camera)
+        self._place(self.tiles.settle(view, self._write), camera.eye)
         self._eye = np.asarray(camera.eye)
 
     def draw(self, eye: tuple[float, float, float]) -> None:
         """Draw the ground; the camera stands in the frame's uniform block, its eye is told once more."""
         if self.draws is not None:
-            self.pool.place(self.draws, eye)
+            if eye != self._placed_for:
+                self._place(self.draws, eye)
             self.pool.draw()
 
-    def _show(self, draws: DrawList, camera: Camera) -> None:
-        self.draws = draws
-        self.pool.place(draws, camera.eye)
+    def _place(self, draws: DrawList, eye: tuple[float, float, float]) -> None:
+        self.draws, self._placed_for = draws, eye
+        self.pool.place(draws, eye)
 
     def _generate(self, view: View, budget: float, *, leapt: bool) -> tuple[int, float]:
         """Generate what fits into a budget (s); return how many tiles, and what they took (s)."""

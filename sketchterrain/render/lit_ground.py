@@ -13,7 +13,6 @@ from sketchterrain.render.programs import fill_screen, set_uniforms
 if TYPE_CHECKING:
     from sketchterrain.render.allowance import Allowance
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
@@ -203,13 +202,6 @@ class LitGround:
             "far_light": self._far.light,
             "near_heights": self._near.heights,
         }
-
-    @property
-    def far_relief(self) -> HeightMap:
-        """Heights all around, once they are settled."""
-        if self._far.shown is None:
-            raise RuntimeError("the light was never settled")
-        return self._far.shown.relief
 
     def height_at(self, x: float, y: float) -> float:
         """Return the ground's height (m) at a place on the near map, or beside it on the far one; else 0."""

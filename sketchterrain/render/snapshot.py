@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     import moderngl
     import numpy.typing as npt
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
-__all__ = ["check_size", "read_picture", "render_picture"]
+__all__ = ["canvas", "check_size", "read_picture", "render_picture"]
 
 LARGEST = 8192
 """Pixels along a side."""
@@ -84,12 +85,9 @@ def render_picture(
     if sun is None:
         sun = find_sun(terrain, camera)
     spent = {"view": time.perf_counter() - start}
-    context = open_context()
-    try:
+    with canvas(size) as (context, texture, framebuffer):
         renderer = Renderer(context, terrain, sun=sun, quality=quality)
         renderer.prepare(camera, size)
-        texture = context.texture(size, 4)
-        framebuffer = context.framebuffer([texture])
         renderer.draw(camera, framebuffer)
         if overlays:
             overlay = Overlay(context, terrain, renderer.ground)
@@ -101,6 +99,17 @@ def render_picture(
         if timings is not None:
             timings.update(spent | renderer.timings)
         return picture
+
+
+@contextmanager
+def canvas(
+    size: tuple[int, int],
+) -> Iterator[tuple[moderngl.Context, moderngl.Texture, moderngl.Framebuffer]]:
+    """Open a context with an RGBA texture and a framebuffer that draws into it; close it after."""
+    context = open_context()
+    try:
+        texture = context.texture(size, 4)
+        yield context, texture, context.framebuffer([texture])
     finally:
         close_context(context)
 

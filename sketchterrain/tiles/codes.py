@@ -31,6 +31,7 @@ __all__ = [
     "codes_of",
     "contains",
     "control_codes",
+    "index_in",
     "keys_of",
     "neighbours_of",
     "parent_of",
@@ -138,12 +139,17 @@ def parents_around(code: int, inside: tuple[int, int, int, int]) -> list[int]:
     return [level + ((c + _MIDDLE) << _BITS) + r + _MIDDLE for c in cols for r in rows]
 
 
+def index_in(found: Codes, codes: Codes) -> npt.NDArray[np.intp]:
+    """Return where in a sorted array each code stands, -1 where it does not; any shape."""
+    if not found.size:
+        return np.full(codes.shape, -1, np.intp)
+    at = np.minimum(np.searchsorted(found, codes), found.size - 1)
+    return np.where(found[at] == codes, at, -1)
+
+
 def contains(found: Codes, codes: Codes) -> npt.NDArray[np.bool_]:
     """Tell which codes are in a sorted array; any shape."""
-    if not found.size:
-        return np.zeros(codes.shape, np.bool_)
-    at = np.minimum(np.searchsorted(found, codes), found.size - 1)
-    return np.asarray(found[at] == codes)
+    return index_in(found, codes) >= 0
 
 
 def boxes_of(codes: Codes, extent: float, bottom: Floats, top: Floats) -> Boxes:

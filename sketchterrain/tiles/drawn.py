@@ -20,6 +20,7 @@ from sketchterrain.tiles.codes import (
     code_of,
     contains,
     control_codes,
+    index_in,
     neighbours_of,
     parent_of,
     place_of,
@@ -40,8 +41,8 @@ __all__ = ["DrawnTree", "Goals"]
 # Neighbours (codes.AROUND) that a control touches, row 0 north, column 0 west.
 _TOUCHED: Final = (((0, 1, 3), (1,), (1, 2, 4)), ((3,), (), (4,)), ((3, 5, 6), (6,), (4, 6, 7)))
 _BORDERS: Final = ((1, NORTH), (6, SOUTH), (3, WEST), (4, EAST))
-# Of each neighbour, those children (codes.children_of) that touch the tile.
-_NEAR_CHILDREN: Final = ((1, 1), (0, 1), (0, 0), (1, 3), (0, 2), (3, 3), (2, 3), (2, 2))
+# Of each neighbour, a child (codes.children_of) that touches the tile.
+_NEAR_CHILD: Final = np.array([1, 0, 0, 1, 0, 3, 2, 2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +86,15 @@ class DrawnTree:
     def _set(self, codes: Codes) -> None:
         self.codes = codes
         self.controls = np.zeros((len(codes), 3, 3))
-        self._finer = np.zeros((len(codes), 8), np.bool_)
-        self._coarser = np.zeros((len(codes), 8), np.bool_)
         self.cases = np.zeros(len(codes), np.int64)
         self._known: tuple[Codes, Floats] = codes[:0], np.zeros(0)
-        self._places = _controls(codes)
         self._fresh = np.zeros(len(codes))
+        self._relate()
 
     def jump(self, roots: Codes, splits: Codes) -> None:
         """Show a tree at once; its weights are set by the next `advance` without a limit of time."""
         leaves = np.concatenate([roots, children_of(splits).ravel()])
         self._set(np.sort(leaves[~contains(splits, leaves)]))
-        self._relate()
 
     def step(self, roots: Codes, splits: Codes, pool: TilePool) -> None:
         """Split and merge what can be without a change to the picture; follow the roots."""
@@ -152,7 +150,7 @@ class DrawnTree:
         A coarser neighbour splits first if it is to. If not, it lies where nothing is drawn, and so does what
         the leaf shows of its parent along it.
         """
-        first = contains(splits, parent_of(neighbours_of(self.codes)))
+        first = contains(splits, parent_of(self._around))
         as_own = (self.controls.reshape(-1, 9) == 0) | self._touching(self._coarser & ~first)
         waits = (self._coarser & first).any(axis=1)
         return np.asarray(contains(splits, self.codes) & as_own.all(axis=1) & ~waits)
@@ -163,7 +161,7 @@ class DrawnTree:
         Finer neighbours merge first, unless they are to stay: then they lie where something is drawn, and
         these where nothing is.
         """
-        stay = contains(splits, neighbours_of(self.codes))
+        stay = contains(splits, self._around)
         as_parent = (self.controls.reshape(-1, 9) == 1) | self._touching(self._finer & stay)
         still = as_parent.all(axis=1) & ~(self._finer & ~stay).any(axis=1)
         candidates = still & (place_of(self.codes)[0] > ROOT_LEVEL)
@@ -184,10 +182,8 @@ class DrawnTree:
         known, values = self._known
         before = np.zeros(len(places))
         before[at.ravel()] = np.repeat(self._fresh, 9)
-        if known.size:
-            slot = np.minimum(np.searchsorted(known, places), known.size - 1)
-            same = known[slot] == places
-            before[same] = values[slot[same]]
+        slot = index_in(known, places)
+        before[slot >= 0] = values[slot[slot >= 0]]
         return before
 
     def _relate(self) -> None:
@@ -196,17 +192,14 @@ class DrawnTree:
         around = neighbours_of(self.codes)
         same = contains(self.codes, around)
         self._coarser = ~same & contains(self.codes, parent_of(around))
-        level, col, row = (part + 0 for part in place_of(around))
-        self._finer = np.zeros_like(same)
-        for way, children in enumerate(_NEAR_CHILDREN):
-            child = children[0]
-            near = code_of(level[:, way] + 1, 2 * col[:, way] + (child & 1), 2 * row[:, way] + (child >> 1))
-            self._finer[:, way] = ~same[:, way] & contains(self.codes, near)
+        near = children_of(around.ravel()).reshape(-1, 8, 4)[:, np.arange(8), _NEAR_CHILD]
+        self._finer = ~same & contains(self.codes, near)
+        self._around = around
 
     def _cases(self) -> npt.NDArray[np.int64]:
         """Return which vertices tiles show: every other one where that is the same."""
         as_parent = (self.controls.reshape(-1, 9) == 1).all(axis=1)
-        along = self._coarser | contains(self.codes[as_parent], neighbours_of(self.codes))
+        along = self._coarser | contains(self.codes[as_parent], self._around)
         cases = np.zeros(len(self.codes), np.int64)
         for way, bit in _BORDERS:
             cases[along[:, way]] |= bit

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sketchterrain.tiles.metrics import across
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
@@ -46,7 +48,7 @@ def behind_ground(view: View, boxes: Boxes, ground: Boxes | None = None) -> npt.
     """
     hidden = np.zeros(len(boxes.low), np.bool_)
     eye = np.asarray(view.eye)
-    near, far = _distances(view, boxes)
+    near, far = across(view, boxes)
     first, last = _bearings(eye, boxes)
     most = _tangent(boxes.high[:, 2] - eye[2], near, far)
     rising = _Rising(view, boxes if ground is None else ground)
@@ -67,7 +69,7 @@ class _Rising:
     """The horizon that ground makes, from near to far."""
 
     def __init__(self, view: View, ground: Boxes) -> None:
-        near, far = _distances(view, ground)
+        near, far = across(view, ground)
         order = np.argsort(far)
         order = order[near[order] > 0.0]
         first, last = _bearings(np.asarray(view.eye), ground)
@@ -87,14 +89,6 @@ class _Rising:
             np.maximum.at(self._horizon, bearing, self._least[some][tile])
             self._raised = end
         return self._horizon
-
-
-def _distances(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
-    """Return the horizontal distances from the eye to the nearest and farthest of boxes, m."""
-    eye = np.asarray(view.eye[:2])
-    apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
-    away = np.maximum(np.abs(boxes.low[:, :2] - eye), np.abs(boxes.high[:, :2] - eye))
-    return np.hypot(apart[:, 0], apart[:, 1]), np.hypot(away[:, 0], away[:, 1])
 
 
 def _bearings(eye: Floats, boxes: Boxes) -> tuple[Floats, Floats]:

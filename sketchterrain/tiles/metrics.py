@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Metric", "QuadLength", "ScreenError", "nearest", "screen_errors"]
+__all__ = ["Metric", "QuadLength", "ScreenError", "across", "nearest", "screen_errors"]
 
 _NEAREST: Final = 0.5
 """m; nothing is looked at from nearer."""
@@ -108,7 +108,7 @@ class QuadLength:
     def excess(self, view: View, boxes: Boxes, errors: Floats, cells: Floats) -> Floats:
         """Return length over its limit; see :class:`Metric`."""
         distance, _ = nearest(view, boxes)
-        return np.asarray(cells * self.factor / np.sqrt(distance) + 0.0 * errors)
+        return np.asarray(cells * self.factor / np.sqrt(distance))
 
     def coarser(self, factor: float) -> Self:
         """Return the metric that allows so many times as much."""
@@ -123,14 +123,20 @@ def nearest(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
     return np.maximum(np.sqrt(east * east + north * north + above * above), _NEAREST), above
 
 
+def across(view: View, boxes: Boxes) -> tuple[Floats, Floats]:
+    """Return the horizontal distances (m) from the eye to the nearest and to the farthest of boxes."""
+    eye = np.asarray(view.eye[:2])
+    apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
+    away = np.maximum(np.abs(boxes.low[:, :2] - eye), np.abs(boxes.high[:, :2] - eye))
+    return np.hypot(apart[:, 0], apart[:, 1]), np.hypot(away[:, 0], away[:, 1])
+
+
 def screen_errors(view: View, boxes: Boxes, errors: Floats) -> Floats:
     """Return how many pixels a vertical error (m) in a box can cover, shape (n,).
 
     It is as near as the box's nearest point, and seen as sideways as its farthest corner.
     """
     distance, above = nearest(view, boxes)
-    eye = np.asarray(view.eye[:2])
-    away = np.maximum(np.abs(boxes.low[:, :2] - eye), np.abs(boxes.high[:, :2] - eye))
-    reach = np.hypot(away[:, 0], away[:, 1])
+    _, reach = across(view, boxes)
     sideways = reach / np.hypot(reach, above)
     return np.asarray(errors * view.pixels_per_radian * sideways / distance)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles.codes import boxes_of
+from sketchterrain.tiles.codes import boxes_of, index_in
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -62,10 +62,8 @@ class TilePool:
     def find(self, codes: Codes) -> Slots:
         """Return the slot of each tile, -1 where it is not held; any shape."""
         known, slots = self._sorted
-        if not known.size:
-            return np.full(codes.shape, _FREE, np.int64)
-        at = np.minimum(np.searchsorted(known, codes), known.size - 1)
-        return np.where(known[at] == codes, slots[at], _FREE)
+        at = index_in(known, codes)
+        return np.where(at >= 0, slots[at], _FREE) if known.size else at
 
     def use(self, codes: Codes) -> None:
         """Note that tiles are in use now; what is used together goes together."""
@@ -105,9 +103,3 @@ class TilePool:
         """Return the boxes of held tiles, wide enough for their own surface and for the real one."""
         error = self.error[slots]
         return boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
-
-    def clear(self) -> None:
-        """Forget all tiles."""
-        self._code[:] = _FREE
-        self._used[:] = 0
-        self._sorted = self._code[:0], self._code[:0]

@@ -11,11 +11,11 @@ from sketchterrain.errors import InputError
 from sketchterrain.tiles.codes import children_of, keys_of, parent_of, place_of
 from sketchterrain.tiles.drawn import DrawnTree, Goals
 from sketchterrain.tiles.horizon import behind_ground
-from sketchterrain.tiles.metrics import ScreenError, nearest, screen_errors
+from sketchterrain.tiles.metrics import ScreenError, across, nearest, screen_errors
 from sketchterrain.tiles.orders import Batch, DrawList
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
-from sketchterrain.tiles.wanted import ROOT_LEVEL, UNSEEN, Selection, Wanted, across
+from sketchterrain.tiles.wanted import ROOT_LEVEL, UNSEEN, Selection, Wanted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -278,7 +278,8 @@ class TileStream:
         codes = self._tree.codes
         slots = self.pool.find(codes)
         boxes = self.pool.boxes(codes, slots, self.extent)
-        shown = view.sees(boxes) & (across(view, boxes) <= view.draw_distance)
+        distance, _ = across(view, boxes)
+        shown = view.sees(boxes) & (distance <= view.draw_distance)
         if self._hide:
             shown[shown] = ~behind_ground(view, boxes.some(shown))
         codes, slots = codes[shown], slots[shown]

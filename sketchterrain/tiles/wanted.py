@@ -14,19 +14,21 @@ from sketchterrain.tiles.codes import (
     children_of,
     code_of,
     contains,
+    index_in,
     neighbours_of,
     parent_of,
     parents_around,
     place_of,
 )
 from sketchterrain.tiles.horizon import behind_ground
+from sketchterrain.tiles.metrics import across
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     import numpy.typing as npt
 
-    from sketchterrain.tiles.codes import Boxes, Codes
+    from sketchterrain.tiles.codes import Codes
     from sketchterrain.tiles.metrics import Metric
     from sketchterrain.tiles.pool import TilePool
     from sketchterrain.tiles.view import View
@@ -34,7 +36,7 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Range = tuple[int, int, int, int]
 
-__all__ = ["ROOT_LEVEL", "UNSEEN", "Excess", "Selection", "Wanted", "across"]
+__all__ = ["ROOT_LEVEL", "UNSEEN", "Excess", "Selection", "Wanted"]
 
 ROOT_LEVEL: Final = -4
 """Roots are 16 extents wide: as wide as the farthest draw distance."""
@@ -70,10 +72,10 @@ class Excess:
 
     def of(self, codes: Codes) -> Floats:
         """Return that of some tiles, 0 of those that are unknown."""
-        if not self.codes.size:
-            return np.zeros(len(codes))
-        at = np.minimum(np.searchsorted(self.codes, codes), self.codes.size - 1)
-        return np.where(self.codes[at] == codes, self.of_all[at], 0.0)
+        at = index_in(self.codes, codes)
+        values = np.zeros(len(codes))
+        values[at >= 0] = self.of_all[at[at >= 0]]
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +146,7 @@ class Selection:
         boxes = pool.boxes(codes, slots, self.extent)
         cells = (boxes.high[:, 0] - boxes.low[:, 0]) / self.quads
         excess = self.metric.excess(view, boxes, pool.error[slots], cells)
-        distance = across(view, boxes)
+        distance, _ = across(view, boxes)
         excess = np.where(distance <= view.draw_distance, excess, 0.0)
         seen = view.sees(boxes, margin=_MARGIN * distance)
         every = Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
@@ -259,10 +261,3 @@ def _within(codes: Codes, inside: Range) -> npt.NDArray[np.bool_]:
     _, col, row = place_of(codes)
     west, east, south, north = inside
     return np.asarray((col >= west) & (col <= east) & (row >= south) & (row <= north))
-
-
-def across(view: View, boxes: Boxes) -> Floats:
-    """Return the horizontal distance from the eye to boxes (m)."""
-    eye = np.asarray(view.eye[:2])
-    apart = np.maximum(np.maximum(boxes.low[:, :2] - eye, eye - boxes.high[:, :2]), 0.0)
-    return np.asarray(np.hypot(apart[:, 0], apart[:, 1]))

@@ -12,6 +12,7 @@ from sketchterrain.render.sky import Sun
 from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.sunlight import find_sun
 from sketchterrain.render.view import find_view
+from sketchterrain.render.weather import Weather
 
 __all__ = [
     "OVERLAYS",
@@ -22,6 +23,7 @@ __all__ = [
     "Renderer",
     "Shot",
     "Sun",
+    "Weather",
     "check_overlays",
     "find_sun",
     "find_view",

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from sketchterrain.errors import InputError
 
-__all__ = ["Quality"]
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = ["PARTS", "Quality"]
+
+PARTS: Final = ("shadows", "clouds", "haze", "water", "trees", "rocks", "grass", "detail")
+"""Of a picture, that can be left out; ``detail`` is the relief and the fine structure of textures."""
 
 SOFTWARE: Final = ("llvmpipe", "softpipe", "swrast", "swiftshader", "basic render", "gdi generic")
 """In the names of drivers that draw on the CPU."""
@@ -87,6 +93,8 @@ class Quality:
         Seconds a frame that may go into what is new. While light or plants are missing, tiles get four
         fifths of it in three frames of four, and light and plants what is left, a tenth at least; the fourth
         frame is theirs: light takes half at most, then shadows, then plants.
+    without : frozenset of str
+        Parts that are left out, names of `PARTS`.
     """
 
     tolerance: float = 1.0
@@ -105,9 +113,19 @@ class Quality:
     quads: int = 64
     tile_memory: int = 512 << 20
     budget: float = 0.010
+    without: frozenset[str] = frozenset()
+
+    def __post_init__(self) -> None:
+        for name in sorted(self.without):
+            if name not in PARTS:
+                raise InputError(f"expected a part of a picture, one of {', '.join(PARTS)}, got {name!r}")
+
+    def has(self, part: str) -> bool:
+        """Tell whether a part of `PARTS` is drawn."""
+        return part not in self.without
 
     @classmethod
-    def of(cls, number: float) -> Quality:
+    def of(cls, number: float, *, without: Iterable[str] = ()) -> Quality:
         """Return the quality of one number, 0 (cheapest) to 1 (best); see the table of the class.
 
         Raises
@@ -135,6 +153,7 @@ class Quality:
             quads=64 if rich else 32,
             tile_memory=round((128 << 20) * 4.0**number),
             budget=0.006 + 0.004 * number,
+            without=frozenset(without),
         )
 
     @classmethod

@@ -22,10 +22,12 @@ from sketchterrain.render.stats import FrameStats
 from sketchterrain.render.targets import Targets
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
+from sketchterrain.render.weather import Weather
 from sketchterrain.tiles import ScreenError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import Terrain
@@ -59,6 +61,10 @@ class Renderer:
         What to draw.
     sun
         Where the sun stands.
+    weather
+        Clouds and wind; by default fair.
+    textures
+        A folder of pictures that replace the program's own textures.
     quality
         What a picture may cost.
     timer
@@ -78,6 +84,8 @@ class Renderer:
         terrain: Terrain,
         *,
         sun: Sun,
+        weather: Weather | None = None,
+        textures: Path | None = None,
         quality: Quality | None = None,
         timer: Callable[[], float] = time.perf_counter,
     ) -> None:
@@ -85,6 +93,8 @@ class Renderer:
         self._context = context
         self._terrain = terrain
         self._sun = sun
+        self._weather = weather or Weather()
+        self._textures = textures
         self._quality = quality = quality or Quality()
         self._timer = timer
         self._targets: dict[tuple[int, int], Targets] = {}
@@ -227,7 +237,7 @@ class Renderer:
             targets = Targets(self._context, size, self._quality.samples)
             self._targets = {**dict(kept), size: targets}
         self._set_frame(camera, targets, distance)
-        units = self._bind(targets)
+        units = self._bind(targets) | {"clock": clock}
         targets.seen.use()
         targets.seen.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -241,7 +251,7 @@ class Renderer:
             targets.scene.use()
             pixel = _pixel(camera, framebuffer.size[1])
             lift = WATER_LIFT * self._quality.tolerance * pixel
-            self._water.draw(camera.eye, units | {"clock": clock, "lift": lift})
+            self._water.draw(camera.eye, units | {"lift": lift})
         self._shading.develop(targets, framebuffer, units, exposure=self._sky.exposure)
 
     def _set_frame(self, camera: Camera, targets: Targets, distance: float) -> None:
@@ -277,7 +287,7 @@ class Renderer:
             **self._forest.shade.textures,
             **targets.textures,
         }
-        units: dict[str, object] = {"cloud_cover": 0.42}
+        units: dict[str, object] = {"cloud_cover": self._weather.clouds}
         for unit, (name, texture) in enumerate(textures.items(), start=1):
             texture.use(unit)
             units[name] = unit

@@ -17,6 +17,7 @@ from sketchterrain.render.view import find_view
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
     import moderngl
     import numpy.typing as npt
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
+    from sketchterrain.render.weather import Weather
 
 __all__ = ["canvas", "check_size", "read_picture", "render_picture"]
 
@@ -39,6 +41,8 @@ def render_picture(
     size: tuple[int, int] = (1280, 720),
     camera: Camera | None = None,
     sun: Sun | None = None,
+    weather: Weather | None = None,
+    textures: Path | None = None,
     quality: Quality | None = None,
     overlays: Sequence[str] = (),
     legend: list[Legend] | None = None,
@@ -55,7 +59,11 @@ def render_picture(
     camera
         From where; by default `find_view` chooses.
     sun
-        Where the sun stands; by default `find_sun` chooses.
+        Where the sun stands; by default where it does at the weather's hour.
+    weather
+        By default the sketch's.
+    textures
+        A folder of pictures that replace the program's own textures.
     quality
         What the picture may cost.
     overlays
@@ -86,7 +94,9 @@ def render_picture(
         sun = find_sun(terrain, camera)
     spent = {"view": time.perf_counter() - start}
     with canvas(size) as (context, texture, framebuffer):
-        renderer = Renderer(context, terrain, sun=sun, quality=quality)
+        renderer = Renderer(
+            context, terrain, sun=sun, weather=weather, textures=textures, quality=quality
+        )
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer)
         if overlays:

@@ -94,9 +94,7 @@ def render_picture(
         sun = find_sun(terrain, camera)
     spent = {"view": time.perf_counter() - start}
     with canvas(size) as (context, texture, framebuffer):
-        renderer = Renderer(
-            context, terrain, sun=sun, weather=weather, textures=textures, quality=quality
-        )
+        renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer)
         if overlays:

@@ -11,7 +11,8 @@ from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, check_size, read_picture
-from sketchterrain.render.sunlight import find_sun
+from sketchterrain.render.sunlight import sun_of
+from sketchterrain.render.weather import Weather
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.flight import Views
     from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.sky import Sun
 
 __all__ = ["Shot", "footage"]
 
@@ -56,6 +58,8 @@ def footage(
     *,
     fps: float,
     size: tuple[int, int] = (1280, 720),
+    sun: Sun | None = None,
+    weather: Weather | None = None,
     quality: Quality | None = None,
     complete: bool = True,
     overlays: Sequence[str] = (),
@@ -73,6 +77,10 @@ def footage(
         Frames a second: water moves and tiles change by it, however long a frame takes.
     size
         Width and height in pixels, 16 to 8192 each.
+    sun
+        Where the sun stands; by default where it does at the weather's hour, for the first view.
+    weather
+        By default the sketch's.
     quality
         What a frame may cost; by default the best if frames shall be complete, else what suits the device.
     complete
@@ -93,7 +101,7 @@ def footage(
     Raises
     ------
     InputError
-        If the size is out of range, or there is no such overlay.
+        If the size is out of range, there is no such overlay, or the weather's hour is in the night.
     DeviceError
         If there is no OpenGL.
     """
@@ -103,7 +111,9 @@ def footage(
         if quality is None:
             quality = Quality() if complete else Quality.for_renderer(context.info["GL_RENDERER"])
         cameras = _cameras(views)
-        renderer = Renderer(context, terrain, sun=find_sun(terrain, cameras[0]), quality=quality)
+        weather = weather or Weather.of(terrain.sketch)
+        sun = sun or sun_of(terrain, cameras[0], weather)
+        renderer = Renderer(context, terrain, sun=sun, weather=weather, quality=quality)
         shoot = _complete if complete else _ready
         overlay = Overlay(context, terrain, renderer.ground) if overlays else None
         for number, camera in enumerate(cameras):

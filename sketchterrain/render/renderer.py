@@ -62,7 +62,7 @@ class Renderer:
     sun
         Where the sun stands.
     weather
-        Clouds and wind; by default fair.
+        Clouds, wind and haze; by default the sketch's.
     textures
         A folder of pictures that replace the program's own textures.
     quality
@@ -93,7 +93,7 @@ class Renderer:
         self._context = context
         self._terrain = terrain
         self._sun = sun
-        self._weather = weather or Weather()
+        self._weather = weather or Weather.of(terrain.sketch)
         self._textures = textures
         self._quality = quality = quality or Quality()
         self._timer = timer

@@ -113,6 +113,11 @@ class Sketch(Protocol):
         """Climate parameters by name."""
         ...
 
+    @property
+    def weather(self) -> Mapping[str, float]:
+        """Weather parameters by name."""
+        ...
+
 
 class Terrain(Ground, Protocol):
     """An endless terrain, see `sketchterrain.terrain`."""

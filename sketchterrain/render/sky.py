@@ -14,7 +14,10 @@ from sketchterrain.render.programs import fill_screen, set_uniforms
 if TYPE_CHECKING:
     import moderngl
 
-__all__ = ["Sky", "Sun", "irradiance_harmonics"]
+__all__ = ["LOWEST_SUN", "Sky", "Sun", "irradiance_harmonics"]
+
+LOWEST_SUN: Final = -4.0
+"""Degrees: below, in civil twilight, it gets too dark for a picture by the sky alone."""
 
 SIZE: Final = 128
 """Texels a side of the sky's radiance by direction (kernels/render/sky_view.frag.glsl)."""
@@ -35,15 +38,17 @@ class Sun:
     azimuth : float
         Compass bearing, degrees clockwise from north.
     elevation : float
-        Degrees above the horizon, in [1, 90].
+        Degrees above the horizon, in [-4, 90].
     """
 
     azimuth: float
     elevation: float = 30.0
 
     def __post_init__(self) -> None:
-        if not 1.0 <= self.elevation <= 90.0:
-            raise InputError(f"expected the sun's elevation in [1, 90] degrees, got {self.elevation:g}")
+        if not LOWEST_SUN <= self.elevation <= 90.0:
+            raise InputError(
+                f"expected the sun's elevation in [{LOWEST_SUN:g}, 90] degrees, got {self.elevation:g}"
+            )
 
     @property
     def direction(self) -> Floats:

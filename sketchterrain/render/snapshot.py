@@ -12,8 +12,9 @@ from sketchterrain.errors import InputError
 from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sunlight import find_sun
+from sketchterrain.render.sunlight import sun_of
 from sketchterrain.render.view import find_view
+from sketchterrain.render.weather import Weather
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
-    from sketchterrain.render.weather import Weather
 
 __all__ = ["canvas", "check_size", "read_picture", "render_picture"]
 
@@ -81,17 +81,16 @@ def render_picture(
     Raises
     ------
     InputError
-        If the size is out of range, or there is no such overlay.
+        If the size is out of range, there is no such overlay, or the weather's hour is in the night.
     DeviceError
         If there is no OpenGL.
     """
     check_size(size)
     check_overlays(overlays)
     start = time.perf_counter()
-    if camera is None:
-        camera = find_view(terrain)
-    if sun is None:
-        sun = find_sun(terrain, camera)
+    weather = weather or Weather.of(terrain.sketch)
+    camera = camera or find_view(terrain)
+    sun = sun or sun_of(terrain, camera, weather)
     spent = {"view": time.perf_counter() - start}
     with canvas(size) as (context, texture, framebuffer):
         renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)

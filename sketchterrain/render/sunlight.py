@@ -1,4 +1,4 @@
-"""Choose where the sun stands for a view."""
+"""Where the sun stands: by the hour, or where it suits a view."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sketchterrain.errors import InputError
 from sketchterrain.render.relief import sample_heights
-from sketchterrain.render.sky import Sun
+from sketchterrain.render.sky import LOWEST_SUN, Sun
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -15,16 +16,65 @@ if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.weather import Weather
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["find_sun"]
+__all__ = ["find_sun", "sun_at", "sun_of"]
 
 ELEVATION: Final = 27.0
 """Degrees: long shadows that model the ground, and still the colours of day."""
 TO_THE_SIDE: Final = 108.0
 """Degrees between view and sun: side light from a little behind the photographer."""
 STEPS: Final = 28
+
+
+def sun_of(terrain: Terrain, camera: Camera, weather: Weather) -> Sun:
+    """Return the sun of the weather's hour, or, where it tells none, the one that suits the view.
+
+    Raises
+    ------
+    InputError
+        If the sun stands too low at that hour.
+    """
+    if weather.hour is None:
+        return find_sun(terrain, camera)
+    return sun_at(weather.hour, weather.latitude)
+
+
+def sun_at(hour: float, latitude: float) -> Sun:
+    """Return where the sun stands on the day of an equinox.
+
+    On that day it rises at 6 and sets at 18 wherever one is, and at noon it stands as far from the zenith as
+    the place lies from the equator: neither steep and flat light as in midsummer nor a long twilight.
+
+    Parameters
+    ----------
+    hour
+        Local solar time, in [0, 24]; at 12 the sun culminates.
+    latitude
+        Degrees north of the equator.
+
+    Raises
+    ------
+    InputError
+        If it stands lower than `LOWEST_SUN`.
+    """
+    angle, phi = np.radians((hour - 12.0) * 15.0), np.radians(latitude)
+    east, north, up = -np.sin(angle), -np.sin(phi) * np.cos(angle), np.cos(phi) * np.cos(angle)
+    elevation = float(np.degrees(np.arcsin(np.clip(up, -1.0, 1.0))))
+    if elevation < LOWEST_SUN - 1e-9:
+        half_day = float(np.degrees(np.arccos(np.sin(np.radians(LOWEST_SUN)) / np.cos(phi)))) / 15.0
+        first, last = np.ceil((12.0 - half_day) * 60.0), np.floor((12.0 + half_day) * 60.0)
+        raise InputError(
+            f"expected an hour from {_clock(first)} to {_clock(last)}, while the sun stands no lower than "
+            f"{LOWEST_SUN:g}° at latitude {latitude:g}°, got {_clock(round(hour * 60.0))}"
+        )
+    return Sun(float(np.degrees(np.arctan2(east, north))) % 360.0, max(elevation, LOWEST_SUN))
+
+
+def _clock(minutes: float) -> str:
+    return f"{int(minutes) // 60}:{int(minutes) % 60:02d}"
 
 
 def find_sun(terrain: Terrain, camera: Camera) -> Sun:

@@ -1,10 +1,15 @@
-"""What the sky is like while a picture is taken: the hour, the clouds, the wind."""
+"""What the sky is like while a picture is taken: the hour, the clouds, the wind, the haze."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    from sketchterrain.render.scene import Sketch
 
 __all__ = ["Weather"]
 
@@ -23,15 +28,57 @@ class Weather:
         m/s, moves plants and clouds.
     wind_from : float
         Compass bearing that the wind blows from, degrees.
+    latitude : float
+        Degrees north of the equator, in [-90, 90].
+    haze : float
+        Particles in the air: 0 none, 1 a clear day, 10 a murky one.
     """
 
     hour: float | None = None
-    clouds: float = 0.42
+    clouds: float = 0.4
     wind: float = 4.0
     wind_from: float = 245.0
+    latitude: float = 45.0
+    haze: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.hour is not None and not 0.0 <= self.hour <= 24.0:
-            raise InputError(f"expected an hour in [0, 24], got {self.hour:g}")
-        if not 0.0 <= self.clouds <= 1.0:
-            raise InputError(f"expected a cloud cover in [0, 1], got {self.clouds:g}")
+        checks = (
+            ("an hour", self.hour, 0.0, 24.0),
+            ("a cloud cover", self.clouds, 0.0, 1.0),
+            ("a wind, in m/s,", self.wind, 0.0, 40.0),
+            ("a bearing of the wind, in degrees,", self.wind_from, 0.0, 360.0),
+            ("a latitude, in degrees,", self.latitude, -90.0, 90.0),
+            ("a haze", self.haze, 0.0, 10.0),
+        )
+        for what, value, low, high in checks:
+            if value is not None and not low <= value <= high:
+                raise InputError(f"expected {what} in [{low:g}, {high:g}], got {value:g}")
+
+    @property
+    def drift(self) -> tuple[float, float]:
+        """Where the wind carries what it moves, (east, north) m/s."""
+        bearing = math.radians(self.wind_from)
+        return -self.wind * math.sin(bearing), -self.wind * math.cos(bearing)
+
+    @classmethod
+    def of(
+        cls,
+        sketch: Sketch,
+        *,
+        hour: float | None = None,
+        clouds: float | None = None,
+        wind: float | None = None,
+        haze: float | None = None,
+    ) -> Weather:
+        """Return a sketch's ``[weather]``, with what is given in place of the sketch's.
+
+        Raises
+        ------
+        InputError
+            If a number is out of range.
+        """
+        table = dict(sketch.weather)
+        at = table.pop("hour", -1.0)
+        weather = cls(hour=at if at >= 0.0 else None, **table)
+        given = {"hour": hour, "clouds": clouds, "wind": wind, "haze": haze}
+        return replace(weather, **{name: value for name, value in given.items() if value is not None})

@@ -33,6 +33,7 @@ from sketchterrain.sketch.parameters import (
     MATERIALS,
     SKETCH,
     TABLES,
+    WEATHER,
     Layer,
 )
 from sketchterrain.sketch.reference import reference_table, rule_table
@@ -52,6 +53,7 @@ __all__ = [
     "RULE",
     "SKETCH",
     "TABLES",
+    "WEATHER",
     "Edit",
     "Factor",
     "Layer",

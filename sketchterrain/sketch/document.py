@@ -57,8 +57,9 @@ class Sketch:
         0 to 2⁶³ − 1.
     fidelity
         0 (a loose guideline) to 1 (exactly where it was painted).
-    density, ground, climate
-        Settings by the names in `DENSITY`, `GROUND` and `CLIMATE`; missing ones get their defaults.
+    density, ground, climate, weather
+        Settings by the names in `DENSITY`, `GROUND`, `CLIMATE` and `WEATHER`; missing ones get their
+        defaults.
     layers
         Label images by layer name: uint8, (height, width), 0 is empty. Missing layers are empty. The
         arrays of a sketch are read-only; a writeable array is copied.
@@ -83,6 +84,7 @@ class Sketch:
     density: Mapping[str, float] = field(default_factory=dict)
     ground: Mapping[str, float] = field(default_factory=dict)
     climate: Mapping[str, float] = field(default_factory=dict)
+    weather: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
     edits: tuple[Edit, ...] = ()

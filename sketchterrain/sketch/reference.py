@@ -25,6 +25,7 @@ def reference_table() -> str:
         "density": "What fills the world where nothing is painted.",
         "ground": "The ground under and between the features.",
         "climate": "What lies and grows on the ground.",
+        "weather": "What pictures are taken in ([light.md](light.md)); the terrain is the same in any.",
     }
     sections += [_section(f"`[{name}]`", about[name], table) for name, table in TABLES.items()]
     for layer in LAYERS.values():

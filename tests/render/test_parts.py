@@ -44,8 +44,8 @@ def test_brighter_side_of_the_sky_lies_towards_the_sun():
     assert (east > 1.5 * west).all()
 
 
-@pytest.mark.parametrize("elevation", [0.0, -10.0, 91.0, np.nan])
-def test_a_sun_below_the_horizon_is_refused(elevation):
+@pytest.mark.parametrize("elevation", [-4.1, -10.0, 91.0, np.nan])
+def test_a_sun_below_civil_twilight_is_refused(elevation):
     with pytest.raises(InputError, match="elevation"):
         Sun(0.0, elevation)
 

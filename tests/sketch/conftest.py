@@ -96,6 +96,7 @@ def same() -> Callable[[Sketch, Sketch], None]:
             "density",
             "ground",
             "climate",
+            "weather",
             "labels",
             "edits",
             "material_rules",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import CLIMATE, DENSITY, GROUND, LAYERS, Sketch
+from sketchterrain.sketch import LAYERS, TABLES, Sketch
 from sketchterrain.sketch.document import labels_in
 
 
@@ -19,8 +19,8 @@ def test_a_bare_sketch_is_a_square_with_nothing_painted_and_all_defaults() -> No
     assert (sketch.width_px, sketch.height_px) == (512, 512)
     assert list(sketch.layers) == list(LAYERS)
     assert not any(image.any() for image in sketch.layers.values())
-    for given, table in ((sketch.density, DENSITY), (sketch.ground, GROUND), (sketch.climate, CLIMATE)):
-        assert given == {name: parameter.default for name, parameter in table.items()}
+    for key, table in TABLES.items():
+        assert getattr(sketch, key) == {name: parameter.default for name, parameter in table.items()}
     assert not sketch.labels
 
 

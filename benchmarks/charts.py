@@ -14,6 +14,7 @@ from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
 from sketchterrain.benchmarks.outcome import value_of
+from sketchterrain.benchmarks.pictures_chart import draw_parts, draw_qualities
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
@@ -279,6 +280,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "erosion": draw_erosion,
     "flight": draw_errors,
     "kernels": _kernels,
+    "pictures": draw_qualities,
     "sketch": draw_scaling,
     "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
     "splines": draw_splines,
@@ -290,6 +292,7 @@ MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "accuracy": {"choices": lambda rows: draw_choices(_figure(12.0, 6.6), rows)},
     "erosion": {"normals": draw_normals},
     "flight": {"generation": draw_generation, "frames": draw_frames},
+    "pictures": {"parts": draw_parts},
     "speed": {"tiles": lambda rows: draw_thesis(_figure(12.0, 4.2), rows)},
 }
 """Charts of its second table and so on, by how their files' names end."""

@@ -67,6 +67,12 @@ class Effort:
         T of the thesis's metric at which errors are measured, and those that are flown with.
     flight_grid_levels : tuple of int
         Levels of the uniform grids.
+    picture_presets : tuple of str
+        Presets of which pictures are taken.
+    picture_numbers : tuple of float
+        Their qualities, besides the best.
+    picture_size : (int, int)
+        Width and height of pictures, px.
     """
 
     rounds: int
@@ -101,6 +107,9 @@ class Effort:
     flight_own_pixels: tuple[float, ...]
     flight_factors: tuple[float, ...]
     flight_grid_levels: tuple[int, ...]
+    picture_presets: tuple[str, ...]
+    picture_numbers: tuple[float, ...]
+    picture_size: tuple[int, int]
 
 
 QUICK = Effort(
@@ -136,6 +145,9 @@ QUICK = Effort(
     flight_own_pixels=(8.0, 4.0),
     flight_factors=(2.0,),
     flight_grid_levels=(3, 4),
+    picture_presets=("valley_river",),
+    picture_numbers=(0.1, 0.5),
+    picture_size=(640, 360),
 )
 """Under a minute on two shared cores."""
 
@@ -172,5 +184,8 @@ FULL = Effort(
     flight_own_pixels=(4.0, 2.0, 1.0),
     flight_factors=(2.0, 4.0, 6.0),
     flight_grid_levels=(2, 3, 4, 5),
+    picture_presets=preset_names(),
+    picture_numbers=(0.0, 0.1, 0.25, 0.5, 0.75),
+    picture_size=(1280, 720),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

@@ -40,6 +40,9 @@ TINY = Effort(
     flight_own_pixels=(64.0, 16.0),
     flight_factors=(0.5,),
     flight_grid_levels=(1, 2),
+    picture_presets=("valley_river",),
+    picture_numbers=(0.1,),
+    picture_size=(96, 54),
 )
 
 

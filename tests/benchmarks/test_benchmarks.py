@@ -12,6 +12,7 @@ from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
 from sketchterrain.benchmarks.kernel_times import WRITTEN
+from sketchterrain.render.quality import PARTS
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
@@ -122,6 +123,16 @@ def test_flight_compares_every_way_at_every_setting(outcomes: dict[str, Outcome]
     for row in generation:
         assert 0 <= row["updating_ms"] <= row["worst_ms"]
         assert len(row["seconds"]) == tiny.flight_frames
+
+
+def test_pictures_are_compared_with_the_best(outcomes: dict[str, Outcome], tiny: Effort) -> None:
+    qualities, parts = (rows(outcomes["pictures"], table) for table in range(2))
+    assert [row["number"] for row in qualities] == [*tiny.picture_numbers, 1.0]
+    assert qualities[-1]["still_difference"] == 0.0
+    assert all(row["still_difference"] > 0.0 for row in qualities[:-1])
+    assert all(row["still_ms"] > 0.0 and row["moving_ms"] > 0.0 for row in qualities)
+    assert [row["part"] for row in parts] == list(PARTS)
+    assert all(row["difference"] >= 0.0 for row in parts)
 
 
 @pytest.mark.parametrize("name", charts.CHARTS)

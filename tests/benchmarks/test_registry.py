@@ -30,6 +30,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "foliage",
         "splines",
         "flight",
+        "pictures",
         "erosion",
         "accuracy",
     ]

@@ -1,0 +1,216 @@
+"""What a picture costs at each quality, and how far it is from the best one."""
+
+from __future__ import annotations
+
+import statistics
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from skimage.color import deltaE_ciede2000, rgb2lab
+
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+from sketchterrain.errors import DeviceError
+from sketchterrain.render.context import close_context, open_context
+from sketchterrain.render.quality import PARTS, Quality
+from sketchterrain.render.renderer import Renderer
+from sketchterrain.render.snapshot import read_picture
+from sketchterrain.render.sunlight import find_sun
+from sketchterrain.render.view import find_view
+from sketchterrain.sketch import load_sketch
+from sketchterrain.terrain import build
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import moderngl
+    import numpy.typing as npt
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.timing import TimedContext
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.sky import Sun
+    from sketchterrain.terrain import Terrain
+
+    Pixels = npt.NDArray[np.uint8]
+
+__all__ = ["difference", "measure"]
+
+BEST: Final = 1.0
+RATE: Final = 30.0
+"""Frames a second of a moving picture."""
+NUDGE: Final = 1e-3
+"""m by which the eye moves from frame to frame: nothing new comes into view, but it does not rest."""
+SETTLING: Final = (12, 0.5)
+"""Frames, and s a frame, after which a moving picture has all that it shows."""
+
+_QUALITIES = (
+    Column("opengl", "OpenGL"),
+    Column("view", "view"),
+    Column("number", "quality"),
+    Column("still_ms", "whole picture, ms"),
+    Column("still_difference", "its difference, ΔE"),
+    Column("moving_ms", "frame in motion, ms"),
+    Column("moving_difference", "its difference, ΔE"),
+    Column("prepare_ms", "from nothing, ms"),
+    Column("triangles", "triangles"),
+    Column("note", "note"),
+)
+_WITHOUT = (
+    Column("part", "part left out"),
+    Column("view", "view"),
+    Column("spared_ms", "spared, ms"),
+    Column("share", "of the whole, %"),
+    Column("difference", "difference, ΔE"),
+)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Time pictures at several qualities, and compare each with the best.
+
+    The cameras are those that `render` chooses. Milliseconds a picture by the clock, until OpenGL has
+    finished: of a whole picture whose tiles, light and plants are there, and of a frame in motion, which is a
+    smaller picture, enlarged, at low numbers; medians of rounds in which the qualities take turns. From
+    nothing: all that has to be made once for the first picture, start of the renderer included. Difference:
+    the mean over all pixels of CIEDE2000 to the whole picture of quality 1 of the same size; about 1 is just
+    noticeable side by side. Parts: the picture of quality 1 without one part, the same way.
+    """
+    qualities: list[Row] = []
+    parts: list[Row] = []
+    try:
+        gl = open_context()
+    except DeviceError as error:
+        qualities.append({"opengl": "absent", "note": str(error)})
+        return _outcome(qualities, parts, effort)
+    try:
+        for preset in effort.picture_presets:
+            scene = _scene(context, preset)
+            numbers = {str(number): Quality.of(number) for number in (*effort.picture_numbers, BEST)}
+            found = _rounds(gl, scene, numbers, effort, moving=True)
+            best = found[str(BEST)]
+            qualities += [_quality_row(gl, preset, number, each, best) for number, each in found.items()]
+            whole = Quality.of(BEST)
+            lacking = {part: replace(whole, without=frozenset([part])) for part in PARTS}
+            each_part = _rounds(gl, scene, {"": whole, **lacking}, effort, moving=False)
+            parts += [_part_row(preset, part, each_part) for part in PARTS]
+    finally:
+        close_context(gl)
+    return _outcome(qualities, parts, effort)
+
+
+def _outcome(qualities: list[Row], parts: list[Row], effort: Effort) -> Outcome:
+    size = "{} × {}".format(*effort.picture_size)
+    return Outcome(
+        (
+            Table(f"Pictures by quality, {size}", _QUALITIES, tuple(qualities)),
+            Table(f"Parts of a picture of quality 1, {size}", _WITHOUT, tuple(parts)),
+        )
+    )
+
+
+@dataclass(frozen=True)
+class _Scene:
+    terrain: Terrain
+    camera: Camera
+    sun: Sun
+
+
+@dataclass
+class _Found:
+    """What was measured of one setting (s), and the pictures."""
+
+    prepare: float
+    still: list[float]
+    moving: list[float]
+    picture: Pixels
+    in_motion: Pixels | None
+    triangles: int
+
+
+def difference(a: Pixels, b: Pixels) -> float:
+    """Return the mean of CIEDE2000 over all pixels of two pictures of one size."""
+    return float(np.mean(deltaE_ciede2000(rgb2lab(a), rgb2lab(b))))
+
+
+def _scene(context: ComputeContext, preset: str) -> _Scene:
+    terrain = build(load_sketch(preset), device=context)
+    camera = find_view(terrain)
+    return _Scene(terrain, camera, find_sun(terrain, camera))
+
+
+def _rounds(
+    gl: moderngl.Context, scene: _Scene, settings: Mapping[str, Quality], effort: Effort, *, moving: bool
+) -> dict[str, _Found]:
+    texture = gl.texture(effort.picture_size, 4)
+    framebuffer = gl.framebuffer([texture])
+    renderers: dict[str, Renderer] = {}
+    found: dict[str, _Found] = {}
+    for name, quality in settings.items():
+        start = perf_counter()
+        renderer = renderers[name] = Renderer(gl, scene.terrain, sun=scene.sun, quality=quality)
+        renderer.prepare(scene.camera, effort.picture_size)
+        gl.finish()
+        prepare = perf_counter() - start
+        renderer.draw(scene.camera, framebuffer)
+        found[name] = _Found(prepare, [], [], read_picture(texture), None, renderer.triangles)
+    for _ in range(effort.rounds):
+        for name, renderer in renderers.items():
+            start = perf_counter()
+            renderer.draw(scene.camera, framebuffer)
+            gl.finish()
+            found[name].still.append(perf_counter() - start)
+    if moving:
+        for name, renderer in renderers.items():
+            _settle(renderer, scene.camera, framebuffer)
+            found[name].in_motion = read_picture(texture)
+        for turn in range(effort.rounds):
+            for name, renderer in renderers.items():
+                start = perf_counter()
+                renderer.frame(_nudged(scene.camera, turn), framebuffer, elapsed=1.0 / RATE)
+                gl.finish()
+                found[name].moving.append(perf_counter() - start)
+    return found
+
+
+def _settle(renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer) -> None:
+    """Show frames of an eye that all but rests until what is drawn has become what is wanted."""
+    frames, elapsed = SETTLING
+    for turn in range(frames):
+        renderer.frame(_nudged(camera, turn), framebuffer, elapsed=elapsed)
+
+
+def _nudged(camera: Camera, turn: int) -> Camera:
+    x, y, z = camera.eye
+    return replace(camera, eye=(x + NUDGE * (turn % 2), y, z))
+
+
+def _quality_row(gl: moderngl.Context, preset: str, number: str, found: _Found, best: _Found) -> Row:
+    moved = found.picture if found.in_motion is None else found.in_motion
+    return {
+        "opengl": str(gl.info["GL_RENDERER"]),
+        "view": preset,
+        "number": float(number),
+        "still_ms": 1e3 * statistics.median(found.still),
+        "still_difference": difference(found.picture, best.picture),
+        "moving_ms": 1e3 * statistics.median(found.moving),
+        "moving_difference": difference(moved, best.picture),
+        "prepare_ms": 1e3 * found.prepare,
+        "triangles": found.triangles,
+        "note": None,
+        "still_seconds": found.still,
+        "moving_seconds": found.moving,
+    }
+
+
+def _part_row(preset: str, part: str, found: Mapping[str, _Found]) -> Row:
+    whole, without = found[""], found[part]
+    spared = statistics.median(whole.still) - statistics.median(without.still)
+    return {
+        "part": part,
+        "view": preset,
+        "spared_ms": 1e3 * spared,
+        "share": 100.0 * spared / statistics.median(whole.still),
+        "difference": difference(whole.picture, without.picture),
+    }

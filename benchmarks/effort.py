@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sketchterrain.render.quality import PARTS
 from sketchterrain.resources import preset_names
 
 __all__ = ["FULL", "QUICK", "Effort"]
@@ -71,6 +72,8 @@ class Effort:
         Presets of which pictures are taken.
     picture_numbers : tuple of float
         Their qualities, besides the best.
+    picture_parts : tuple of str
+        Parts that are left out in turn.
     picture_size : (int, int)
         Width and height of pictures, px.
     """
@@ -109,6 +112,7 @@ class Effort:
     flight_grid_levels: tuple[int, ...]
     picture_presets: tuple[str, ...]
     picture_numbers: tuple[float, ...]
+    picture_parts: tuple[str, ...]
     picture_size: tuple[int, int]
 
 
@@ -147,6 +151,7 @@ QUICK = Effort(
     flight_grid_levels=(3, 4),
     picture_presets=("valley_river",),
     picture_numbers=(0.1, 0.5),
+    picture_parts=PARTS,
     picture_size=(640, 360),
 )
 """Under a minute on two shared cores."""
@@ -186,6 +191,7 @@ FULL = Effort(
     flight_grid_levels=(2, 3, 4, 5),
     picture_presets=preset_names(),
     picture_numbers=(0.0, 0.1, 0.25, 0.5, 0.75),
+    picture_parts=PARTS,
     picture_size=(1280, 720),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

@@ -13,7 +13,7 @@ from skimage.color import deltaE_ciede2000, rgb2lab
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.errors import DeviceError
 from sketchterrain.render.context import close_context, open_context
-from sketchterrain.render.quality import PARTS, Quality
+from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import read_picture
 from sketchterrain.render.sunlight import find_sun
@@ -92,9 +92,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
             best = found[str(BEST)]
             qualities += [_quality_row(gl, preset, number, each, best) for number, each in found.items()]
             whole = Quality.of(BEST)
-            lacking = {part: replace(whole, without=frozenset([part])) for part in PARTS}
+            lacking = {part: replace(whole, without=frozenset([part])) for part in effort.picture_parts}
             each_part = _rounds(gl, scene, {"": whole, **lacking}, effort, moving=False)
-            parts += [_part_row(preset, part, each_part) for part in PARTS]
+            parts += [_part_row(preset, part, each_part) for part in effort.picture_parts]
     finally:
         close_context(gl)
     return _outcome(qualities, parts, effort)

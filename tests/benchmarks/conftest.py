@@ -42,6 +42,7 @@ TINY = Effort(
     flight_grid_levels=(1, 2),
     picture_presets=("valley_river",),
     picture_numbers=(0.1,),
+    picture_parts=("water",),
     picture_size=(96, 54),
 )
 

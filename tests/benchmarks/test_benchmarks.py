@@ -12,7 +12,6 @@ from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
 from sketchterrain.benchmarks.kernel_times import WRITTEN
-from sketchterrain.render.quality import PARTS
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
@@ -131,7 +130,7 @@ def test_pictures_are_compared_with_the_best(outcomes: dict[str, Outcome], tiny:
     assert qualities[-1]["still_difference"] == 0.0
     assert all(row["still_difference"] > 0.0 for row in qualities[:-1])
     assert all(row["still_ms"] > 0.0 and row["moving_ms"] > 0.0 for row in qualities)
-    assert [row["part"] for row in parts] == list(PARTS)
+    assert [row["part"] for row in parts] == list(tiny.picture_parts)
     assert all(row["difference"] >= 0.0 for row in parts)
 
 

@@ -106,6 +106,10 @@ class GroundPool:
         self._tiles = context.buffer(reserve=_TILE.itemsize * room, dynamic=True)
         self._commands = context.buffer(reserve=_COMMAND.itemsize * room, dynamic=True)
         self._fraction = (0.0, 0.0)
+        self._draws: Draws | None = None
+        self._corners = np.zeros((0, 2), np.int64)
+        self._listed = np.zeros(0, _COMMAND)
+        self._part = context.buffer(reserve=_COMMAND.itemsize * room, dynamic=True)
         self._array = self.array(self.build("ground.vert.glsl", "ground.frag.glsl"))
 
     @property
@@ -163,6 +167,7 @@ class GroundPool:
         commands["count"], commands["first"] = self._count[draws.cases], self._first[draws.cases]
         commands["instances"], commands["base_tile"] = 1, np.arange(count)
         commands["base_vertex"] = draws.slots * (self._quads + 1) ** 2
+        self._draws, self._corners, self._listed = draws, corners, commands
         self.tiles, self.triangles = count, int(commands["count"].sum()) // 3
         if count:
             self._tiles.orphan()
@@ -170,19 +175,46 @@ class GroundPool:
             self._commands.orphan()
             self._commands.write(commands.tobytes())
 
-    def draw(self, array: moderngl.VertexArray | None = None) -> None:
+    def tiles_within(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.intp]:
+        """Return which of the placed tiles meet a rectangle, relative to the eye (m)."""
+        if self._draws is None:
+            return np.zeros(0, np.intp)
+        low = self._corners * self._unit - self._fraction
+        width = self._draws.steps * (self._quads * self._unit)
+        meets = (low[:, 0] < east) & (low[:, 0] + width > west)
+        meets &= (low[:, 1] > south) & (low[:, 1] - width < north)
+        return np.flatnonzero(meets)
+
+    def state_of(self, tiles: npt.NDArray[np.intp]) -> bytes:
+        """Return bytes that are equal as long as some of the placed tiles look the same."""
+        draws = self._draws
+        if draws is None:
+            return b""
+        parts = (draws.corners, draws.steps, draws.cases, draws.morph)
+        return b"".join(part[tiles].tobytes() for part in parts)
+
+    def draw(
+        self, array: moderngl.VertexArray | None = None, *, tiles: npt.NDArray[np.intp] | None = None
+    ) -> None:
         """Draw what was placed; the camera stands in the frame's uniform block.
 
         Parameters
         ----------
         array
             Of :meth:`array`; by default normals and material weights are drawn, ground.frag.glsl.
+        tiles
+            Which of the placed ones, in their order; all by default.
         """
-        if not self.tiles:
+        commands, count = self._commands, self.tiles
+        if tiles is not None:
+            commands, count = self._part, len(tiles)
+            commands.orphan()
+            commands.write(self._listed[tiles].tobytes())
+        if not count:
             return
         array = array or self._array
         set_uniforms(array.program, {"metres_per_unit": self._unit, "eye_fraction": self._fraction})
-        array.render_indirect(self._commands, moderngl.TRIANGLES, count=self.tiles)
+        array.render_indirect(commands, moderngl.TRIANGLES, count=count)
 
 
 def texture_phases(eye: Sequence[float]) -> npt.NDArray[np.float32]:

@@ -51,6 +51,7 @@ class Quality:
     map_texels            256        384      512      768       side of the light maps
     shade_maps            0          1        2        2         maps of the plants' shadows
     shade_texels          1024       1024     2048     2048      their side
+    surface_texels        256        256      512      1024      side of the maps of the drawn ground
     woods                 250        400      1000     2400      distance up to which plants stand, m
     leaves                0.15       0.25     0.6      1         plants' height in pixels for a finer mesh
     moving_scale          0.33       0.45     0.67     1         side of the picture until it is complete
@@ -79,6 +80,8 @@ class Quality:
         How many maps of the shadows of plants there are: none, a wide one, a sharp one too.
     shade_texels : int
         Their side.
+    surface_texels : int
+        Side of both squares of the map of the drawn ground, on which plants stand.
     woods : float
         Distance up to which plants are drawn (m).
     leaves : float
@@ -107,6 +110,7 @@ class Quality:
     map_texels: int = 768
     shade_maps: int = 2
     shade_texels: int = 2048
+    surface_texels: int = 1024
     woods: float = 2400.0
     leaves: float = 1.0
     moving_scale: float = 1.0
@@ -147,6 +151,7 @@ class Quality:
             map_texels=64 * round(4.0 + 8.0 * number),
             shade_maps=2 if rich else 1 if number >= 0.2 else 0,
             shade_texels=2048 if rich else 1024,
+            surface_texels=256 if number < 0.4 else 512 if number < 0.75 else 1024,
             woods=_between(number, _WOODS),
             leaves=_between(number, _LEAVES),
             moving_scale=_between(number, _MOVING_SCALES),

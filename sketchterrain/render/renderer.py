@@ -19,6 +19,7 @@ from sketchterrain.render.quality import Quality
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky, Sun
 from sketchterrain.render.stats import FrameStats
+from sketchterrain.render.surface_map import SurfaceMap
 from sketchterrain.render.targets import Targets
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
@@ -112,6 +113,9 @@ class Renderer:
         self.ground = GroundStream(context, terrain, quality, metric=metric)
         self._lit = LitGround(context, terrain, sun, texels=quality.map_texels)
         self._forest = Forest(context, terrain, sun, quality=quality, defines=self._shading.defines)
+        self._surface = SurfaceMap(
+            context, self.ground.pool, texels=quality.surface_texels, reach=self._forest.reach
+        )
         self._water = Water(context, terrain.features, defines=self._shading.defines)
 
     def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
@@ -199,7 +203,7 @@ class Renderer:
         complete = tiles.settled and self._lit.settled and self._forest.settled
         inner = self._inner_size(size, rests=complete and self._still >= REST)
         with self._timed("draw"):
-            self._draw(view, distance, framebuffer, inner, clock)
+            self._draw(view, distance, framebuffer, inner, clock, moving=not complete)
         return FrameStats(
             generation_seconds=tiles.generation_seconds,
             light_seconds=lit,
@@ -230,6 +234,8 @@ class Renderer:
         framebuffer: moderngl.Framebuffer,
         size: tuple[int, int],
         clock: float,
+        *,
+        moving: bool = False,
     ) -> None:
         targets = self._targets.get(size)
         if targets is None:
@@ -237,11 +243,12 @@ class Renderer:
             targets = Targets(self._context, size, self._quality.samples)
             self._targets = {**dict(kept), size: targets}
         self._set_frame(camera, targets, distance)
-        units = self._bind(targets) | {"clock": clock}
         targets.seen.use()
         targets.seen.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         self.ground.draw(camera.eye)
+        self._surface.update(camera.eye, moving=moving)
+        units = self._bind(targets) | {"clock": clock} | self._surface.uniforms(camera.eye)
         self._shading.light_scene(targets, camera.eye, units)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
@@ -285,6 +292,7 @@ class Renderer:
             "material_colour": self._materials.colour,
             "material_relief": self._materials.relief,
             **self._forest.shade.textures,
+            **self._surface.textures,
             **targets.textures,
         }
         units: dict[str, object] = {"cloud_cover": self._weather.clouds}

@@ -1,0 +1,91 @@
+// The ground as it is drawn in this frame, seen from straight above: morphed tiles stand off the true ground by up to
+// their tolerance on the screen, so what stands on the ground asks here where that is. Two squares about the eye lie
+// side by side in each texture: the near one west, the far one, wider and coarser, east. Oracle:
+// tests/render/test_surface_map.py. All places are relative to the eye, m. Needs nothing but its uniforms.
+//   MATERIALS 1: one look-up for each question, so the squares meet at an edge
+#ifndef MATERIALS
+#define MATERIALS 2
+#endif
+
+uniform sampler2D surface;      // xy: normal; z: height over what the square counts from, m; w: 1; all zero where nothing is drawn
+uniform sampler2D surface_low;  // grass, soil, rock, scree
+uniform sampler2D surface_high; // sand, snow, river bed, forest floor
+uniform vec4 surface_near;      // xy: south-west corner, m; z: 1 / width, 1/m; w: what heights count from, m
+uniform vec4 surface_far;
+
+const float SURFACE_EDGE = 0.01; // widths of a square that are left unused at its border: a texel and more
+const float SURFACE_FADE = 0.08; // widths over which the near square goes over into the far one
+
+// Share of a square that is shown at a place in it: 1 inside, 0 from its border on.
+float surface_share(vec2 uv)
+{
+    vec2 room = min(uv, 1.0 - uv);
+    return clamp((min(room.x, room.y) - SURFACE_EDGE) / SURFACE_FADE, 0.0, 1.0);
+}
+
+// Where both squares are asked, and how much each counts.
+struct SurfacePlace {
+    vec2 near_uv, far_uv; // in the textures
+    float near_share, far_share;
+};
+
+SurfacePlace surface_place(vec2 place)
+{
+    vec2 near_uv = (place - surface_near.xy) * surface_near.z;
+    vec2 far_uv = (place - surface_far.xy) * surface_far.z;
+    float near_share = surface_share(near_uv);
+    float far_share = min(surface_share(far_uv) * 1e6, 1.0);
+#if MATERIALS == 1
+    near_share = step(0.5, near_share);
+#endif
+    vec2 half_width = vec2(0.5, 1.0);
+    return SurfacePlace(clamp(near_uv, SURFACE_EDGE, 1.0 - SURFACE_EDGE) * half_width,
+        clamp(far_uv, SURFACE_EDGE, 1.0 - SURFACE_EDGE) * half_width + vec2(0.5, 0.0), near_share,
+        far_share * (1.0 - near_share));
+}
+
+vec4 surface_texel(sampler2D map, SurfacePlace at)
+{
+#if MATERIALS == 1
+    bool nearby = at.near_share > at.far_share;
+    return textureLod(map, nearby ? at.near_uv : at.far_uv, 0.0) * max(at.near_share, at.far_share);
+#else
+    return textureLod(map, at.near_uv, 0.0) * at.near_share + textureLod(map, at.far_uv, 0.0) * at.far_share;
+#endif
+}
+
+// Normal's x and y, height over the eye (m), and how much of that is known, 0..1; all zero where nothing is.
+vec4 drawn_surface(vec2 place)
+{
+    SurfacePlace at = surface_place(place);
+#if MATERIALS == 1
+    vec4 texel = surface_texel(surface, at);
+    texel.z += texel.w * (at.near_share > at.far_share ? surface_near.w : surface_far.w);
+#else
+    vec4 near = textureLod(surface, at.near_uv, 0.0) * at.near_share;
+    vec4 far = textureLod(surface, at.far_uv, 0.0) * at.far_share;
+    vec4 texel = near + far;
+    texel.z += near.w * surface_near.w + far.w * surface_far.w;
+#endif
+    return texel.w > 1e-3 ? vec4(texel.xyz / texel.w, texel.w) : vec4(0.0);
+}
+
+// Height over the eye (m) at which something whose true foot is given stands on what is drawn.
+float standing_height(vec3 foot)
+{
+    vec4 drawn = drawn_surface(foot.xy);
+    return drawn.w > 0.0 ? drawn.z : foot.z;
+}
+
+// Straight up where nothing is drawn.
+vec3 drawn_normal(vec2 place)
+{
+    vec2 flat_part = drawn_surface(place).xy;
+    return vec3(flat_part, sqrt(max(1.0 - dot(flat_part, flat_part), 0.0)));
+}
+
+// Grass, soil, rock, scree; zero where nothing is drawn.
+vec4 drawn_weights_low(vec2 place) { return surface_texel(surface_low, surface_place(place)); }
+
+// Sand, snow, river bed, forest floor.
+vec4 drawn_weights_high(vec2 place) { return surface_texel(surface_high, surface_place(place)); }

@@ -7,5 +7,5 @@ def pytest_addoption(parser):
     parser.addoption(
         "--regenerate-goldens",
         action="store_true",
-        help="write the golden pictures anew instead of comparing with them; look at each before it is committed",
+        help="write the golden pictures anew instead of comparing with them: look at each",
     )

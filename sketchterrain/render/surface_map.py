@@ -3,7 +3,7 @@
 Tiles are coarse where nobody would see it and pass into each other, so the drawn ground stands off the true
 one. Two squares, seen from straight above, hold heights, normals and material weights of just these
 triangles. Each keeps where the eye was when it was drawn, so it is right for a later eye too and is drawn
-again only when what it shows has changed; in a moving picture one square a frame at most.
+again only when what it shows has changed; in a moving picture the two take turns.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NEAR_WIDTH: Final = 200.0
 STEP: Final = 16
 """Texels by which a square follows the eye."""
 TURN: Final = 4
-"""Frames of a moving picture after which the far square is looked at again."""
+"""Frames of a moving picture after which a square is looked at again."""
 
 
 class SurfaceMap:
@@ -75,14 +75,12 @@ class SurfaceMap:
         eye
             From which the pool's tiles were placed (m); the frame's uniform block must hold the same.
         moving
-            Whether the far square may wait for its turn.
+            Whether squares may wait for their turn.
         """
         self._turn = (self._turn + 1) % TURN
-        turn = not moving or self._turn == 0
-        if turn or self._far.is_left_by(eye):
-            self._draw(self._far, eye)
-        if not (turn and moving) or self._near.is_left_by(eye):
-            self._draw(self._near, eye)
+        for square, turn in ((self._far, 0), (self._near, TURN // 2)):
+            if not moving or self._turn == turn or square.is_left_by(eye):
+                self._draw(square, eye)
 
     def uniforms(self, eye: Eye) -> dict[str, object]:
         """Return where both squares lie, seen from an eye (m)."""

@@ -26,7 +26,7 @@ NEAR_WIDTH: Final = 200.0
 """m, side of the near square."""
 STEP: Final = 16
 """Texels by which a square follows the eye."""
-TURN: Final = 4
+TURN: Final = 6
 """Frames of a moving picture after which a square is looked at again."""
 
 

@@ -295,7 +295,7 @@ class Renderer:
             **self._surface.textures,
             **targets.textures,
         }
-        units: dict[str, object] = {"cloud_cover": self._weather.clouds}
+        units: dict[str, object] = {"cloud_cover": self._weather.clouds, "wind": self._weather.drift}
         for unit, (name, texture) in enumerate(textures.items(), start=1):
             texture.use(unit)
             units[name] = unit

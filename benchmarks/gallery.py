@@ -1,7 +1,7 @@
 """The gallery: each preset near the ground, from a hill and from the air, at dawn, at noon and under clouds.
 
-``python -m sketchterrain.benchmarks.gallery DIR [PRESET …] [--size 1920x1080] [--quality 1]`` writes the pictures and
-a sheet of them for each preset.
+``python -m sketchterrain.benchmarks.gallery DIR [PRESET …] [--size 1920x1080] [--quality 1]`` writes the
+pictures and a sheet of them for each preset.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ def evaluate(gl, includes, call, inputs):
     text = HEADER + "".join(source(name) for name in includes)
     text += f"in vec4 a; out vec4 result; void main() {{ result = {call}; }}"
     program = gl.program(vertex_shader=text, varyings=["result"])
+    gl.framebuffer([gl.texture((1, 1), 4)]).use()  # a context without a window has none of its own
     rows = np.ascontiguousarray(inputs, dtype=np.float32)
     output = gl.buffer(reserve=rows.nbytes)
     gl.vertex_array(program, [(gl.buffer(rows.tobytes()), "4f4", "a")]).transform(output, vertices=len(rows))

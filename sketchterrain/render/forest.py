@@ -16,10 +16,10 @@ from sketchterrain.render.plant_cells import (
     joined,
     reach_of,
 )
-from sketchterrain.render.plant_meshes import Instances, PlantMeshes
+from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade
 from sketchterrain.render.programs import build_program, set_uniforms
-from sketchterrain.render.trees import DETAILS, SPECIES
+from sketchterrain.render.trees import CUT, DETAILS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Forest", "shares"]
 
-PIXELS: Final = (72.0, 20.0, 7.0)
+PIXELS: Final = (200.0, 80.0, 38.0, 17.0, 7.5)
 """Height of a plant in pixels under which the next coarser detail does."""
 BAND: Final = 0.08
 """Share of such a height, up and down, over which one detail passes into the next."""
@@ -87,8 +87,14 @@ class Forest:
         self._pixels = np.array(PIXELS) / quality.leaves
         self._cells = PlantCells(terrain)
         meshes = PlantMeshes(context)
-        program = build_program(context, "tree.vert.glsl", "tree.frag.glsl", defines=defines)
-        self._batch = meshes.drawn_by(program)
+        self._batches = [
+            meshes.drawn_by(
+                build_program(
+                    context, "tree.vert.glsl", "tree.frag.glsl", defines={**defines, "SPRIGS": int(sprigs)}
+                )
+            )
+            for sprigs in (True, False)
+        ]
         self.shade = PlantShade(context, meshes, self._cells, sun, quality=quality, reach=self.reach)
         self._asked = False
         self._seen: list[Place] = []
@@ -105,7 +111,12 @@ class Forest:
     @property
     def triangles(self) -> int:
         """Triangles that the last picture drew."""
-        return self._batch.triangles
+        return sum(batch.triangles for batch in self._batches)
+
+    @property
+    def count(self) -> int:
+        """Plants that the last picture drew."""
+        return sum(batch.count for batch in self._batches)
 
     def update(
         self, camera: Camera, aspect: float, lit: LitGround, elapsed: float, allowance: Allowance
@@ -136,10 +147,11 @@ class Forest:
     def draw(self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object]) -> None:
         """Draw the plants that a camera sees in a picture of a size (px)."""
         self._choose(camera, size[0] / size[1], size[1])
-        if self._batch.count:
-            anchor = (*(self._origin - camera.eye[:2]).tolist(), -camera.eye[2])
-            set_uniforms(self._batch.program, {**uniforms, "anchor": anchor})
-            self._batch.draw()
+        anchor = (*(self._origin - camera.eye[:2]).tolist(), -camera.eye[2])
+        for batch in self._batches:
+            if batch.count:
+                set_uniforms(batch.program, {**uniforms, "anchor": anchor})
+                batch.draw()
 
     def _choose(self, camera: Camera, aspect: float, height: int) -> None:
         cells = [cell for cell in (self._cells[place] for place in self._seen) if cell is not None]
@@ -157,7 +169,10 @@ class Forest:
         pixels = stand.tall * scale / np.maximum(away, 1.0)
         share = _present(stand.whim, away, age, self.reach)
         share *= _beside(camera.frustum(aspect), place - eye)
-        self._batch.put(_grouped(stand, shares(pixels, stand.whim, self._pixels) * share[:, None]))
+        drawn = shares(pixels, stand.whim, self._pixels) * share[:, None]
+        # Only fine leaves are cut out: what may be cut hides nothing before it is shaded.
+        for batch, details in zip(self._batches, (range(CUT), range(CUT, DETAILS)), strict=True):
+            batch.put(_grouped(stand, drawn, details))
 
 
 def shares(
@@ -197,14 +212,15 @@ def _beside(planes: Floats, place: Floats) -> npt.NDArray[np.bool_]:
     return np.asarray((place @ planes[:2, :3].T > -ROOM).all(axis=1))
 
 
-def _grouped(stand: Stand, share: Floats) -> Instances:
-    """Put the plants in the order of species and detail, those that are drawn in two of them twice."""
-    detail, plant = np.nonzero(share.T > 1.0 / 512.0)
-    group = stand.species[plant].astype(np.int64) * DETAILS + detail
+def _grouped(stand: Stand, share: Floats, details: range) -> Instances:
+    """Put plants in the order of kind and detail, those that are drawn in two of the details twice."""
+    detail, plant = np.nonzero(share.T[details.start : details.stop] > 1.0 / 512.0)
+    detail += details.start
+    group = stand.kind[plant].astype(np.int64) * DETAILS + detail
     order = np.argsort(group, kind="stable")
     plant, detail = plant[order], detail[order]
     rows = np.empty((len(plant), 8), np.float32)
     rows[:, :3], rows[:, 3] = stand.place[plant], stand.tall[plant]
     rows[:, 4:7], rows[:, 7] = stand.manner[plant], share[plant, detail]
-    counts = np.bincount(group, minlength=len(SPECIES) * DETAILS)
-    return Instances(rows, counts.reshape(len(SPECIES), DETAILS))
+    counts = np.bincount(group, minlength=KINDS * DETAILS)
+    return Instances(rows, counts.reshape(KINDS, DETAILS))

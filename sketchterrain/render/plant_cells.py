@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.render.allowance import Pace
-from sketchterrain.render.trees import HEIGHTS
+from sketchterrain.render.trees import HEIGHTS, VARIANTS
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterable, Sequence
@@ -41,6 +41,12 @@ SINK: Final = 0.15
 """m; feet go so far into the ground."""
 ROOM: Final = 12.0
 """m about a plant's foot that its crown may take."""
+PATCH: Final = 32.0
+"""m; side of the squares in which neighbours are counted."""
+DENSE: Final = 0.02
+"""Trees on a square metre of dense forest."""
+LOW: Final = 3.5
+"""m; lower plants shade no others."""
 FADE: Final = 0.55
 """Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
 
@@ -52,9 +58,11 @@ class Stand(NamedTuple):
 
     place: npt.NDArray[np.float32]  # (n, 3)
     tall: npt.NDArray[np.float32]  # (n,)
-    manner: npt.NDArray[np.float32]  # (n, 3) cosine and sine of the rotation, tint -1..1
+    manner: npt.NDArray[
+        np.float32
+    ]  # (n, 3) cosine and sine of the rotation, temper: crowding 0..15 + tint 0..1
     whim: npt.NDArray[np.float32]  # (n,) 0..1, says when a plant comes and goes
-    species: npt.NDArray[np.uint8]  # (n,)
+    kind: npt.NDArray[np.uint8]  # (n,) species · variants + variant
 
 
 @dataclass
@@ -233,21 +241,35 @@ def joined(cells: Iterable[Cell], origin: Floats) -> Stand:
 
 def _stand(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
     place = np.stack([plants["x"] - corner[0], plants["y"] - corner[1], plants["z"] - SINK], axis=1)
-    tint, whim = _whims(plants)
-    manner = np.stack([np.cos(plants["rotation"]), np.sin(plants["rotation"]), tint], axis=1)
+    tint, whim, variant = _whims(plants)
     tall = np.asarray(HEIGHTS)[plants["species"]] * plants["scale"]
+    temper = np.floor(15.0 * _crowding(place, tall)) + 0.998 * tint
+    manner = np.stack([np.cos(plants["rotation"]), np.sin(plants["rotation"]), temper], axis=1)
     single = [array.astype(np.float32) for array in (place, tall, manner, whim)]
-    return Stand(single[0], single[1], single[2], single[3], plants["species"])
+    kind = (plants["species"] * VARIANTS + np.minimum(variant * VARIANTS, VARIANTS - 1)).astype(np.uint8)
+    return Stand(single[0], single[1], single[2], single[3], kind)
 
 
-def _whims(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
-    """Return two numbers for each plant from its place alone: tint in -1..1 and one in 0..1."""
+def _crowding(place: Floats, tall: Floats) -> Floats:
+    """Tell how much other trees shade each plant, 0 alone … 1 in a dense forest."""
+    trees = np.where(tall > LOW, 1.0, 0.0)
+    at = np.clip(np.floor(place[:, :2] / PATCH), 0, CELL // PATCH - 1).astype(np.int64) @ [
+        1,
+        int(CELL / PATCH),
+    ]
+    many = np.bincount(at, trees, minlength=int(CELL / PATCH) ** 2)
+    return np.clip((many[at] - 1.0) / (DENSE * PATCH**2), 0.0, 1.0)
+
+
+def _whims(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats, Floats]:
+    """Return three numbers in 0..1 for each plant from its place alone."""
     x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
     seed = x * 73_856_093 ^ y * 19_349_663
     bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)
     first = (bits & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
     second = ((bits >> np.uint64(16)) & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
-    return first * 2.0 - 1.0, second
+    third = ((bits >> np.uint64(32)) & np.uint64(0xFF)).astype(np.float64) / 0xFF
+    return first, second, third
 
 
 _EMPTY: Final = Stand(

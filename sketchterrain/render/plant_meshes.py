@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import moderngl
 import numpy as np
 
-from sketchterrain.render.trees import DETAILS, SPECIES, plant_mesh
+from sketchterrain.render.trees import DETAILS, SPECIES, VARIANTS, plant_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-__all__ = ["Instances", "PlantMeshes"]
+__all__ = ["KINDS", "Instances", "PlantMeshes"]
+
+KINDS: Final = len(SPECIES) * VARIANTS
+"""Of plants: every species' first variant, second, … follow each other."""
 
 
 class Instances(NamedTuple):
-    """Plants to draw, by species and detail.
+    """Plants to draw, by kind and detail.
 
     Attributes
     ----------
     rows : (n, 8) float32
-        Foot from an anchor and height (m); cosine, sine, tint, and the share of its triangles that is drawn.
-    counts : (species, details) int64
+        Foot from an anchor and height (m); cosine, sine, temper (see `Stand`), and the share of its triangles
+        that is drawn.
+    counts : (kinds, details) int64
         How many of each mesh; rows follow in this order.
     """
 
@@ -33,25 +37,34 @@ class Instances(NamedTuple):
 
 
 class PlantMeshes:
-    """Vertices of all species in all details.
+    """Vertices of all kinds in all details.
 
     Attributes
     ----------
-    first, vertices : (species, details) int64
+    first, vertices : (kinds, details) int64
         Where each mesh begins, and how many vertices it has.
     """
 
     def __init__(self, context: moderngl.Context) -> None:
-        meshes = [plant_mesh(name, detail) for name in SPECIES for detail in range(DETAILS)]
+        meshes = [
+            plant_mesh(name, variant, detail)
+            for name in SPECIES
+            for variant in range(VARIANTS)
+            for detail in range(DETAILS)
+        ]
         sizes = np.array([len(mesh) for mesh in meshes], dtype=np.int64)
-        self.vertices = sizes.reshape(len(SPECIES), DETAILS)
+        self.vertices = sizes.reshape(KINDS, DETAILS)
         self.first = (np.cumsum(sizes) - sizes).reshape(self.vertices.shape)
         self._context = context
         self._buffer = context.buffer(np.concatenate(meshes).tobytes())
 
     def drawn_by(self, program: moderngl.Program, *, depth_only: bool = False) -> PlantBatch:
         """Return what draws plants by a program."""
-        form = ("3f4 16x", "place") if depth_only else ("3f4 3f4 4f1", "place", "outward", "colour")
+        form = (
+            ("3f4 12x", "place")
+            if depth_only
+            else ("3f4 4f1 4f1 4f1", "place", "outward", "colour", "sprig_at")
+        )
         return PlantBatch(self._context, self, program, (self._buffer, *form))
 
     def commands(self, counts: npt.NDArray[np.int64], start: int, stop: int) -> npt.NDArray[np.uint32]:

@@ -9,9 +9,9 @@ import numpy as np
 
 from sketchterrain.render.allowance import Pace
 from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
-from sketchterrain.render.plant_meshes import Instances, PlantMeshes
+from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.programs import build_program, set_uniforms
-from sketchterrain.render.trees import DETAILS, SPECIES
+from sketchterrain.render.trees import DETAILS
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -29,7 +29,7 @@ __all__ = ["PlantShade", "shade_matrix", "sun_axes"]
 
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
 """Near and far: where ahead its middle lies and half its side, in reaches of the woods."""
-FINE: Final = (1, 2)
+FINE: Final = (2, 5)
 """Detail of the plants in them, if there are both; a coarser one where the wide one is alone."""
 FADE: Final = 0.5
 """s in which a map takes the place of the one before."""
@@ -206,12 +206,12 @@ class PlantShade:
         away = np.hypot(world[:, 0] - eye[0], world[:, 1] - eye[1])
         aside = np.abs(world @ self._axes[:2].T - place.centre[:2]).max(axis=1, initial=0.0)
         chosen = np.flatnonzero((away < reach_of(stand.whim, self._reach)) & (aside < place.half + ROOM))
-        chosen = chosen[np.argsort(stand.species[chosen], kind="stable")]
+        chosen = chosen[np.argsort(stand.kind[chosen], kind="stable")]
         rows = np.empty((len(chosen), 8), np.float32)
         rows[:, :3], rows[:, 3] = stand.place[chosen], stand.tall[chosen]
         rows[:, 4:7], rows[:, 7] = stand.manner[chosen], 1.0
-        counts = np.zeros((len(SPECIES), DETAILS), np.int64)
-        counts[:, self._details[index]] = np.bincount(stand.species[chosen], minlength=len(SPECIES))
+        counts = np.zeros((KINDS, DETAILS), np.int64)
+        counts[:, self._details[index]] = np.bincount(stand.kind[chosen], minlength=KINDS)
         self._batches[index].put(Instances(rows, counts))
         target = each.targets[id(each.drawn)]
         target.use()

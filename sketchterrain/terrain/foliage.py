@@ -1,4 +1,4 @@
-"""Which plants stand where: Poisson-disk places, thinned by forest, slope, height and water."""
+"""Which plants stand where: Poisson-disk places, thinned by forest, slope and water; species in patches."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.errors import InputError
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.catalogue import conifer_share
-from sketchterrain.features.hashing import unit
+from sketchterrain.features.hashing import smooth_noise, unit
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import support_radii
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PLANT", "SPACING", "SPECIES", "FoliageSampler"]
 
-SPECIES = ("conifer", "broadleaf", "shrub")
+SPECIES = ("spruce", "pine", "oak", "birch", "shrub")
 """Names of the species, in the order of the ``species`` field."""
 
 PLANT = np.dtype(
@@ -38,11 +38,21 @@ PLANT = np.dtype(
 SPACING = 5.0
 """Metres between plants, at least."""
 
-_LONE_PLANTS = 0.014  # share of places outside forests that bear a plant where it is not dry
+_SPRUCE, _PINE, _OAK, _BIRCH, _SHRUB = range(len(SPECIES))
+
+_LONE_PLANTS = 0.016  # share of places outside forests that bear a plant where it is not dry, on the mean
+_GROUPS = (190.0, 55.0)  # m, from group to group of those, and from thicket to thicket in a group
+_MOST_IN_GROUP = 6.0  # times as many as on the mean stand there at most
 _STEEPEST = 1.0  # rise over run on which trees hold
 _WATERSIDE = 0.7  # water mask from which on it is too wet
 _MASK_CELL = 2.0  # m: how finely forests and banks are told apart
 _CONIFER_BELT = 450.0  # m below the tree line in which conifers take over
+_STANDS = (420.0, 90.0)  # m, from one species' stand to the next, and their ragged borders
+_FRINGE = 0.55  # share of places just outside a forest that may bear undergrowth
+_SEED_FLIES = 22.0  # m: how far from a forest that is found
+_OUTSIDE = 0.22  # forest mask below which a place is outside
+_EDGE = 0.55  # forest mask below which trees are smaller: it is the forest's edge
+_YOUNG = 0.16  # share of a forest's trees that are not grown
 
 
 class FoliageSampler:
@@ -81,36 +91,60 @@ class FoliageSampler:
             return np.zeros(0, PLANT)
         x, y = places.T
         # The draws first, against what there can be at most: most places bear nothing and cost no height.
-        draw = self._draw("presence", x, y)
-        kept = self._evaluator.may_hold(x, y, "forest") | (draw < self._lone_share)
-        x, y, draw = x[kept], y[kept], draw[kept]
+        draw, lone = self._draw("presence", x, y), self._lone_share(x, y)
+        woody = self._evaluator.may_hold(x, y, "forest")
+        kept = woody | (draw < lone)
+        x, y, draw, lone, woody = (each[kept] for each in (x, y, draw, lone, woody))
         yield
         if not x.size:
             return np.zeros(0, PLANT)
         _, masks = self._evaluator.points(x, y, cell_size=_MASK_CELL)
-        kept = draw < self._most_plants(masks)
-        x, y, masks = x[kept], y[kept], masks[kept]
+        own = draw < self._most_plants(masks, lone)
         yield
+        young = self._undergrowth(x, y, woody & ~own & (masks[:, 2] < _OUTSIDE))
+        kept = own | young
+        x, y, masks, young = x[kept], y[kept], masks[kept], young[kept]
         step = max(round(metre), 1)
         z = self._heights(x, y)
         steepness = np.hypot(self._heights(x + step, y) - z, self._heights(x, y + step) - z) / (step / metre)
         yield
         kept = self._draw("hold", x, y) < self._hold(z, steepness, masks)
-        return self._plants(x[kept], y[kept], z[kept], masks[kept])
+        return self._plants(x[kept], y[kept], z[kept], steepness[kept], masks[kept], young[kept])
 
     def _heights(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]) -> Reals:
         height, _ = self._evaluator.points(x, y, cell_size=0.0)
         return height.astype(np.float64)
 
-    @property
-    def _lone_share(self) -> float:
-        """Share of places outside forests that bear a plant."""
-        return _LONE_PLANTS * (1 - self._recipe.climate["aridity"])
+    def _lone_share(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]) -> Reals:
+        """Share of places outside forests that bear a plant: in loose groups, few between them."""
+        wide, narrow = (self._field("group", x, y, width) for width in _GROUPS)
+        thick = _ramp(0.65 * wide + 0.35 * narrow, 0.42, 0.86) ** 2
+        share = _LONE_PLANTS * (1 - self._recipe.climate["aridity"])
+        return np.asarray(share * (0.25 + (_MOST_IN_GROUP - 0.25) * thick))
 
-    def _most_plants(self, masks: npt.NDArray[Any]) -> Reals:
+    def _most_plants(self, masks: npt.NDArray[Any], lone: Reals) -> Reals:
         """Share of places, 0 … 1, that bear a plant on level ground in a mild climate."""
         _, dune, forest, _ = masks.T.astype(np.float64)
-        return np.asarray(np.maximum(forest, self._lone_share * (1 - dune)))
+        return np.asarray(np.maximum(forest, lone * (1 - dune)))
+
+    def _undergrowth(
+        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], candidates: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.bool_]:
+        """Tell which places just outside a forest bear what has seeded itself from it."""
+        chance = self._draw("seed", x, y) / _FRINGE
+        grown = np.flatnonzero(candidates & (chance < 1.0))
+        found = np.zeros(x.size, np.bool_)
+        if grown.size:
+            metre = 1 / metres_per_unit(self._recipe.extent)
+            angle = 2 * np.pi * self._draw("seed bearing", x[grown], y[grown])
+            away = _SEED_FLIES * metre * np.sqrt(self._draw("seed flight", x[grown], y[grown]))
+            from_x, from_y = (
+                start[grown] + np.rint(away * turn).astype(np.int64)
+                for start, turn in ((x, np.cos(angle)), (y, np.sin(angle)))
+            )
+            _, masks = self._evaluator.points(from_x, from_y, cell_size=_MASK_CELL)
+            found[grown] = chance[grown] < masks[:, 2]
+        return found
 
     def _hold(self, z: Reals, steepness: Reals, masks: npt.NDArray[Any]) -> Reals:
         """Share of those plants, 0 … 1, that the slope, the height and the water leave."""
@@ -120,23 +154,61 @@ class FoliageSampler:
         return np.asarray(hold * warm * (masks[:, 3] < _WATERSIDE))
 
     def _plants(
-        self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], z: Reals, masks: npt.NDArray[Any]
+        self,
+        x: npt.NDArray[np.int64],
+        y: npt.NDArray[np.int64],
+        z: Reals,
+        steepness: Reals,
+        masks: npt.NDArray[Any],
+        young: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.void]:
         climate = self._recipe.climate
-        forest = masks[:, 2].astype(np.float64)
+        forest, water = masks[:, 2].astype(np.float64), masks[:, 3].astype(np.float64)
         belt = _ramp(z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
         conifers = self._conifers(x, y, 0.22 + 0.78 * belt)
+        # Pines hold dry and steep ground, birches come first to edges and stand with their feet wet.
+        pines = self._stands("pine", x, y, 0.6 * _ramp(steepness, 0.3, 0.7) + 0.7 * climate["aridity"] - 0.25)
+        birches = self._stands("birch", x, y, 0.35 * (forest < _EDGE) + 0.5 * (water > 0.02) - 0.3)
         # Shrubs stand in the open, at forest edges and where it is dry.
-        shrubs = np.clip(0.08 + 1.25 * climate["aridity"] ** 2 + 0.3 * (forest < 0.25), 0, 1)
-        tree = np.where(self._draw("conifer", x, y) < conifers, 0, 1)
-        species = np.where(self._draw("shrub", x, y) < shrubs, 2, tree)
+        shrubs = np.clip(
+            0.08 + 1.25 * climate["aridity"] ** 2 + 0.3 * (forest < _OUTSIDE) + 0.3 * young, 0, 1
+        )
+        conifer = np.where(self._draw("pine", x, y) < pines, _PINE, _SPRUCE)
+        broadleaf = np.where(self._draw("birch", x, y) < birches, _BIRCH, _OAK)
+        tree = np.where(self._draw("conifer", x, y) < conifers, conifer, broadleaf)
         plants = np.zeros(x.size, PLANT)
         unit_m = metres_per_unit(self._recipe.extent)
         plants["x"], plants["y"], plants["z"] = x * unit_m, y * unit_m, z
-        plants["species"] = species
-        plants["scale"] = 0.65 + 0.6 * self._draw("scale", x, y) ** 2
+        plants["species"] = np.where(self._draw("shrub", x, y) < shrubs, _SHRUB, tree)
+        plants["scale"] = self._scale(x, y, forest, young, plants["species"] == _SHRUB)
         plants["rotation"] = 2 * np.pi * self._draw("rotation", x, y)
         return plants
+
+    def _scale(
+        self,
+        x: npt.NDArray[np.int64],
+        y: npt.NDArray[np.int64],
+        forest: Reals,
+        young: npt.NDArray[np.bool_],
+        shrub: npt.NDArray[np.bool_],
+    ) -> Reals:
+        """Sizes: most plants are grown, smaller ones among them; trees get lower towards a forest's edge."""
+        size = self._draw("scale", x, y)
+        grown = 0.65 + 0.6 * size**2
+        edge = np.where((forest > 0) & (forest < _EDGE), 0.6 + 0.4 * forest / _EDGE, 1.0)
+        small = young | ((forest >= _OUTSIDE) & (self._draw("young", x, y) < _YOUNG))
+        tree = np.where(small, 0.22 + 0.38 * size, grown * edge)
+        return np.where(shrub, grown, tree)
+
+    def _stands(self, name: str, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], lean: Reals) -> Reals:
+        """Share of a species against its rival, 0.05 … 0.95: either in stands; `lean` above 0 favours it."""
+        wide, narrow = (self._field(name, x, y, width) for width in _STANDS)
+        return np.asarray(np.clip(0.5 + 4.0 * (0.75 * wide + 0.25 * narrow - 0.5) + lean, 0.05, 0.95))
+
+    def _field(self, name: str, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], width: float) -> Reals:
+        """Smooth noise, 0 … 1, one swing in about two widths (m)."""
+        unit_m = metres_per_unit(self._recipe.extent) / width
+        return smooth_noise(self._recipe.seed, f"plant {name} {width:g}", x * unit_m, y * unit_m)
 
     def _conifers(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], by_elevation: Reals) -> Reals:
         """Share of conifers at places: the mean of the forests there, by how much each covers a place."""

@@ -74,7 +74,7 @@ class Waves:
         plants = np.zeros(n, PLANT)
         plants["x"], plants["y"] = np.linspace(0.0, 1000.0, n), 300.0
         plants["z"] = self.heights(plants["x"], plants["y"])
-        plants["scale"], plants["species"] = 1.0, np.arange(n) % 3
+        plants["scale"], plants["species"] = 1.0, np.arange(n) % 5
         inside = (plants["x"] >= west) & (plants["x"] < east) & (plants["y"] >= south) & (plants["y"] < north)
         return plants[inside]
 

@@ -14,7 +14,6 @@ from sketchterrain.render.plant_shade import shade_matrix
 from sketchterrain.render.relief import HeightMap
 from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.textures import tileable_noise
-from sketchterrain.render.trees import DETAILS, SPECIES, plant_mesh
 from sketchterrain.render.water import ACROSS, sheet, strip
 
 
@@ -86,22 +85,6 @@ def test_river_strip_is_as_wide_as_told_and_faces_up():
     turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
     assert (turn > 0).all()
     assert len(triangles) == 10 * (ACROSS - 1) * 6
-
-
-@pytest.mark.parametrize("species", SPECIES)
-def test_plants_stand_on_the_ground_one_unit_high_and_get_simpler(species):
-    meshes = [plant_mesh(species, detail) for detail in range(DETAILS)]
-    counts = [len(mesh) for mesh in meshes]
-    assert counts == sorted(counts, reverse=True)
-    assert counts[-1] <= 150
-    for mesh in meshes:
-        assert -0.2 < mesh["place"][:, 2].min() < 0.4
-        assert 0.8 < mesh["place"][:, 2].max() < 1.3
-        assert np.allclose(np.linalg.norm(mesh["outward"], axis=1), 1.0, atol=1e-5)
-
-
-def test_plants_are_the_same_every_time():
-    assert plant_mesh("conifer", 0).tobytes() == plant_mesh("conifer", 0).tobytes()
 
 
 def test_noise_is_tileable():

@@ -8,9 +8,9 @@ from sketchterrain.render.allowance import Allowance
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares
 from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.plant_cells import CELL, KEPT, SINK, PlantCells, cells_near, joined
-from sketchterrain.render.plant_meshes import PlantMeshes
+from sketchterrain.render.plant_meshes import KINDS, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade, shade_matrix, sun_axes
-from sketchterrain.render.trees import DETAILS, SPECIES
+from sketchterrain.render.trees import DETAILS
 
 from .conftest import PLANT
 
@@ -39,7 +39,7 @@ class Meadow:
         plants["x"], plants["y"] = 16.0 * i.ravel(), 16.0 * j.ravel()
         plants["z"] = self.heights(plants["x"], plants["y"])
         plants["scale"] = 0.8
-        plants["species"] = (i + 2 * j).ravel().astype(np.int64) % 3
+        plants["species"] = (i + 2 * j).ravel().astype(np.int64) % 5
         return plants
 
     def foliage_steps(self, west, south, east, north):
@@ -49,7 +49,7 @@ class Meadow:
 
 
 def in_order(stand):
-    columns = [stand.place, stand.tall[:, None], stand.manner, stand.whim[:, None], stand.species[:, None]]
+    columns = [stand.place, stand.tall[:, None], stand.manner, stand.whim[:, None], stand.kind[:, None]]
     rows = np.concatenate(columns, axis=1)
     return rows[np.lexsort((rows[:, 0], rows[:, 1]))]
 
@@ -124,8 +124,8 @@ def test_details_share_a_plant_and_pass_softly_into_each_other():
     drawn = shares(pixels, whim, steps)
     assert np.allclose(drawn.sum(axis=1), 1.0)
     assert ((drawn > 0).sum(axis=1) <= 2).all()
-    assert (drawn[-1] == [1, 0, 0, 0]).all()
-    assert (drawn[0] == [0, 0, 0, 1]).all()
+    assert (drawn[-1] == [1, 0, 0, 0, 0]).all()
+    assert (drawn[0] == [0, 0, 0, 0, 1]).all()
     step = np.log(pixels[1] / pixels[0])
     assert np.abs(np.diff(drawn, axis=0)).max() <= 1.2 * step / (2 * BAND)
     # Plants do not all change at once.
@@ -136,7 +136,7 @@ def test_details_share_a_plant_and_pass_softly_into_each_other():
 
 def test_commands_draw_each_instance_once(gl):
     meshes = PlantMeshes(gl)
-    counts = np.random.default_rng(1).integers(0, 5, (len(SPECIES), DETAILS))
+    counts = np.random.default_rng(1).integers(0, 5, (KINDS, DETAILS))
     total = int(counts.sum())
     whole = meshes.commands(counts, 0, total)
     assert whole[:, 1].sum() == total
@@ -215,7 +215,7 @@ def test_plants_grow_in_and_the_forest_settles(gl):
         forest.update(CAMERA, 16 / 9, lit, 0.05, Allowance(0.02))
         forest._choose(CAMERA, 16 / 9, 360)
         triangles.append(forest.triangles)
-        shown.append(forest._batch.count)
+        shown.append(forest.count)
         frames += 1
         assert frames < 400
     assert triangles[0] == 0
@@ -223,6 +223,6 @@ def test_plants_grow_in_and_the_forest_settles(gl):
     settled = Forest(gl, meadow, SUN, quality=quality, defines={})
     settled.settle(CAMERA, 16 / 9, lit)
     settled._choose(CAMERA, 16 / 9, 360)
-    assert settled._batch.count == shown[-1]
+    assert settled.count == shown[-1]
     assert settled.settled
     assert 0.05 * frames >= GROW

@@ -12,7 +12,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
 from sketchterrain.features.catalogue import conifer_code
 from sketchterrain.terrain.evaluation import Evaluator
-from sketchterrain.terrain.foliage import FoliageSampler
+from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
 from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def test_plants_stand_on_the_ground_inside_the_rectangle(valley: st.Terrain) -> 
     assert (plants["y"] >= 1500).all()
     assert (plants["y"] < 2800).all()
     np.testing.assert_array_equal(plants["z"], valley.heights(plants["x"], plants["y"]))
-    assert set(np.unique(plants["species"])) <= {0, 1, 2}
+    assert set(np.unique(plants["species"])) <= set(range(len(SPECIES)))
     assert (plants["scale"] > 0).all()
 
 
@@ -106,9 +106,10 @@ def test_a_forests_conifers_are_as_many_as_asked(
     forest["type"], forest["x"], forest["y"] = FEATURE_TYPES.index("forest"), 2000, 2000
     forest["radius"], forest["strength"], forest["peakiness"] = 600, 0.9, conifer_code(share)
     plants = FoliageSampler(Evaluator(make_recipe(forest), context)).within(1800, 1800, 2200, 2200)
-    trees = plants[plants["species"] < 2]
+    trees = plants[plants["species"] != SPECIES.index("shrub")]
     assert len(trees) > 500
-    assert low <= (trees["species"] == 0).mean() <= high
+    conifers = np.isin(trees["species"], [SPECIES.index("spruce"), SPECIES.index("pine")])
+    assert low <= conifers.mean() <= high
     part = FoliageSampler(Evaluator(make_recipe(forest), context)).within(1900, 1850, 2000, 2100)
     inside = (plants["x"] >= 1900) & (plants["x"] < 2000) & (plants["y"] >= 1850) & (plants["y"] < 2100)
     np.testing.assert_array_equal(part, plants[inside])

@@ -1,0 +1,30 @@
+// The leaves of a spray, cut out of a sheet. Pure; the same in NumPy float64: render/tree_measure.py.
+
+const float LEAF_PAIRS = 3.5;    // of leaves along a spray
+const float LEAF_FORWARD = 0.55; // how far a leaf points to the spray's tip, its length over its width
+const float LEAF_FULL = 0.47;    // half a leaf's width at its widest, of the distance between leaves
+const float COMBS = 8.0;         // of needles along a spray
+const float NEEDLE_FORWARD = 0.5;
+const float NEEDLE_FULL = 0.36;
+const float TWIG = 0.06;         // half the twig's width, of the sheet's
+
+// Tell whether a place is leaf: above 0 inside.
+//   at:   across the sheet -1..1 and along it 0..1
+//   kind: 0 all of it, 0.5 pairs of leaves, 1 needles
+float sprig(vec2 at, float kind)
+{
+    bool needles = kind > 0.75;
+    float away = abs(at.x);
+    float forward = needles ? NEEDLE_FORWARD : LEAF_FORWARD;
+    float count = needles ? COMBS : LEAF_PAIRS;
+    float row = (at.y - 0.3 * forward * away) * count + (at.x < 0.0 ? 0.5 : 0.0);
+    // How far leaves reach to the side where they leave the twig: little at root and tip.
+    float along = clamp(at.y - 0.3 * forward * away, 0.0, 1.0);
+    float reach = needles ? sqrt(1.0 - along * along) * min(6.0 * along + 0.5, 1.0)
+                          : sqrt(max(1.0 - along * along, 0.0)) * min(4.0 * along + 0.35, 1.0);
+    float out_ = away / max(reach, 1e-3);
+    float full = needles ? NEEDLE_FULL * (1.0 - 0.5 * out_) : LEAF_FULL * 2.0 * sqrt(max(out_ * (1.0 - out_), 0.0));
+    float leaf = out_ < 1.0 ? full - abs(fract(row) - 0.5) : -1.0;
+    float twig = TWIG - away;
+    return kind < 0.25 ? 1.0 : max(leaf, twig);
+}

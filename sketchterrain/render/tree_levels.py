@@ -1,0 +1,165 @@
+"""Levels of detail of a plant: fewer, larger leaves that cover as much in the same mean colour."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from sketchterrain.render.tree_growth import Wood, grow_crown, grow_whorls
+from sketchterrain.render.tree_leaves import Openness, leaves_of_crown, leaves_of_whorls
+from sketchterrain.render.tree_measure import seen
+from sketchterrain.render.tree_shape import SOLID, Leaves, Triangles, joined_triangles, unit
+from sketchterrain.render.tree_species import SPECIES, Colours, Crown, forms
+from sketchterrain.render.tree_triangles import sheets, spears, tubes
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["CUT", "DETAILS", "VARIANTS", "level"]
+
+DETAILS: Final = 6
+"""Levels of detail, 0 the finest."""
+CUT: Final = 2
+"""Of them, the finest, whose leaves are cut out of sheets."""
+VARIANTS: Final = 3
+"""Of each species."""
+LEAVES: Final = (1000, 560, 170, 48)
+"""Sprays in the levels between the finest and the coarsest: two triangles where they are cut, else one."""
+
+
+class _Plant(NamedTuple):
+    wood: Wood
+    leaves: Leaves
+    opened: Openness
+    colours: Colours
+    kind: float
+
+
+def level(species: str, variant: int, detail: int) -> Triangles:
+    """Return a plant's triangles at a level of detail.
+
+    Parameters
+    ----------
+    species
+        One of `SPECIES`.
+    variant
+        0 … `VARIANTS` - 1.
+    detail
+        0 … `DETAILS` - 1; the last one is a hull of 12 triangles.
+    """
+    made = _shaped(species, variant, detail)
+    return made._replace(albedo=made.albedo * _tone(species, detail))
+
+
+def _shaped(species: str, variant: int, detail: int) -> Triangles:
+    plant = _plant(species, variant)
+    if detail == 0:
+        leafy = sheets(plant.leaves, plant.kind, np.array(plant.colours.fresh), plant.opened)
+        return joined_triangles([leafy, *_wood(plant, detail=0)])
+    size = forms[species].sizes[detail - 1]
+    return _hull(plant, size) if detail == DETAILS - 1 else _fewer(plant, detail, size)
+
+
+@cache
+def _tone(species: str, detail: int) -> Floats:
+    """Return what gives a level the mean colour of the finest one; a species' variants share it."""
+    if detail == 0:
+        return np.ones(3)
+    colours = [seen(_shaped(species, 0, each)).colour for each in (0, detail)]
+    return np.asarray(colours[0] / colours[1])
+
+
+@cache
+def _plant(species: str, variant: int) -> _Plant:
+    rng = np.random.default_rng([SPECIES.index(species), variant])
+    form = forms[species]
+    if isinstance(form, Crown):
+        wood = grow_crown(form, rng)
+        leaves = leaves_of_crown(form, wood, rng)
+    else:
+        wood = grow_whorls(form, rng)
+        leaves = leaves_of_whorls(form, wood, rng)
+    return _Plant(wood, leaves, Openness(leaves), form.colours, form.kind)
+
+
+def _fewer(plant: _Plant, detail: int, size: float) -> Triangles:
+    """Keep every so manieth leaf, `size` times as large."""
+    count = len(plant.leaves.root)
+    wanted = min(LEAVES[detail - 1], count)
+    kept = ((np.arange(wanted) + 0.5) * count / wanted).astype(np.int64)
+    leaves = Leaves(*(each[kept] for each in plant.leaves))
+    fresh = np.array(plant.colours.fresh)
+    if detail < CUT:
+        leaves = leaves._replace(along=size * leaves.along, aside=size * leaves.aside)
+        leafy = sheets(leaves, plant.kind, fresh, plant.opened)
+    else:
+        leafy = spears(leaves, size, fresh, plant.opened)
+    return joined_triangles([leafy, *_wood(plant, detail=detail)])
+
+
+def _wood(plant: _Plant, *, detail: int) -> list[Triangles]:
+    """Return the wood that can be seen at a level: the trunk, nearer the boughs, near the twigs."""
+    rng = np.random.default_rng(3)
+    wood, bark = plant.wood, {"colours": plant.colours, "opened": plant.opened, "rng": rng}
+    every, sides = ((1, 8), (2, 5), (3, 4), (5, 3), (14, 3))[detail]
+    kept = np.unique(np.append(np.arange(0, len(wood.trunk), every), len(wood.trunk) - 1))
+    parts = [tubes(wood.trunk[None, kept], wood.trunk_radius[None, kept], sides=sides, **bark)]
+    slender = len(wood.boughs) > 60  # many, and hidden by their own needles
+    if detail == 0:
+        some = slice(None, None, 2 if slender else 1)
+        points = [0, 3, 5] if slender else list(range(wood.boughs.shape[1]))
+        boughs, radius = wood.boughs[some][:, points], wood.bough_radius[some][:, points]
+        parts.append(tubes(boughs, radius, sides=3 if slender else 4, **bark))
+        if len(wood.twigs):
+            parts.append(tubes(wood.twigs[:, [0, 2]], wood.twig_radius[:, [0, 2]], sides=3, **bark))
+    elif detail == 1 and not slender:
+        points = [0, 2, 5]
+        parts.append(tubes(wood.boughs[:, points], wood.bough_radius[:, points], sides=3, **bark))
+    return parts
+
+
+def _hull(plant: _Plant, size: float) -> Triangles:
+    """Return a cap and a belt about the crown, and three blades for the trunk: 12 triangles."""
+    place = (plant.leaves.root + 0.5 * plant.leaves.along) * [1.0, 1.0, 1.0]
+    z, away = place[:, 2], np.linalg.norm(place[:, :2], axis=1)
+    low, high = np.quantile(z, [0.01, 1.0])
+    rings = []
+    for share, start in ((0.16, 0.0), (0.66, np.pi / 3.0)):
+        height = low + share * (high - low)
+        near = np.abs(z - height) < 0.16 * (high - low)
+        radius = size * np.quantile(away[near], 0.85)
+        turn = start + 2.0 * np.pi * np.arange(3) / 3.0
+        rings.append(np.stack([radius * np.cos(turn), radius * np.sin(turn), np.full(3, height)], axis=1))
+    below, above = rings
+    top = np.array([0.0, 0.0, high])
+    following = [1, 2, 0]
+    cap = [np.stack([above[k], above[following[k]], top]) for k in range(3)]
+    belt = [np.stack([below[k], below[following[k]], above[k]]) for k in range(3)]
+    belt += [np.stack([below[following[k]], above[following[k]], above[k]]) for k in range(3)]
+    thick = plant.wood.trunk_radius[1]
+    blades = []
+    for turn in np.pi * np.arange(3) / 3.0:
+        aside = thick * np.array([np.cos(turn), np.sin(turn), 0.0])
+        blades.append(np.stack([-aside, aside, np.array([0.0, 0.0, below[0, 2] + 0.1])]))
+    corners = np.stack(cap + belt + blades)
+    middle = np.array([0.0, 0.0, 0.5 * (low + high)])
+    outward = unit((corners - middle) * [1.0, 1.0, 0.7] + [0.0, 0.0, 0.02])
+    leaf = np.arange(12) < 9
+    light = np.where(leaf[:, None], 0.35 + 0.55 * (corners[..., 2] - low) / (high - low), 0.4)
+    albedo = np.where(leaf[:, None, None], plant.leaves.albedo.mean(axis=0), np.array(plant.colours.bark))
+    albedo = np.broadcast_to(albedo, corners.shape)
+    nothing = np.zeros(12)
+    return Triangles(
+        corners,
+        outward,
+        albedo,
+        light,
+        np.zeros((12, 3, 2)),
+        nothing + SOLID,
+        leaf.astype(np.float64),
+        nothing,
+    )

@@ -1,0 +1,91 @@
+"""What is seen of a plant from afar: the area that it covers and its mean colour."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from sketchterrain.render.tree_shape import BROAD, NEEDLES
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.render.tree_shape import Triangles
+
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Seen", "seen", "sprig"]
+
+VIEWS: Final = (0.4, 1.9)
+"""rad; azimuths from which a plant is looked at."""
+CELLS: Final = 48
+"""Cells of a plant's height."""
+PER_CELL: Final = 5.0
+"""Points on a triangle as large as a cell."""
+MOST: Final = 30_000
+"""Points on all triangles."""
+
+
+class Seen(NamedTuple):
+    """A plant from aside.
+
+    Attributes
+    ----------
+    area : float
+        Covered, in squares of its height.
+    colour : (3,)
+        Mean of the albedo times the openness of what is in front, weighted by area.
+    """
+
+    area: float
+    colour: Floats
+
+
+def sprig(across: Floats, along: Floats, kind: Floats) -> Floats:
+    """Tell what of a spray is leaf: above 0 inside. As kernels/render/sprig.glsl."""
+    needles = kind > 0.5 * (BROAD + NEEDLES)
+    away = np.abs(across)
+    forward, count = np.where(needles, 0.5, 0.55), np.where(needles, 8.0, 3.5)
+    row = (along - 0.3 * forward * away) * count + np.where(across < 0.0, 0.5, 0.0)
+    up = np.clip(along - 0.3 * forward * away, 0.0, 1.0)
+    reach = np.sqrt(1.0 - up * up) * np.minimum(
+        np.where(needles, 6.0, 4.0) * up + np.where(needles, 0.5, 0.35), 1.0
+    )
+    out = away / np.maximum(reach, 1e-3)
+    full = np.where(needles, 0.36 * (1.0 - 0.5 * out), 0.94 * np.sqrt(np.maximum(out * (1.0 - out), 0.0)))
+    leaf = np.where(out < 1.0, full - np.abs(row - np.floor(row) - 0.5), -1.0)
+    return np.where(kind < 0.5 * BROAD, 1.0, np.maximum(leaf, 0.06 - away))
+
+
+def seen(triangles: Triangles, *, views: tuple[float, ...] = VIEWS) -> Seen:
+    """Look at a plant from some sides, level."""
+    rng = np.random.default_rng(7)
+    place = triangles.place
+    area = 0.5 * np.linalg.norm(np.cross(place[:, 1] - place[:, 0], place[:, 2] - place[:, 0]), axis=1)
+    count = area * CELLS**2 * PER_CELL
+    count *= min(MOST / max(count.sum(), 1.0), 1.0)
+    of = np.repeat(np.arange(len(area)), np.maximum(np.rint(count).astype(np.int64), 1))
+    u, v = rng.uniform(0.0, 1.0, (2, len(of)))
+    fold = u + v > 1.0
+    u, v = np.where(fold, 1.0 - u, u), np.where(fold, 1.0 - v, v)
+    weights = np.stack([1.0 - u - v, u, v], axis=1)[:, None]
+    at = (weights @ triangles.sprig[of])[:, 0]
+    kept = sprig(at[:, 0], at[:, 1], triangles.kind[of]) > 0.0
+    of, weights = of[kept], weights[kept]
+    point = (weights @ place[of])[:, 0]
+    light = (weights @ triangles.open[of][..., None])[:, 0]
+    colour = (weights @ triangles.albedo[of])[:, 0] * light
+    covered, total = 0, np.zeros(3)
+    for azimuth in views:
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        across, depth = point[:, 0] * c + point[:, 1] * s, point[:, 1] * c - point[:, 0] * s
+        cell = np.floor(np.stack([across + 1.0, point[:, 2] + 0.1]) * CELLS).astype(np.int64)
+        flat = np.clip(cell[1], 0, 2 * CELLS - 1) * 2 * CELLS + np.clip(cell[0], 0, 2 * CELLS - 1)
+        nearest = np.argsort(-depth, kind="stable")
+        front = np.full(4 * CELLS**2, -1)
+        front[flat[nearest]] = nearest
+        front = front[front >= 0]
+        covered += len(front)
+        total += colour[front].sum(axis=0)
+    return Seen(covered / (len(views) * CELLS**2), np.asarray(total / max(covered, 1)))

@@ -8,7 +8,8 @@ layout(std140) uniform Frame {
     vec4 to_sun;       // xyz: unit vector; w: unused
     vec4 sun_light;    // rgb: irradiance on a surface that faces the sun; w: exposure
     vec4 sky_light[9]; // rgb: irradiance from sky and ground, spherical harmonics, cosine lobe folded in
-    vec4 haze;         // rgb: extinction at base height, 1/m; w: scale height, m
+    vec4 haze;         // rgb: extinction by aerosols at base height, 1/m; w: their scale height, m
+    vec4 air;          // rgb: by molecules, 1/m; w: their scale height, m
     vec4 reach;        // x: draw distance, m; y: base height of the haze, m; zw: framebuffer size, px
     vec4 near_map;     // xy: south-west corner relative to the eye, m; z: 1/width, 1/m; w: texel, m
     vec4 far_map;
@@ -20,7 +21,7 @@ layout(std140) uniform Frame {
     vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; z: pixel, rad; w: unused
 };
 
-uniform sampler2D sky_view;    // sky radiance by direction (sky_view.frag.glsl)
+uniform sampler2D sky_view;    // below the light of the air, above the sky, by direction (render/sky.py)
 uniform sampler2D near_light;  // r: sun visibility, g: sky visibility, b: forest, a: unused
 uniform sampler2D far_light;
 
@@ -34,30 +35,43 @@ vec3 sky_irradiance(vec3 n)
         + sky_light[8].rgb * (n.x * n.x - n.y * n.y));
 }
 
-// Radiance of the clear sky in a direction at or above the horizon.
-vec3 clear_sky(vec3 direction)
+// Where a direction stands in one half of sky_view: 0 the air's light in all directions, 1 the sky above the horizon.
+vec2 sky_place(vec3 direction, float half_)
 {
-    float elevation = asin(clamp(direction.z, 0.0, 1.0));
-    vec2 flat_view = direction.xy / max(length(direction.xy), 1e-6);
-    vec2 flat_sun = to_sun.xy / max(length(to_sun.xy), 1e-6);
-    float azimuth = acos(clamp(dot(flat_view, flat_sun), -1.0, 1.0));
-    vec2 size = vec2(textureSize(sky_view, 0));
-    vec2 at = vec2(azimuth / PI, sqrt(elevation / (0.5 * PI)));
-    return texture(sky_view, (at * (size - 1.0) + 0.5) / size).rgb;
+    float elevation = asin(clamp(direction.z, -1.0, 1.0)) / (0.5 * PI);
+    vec2 flat_view = direction.xy * inversesqrt(max(dot(direction.xy, direction.xy), 1e-12));
+    vec2 flat_sun = to_sun.xy * inversesqrt(max(dot(to_sun.xy, to_sun.xy), 1e-12));
+    float around = sqrt(acos(clamp(dot(flat_view, flat_sun), -1.0, 1.0)) / PI);
+    float rise = sqrt(abs(elevation));
+    rise = half_ > 0.5 ? (elevation > 0.0 ? rise : 0.0) : 0.5 + 0.5 * sign(elevation) * rise;
+    vec2 size = vec2(textureSize(sky_view, 0)) * vec2(1.0, 0.5);
+    vec2 at = (vec2(around, rise) * (size - 1.0) + 0.5) / size;
+    return vec2(at.x, 0.5 * (at.y + half_));
+}
+
+// Radiance of the clear sky in a direction at or above the horizon.
+vec3 clear_sky(vec3 direction) { return textureLod(sky_view, sky_place(direction, 1.0), 0.0).rgb; }
+
+// Light that air along a line of sight adds, over the share that it takes of what lies behind it.
+vec3 air_light(vec3 direction) { return textureLod(sky_view, sky_place(direction, 0.0), 0.0).rgb; }
+
+// Share of light that comes through the air between the eye and a point at a relative position: Beer's law where
+// the densities of aerosols and molecules fall off exponentially with height.
+vec3 clear_air(vec3 position)
+{
+    float above = max(eye.z - reach.y, 0.0);
+    float rise = max(position.z, -above) / haze.w;
+    float mean_haze = exp(-above / haze.w) * (abs(rise) < 1e-2 ? 1.0 - 0.5 * rise : (1.0 - exp(-rise)) / rise);
+    float mean_air = exp(-(above + 0.5 * position.z) / air.w);
+    return exp(-length(position) * (haze.rgb * mean_haze + air.rgb * mean_air));
 }
 
 // Aerial perspective: what the air between the eye and a point at a relative position takes away and adds.
-// The air's density falls off exponentially with height; its light is that of the sky near the horizon.
+// The world ends in air.
 vec3 through_air(vec3 radiance, vec3 position)
 {
-    float distance = length(position);
-    vec3 direction = position / max(distance, 1e-3);
-    float rise = position.z / haze.w;
-    float mean_density = exp(-(eye.z - reach.y) / haze.w) * (abs(rise) < 1e-3 ? 1.0 : (1.0 - exp(-rise)) / rise);
-    vec3 clear = exp(-haze.rgb * (distance * mean_density));
-    clear *= 1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x);
-    vec3 low = normalize(vec3(direction.xy, max(direction.z * 0.6, 0.015)));
-    return mix(clear_sky(low), radiance, clear);
+    vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x));
+    return mix(air_light(position * inversesqrt(max(dot(position, position), 1e-6))), radiance, clear);
 }
 
 // How much a map is shown at a place: it ends softly inside its window.

@@ -34,14 +34,25 @@ vec3 with_clouds(vec3 sky, vec3 direction)
     return mix(sky, body, cover);
 }
 
+const float SUN_RADIUS = 0.00466; // rad
+const float SUN_BRIGHT = 60.0;    // of the disc's middle, over the sun's irradiance: 1/4000 of the truth, all that a picture holds
+
+// The disc, darker towards its limb (Nordlund, 550 nm: 1 - 0.6 (1 - cos)); `cosine` to its middle.
+float sun_disc(float cosine)
+{
+    float off = sqrt(max(2.0 - 2.0 * cosine, 0.0)) / SUN_RADIUS;
+    float inner = sqrt(max(1.0 - off * off, 0.0));
+    return SUN_BRIGHT * (1.0 - 0.6 * (1.0 - inner)) * (1.0 - smoothstep(0.85, 1.15, off));
+}
+
 void main()
 {
     vec4 far_point = from_clip * vec4(uv * 2.0 - 1.0, 1.0, 1.0);
     vec3 direction = normalize(far_point.xyz / far_point.w);
-    vec3 above = normalize(vec3(direction.xy, max(direction.z, 0.015 * 0.6)));
-    vec3 sky = clear_sky(direction.z > 0.015 ? direction : normalize(vec3(direction.xy, 0.015)));
-    sky = with_clouds(sky, above);
+    // Below the horizon the world has ended in air.
+    vec3 sky = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
     float cosine = dot(direction, to_sun.xyz);
-    sky += sun_light.rgb * (smoothstep(0.99994, 0.99998, cosine) * 60.0 + 0.35 * pow(max(cosine, 0.0), 900.0));
+    sky += sun_light.rgb * sun_disc(cosine) * smoothstep(-0.002, 0.002, direction.z);
+    sky = with_clouds(sky, normalize(vec3(direction.xy, max(direction.z, 0.009))));
     radiance = vec4(sky, 1e6);
 }

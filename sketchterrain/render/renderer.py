@@ -10,6 +10,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.render.allowance import Allowance
+from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
 from sketchterrain.render.draw_distance import clipped
 from sketchterrain.render.forest import Forest
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Renderer"]
 
-VISIBILITY: Final = 7.0
-"""Extents that one sees through the haze."""
 REST: Final = 0.25
 """s for which the eye must stand still, with nothing missing, before a picture of full size is drawn."""
 TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
@@ -107,7 +106,7 @@ class Renderer:
             self._materials = MaterialTextures(context)
             self._noise = noise_texture(context)
         with self._timed("sky"):
-            self._sky = Sky(context, sun)
+            self._sky = Sky(context, sun, self._weather, extent=terrain.extent)
             self._shading = Shading(context, quality, aridity=self._aridity)
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
         self.ground = GroundStream(context, terrain, quality, metric=metric)
@@ -259,22 +258,23 @@ class Renderer:
             pixel = _pixel(camera, framebuffer.size[1])
             lift = WATER_LIFT * self._quality.tolerance * pixel
             self._water.draw(camera.eye, units | {"lift": lift})
-        self._shading.develop(targets, framebuffer, units, exposure=self._sky.exposure)
+        self._shading.develop(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
 
     def _set_frame(self, camera: Camera, targets: Targets, distance: float) -> None:
         width, height = targets.size
         eye = camera.eye
         to_clip = camera.to_clip(width / height)
         frame, lit = self._frame_block, self._lit
-        visibility = VISIBILITY * self._terrain.extent
-        rayleigh = np.array([0.25, 0.58, 1.30]) / visibility
+        self._sky.look_from(eye[2] - lit.haze_base)
+        hazy = float(self._quality.has("haze"))
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)
         frame["eye"] = (eye[0] % NOISE_PERIOD, eye[1] % NOISE_PERIOD, eye[2])
         frame["to_sun"] = self._sun.direction
-        frame["sun_light"] = (*self._sky.sunlight, self._sky.exposure)
+        frame["sun_light"] = (*self._sky.sunlight, self._sky.exposure(camera.heading))
         frame["sky_light"] = self._sky.harmonics
-        frame["haze"] = (*(rayleigh + 2.1 / visibility), lit.haze_height)
+        frame["haze"] = (*(hazy * self._sky.haze), AEROSOL_HEIGHT)
+        frame["air"] = (*(hazy * RAYLEIGH), RAYLEIGH_HEIGHT)
         frame["reach"] = (distance, lit.haze_base, *targets.inner)
         for field, value in lit.uniforms(eye).items():
             frame[field] = value

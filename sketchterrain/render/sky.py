@@ -5,26 +5,38 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+import moderngl
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.atmosphere import AEROSOL, AEROSOL_ABSORBED, AEROSOL_HEIGHT, Air
+from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
 
 if TYPE_CHECKING:
-    import moderngl
+    from sketchterrain.render.weather import Weather
 
-__all__ = ["LOWEST_SUN", "Sky", "Sun", "irradiance_harmonics"]
+__all__ = ["LOWEST_SUN", "Sky", "Sun"]
 
 LOWEST_SUN: Final = -4.0
 """Degrees: below, in civil twilight, it gets too dark for a picture by the sky alone."""
-
-SIZE: Final = 128
-"""Texels a side of the sky's radiance by direction (kernels/render/sky_view.frag.glsl)."""
-SUN_IRRADIANCE: Final = (20.0, 19.2, 18.4)
-"""Above the atmosphere, in the units of all light here; the exposure divides them out again."""
-GROUND_ALBEDO: Final = np.array([0.13, 0.12, 0.085])
-"""What the ground far around gives back, on average, of the light that falls on it."""
+SIZE: Final = 64
+"""Texels along the azimuth, and for each half along the elevation: kernels/render/frame.glsl, sky_place."""
+STEPS: Final = 24
+LEVELS: Final = (0.0, 1000.0, 4000.0)
+"""Heights over the haze's base (m) for which the sky is computed; in between it is blended."""
+LONGEST: Final = 30e3
+"""m of air that a direction's haze is taken from."""
+SUN_IRRADIANCE: Final = np.array([20.0, 22.6, 25.4])
+"""Above the air, in the units of all light here; the ratios are a camera's that is balanced for daylight."""
+HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
+"""Extinction by aerosols on a clear day, at the haze's base (1/m)."""
+SMALL_WORLD: Final = 0.25
+"""Optical depth of an extent at least: small worlds, which end near, end in haze too."""
+OVERCAST: Final = (0.6, 1.0)
+"""Cloud covers between which one grey layer comes before the sky and the sun."""
+OVERCAST_CLEAR: Final = np.array([0.33, 0.34, 0.35])
+"""Share of the light on level ground that comes through a closed layer of clouds."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -63,110 +75,146 @@ class Sun:
         )
 
 
+MIDDLE: Final = 0.135
+"""Albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon."""
+BRIGHT: Final = 17.0
+"""Light of a sunny noon, as `exposure_of` takes it."""
+ADAPTED: Final = 0.88
+"""Share of stops by which an exposure follows where there is less light: a dawn stays a little dark."""
+AGAINST_LIGHT: Final = 0.5
+"""The same for a view whose horizon is brighter than horizons are on average."""
+VIEW: Final = 30.0
+"""Degrees to the left and the right that it follows."""
+
+
 class Sky:
-    """Radiance of the clear sky by direction, and the light that it and the sun throw on the ground.
+    """Radiance of the sky by direction, and the light that it and the sun throw on the ground.
+
+    Parameters
+    ----------
+    context
+        Where it is looked up.
+    sun
+        Where it stands.
+    weather
+        Its clouds and haze.
+    extent
+        Of the world (m).
 
     Attributes
     ----------
     view : moderngl.Texture
-        128×128 RGBA16F, sky_view.frag.glsl says by what angles.
+        64×128 RGBA16F: below the light of the air in all directions, above the sky; see clear_sky and
+        air_light in kernels/render/frame.glsl.
     sunlight : (3,) float64
         Irradiance of the sun on a surface that faces it, at the ground.
     harmonics : (9, 3) float64
         Irradiance from the whole sky and ground around, see `irradiance_harmonics`.
-    exposure : float
-        Brings sunlit ground of middle albedo to middle grey.
+    haze : (3,) float64
+        Extinction by aerosols at the haze's base (1/m).
     """
 
     def __init__(
-        self, context: moderngl.Context, sun: Sun, *, altitude: float = 0.0, dust: float = 1.0
+        self, context: moderngl.Context, sun: Sun, weather: Weather, *, extent: float = np.inf
     ) -> None:
         self.sun = sun
-        self.view = context.texture((SIZE, SIZE), 4, dtype="f2")
+        self.air = Air(weather.haze)
+        self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
+        self._levels = np.stack([sky_table(self.air, sun, height) for height in LEVELS])
+        shone = self.air.sunlight(np.zeros(()), np.array(sun.direction[2])) * SUN_IRRADIANCE
+        clear = irradiance_harmonics(self._levels[0, SIZE:], sun, shone)
+        self.veil = _smooth(weather.clouds, *OVERCAST)
+        level = np.array([0.0, 0.0, 1.0])
+        total = shone * max(sun.direction[2], 0.0) + sky_irradiance(clear, level)
+        self._dome = overcast_table(OVERCAST_CLEAR * float(total.mean()))
+        self._levels += self.veil * (self._dome - self._levels)
+        self.sunlight = (1.0 - self.veil) * shone
+        self.harmonics = irradiance_harmonics(self._levels[0, SIZE:], sun, self.sunlight)
+        up = float(sky_irradiance(self.harmonics, level).mean())
+        self._exposure = exposure_of(float(self.sunlight.mean()), sun.direction[2], up)
+        self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
         self.view.repeat_x = self.view.repeat_y = False
-        target = context.framebuffer([self.view])
-        paint = fill_screen(context, "sky_view.frag.glsl")
-        set_uniforms(
-            paint.program,
-            {
-                "sun_irradiance": SUN_IRRADIANCE,
-                "sun_height": float(sun.direction[2]),
-                "altitude": altitude,
-                "dust": dust,
-            },
-        )
-        target.use()
-        paint.render(vertices=3)
-        raw = np.frombuffer(self.view.read(), np.float16).reshape(SIZE, SIZE, 4)
-        radiance = raw[..., :3].astype(np.float64)
-        self.sunlight = _sunlight(sun, altitude, dust)
-        self.harmonics = irradiance_harmonics(radiance, sun, self.sunlight)
-        up = float(np.mean(sky_irradiance(self.harmonics, np.array([0.0, 0.0, 1.0]))))
-        self.exposure = 6.2 / (float(np.mean(self.sunlight)) * (0.35 + 0.65 * sun.direction[2]) + up)
+        self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self._height = -1.0
+        self.look_from(0.0)
+
+    def exposure(self, heading: float) -> float:
+        """Return the exposure for a view in a compass direction (degrees): less of it against the light."""
+        air = np.log(blended(self._levels, self._height)[SIZE // 2].mean(axis=-1))
+        azimuth = np.pi * np.linspace(0.0, 1.0, SIZE) ** 2
+        off = np.radians(heading - self.sun.azimuth + np.linspace(-VIEW, VIEW, 33))
+        ahead = float(np.interp(np.abs(np.angle(np.exp(1j * off))), azimuth, air).mean())
+        around = float(np.interp(np.linspace(0.0, np.pi, 91), azimuth, air).mean())
+        return self._exposure * float(np.exp(AGAINST_LIGHT * (around - ahead)))
+
+    def look_from(self, height: float) -> None:
+        """Show the sky as it is at a height over the haze's base (m)."""
+        height = float(np.clip(height, LEVELS[0], LEVELS[-1]))
+        if abs(height - self._height) <= 0.01 * max(height, 100.0):
+            return
+        self._height = height
+        table = np.ones((2 * SIZE, SIZE, 4), np.float16)
+        table[..., :3] = blended(self._levels, height)
+        self.view.write(table.tobytes())
 
 
-def irradiance_harmonics(radiance: Floats, sun: Sun, sunlight: Floats) -> Floats:
-    """Project sky and lit ground onto the nine spherical harmonics that a matt surface can tell apart.
+def exposure_of(sunlight: float, height: float, sky: float) -> float:
+    """Return the exposure for light: of the sun, facing it, the sine of its elevation, and of the sky.
 
-    Parameters
-    ----------
-    radiance
-        (n, n, 3) sky radiance; rows √(elevation / 90°), columns angle from the sun's azimuth / 180°.
-    sun
-        Its azimuth turns the sky.
-    sunlight
-        (3,) irradiance of the sun on a surface that faces it.
+    Ground of albedo `MIDDLE` is to become middle grey; where there is less light, a part of that stays.
+    """
+    light = sunlight * (0.3 + 0.7 * max(height, 0.0)) + sky
+    return float(0.18 / MIDDLE * np.pi / BRIGHT * (BRIGHT / light) ** ADAPTED)
+
+
+def sky_table(air: Air, sun: Sun, height: float) -> Floats:
+    """Compute the sky at a height (m) by direction.
 
     Returns
     -------
-    (9, 3) float64
-        Coefficients c such that the irradiance on normal (x, y, z) is c₀ + c₁y + c₂z + c₃x + c₄xy + c₅yz
-        + c₆(3z²−1) + c₇xz + c₈(x²−y²): Ramamoorthi & Hanrahan 2001 with all constants folded in.
+    (128, 64, 3) float64
+        Radiance. Columns: the angle from the sun's azimuth is 180° times the square of their share 0 … 1.
+        Rows 0 to 63: light of the air, over the share that it takes of what lies behind it; the elevation is
+        ±90° times the square of their share −1 … 1. Rows 64 to 127: the sky; 90° times the square of 0 … 1.
     """
-    size = len(radiance)
-    rise = np.linspace(0.0, 1.0, size)
-    elevation = rise**2 * np.pi / 2
-    turn = np.linspace(0.0, np.pi, size)
-    share = np.gradient(elevation) * np.cos(elevation) * np.gradient(turn)[0]
-    solid_angle = np.broadcast_to(share[:, None], (size, size)).copy()
-    solid_angle[:, [0, -1]] *= 0.5
-    solid_angle *= np.pi / solid_angle.sum()  # half the upper hemisphere
-    lit = np.einsum("rc,rck->k", solid_angle * np.sin(elevation)[:, None], radiance) * 2.0
-    below = GROUND_ALBEDO / np.pi * (lit + sunlight * sun.direction[2])
-    azimuth = np.radians(90.0 - sun.azimuth)  # counter-clockwise from east
-    total = np.zeros((9, 3))
-    for side in (1.0, -1.0):
-        x = np.cos(elevation)[:, None] * np.cos(azimuth + side * turn)
-        y = np.cos(elevation)[:, None] * np.sin(azimuth + side * turn)
-        z = np.broadcast_to(np.sin(elevation)[:, None], x.shape)
-        total += np.einsum("brc,rck->bk", _basis(x, y, z) * solid_angle, radiance)
-        total += np.einsum("brc,rc,k->bk", _basis(x, y, -z), solid_angle, below)
-    return np.asarray(total * _LOBE[:, None])
+    share = np.linspace(0.0, 1.0, SIZE)
+    azimuth = np.pi * share**2
+    around = np.linspace(-1.0, 1.0, SIZE)
+    elevation = 0.5 * np.pi * np.concatenate([around * np.abs(around), share**2])[:, None]
+    ways = np.stack(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.broadcast_to(np.sin(elevation), (2 * SIZE, SIZE)),
+        ],
+        axis=-1,
+    )
+    low = np.radians(sun.elevation)
+    to_sun = np.array([np.cos(low), 0.0, np.sin(low)])
+    haze = air.sky(height, ways[:SIZE], to_sun, steps=STEPS, longest=LONGEST)
+    sky = air.sky(height, ways[SIZE:], to_sun, steps=STEPS)
+    return np.asarray(np.concatenate([haze.radiance / (1.0 - haze.clear), sky.radiance]) * SUN_IRRADIANCE)
 
 
-def sky_irradiance(harmonics: Floats, normal: Floats) -> Floats:
-    """Evaluate `irradiance_harmonics` for one unit normal, the oracle of ``sky_irradiance`` in frame.glsl."""
-    x, y, z = normal
-    terms = np.array([1.0, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
-    return np.asarray(terms @ harmonics)
+def overcast_table(irradiance: Floats) -> Floats:
+    """Return `sky_table` under a closed layer of clouds that lets an irradiance (3,) through.
+
+    The zenith is three times as bright as the horizon (Moon & Spencer 1942, the CIE's overcast sky).
+    """
+    rise = np.concatenate([np.zeros(SIZE), np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, SIZE) ** 2)])
+    zenith = irradiance * 9.0 / (7.0 * np.pi)
+    radiance = (1.0 + 2.0 * rise)[:, None, None] / 3.0 * zenith
+    return np.broadcast_to(np.asarray(radiance, np.float64), (2 * SIZE, SIZE, 3))
 
 
-def _basis(x: Floats, y: Floats, z: Floats) -> Floats:
-    one = np.ones_like(x)
-    return np.stack([one, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y])
+def blended(levels: Floats, height: float) -> Floats:
+    """Blend tables of `LEVELS` for a height (m) between them, as the haze thins out."""
+    thin = -np.exp(-np.array(LEVELS) / AEROSOL_HEIGHT)
+    place = float(np.interp(-np.exp(-height / AEROSOL_HEIGHT), thin, np.arange(len(LEVELS))))
+    lower = min(int(place), len(LEVELS) - 2)
+    return np.asarray(levels[lower] + (place - lower) * (levels[lower + 1] - levels[lower]))
 
 
-_NORM: Final = np.array(
-    [0.282095, 0.488603, 0.488603, 0.488603, 1.092548, 1.092548, 0.315392, 1.092548, 0.546274]
-)
-_LOBE: Final = _NORM**2 * np.array([np.pi] + [2 * np.pi / 3] * 3 + [np.pi / 4] * 5)
-
-
-def _sunlight(sun: Sun, altitude: float, dust: float) -> Floats:
-    """Attenuate sunlight through the air of sky_view.frag.glsl (plane-parallel, Kasten's air mass)."""
-    elevation = sun.elevation
-    mass = 1.0 / (np.sin(np.radians(elevation)) + 0.50572 * (elevation + 6.07995) ** -1.6364)
-    rayleigh = np.array([5.802e-6, 13.558e-6, 33.1e-6]) * 8000.0 * np.exp(-altitude / 8000.0)
-    mie = 4.436e-6 * dust * 1200.0 * np.exp(-altitude / 1200.0)
-    ozone = np.array([0.65e-6, 1.881e-6, 0.085e-6]) * 15_000.0
-    return np.asarray(np.array(SUN_IRRADIANCE) * np.exp(-mass * (rayleigh + mie + ozone)))
+def _smooth(value: float, low: float, high: float) -> float:
+    t = float(np.clip((value - low) / (high - low), 0.0, 1.0))
+    return t * t * (3.0 - 2.0 * t)

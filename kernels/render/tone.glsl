@@ -1,0 +1,28 @@
+// From light to a picture's colours: the curve of a film. All functions are pure.
+
+// AgX (T. Sobotka 2022), with B. Wrensch's polynomial for its curve: linear sRGB in, display-encoded sRGB out. Colours
+// are led towards each other before the curve and apart after it, so that bright ones fade to white in their own hue.
+const float DARKEST = -12.47393; // log2 of what becomes black
+const float BRIGHTEST = 4.026069; // and white
+const float CONTRAST = 0.6;      // share of an S over the curve, 0 .. 1
+const float SATURATION = 1.22;
+
+float film_curve(float x)
+{
+    float x2 = x * x, x4 = x2 * x2;
+    return 15.5 * x4 * x2 - 40.14 * x4 * x + 31.96 * x4 - 6.868 * x2 * x + 0.4298 * x2 + 0.1191 * x - 0.00232;
+}
+
+vec3 film(vec3 light)
+{
+    const mat3 together = mat3(0.842479062253094, 0.0423282422610123, 0.0423756549057051, 0.0784335999999992,
+        0.878468636469772, 0.0784336, 0.0792237451477643, 0.0791661274605434, 0.879142973793104);
+    const mat3 apart = mat3(1.19687900512017, -0.0528968517574562, -0.0529716355144438, -0.0980208811401368,
+        1.15190312990417, -0.0980434501171241, -0.0990297440797205, -0.0989611768448433, 1.15107367264116);
+    vec3 c = log2(max(together * light, vec3(1e-10)));
+    c = clamp((c - DARKEST) / (BRIGHTEST - DARKEST), 0.0, 1.0);
+    c = clamp(vec3(film_curve(c.r), film_curve(c.g), film_curve(c.b)), 0.0, 1.0);
+    c = mix(c, c * c * (3.0 - 2.0 * c), CONTRAST);
+    float grey = dot(c, vec3(0.2126, 0.7152, 0.0722));
+    return clamp(apart * (grey + SATURATION * (c - grey)), 0.0, 1.0);
+}

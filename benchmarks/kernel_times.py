@@ -15,6 +15,7 @@ from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
+from sketchterrain.render.texture_maker import LAYERS, embossed, painted_layer
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_places import sample_stride
 from sketchterrain.terrain.vertices import VERTEX
@@ -41,6 +42,8 @@ WRITTEN: Mapping[str, float] = {
     "vertices": VERTEX.itemsize,
     "facts": 4 * _REAL + _REAL * QUADS / sample_stride(QUADS),  # low, high, whether finite; a strip of errors
     "propose": 12,  # candidate and priority
+    "material_paint": 4 * _REAL,
+    "material_relief": 4 * _REAL,
     "resolve": 0.18,  # 8 bytes for an accepted point: 0.31 of the cells over 14 rounds
     "bench_fbm": _REAL,
     "bench_write": 4 * _REAL,
@@ -71,7 +74,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     same tiles as they are drawn and `facts` how high they are and how far from full detail (an item is a
     strip of quads), `points` a square grid over the same ground at the same cell size, `propose` and
     `resolve` the places of plants (an item is a cell of the window), `bench_fbm` 8 octaves of noise on a
-    grid, `bench_fbm_slope` with slopes, `spline_…_distances` the distance to a spline of six control points,
+    grid, `bench_fbm_slope` with slopes, `material_paint` and `material_relief` the materials' textures (an
+    item is a texel), `spline_…_distances` the distance to a spline of six control points,
     flattened for cells of 1 m.
     Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
     they write, over the median. Launches of `patches` are padded to whole groups of 256 items; the padding,
@@ -121,6 +125,10 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
         _Case(("bench_write",)),
         partial(context.lap, partial(context.launch, "bench_bytes.cl", "bench_write", (items,), out)),
     )
+    yield (
+        _Case(("material_paint", "material_relief")),
+        partial(context.lap, partial(_textures, context, effort)),
+    )
     drawn = splines_and_places("river", effort.kernel_points // 64, each=64, seed=1)
     queries = SplineQueries(context, *drawn)
     for method, kernel in KERNELS.items():
@@ -136,6 +144,13 @@ def _drawn(context: TimedContext, terrain: Terrain, level: int, count: int) -> C
     keys, store = central_keys(level, count), terrain.vertex_store(count)
     write = partial(terrain.write_tiles, keys, np.arange(count), np.full(count, -1), store)
     return partial(context.lap, write)
+
+
+def _textures(context: TimedContext, effort: Effort) -> None:
+    """Make every texture of materials, of as many texels as other kernels have points, or fewer."""
+    side = 1 << (int(np.sqrt(effort.kernel_points)).bit_length() - 1)
+    for index, layer in enumerate(LAYERS.values()):
+        embossed(context, painted_layer(context, index, side), layer)
 
 
 def _points(context: TimedContext, terrain: Terrain, level: int, effort: Effort) -> Callable[[], Lap]:

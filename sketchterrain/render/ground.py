@@ -18,15 +18,9 @@ from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import QUADS, borders
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import numpy.typing as npt
 
-__all__ = ["OCTAVES", "Draws", "GroundPool", "texture_phases"]
-
-OCTAVES: Final = 7
-"""Sizes in which material textures are laid, kernels/render/shade_ground.frag.glsl."""
-_PLANES: Final = ((1, 2), (0, 2), (0, 1))
+__all__ = ["Draws", "GroundPool"]
 
 _VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")
 """32 bytes, `sketchterrain.terrain.vertices.VERTEX`; kernels/render/ground.glsl."""
@@ -215,24 +209,3 @@ class GroundPool:
         array = array or self._array
         set_uniforms(array.program, {"metres_per_unit": self._unit, "eye_fraction": self._fraction})
         array.render_indirect(commands, moderngl.TRIANGLES, count=count)
-
-
-def texture_phases(eye: Sequence[float]) -> npt.NDArray[np.float32]:
-    """Say where the eye lies in the material textures.
-
-    Computed in float64, so that textures stay put however far from the origin the eye is.
-
-    Returns
-    -------
-    (3 · OCTAVES, 2) float32
-        0..1, by plane (yz, xz, xy) and octave; constants as in kernels/render/shade_ground.frag.glsl.
-    """
-    finest, ratio, turn = 6.0, 3.7, 0.65
-    phases = np.empty((3, OCTAVES, 2))
-    for plane, (first, second) in enumerate(_PLANES):
-        for octave in range(OCTAVES):
-            scale = 1.0 / (finest * ratio**octave)
-            c, s = np.cos(turn * octave), np.sin(turn * octave)
-            u, v = eye[first] * scale, eye[second] * scale
-            phases[plane, octave] = (c * u - s * v) % 1.0, (s * u + c * v) % 1.0
-    return phases.reshape(-1, 2).astype(np.float32)

@@ -45,9 +45,11 @@ class Quality:
     steep                 64         16       4        2         excess at which neighbours of tiles are split
     reach                 3          4        5        7         draw distance, extents
     samples               1          1        1        2         samples a pixel, along each axis
-    materials             1          1        2        2         materials blended at a pixel
+    materials             1          1        2        3         materials blended at a pixel
     planes                1          1        2        2         planes that they are textured from
     octaves               1          1        2        2         sizes in which they are laid
+    hexes                 1          1        3        3         hexagons that hide their repetition
+    material_texels       512        512      1024     1024      side of their textures
     map_texels            256        384      512      768       side of the light maps
     shade_maps            0          1        2        2         maps of the plants' shadows
     shade_texels          1024       1024     2048     2048      their side
@@ -60,7 +62,8 @@ class Quality:
     budget                6          7        8        10        ms a frame for what is new
     ====================  =========  =======  =======  ========  ===========================================
 
-    So the ground's shading reads 2 material texels a pixel at 0 and 16 at 1. Pictures are whole from 0.75 on.
+    So the ground's shading reads 2 material texels a pixel at 0, and at 1 mostly 12 to 24, 72 at most.
+    Pictures are whole from 0.75 on.
 
     Attributes
     ----------
@@ -72,8 +75,10 @@ class Quality:
         Draw distance near the ground, in extents; it grows with the eye's height.
     samples : int
         Samples a pixel along each axis at which edges are found; 2 smooths them. Shading takes one a pixel.
-    materials, planes, octaves : int
-        1 or 2 of each are read for a pixel of the ground.
+    materials, planes, octaves, hexes : int
+        So many of each are read for a pixel of the ground at most; kernels/render/shade_ground.frag.glsl.
+    material_texels : int
+        Side of the materials' textures, a power of two.
     map_texels : int
         Side of the height maps that shadows and sky visibility are computed on; a multiple of 64.
     shade_maps : int
@@ -104,9 +109,11 @@ class Quality:
     steep: float = 2.0
     reach: float = 7.0
     samples: int = 2
-    materials: int = 2
+    materials: int = 3
     planes: int = 2
     octaves: int = 2
+    hexes: int = 3
+    material_texels: int = 1024
     map_texels: int = 768
     shade_maps: int = 2
     shade_texels: int = 2048
@@ -145,9 +152,11 @@ class Quality:
             steep=_between(number, _STEEPS),
             reach=3.0 + 4.0 * number,
             samples=2 if number >= 0.75 else 1,
-            materials=2 if number >= 0.4 else 1,
+            materials=3 if number >= 0.75 else 2 if number >= 0.4 else 1,
             planes=2 if rich else 1,
             octaves=2 if rich else 1,
+            hexes=3 if rich else 1,
+            material_texels=1024 if rich else 512,
             map_texels=64 * round(4.0 + 8.0 * number),
             shade_maps=2 if rich else 1 if number >= 0.2 else 0,
             shade_texels=2048 if rich else 1024,

@@ -103,7 +103,7 @@ class Renderer:
         self._last: Camera | None = None
         self._still, self._turn = 0.0, 0
         with self._timed("textures"):
-            self._materials = MaterialTextures(context)
+            self._materials = MaterialTextures.of(context, terrain, quality, folder=textures)
             self._noise = noise_texture(context)
         with self._timed("sky"):
             self._sky = Sky(context, sun, self._weather, extent=terrain.extent)

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import moderngl
 import numpy as np
 
-from sketchterrain.render.ground import OCTAVES, texture_phases
 from sketchterrain.render.programs import fill_screen, set_uniforms
-from sketchterrain.render.textures import LAYERS
+from sketchterrain.render.texture_maker import LAYERS
+from sketchterrain.render.texture_places import OCTAVES, texture_phases, texture_uniforms, texture_widths
 
 if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
@@ -39,10 +39,13 @@ class Shading:
             "MATERIALS": quality.materials,
             "PLANES": quality.planes,
             "SIZES": quality.octaves,
+            "HEXES": quality.hexes,
+            "DETAIL": int(quality.has("detail")),
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,
         }
         self._tints = _climate_uniforms(aridity)
+        self._widths = texture_widths()
         self._ground = fill_screen(context, "shade_ground.frag.glsl", defines=self.defines)
         self._sky = fill_screen(context, "sky.frag.glsl", defines=self.defines)
         self._spread = (
@@ -55,8 +58,8 @@ class Shading:
         self, targets: Targets, eye: tuple[float, float, float], units: dict[str, object]
     ) -> None:
         """Turn what is seen of the ground into light, put the sky behind it: into ``targets.scene``."""
-        phases = [tuple(phase) for phase in texture_phases(eye).tolist()]
-        ground = units | self._tints | {"phases": phases}
+        phases = [tuple(phase) for phase in texture_phases(eye, self._widths).tolist()]
+        ground = units | self._tints | texture_uniforms(self._widths) | {"phases": phases}
         if self._spread is None:
             self._light_once(targets, ground, units)
             return
@@ -111,5 +114,4 @@ def _climate_uniforms(aridity: float) -> dict[str, object]:
     for layer in (1, 2, 3):
         tints[layer] = 1.0 + (red - 1.0) * max(0.0, aridity - 0.4) / 0.6
     tints[0] = 1.0 + (np.array([1.5, 1.2, 1.0]) - 1.0) * aridity
-    octaves = [(0, 4), (0, 3), (0, 5), (0, 1.5), (0, 1), (0, 4), (0, 1), (0, 3), (2, 2)]
-    return {"tints": [tuple(row) for row in tints], "octaves": octaves}
+    return {"tints": [tuple(row) for row in tints]}

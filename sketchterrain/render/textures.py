@@ -1,87 +1,114 @@
-"""Procedural textures, made on the GPU when the renderer starts: no files, no repetition that shows."""
+"""Textures that OpenGL holds: the materials' arrays, and noise."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import ctypes
 from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
 
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.compute import ComputeContext, Device
+from sketchterrain.render.gl_functions import gl_function
+from sketchterrain.render.texture_files import read_pictures
+from sketchterrain.render.texture_levels import changed_levels, made_levels
+from sketchterrain.render.texture_maker import LAYERS
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+    from typing import Any
+
     import numpy.typing as npt
 
-__all__ = ["CANOPY", "LAYERS", "MaterialTextures", "noise_texture", "tileable_noise"]
+    from sketchterrain.render.quality import Quality
+    from sketchterrain.render.scene import Terrain
 
-SIZE: Final = 512
+__all__ = ["MaterialTextures", "noise_texture", "tileable_noise"]
+
 NOISE_SIZE: Final = 512
-
-
-@dataclass(frozen=True)
-class _Relief:
-    """How rough a layer is: bump height in texture widths, roughness of its low and its high points."""
-
-    bump: float
-    low: float
-    high: float
-
-
-LAYERS: Final[dict[str, _Relief]] = {
-    "grass": _Relief(0.016, 0.95, 0.75),
-    "soil": _Relief(0.022, 0.95, 0.85),
-    "rock": _Relief(0.080, 0.92, 0.70),
-    "scree": _Relief(0.034, 0.95, 0.80),
-    "sand": _Relief(0.007, 0.85, 0.70),
-    "snow": _Relief(0.012, 0.70, 0.50),
-    "river_bed": _Relief(0.026, 0.45, 0.55),
-    "forest_floor": _Relief(0.020, 0.95, 0.85),
-    "canopy": _Relief(0.060, 0.95, 0.80),
-}
-"""The terrain's materials in their order, then the forest's canopy for the distance."""
-CANOPY: Final = len(LAYERS) - 1
+_TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x1401
 
 
 class MaterialTextures:
     """Texture arrays with one layer a material, tileable, with mipmaps.
 
+    Parameters
+    ----------
+    context
+        Where they are read.
+    device
+        Computes them, if they are not on the disk.
+    size
+        Texels a side, a power of two.
+    looks
+        What a sketch wants otherwise, by material.
+    folder
+        Pictures that replace them; see `texture_files`.
+    smooth
+        Whether neighbouring mipmaps are blended.
+
+    Raises
+    ------
+    InputError
+        If a picture of the folder is none, or its name means nothing.
+
     Attributes
     ----------
     colour : moderngl.TextureArray
-        RGBA8: √albedo and height, see kernels/render/material.frag.glsl.
+        RGBA8: √albedo and height.
     relief : moderngl.TextureArray
-        RGBA8: normal x and y, roughness, openness, see kernels/render/relief.frag.glsl.
+        RGBA8: normal x and y, roughness, openness; see `texture_mips`.
     """
 
-    def __init__(self, context: moderngl.Context) -> None:
-        self.colour = context.texture_array((SIZE, SIZE, len(LAYERS)), 4)
-        self.relief = context.texture_array((SIZE, SIZE, len(LAYERS)), 4)
-        colour, relief = context.texture((SIZE, SIZE), 4), context.texture((SIZE, SIZE), 4)
-        to_colour, to_relief = context.framebuffer([colour]), context.framebuffer([relief])
-        bands = _upload(context, band_noise())
-        emboss = fill_screen(context, "relief.frag.glsl")
-        pixels = context.buffer(reserve=4 * SIZE * SIZE)
-        for layer, shape in enumerate(LAYERS.values()):
-            paint = fill_screen(context, "material.frag.glsl", defines={"LAYER": layer})
-            set_uniforms(paint.program, {"band_noise": 0, "neighbours": 9})
-            to_colour.use()
-            bands.use(0)
-            paint.render(vertices=3)
-            to_relief.use()
-            colour.use(0)
-            set_uniforms(
-                emboss.program, {"material": 0, "bump": shape.bump, "roughness": (shape.low, shape.high)}
-            )
-            emboss.render(vertices=3)
-            for texture, array in ((colour, self.colour), (relief, self.relief)):
-                texture.read_into(pixels)
-                array.write(pixels, viewport=(0, 0, layer, SIZE, SIZE, 1))
-        for array in (self.colour, self.relief):
-            array.build_mipmaps()
-            # Two octaves are blended anyway: the nearest mipmap does, at half the price. No anisotropic
-            # filter: Mesa's software driver hung in one.
-            array.filter = (moderngl.LINEAR_MIPMAP_NEAREST, moderngl.LINEAR)
+    def __init__(
+        self,
+        context: moderngl.Context,
+        device: Device | None,
+        *,
+        size: int,
+        looks: Mapping[str, Mapping[str, Any]],
+        folder: Path | None = None,
+        smooth: bool = True,
+    ) -> None:
+        def opened() -> ComputeContext:
+            return ComputeContext(device)
+
+        pictures = {} if folder is None else read_pictures(folder, size)
+        levels = changed_levels(made_levels(size, opened), looks, pictures, opened)
+        # No anisotropic filter: Mesa's software driver hung in one.
+        least = moderngl.LINEAR_MIPMAP_LINEAR if smooth else moderngl.LINEAR_MIPMAP_NEAREST
+        self.colour, self.relief = (context.texture_array((size, size, len(LAYERS)), 4) for _ in range(2))
+        for part, array in enumerate((self.colour, self.relief)):
+            array.use(0)
+            for level, both in enumerate(levels):
+                _write_level(level, np.ascontiguousarray(both[part]))
+            array.filter = (least, moderngl.LINEAR)
+
+    @classmethod
+    def of(
+        cls, context: moderngl.Context, terrain: Terrain, quality: Quality, *, folder: Path | None
+    ) -> MaterialTextures:
+        """Return those of a terrain; where no device computes it, the best one computes them."""
+        device = terrain.context.device
+        return cls(
+            context,
+            device if isinstance(device, Device) else None,
+            size=quality.material_texels,
+            looks={},
+            folder=folder,
+            smooth=quality.hexes > 1,
+        )
+
+
+def _write_level(level: int, texels: npt.NDArray[np.uint8]) -> None:
+    """Write a level of the array that is in use, which moderngl can't."""
+    layers, height, width, _ = texels.shape
+    c_int, c_uint = ctypes.c_int, ctypes.c_uint
+    kinds = (c_uint, c_int, c_int, c_int, c_int, c_int, c_int, c_uint, c_uint, ctypes.c_void_p)
+    write = gl_function("glTexImage3D", None, *kinds)
+    size = (width, height, layers)
+    write(_TEXTURE_2D_ARRAY, level, _RGBA8, *size, 0, _RGBA, _UNSIGNED_BYTE, texels.ctypes.data)
 
 
 def noise_texture(context: moderngl.Context) -> moderngl.Texture:
@@ -108,25 +135,6 @@ def tileable_noise(size: int = NOISE_SIZE) -> npt.NDArray[np.float32]:
         spectrum = np.fft.rfft2(rng.standard_normal((size, size))) * frequency ** (-power / 2)
         field = np.fft.irfft2(spectrum, s=(size, size))
         fields[..., channel] = 0.5 * field / field.std()
-    return fields
-
-
-def band_noise(size: int = 256, cells: int = 4) -> npt.NDArray[np.float32]:
-    """Make four independent fields of noise with about `cells` cycles a side on a torus.
-
-    Returns
-    -------
-    (size, size, 4) float32
-        Mean 0, standard deviation 0.35.
-    """
-    rng = np.random.default_rng(20132)
-    frequency = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]) * size
-    fields = np.empty((size, size, 4), np.float32)
-    for channel in range(4):
-        spectrum = np.fft.rfft2(rng.standard_normal((size, size)))
-        spectrum *= np.exp(-(((frequency - cells) / (0.45 * cells)) ** 2))
-        field = np.fft.irfft2(spectrum, s=(size, size))
-        fields[..., channel] = 0.35 * field / field.std()
     return fields
 
 

@@ -9,20 +9,11 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.render import Sun
-from sketchterrain.render.ground import OCTAVES, texture_phases
 from sketchterrain.render.plant_shade import shade_matrix
 from sketchterrain.render.relief import HeightMap
 from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.textures import tileable_noise
 from sketchterrain.render.water import ACROSS, sheet, strip
-
-
-def test_texture_phases_move_with_the_eye_by_whole_textures():
-    here, there = texture_phases((0.0, 0.0, 0.0)), texture_phases((6.0, -12.0, 0.0))
-    xy = slice(2 * OCTAVES, 2 * OCTAVES + 1)
-    gap = np.abs(here[xy] - there[xy])
-    assert np.minimum(gap, 1 - gap).max() < 1e-6
-    assert ((texture_phases((1e9, 1e9, 10.0)) >= 0) & (texture_phases((1e9, 1e9, 10.0)) <= 1)).all()
 
 
 def test_irradiance_of_a_uniform_sphere_is_pi_everywhere():

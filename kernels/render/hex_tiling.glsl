@@ -1,0 +1,52 @@
+// Hexagons that cut a texture up, each shifted and turned by chance, so that its repetition does not show (Mikkelsen
+// 2022, "Practical Real-Time Hex-Tiling", JCGT 11(3); the grid is that of Heitz & Neyret 2018, §4.1). The lattice is
+// skewed by 1/2 in place of 1/√3 and its steps are half a texture, so that it comes round after HEX_PERIOD textures:
+// the host keeps the place of a far eye within that (render/texture_places.py).
+
+const float HEX_RATE = 2.0;     // lattice steps a texture
+const int HEX_PERIOD = 64;      // textures, and lattice points along each side, after which all is the same
+const float HEX_SHARPNESS = 5.0; // power of the weights: little is blended, so contrast stays
+const float HEX_LEAST = 0.02;   // weight below which a hexagon is left out
+
+// The hexagons over a place, heaviest first, and their weights, sum 1; `count` of them are worth reading.
+struct Hexagons {
+    ivec2 first, second, third;
+    vec3 weight;
+    int count;
+};
+
+// Barycentric coordinates in the triangle of lattice points around a place, texture widths.
+Hexagons hexagons(vec2 uv)
+{
+    vec2 skewed = HEX_RATE * vec2(uv.x - 0.5 * uv.y, uv.y);
+    vec2 corner = floor(skewed);
+    vec2 t = skewed - corner;
+    float upper = step(1.0, t.x + t.y);
+    float side = 2.0 * upper - 1.0;
+    vec3 weight = vec3(side * (t.x + t.y - 1.0), upper - side * t.y, upper - side * t.x);
+    ivec2 base = ivec2(corner);
+    int u = int(upper);
+    ivec2 a = base + u, b = base + ivec2(u, 1 - u), c = base + ivec2(1 - u, u);
+    weight = pow(max(weight, 0.0), vec3(HEX_SHARPNESS));
+    weight /= weight.x + weight.y + weight.z;
+    Hexagons h = Hexagons(a, b, c, weight, 3);
+    if (h.weight.y > h.weight.x) { h.weight = h.weight.yxz; h.first = b; h.second = a; }
+    if (h.weight.z > h.weight.x) { h.weight = h.weight.zyx; ivec2 k = h.first; h.first = h.third; h.third = k; }
+    if (h.weight.z > h.weight.y) { h.weight = h.weight.xzy; ivec2 k = h.second; h.second = h.third; h.third = k; }
+    h.count = h.weight.z > HEX_LEAST ? 3 : h.weight.y > HEX_LEAST ? 2 : 1;
+    return h;
+}
+
+// Middle of a hexagon, texture widths.
+vec2 hex_middle(ivec2 id) { return vec2(float(id.x) + 0.5 * float(id.y), float(id.y)) / HEX_RATE; }
+
+// Two numbers from 0 to 1 for its shift, and one from -1 to 1 for its turn.
+vec3 hex_chance(ivec2 id)
+{
+    uint h = uint(id.x & (HEX_PERIOD - 1)) | uint(id.y & (HEX_PERIOD - 1)) << 8;
+    h *= 0x9E3779B9u;
+    h ^= h >> 16; h *= 0x7FEB352Du;
+    h ^= h >> 15; h *= 0x846CA68Bu;
+    h ^= h >> 16;
+    return vec3(vec2(h & 0x7FFu, (h >> 11) & 0x7FFu) / 2048.0, float(h >> 22) / 512.0 - 1.0);
+}

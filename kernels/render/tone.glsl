@@ -4,6 +4,7 @@
 // are led towards each other before the curve and apart after it, so that bright ones fade to white in their own hue.
 const float DARKEST = -12.47393; // log2 of what becomes black
 const float BRIGHTEST = 4.026069; // and white
+const float ANCHOR = 0.845;       // of light, so that middle grey stays what it is
 const float CONTRAST = 0.6;      // share of an S over the curve, 0 .. 1
 const float SATURATION = 1.22;
 
@@ -19,7 +20,7 @@ vec3 film(vec3 light)
         0.878468636469772, 0.0784336, 0.0792237451477643, 0.0791661274605434, 0.879142973793104);
     const mat3 apart = mat3(1.19687900512017, -0.0528968517574562, -0.0529716355144438, -0.0980208811401368,
         1.15190312990417, -0.0980434501171241, -0.0990297440797205, -0.0989611768448433, 1.15107367264116);
-    vec3 c = log2(max(together * light, vec3(1e-10)));
+    vec3 c = log2(max(together * (ANCHOR * light), vec3(1e-10)));
     c = clamp((c - DARKEST) / (BRIGHTEST - DARKEST), 0.0, 1.0);
     c = clamp(vec3(film_curve(c.r), film_curve(c.g), film_curve(c.b)), 0.0, 1.0);
     c = mix(c, c * c * (3.0 - 2.0 * c), CONTRAST);

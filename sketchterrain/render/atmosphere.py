@@ -56,6 +56,8 @@ SUN_RADIUS: Final = np.radians(0.267)
 _HEIGHTS, _ANGLES = 48, 128  # of the transmittance table
 _STEPS = 40
 _PSI_HEIGHTS, _PSI_ANGLES = 12, 24
+_LOWEST_ROOT: Final = 0.3
+"""Of the sun's place in that of Ψ, `_sign_root`: 9° under the horizon."""
 _PSI_DIRECTIONS, _PSI_STEPS = 32, 16
 
 
@@ -103,7 +105,7 @@ class Air:
         dip = -np.sqrt(np.maximum(1.0 - (GROUND / r) ** 2, 0.0))
         risen = np.clip((cosine - dip) / (2.0 * np.sin(SUN_RADIUS)) + 0.5, 0.0, 1.0)
         part = risen * risen * (3.0 - 2.0 * risen)
-        return self.transmittance(r, np.maximum(cosine, dip)) * part[..., None]
+        return np.asarray(self.transmittance(r, np.maximum(cosine, dip)) * part[..., None])
 
     def transmittance(self, r: Floats, cosine: Floats) -> Floats:
         """Return what gets from radii (m) to the top of the air, (..., 3), on lines that miss the ground."""
@@ -143,18 +145,21 @@ class Air:
         For a sun of irradiance 1: Ψ of Hillaire's equation 10.
         """
         at_height = np.sqrt(np.clip(height / (TOP - GROUND), 0.0, 1.0))
-        return _bilinear(self._psi, at_height, _sign_root(cosine))
+        at_angle = (_sign_root(cosine) - _LOWEST_ROOT) / (1.0 - _LOWEST_ROOT)
+        return np.asarray(np.exp(_bilinear(self._psi, at_height, at_angle)))
 
     @cached_property
     def _psi(self) -> Floats:
+        """Its logarithm: it falls by powers of ten once the sun has set."""
         height = np.linspace(0.0, 1.0, _PSI_HEIGHTS) ** 2 * (TOP - GROUND)
-        along = np.linspace(-1.0, 1.0, _PSI_ANGLES)
+        along = 2.0 * np.linspace(_LOWEST_ROOT, 1.0, _PSI_ANGLES) - 1.0
         cosine = along * np.abs(along)
         number = np.arange(_PSI_DIRECTIONS) + 0.5
         z, turn = 1.0 - 2.0 * number / _PSI_DIRECTIONS, number * np.pi * (3.0 - np.sqrt(5.0))
         flat = np.sqrt(1.0 - z * z)
         ways = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
-        return self.isotropic(height[:, None], cosine[None, :], ways, steps=_PSI_STEPS)
+        psi = self.isotropic(height[:, None], cosine[None, :], ways, steps=_PSI_STEPS)
+        return np.asarray(np.log(np.maximum(psi, 1e-12)))
 
     def isotropic(self, height: Floats, cosine: Floats, ways: Floats, *, steps: int) -> Floats:
         """Compute Ψ from directions spread evenly over the sphere: Hillaire's equations 5 to 10.
@@ -240,7 +245,7 @@ class Air:
     def sky(self, height: float, ways: Floats, sun: Floats, *, steps: int, longest: float = np.inf) -> Path:
         """Follow lines to the top of the air, to the ground, or for a longest way (m); see `path`."""
         r = np.asarray(max(height, 1.0) + GROUND)
-        length = np.minimum(_length(r, ways[..., 2])[0], longest)
+        length = np.asarray(np.minimum(_length(r, ways[..., 2])[0], longest))
         return self.path(r - GROUND, ways, sun, length, steps=steps)
 
 

@@ -23,10 +23,13 @@ LOWEST_SUN: Final = -4.0
 SIZE: Final = 64
 """Texels along the azimuth, and for each half along the elevation: kernels/render/frame.glsl, sky_place."""
 STEPS: Final = 24
-LEVELS: Final = (0.0, 1000.0, 4000.0)
+AIR_STEPS: Final = 16
+LEVELS: Final = (0.0, 600.0, 1800.0, 4000.0)
 """Heights over the haze's base (m) for which the sky is computed; in between it is blended."""
 LONGEST: Final = 30e3
-"""m of air that a direction's haze is taken from."""
+"""m of air that a direction's haze is taken from,"""
+RISE: Final = 1500.0
+"""but no further than mountains rise over the eye (m)."""
 SUN_IRRADIANCE: Final = np.array([20.0, 22.6, 25.4])
 """Above the air, in the units of all light here; the ratios are a camera's that is balanced for daylight."""
 HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
@@ -75,7 +78,7 @@ class Sun:
         )
 
 
-MIDDLE: Final = 0.135
+MIDDLE: Final = 0.115
 """Albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon."""
 BRIGHT: Final = 17.0
 """Light of a sunny noon, as `exposure_of` takes it."""
@@ -135,7 +138,7 @@ class Sky:
         self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
         self.view.repeat_x = self.view.repeat_y = False
         self.view.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self._height = -1.0
+        self._height = -np.inf
         self.look_from(0.0)
 
     def exposure(self, heading: float) -> float:
@@ -191,7 +194,8 @@ def sky_table(air: Air, sun: Sun, height: float) -> Floats:
     )
     low = np.radians(sun.elevation)
     to_sun = np.array([np.cos(low), 0.0, np.sin(low)])
-    haze = air.sky(height, ways[:SIZE], to_sun, steps=STEPS, longest=LONGEST)
+    longest = np.minimum(LONGEST, RISE / np.maximum(ways[:SIZE, :, 2], 1e-6))
+    haze = air.sky(height, ways[:SIZE], to_sun, steps=AIR_STEPS, longest=longest)
     sky = air.sky(height, ways[SIZE:], to_sun, steps=STEPS)
     return np.asarray(np.concatenate([haze.radiance / (1.0 - haze.clear), sky.radiance]) * SUN_IRRADIANCE)
 

@@ -1,0 +1,236 @@
+"""The sky's tables against sums in double precision, and the shaders' look-ups against the tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.render import Sun, Weather
+from sketchterrain.render.atmosphere import (
+    AEROSOL_HEIGHT,
+    GROUND,
+    RAYLEIGH,
+    RAYLEIGH_HEIGHT,
+    Air,
+)
+from sketchterrain.render.frame import FrameBlock
+from sketchterrain.render.programs import FRAME_BINDING
+from sketchterrain.render.sky import LEVELS, SIZE, SUN_IRRADIANCE, Sky, blended, overcast_table, sky_table
+from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
+from sketchterrain.resources import source
+
+from .sky_model import optical_depth, photons, share_aerosols_take
+
+CLEAR = Weather(clouds=0.0)
+UP = np.array([0.0, 0.0, 1.0])
+LOW_SUNS = (-4.0, -1.0, 3.0, 27.0, 70.0)
+
+
+@pytest.fixture(scope="module")
+def air():
+    return Air()
+
+
+def way(elevation, azimuth=0.0):
+    """Unit vectors by degrees; the sun's azimuth is 0, along x."""
+    e, a = np.radians(elevation), np.radians(azimuth)
+    return np.stack(np.broadcast_arrays(np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
+
+
+def test_straight_up_the_air_takes_what_its_formula_says(air):
+    molecules = RAYLEIGH * RAYLEIGH_HEIGHT
+    aerosols = share_aerosols_take(air) * AEROSOL_HEIGHT
+    ozone = np.array([0.65e-6, 1.881e-6, 0.085e-6]) * 15e3
+    got = air.transmittance(np.array(GROUND), np.array(1.0))
+    assert np.allclose(got, np.exp(-molecules - aerosols - ozone), rtol=5e-4)
+
+
+def test_what_comes_through_agrees_with_a_sum_of_short_steps(air):
+    rng = np.random.default_rng(1)
+    height = rng.uniform(0.0, 1.0, 60) ** 3 * 60e3
+    dip = -np.sqrt(1.0 - (GROUND / (GROUND + height)) ** 2)
+    cosine = dip + (1.0 - dip) * rng.uniform(0.0, 1.0, 60) ** 2
+    expected = [np.exp(-optical_depth(air, h, c)) for h, c in zip(height, cosine, strict=True)]
+    assert np.abs(air.transmittance(GROUND + height, cosine) - expected).max() < 6e-3
+
+
+def test_the_suns_disc_sets_in_half_a_degree(air):
+    shares = air.sunlight(np.zeros(5), np.sin(np.radians([1.0, 0.267, 0.0, -0.267, -2.0])))[:, 0]
+    assert (np.diff(shares) < 0.0)[:3].all()
+    assert shares[3] == pytest.approx(0.0, abs=1e-12)
+    assert shares[4] == 0.0
+
+
+def test_light_scattered_again_agrees_with_many_more_directions_and_steps(air):
+    number = np.arange(512) + 0.5
+    z, turn = 1.0 - 2.0 * number / 512, number * np.pi * (3.0 - np.sqrt(5.0))
+    flat = np.sqrt(1.0 - z * z)
+    ways = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+    height, cosine = np.meshgrid([0.0, 500.0, 3000.0, 12_000.0], [0.0, 0.02, 0.3, 0.9])
+    expected = air.isotropic(height, cosine, ways, steps=64)
+    assert np.abs(air.scattered_again(height, cosine) / expected - 1.0).max() < 0.1
+    assert np.abs(air.scattered_again(height, cosine) / expected - 1.0).mean() < 0.03
+
+
+@pytest.mark.parametrize("elevation", LOW_SUNS)
+def test_the_skys_steps_are_short_enough(air, elevation):
+    ways = way(np.array([0.3, 2.0, 10.0, 45.0, 90.0])[:, None], np.linspace(0.0, 180.0, 9))
+    few, many = (air.sky(20.0, ways, way(elevation), steps=n).radiance for n in (24, 300))
+    assert np.abs(few / many - 1.0).max() < 0.04
+
+
+@pytest.mark.parametrize("elevation", [20.0, 50.0])
+def test_the_sky_is_as_bright_as_photons_make_it(air, elevation):
+    """All orders of scattering, by photons in flat air; in the table later orders are the same all around."""
+    sun = Sun(0.0, elevation)
+    radiance = sky_table(air, sun, 0.0)[SIZE:] / SUN_IRRADIANCE
+    height = sun.direction[2]
+    harmonics = irradiance_harmonics(radiance, sun, air.sunlight(np.zeros(()), np.array(height)))
+    got = sky_irradiance(harmonics, UP)
+    for channel in range(3):
+        expected = photons(air, channel, height, 30_000, seed=5) * height
+        assert got[channel] == pytest.approx(expected, rel=0.1)
+
+
+def test_noon_is_deep_blue_above_and_whitish_at_the_horizon(air):
+    table = sky_table(air, Sun(0.0, 50.0), 0.0)[SIZE:]
+    overhead, horizon = table[-1, 0], table[4, 40]
+    assert overhead[2] / overhead[0] > 3.0
+    assert horizon[2] / horizon[0] < 1.6
+    assert horizon.mean() > 1.5 * overhead.mean()
+
+
+def test_at_dusk_a_rosy_belt_stands_over_the_earths_blue_shadow(air):
+    """Away from a sun just under the horizon; reddest over the shadow, which rises as the sun sinks."""
+    elevation = 90.0 * np.linspace(0.0, 1.0, SIZE) ** 2
+    tops = []
+    for height in (-1.0, -2.5):
+        away = sky_table(air, Sun(0.0, height), 0.0)[SIZE:, -1]
+        red = away[:, 0] / away[:, 2]
+        tops.append(elevation[int(np.argmax(red))])
+        assert red.max() > 1.15 * red[0]
+        assert red.max() > 1.6 * red[-1]
+    assert 0.5 < tops[0] < tops[1] < 15.0
+    towards = sky_table(air, Sun(0.0, -1.0), 0.0)[SIZE:, 0]
+    assert towards[4, 0] > 2.0 * towards[4, 2]
+
+
+def test_skies_between_the_levels_are_blended(air):
+    sun = Sun(0.0, 27.0)
+    levels = np.stack([sky_table(air, sun, height) for height in LEVELS])
+    for height in (150.0, 500.0, 2000.0):
+        expected = sky_table(air, sun, height)
+        gap = np.abs(blended(levels, height) - expected)
+        assert (gap / expected.mean(axis=(0, 1))).mean() < 0.04
+    assert (blended(levels, LEVELS[1]) == levels[1]).all()
+
+
+def test_an_overcast_zenith_is_three_times_as_bright_as_the_horizon():
+    table = overcast_table(np.full(3, 5.0))
+    assert np.allclose(table[-1], 3.0 * table[SIZE])
+    harmonics = irradiance_harmonics(table[SIZE:], Sun(0.0, 30.0), np.zeros(3))
+    assert np.allclose(sky_irradiance(harmonics, UP), 5.0, rtol=0.03)
+
+
+@pytest.mark.gl
+def test_overcast_has_no_sun_and_less_light(gl):
+    sun = Sun(0.0, 40.0)
+    clear, grey = Sky(gl, sun, CLEAR), Sky(gl, sun, Weather(clouds=1.0))
+    assert (grey.sunlight == 0.0).all()
+    total = clear.sunlight * sun.direction[2] + sky_irradiance(clear.harmonics, UP)
+    assert 0.2 < (sky_irradiance(grey.harmonics, UP) / total).mean() < 0.5
+    assert grey.exposure(0.0) > 1.5 * clear.exposure(90.0)
+
+
+@pytest.mark.gl
+def test_exposure_follows_the_light_but_not_all_the_way(gl):
+    noon, dawn, dusk = (Sky(gl, Sun(0.0, e), CLEAR) for e in (45.0, 4.0, -4.0))
+    light = [float(sky_irradiance(sky.harmonics, UP).mean()) for sky in (noon, dawn, dusk)]
+    shown = [a * sky.exposure(90.0) for a, sky in zip(light, (noon, dawn, dusk), strict=True)]
+    assert noon.exposure(90.0) < dawn.exposure(90.0) < dusk.exposure(90.0)
+    assert shown[2] < 1.5 * shown[1]
+    assert dawn.exposure(0.0) < dawn.exposure(180.0)
+    steps = np.abs(np.diff([np.log(dawn.exposure(h)) for h in range(-180, 181)]))
+    assert steps.max() < 0.05
+
+
+SKY_AT = """#version 430 core
+{frame}
+in vec4 a;
+out vec4 seen;
+void main() {{ seen = vec4({call}, 1.0); }}
+"""
+
+
+def looked_up(gl, sky, call, rows, *, eye=50.0):
+    """Evaluate an expression of `a` with a sky's table and its air, seen from a height (m)."""
+    frame = FrameBlock(gl)
+    frame["to_sun"] = sky.sun.direction
+    frame["eye"] = (0.0, 0.0, eye)
+    frame["haze"] = (*sky.haze, AEROSOL_HEIGHT)
+    frame["air"] = (*RAYLEIGH, RAYLEIGH_HEIGHT)
+    frame["reach"] = (1e7, 0.0, 1.0, 1.0)
+    frame.upload()
+    sky.look_from(eye)
+    gl.framebuffer([gl.texture((1, 1), 4)]).use()
+    text = SKY_AT.format(frame=source("render/frame.glsl"), call=call)
+    program = gl.program(vertex_shader=text, varyings=["seen"])
+    program["Frame"].binding = FRAME_BINDING
+    sky.view.use(1)
+    program["sky_view"].value = 1
+    rows = np.ascontiguousarray(rows, np.float32)
+    output = gl.buffer(reserve=rows.nbytes)
+    gl.vertex_array(program, [(gl.buffer(rows.tobytes()), "4f4", "a")]).transform(output, vertices=len(rows))
+    return np.frombuffer(output.read(), np.float32).reshape(-1, 4)[:, :3]
+
+
+@pytest.mark.gl
+def test_the_shaders_sky_is_its_table(gl):
+    sun = Sun(120.0, 20.0)
+    sky = Sky(gl, sun, CLEAR)
+    share = np.linspace(0.0, 1.0, SIZE)
+    elevation, turn = np.meshgrid(90.0 * share**2, 180.0 * share**2, indexing="ij")
+    flat = np.cos(np.radians(elevation))
+    azimuth = np.radians(sun.azimuth + turn)
+    ways = np.stack([flat * np.sin(azimuth), flat * np.cos(azimuth), np.sin(np.radians(elevation))], axis=-1)
+    rows = np.c_[ways.reshape(-1, 3), np.zeros(SIZE * SIZE)]
+    got = looked_up(gl, sky, "clear_sky(a.xyz)", rows, eye=0.0).reshape(SIZE, SIZE, 3)
+    expected = sky_table(Air(), sun, 0.0)[SIZE:]
+    # Half floats, and a share of a texel by the angles' rounding; at the zenith all azimuths are one.
+    assert np.abs(got / expected - 1.0)[:-1].max() < 5e-3
+
+
+@pytest.mark.gl
+def test_air_ends_where_the_sky_begins(gl):
+    """What lies far away at the horizon has become the sky behind it."""
+    sky = Sky(gl, Sun(120.0, 20.0), CLEAR)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 90)
+    rows = np.stack([np.sin(azimuth), np.cos(azimuth), 0.0 * azimuth, 0.0 * azimuth], axis=-1)
+    above, below = (looked_up(gl, sky, f"{name}(a.xyz)", rows) for name in ("clear_sky", "air_light"))
+    assert np.abs(above / below - 1.0).max() < 0.1
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("elevation", [4.0, 27.0, 60.0])
+def test_aerial_perspective_agrees_with_a_sum_along_the_path(gl, elevation):
+    """Over 0.5 to 16 km, from three heights; the bounds are shares of the light at the horizon there."""
+    sun, air = Sun(90.0, elevation), Air()
+    sky = Sky(gl, sun, CLEAR)
+    worst = []
+    for eye in (30.0, 300.0, 1500.0):
+        distance = np.geomspace(500.0, 16e3, 6)
+        rise = np.array([-eye, -0.5 * eye, 0.0, 300.0, 900.0])
+        azimuth = np.radians(np.linspace(0.0, 180.0, 7))
+        far, up, turn = (grid.ravel() for grid in np.meshgrid(distance, rise, azimuth))
+        place = np.stack([far * np.cos(turn), far * np.sin(turn), up], axis=-1)
+        length = np.linalg.norm(place, axis=-1)
+        path = air.path(np.array(eye), place / length[:, None], way(elevation), length, steps=200)
+        ground = 0.03 * SUN_IRRADIANCE
+        expected = path.radiance * SUN_IRRADIANCE + path.clear * ground
+        rows, behind = np.c_[place, up], ", ".join(map(str, ground))
+        got = looked_up(gl, sky, f"through_air(vec3({behind}), a.xyz)", rows, eye=eye)
+        scale = looked_up(gl, sky, "air_light(vec3(normalize(a.xy), 0.0))", rows, eye=eye)
+        worst.append(np.abs(got - expected) / np.maximum(scale, expected))
+    error = np.concatenate(worst)
+    assert np.sqrt((error**2).mean()) < 0.025
+    assert error.max() < 0.2

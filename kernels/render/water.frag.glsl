@@ -1,116 +1,128 @@
 #version 430 core
-// Water: mirrors sky and banks, shows its bed where it is shallow, ripples that drift downstream.
+// Water: mirrors sky, banks and sun, shows its bed where it is shallow, carries foam, ends softly at its shore.
+#if MATERIALS == 1
+#define WAVES 1
+#else
+#define WAVES 3
+#endif
 #include "render/frame.glsl"
 #include "render/surface.glsl"
-#include "render/clouds.glsl"
+#include "render/water_mirror.glsl"
+#include "render/shade.glsl"
+#include "render/water_optics.glsl"
+#include "render/water_waves.glsl"
+#include "render/water_foam.glsl"
 
-uniform sampler2D scene;        // all that is drawn already: radiance
-uniform sampler2D scene_depth;  // and its depth buffer
-uniform sampler2D near_heights; // m
-uniform float clock;            // s
+uniform float clock; // s
+uniform vec2 wind;   // m/s
 
 in vec3 position;
 in vec4 flow;
+in vec4 stream;
 in float wet_room;
 in float nearer;
+in float coverage;
 out vec4 radiance;
 
-const vec3 ABSORPTION = vec3(0.95, 0.34, 0.26); // 1/m, of a river that carries a little silt
-const vec3 SILT = vec3(0.020, 0.034, 0.028);    // light scattered back, share of what comes in
-// Steps along a mirrored ray, each so many times as long as the last: 1 to 2 km.
-#if MATERIALS == 1
-const int MARCH = 12;
-const float STRIDE = 1.65;
-#else
-const int MARCH = 40;
-const float STRIDE = 1.15;
-#endif
+// Of lakes and of streams that carry a little silt, 1/m; pure water absorbs 0.28, 0.056, 0.009 (Pope & Fry 1997).
+const vec3 LAKE_ABSORPTION = vec3(0.46, 0.135, 0.150);
+const vec3 LAKE_BACKSCATTER = vec3(0.006, 0.014, 0.016);
+const vec3 STREAM_ABSORPTION = vec3(0.80, 0.44, 0.50);
+const vec3 STREAM_BACKSCATTER = vec3(0.020, 0.033, 0.026);
+const float FOAM_ALBEDO = 0.62;
+const float SHELTER = 0.42;          // of the wind over open sea, on inland water
+const float CALM = 0.0012;           // slope² of water without wind
+const float SWELL_PERIOD = 4.3;      // s, of what laps a shore
+const float SOFT_SHORE = 0.07;       // m of depth over which water begins
 
-float relief_at(vec2 place)
-{
-    vec2 at = (place - near_map.xy) * near_map.z;
-    return textureLod(near_heights, at, 0.0).r - eye.z;
-}
+// Slope² of waves under a wind (m/s), both axes together (Cox & Munk 1954).
+float wind_roughness(float speed) { return CALM + 0.00512 * speed; }
 
-vec3 scene_position(vec2 uv)
-{
-    vec4 p = from_clip * vec4(vec3(uv, texture(scene_depth, uv).r) * 2.0 - 1.0, 1.0);
-    return p.xyz / p.w;
-}
-
-// Slope of the ripples: three trains of noise that drift downstream at different speeds.
-vec2 ripples(float distance)
-{
-    vec2 across = vec2(-flow.w, flow.z);
-    vec2 sum = vec2(0.0);
-    float size = 3.1;
-    for (int i = 0; i < 3; ++i) {
-        vec2 at = vec2(flow.x / size, (flow.y - clock * (0.6 + 0.2 * float(i))) / (1.7 * size)) * 0.12 + 0.37 * float(i);
-        float e = 0.006;
-        float h = texture(noise_field, at).x;
-        vec2 d = vec2(texture(noise_field, at + vec2(e, 0.0)).x - h, texture(noise_field, at + vec2(0.0, e)).x - h) / e;
-        sum += 0.0030 * (across * d.x + flow.zw * d.y);
-        size *= 2.9;
-    }
-    return sum / (1.0 + distance * 0.0035);
-}
-
-// Radiance that comes from a direction above the water: banks and mountains where the height map is hit, else sky.
-vec3 mirrored(vec3 direction)
-{
-    vec3 sky = clear_sky(direction);
-    float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
-    float density = cloud_density(direction.xy * up / (direction.z + 0.02));
-    sky = mix(sky, sun_light.rgb * 0.14, 0.6 * density * smoothstep(0.0, 0.1, direction.z));
-    float gone = 2.0;
-    float before = 0.0;
-    float hit = -1.0;
-    for (int i = 0; i < MARCH; ++i) {
-        vec3 p = position + direction * gone;
-        if (hit < 0.0 && p.z < relief_at(p.xy) - 0.4) hit = 0.5 * (before + gone);
-        before = gone;
-        gone = gone * STRIDE + 1.0;
-    }
-    if (hit < 0.0) return sky;
-    vec3 p = position + direction * hit;
-    vec4 clip = to_clip * vec4(p, 1.0);
-    vec2 uv = clip.xy / clip.w * 0.5 + 0.5;
-    vec4 light = ground_light(p.xy);
-    vec3 bank = vec3(0.062, 0.070, 0.034) / PI * (sun_light.rgb * to_sun.z * light.r + sky_irradiance(vec3(0, 0, 1)) * light.g);
-    bank = through_air(bank, p);
-    vec2 margin = abs(uv - 0.5);
-    float known = clip.w > 0.0 ? 1.0 - smoothstep(0.44, 0.5, max(margin.x, margin.y)) : 0.0;
-    float seen = length(scene_position(uv));
-    known *= 1.0 - smoothstep(0.05, 0.2, abs(seen - length(p)) / length(p));
-    return mix(bank, texture(scene, uv).rgb, known);
-}
+// Slope² of a stream's ripples: more where it is fast and much more where it falls.
+float stream_roughness(float speed, float fall) { return 0.0025 + 0.0045 * speed + 0.07 * smoothstep(0.004, 0.06, fall); }
 
 void main()
 {
+    float edge = wet_room / max(fwidth(wet_room), 1e-4);
     if (wet_room < 0.0) discard;
     float distance = length(position);
     vec3 to_eye = -position / distance;
-    vec3 normal = normalize(vec3(-ripples(distance), 1.0));
+    float grazing = max(to_eye.z, 0.02);
     vec2 uv = gl_FragCoord.xy / reach.zw;
+    float pixel = distance * trees.z * inversesqrt(grazing);
+    bool lake = stream.w == 0.0;
 
-    vec2 bent = uv + normal.xy * 0.03;
-    float from = distance * (1.0 - nearer);
-    float depth = length(scene_position(bent)) - from;
-    bent = depth > 0.0 ? bent : uv;
-    depth = max(length(scene_position(bent)) - from, 0.0);
-    vec3 bed = texture(scene, bent).rgb;
+    // Gusts and slicks; along a stream they are long, and it carries them.
+    float across = flow.x / max(stream.w, 0.1);
+    float speed = stream.x * (0.15 + 0.85 * stream_profile(across));
+    vec2 drift = lake ? (position.xy + eye.xy - wind * clock * 0.5) / 512.0 : vec2(flow.x / 24.0, (flow.y - stream.x * clock * 0.7) / 190.0);
+    vec4 patches = textureLod(noise_field, drift, log2(max(pixel * (lake ? 1.0 : 8.0), 0.01)));
+    float gust = smoothstep(-0.7, 0.9, patches.x);
+    float roughness = lake ? wind_roughness(SHELTER * length(wind)) * (0.25 + 1.5 * gust)
+                           : stream_roughness(speed, stream.y) * (0.45 + 1.1 * gust);
+    float time = clock / RENEWAL + 0.8 * patches.y;
+    Waves waves = waves_at(position.xy, flow.zw * speed, pixel, roughness, time);
+
+    // The bed, where the refracted ray meets a level one of the depth right behind; waves bend the ray.
+    float rise = nearer * abs(position.z);
+    vec3 behind = scene_position(uv);
+    float depth = max(position.z - behind.z + rise, 0.0);
+    float up = refracted_cosine(grazing);
+    float soft = smoothstep(0.0, SOFT_SHORE, depth);
+    float shallow = depth - rise;
+    vec2 bed_uv = uv;
+#if MATERIALS > 1
+    vec3 refracted = vec3(-to_eye.xy / WATER_INDEX + 0.25 * waves.slope, -up);
+    vec3 bent = picture_place(position + refracted * (min(depth, 8.0) / up));
+    float bent_depth = position.z - scene_position(bent.xy).z + rise;
+    bool straight = bent_depth < 0.0 || bent.z <= 0.0;
+    bed_uv = straight ? uv : bent.xy;
+    depth = straight ? depth : bent_depth;
+#endif
+    vec3 bed = textureLod(scene, bed_uv, 0.0).rgb;
 
     vec4 light = ground_light(position.xy);
-    vec3 incoming = sun_light.rgb * to_sun.z * light.r * cloud_shadow(position) + sky_irradiance(vec3(0.0, 0.0, 1.0)) * light.g;
-    vec3 clear = exp(-ABSORPTION * min(depth, 60.0) * 0.8);
-    vec3 body = mix(through_air(SILT * incoming, position), bed, clear);
+    float sun = light.r * cloud_shadow(position);
+#if MATERIALS > 1
+    sun *= tree_shade(position, vec3(0.0, 0.0, 1.0));
+#endif
+    vec3 incoming = sun_light.rgb * max(to_sun.z, 0.0) * sun + sky_irradiance(vec3(0.0, 0.0, 1.0)) * light.g;
+    vec3 absorption = lake ? LAKE_ABSORPTION : STREAM_ABSORPTION;
+    vec3 backscatter = lake ? LAKE_BACKSCATTER : STREAM_BACKSCATTER;
+    vec3 clear = let_through(absorption + backscatter, min(depth, 60.0), up, refracted_cosine(max(to_sun.z, 0.2)));
+    vec3 air = through_air(vec3(0.0), position);
+    vec3 body = through_air((1.0 - clear) * deep_colour(absorption, backscatter) * incoming / PI, position);
+    body += clear * max(bed - air, 0.0);
 
+    // Facets that lean to the eye are seen the most, so that rough water mirrors higher up.
+    float spread = sqrt(waves.variance);
+    vec2 to_eye_flat = to_eye.xy / max(length(to_eye.xy), 1e-4);
+    float lean = seen_slope(grazing, spread);
+    vec3 normal = normalize(vec3(-waves.slope + to_eye_flat * lean, 1.0));
     vec3 back = reflect(-to_eye, normal);
-    back.z = max(abs(back.z), 0.01);
-    float fresnel = schlick(vec3(0.02), dot(normal, to_eye)).r;
-    vec3 half_way = normalize(to_eye + to_sun.xyz);
-    float glint = trowbridge_reitz(max(dot(normal, half_way), 0.0), 0.03) * fresnel * 0.15 * light.r;
-    vec3 mirror = mirrored(normalize(back)) + sun_light.rgb * min(glint, 4.0);
-    float wet = smoothstep(0.0, 0.25, depth);
-    radiance = vec4(mix(body, mix(body, mirror, fresnel), wet), 1.0);
+    back.z = max(abs(back.z), 0.012);
+    float cosine = max(dot(normalize(vec3(-waves.slope, 1.0)), to_eye), 0.02);
+    float share = mirrored_share(cosine, spread);
+    vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, waves.slope, max(spread, 0.03)), 12.0) * sun;
+    vec3 surface = mix(body, mirrored(position, normalize(back)), share) + through_air(glint, position) - air;
+
+    // Foam: streaks that a stream draws out, lines along a shore; both of froth.
+    float sized = log2(max(pixel * 85.0, 0.01));
+    vec2 grain_at = lake ? (position.xy + eye.xy) / 8.0 + waves.slope * 0.1
+                         : vec2(flow.x / 6.0 + 0.05 * patches.z, (flow.y - stream.x * clock) / 19.0) + waves.slope * 0.1;
+    vec4 grain = textureLod(noise_field, grain_at, sized);
+#if MATERIALS == 1
+    vec4 froth = grain.zwxy;
+#else
+    vec4 froth = textureLod(noise_field, grain_at * 5.0, sized + 2.3);
+#endif
+    float lost = 0.5 * smoothstep(2.0, 9.0, sized);
+    float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));
+    float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // how far a line along a shore can be seen
+    float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.17 : 0.05) * (0.2 + gust);
+    float amount = shoal + (lake ? 0.0 : stream_foam(stream.y, across));
+    float foam = foam_share(0.75 * grain.x + 0.65 * froth.z, amount, lost) * (0.55 + 0.35 * smoothstep(-0.6, 0.6, froth.x));
+    surface = mix(surface, through_air(FOAM_ALBEDO / PI * incoming, position), foam);
+
+    radiance = vec4(surface, soft * clamp(edge + 0.5, 0.0, 1.0) * coverage * stream.z);
 }

@@ -115,7 +115,8 @@ class Renderer:
         self._surface = SurfaceMap(
             context, self.ground.pool, texels=quality.surface_texels, reach=self._forest.reach
         )
-        self._water = Water(context, terrain.features, defines=self._shading.defines)
+        water, defines = quality.has("water"), self._shading.defines
+        self._water = Water(context, terrain.features, part=water, defines=defines)
 
     def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
         """Make all that a picture shows: tiles, light and plants.
@@ -253,11 +254,8 @@ class Renderer:
         targets.scene.use()
         self._forest.draw(camera, size, units)
         if self._water:
-            targets.copy_scene()
-            targets.scene.use()
-            pixel = _pixel(camera, framebuffer.size[1])
-            lift = WATER_LIFT * self._quality.tolerance * pixel
-            self._water.draw(camera.eye, units | {"lift": lift})
+            lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
+            self._water.draw(camera.eye, targets, units | {"lift": lift})
         self._shading.develop(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
 
     def _set_frame(self, camera: Camera, targets: Targets, distance: float) -> None:
@@ -293,6 +291,7 @@ class Renderer:
             "material_relief": self._materials.relief,
             **self._forest.shade.textures,
             **self._surface.textures,
+            **self._water.textures,
             **targets.textures,
         }
         units: dict[str, object] = {"cloud_cover": self._weather.clouds, "wind": self._weather.drift}

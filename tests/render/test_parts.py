@@ -13,7 +13,7 @@ from sketchterrain.render.plant_shade import shade_matrix
 from sketchterrain.render.relief import HeightMap
 from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.textures import tileable_noise
-from sketchterrain.render.water import ACROSS, sheet, strip
+from sketchterrain.render.water_surfaces import ACROSS, sheet, strip
 
 
 def test_irradiance_of_a_uniform_sphere_is_pi_everywhere():
@@ -52,7 +52,7 @@ def test_lake_sheet_covers_the_lake_and_faces_up(side):
     step = np.arange(side) - side // 2
     inside = (0.3 * side - np.hypot(step, step[:, None])) * 4.0
     field = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
-    place, course, room, triangles = sheet(field, 7.5)
+    place, course, room, _, triangles = sheet(field, 7.5)
     assert -30.0 < room.min() < 0.0 < room.max()
     assert (place[:, 2] == 7.5).all()
     np.testing.assert_allclose(np.hypot(course[:, 2], course[:, 3]), 1.0)
@@ -67,7 +67,7 @@ def test_lake_sheet_covers_the_lake_and_faces_up(side):
 
 def test_river_strip_is_as_wide_as_told_and_faces_up():
     line = np.stack([np.linspace(0, 100, 11), np.zeros(11), np.linspace(5, 4, 11)], axis=1)
-    place, course, inside, triangles = strip(line, np.full(11, 10.0, np.float32))
+    place, course, inside, _, triangles = strip(line, np.full(11, 10.0, np.float32))
     assert place[:, 1].max() == pytest.approx(9.0)
     assert np.allclose(course[:, 2:], [1.0, 0.0])
     assert np.allclose(inside, 5.0 - np.abs(place[:, 1]))

@@ -1,0 +1,41 @@
+#version 430 core
+// Wet banks: ground a little above the water is darker and smoother. Blended as radiance + alpha * what is drawn.
+// Wet ground is darker because light that water's surface holds back is absorbed (Lekner & Dorf 1988).
+#include "render/frame.glsl"
+#include "render/surface.glsl"
+
+uniform sampler2D scene_depth; // of all that is drawn already
+uniform sampler2D seen_normal;
+uniform sampler2D noise_field;
+
+in vec3 position;
+in float wet_room;
+out vec4 radiance;
+
+const float WET = 0.5;        // of the light that wet ground sends back, over dry
+const float LOW = 0.14;       // m above the water up to which all is wet, on the mean
+const float HIGH = 0.52;      // from which on nothing is
+const float WIDE = 7.0;       // m from the water at which nothing is, however flat
+const float UNEVEN = 0.22;    // m, of noise of one standard deviation
+const float SHEEN = 0.35;     // of the film that mirrors the sky, over a whole one
+const float FAR = 500.0;      // m, where the drawn ground is too coarse for all that
+
+void main()
+{
+    vec2 uv = gl_FragCoord.xy / reach.zw;
+    vec4 p = from_clip * vec4(vec3(uv, textureLod(scene_depth, uv, 0.0).r) * 2.0 - 1.0, 1.0);
+    vec3 ground = p.xyz / p.w;
+    vec3 normal = normalize(textureLod(seen_normal, uv, 0.0).xyz + vec3(0.0, 0.0, 1e-4));
+    float above = ground.z - position.z;
+    vec2 at = ground.xy + eye.xy;
+    vec4 wide = texture(noise_field, at / 128.0);
+    vec4 fine = texture(noise_field, at / 16.0);
+    float uneven = UNEVEN * (wide.x + 0.7 * fine.y);
+    float wet = 1.0 - smoothstep(LOW, HIGH, above + uneven);
+    wet *= smoothstep(-WIDE, -0.4 * WIDE, wet_room + 4.0 * uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
+    vec3 to_eye = -normalize(ground);
+    float mirror = SHEEN * wet * schlick(vec3(0.02), dot(normal, to_eye)).r * smoothstep(-0.1, 0.1, above);
+    vec3 clear = through_air(vec3(1.0), ground) - through_air(vec3(0.0), ground);
+    radiance = vec4(mirror * ground_light(ground.xy).g * clear * clear_sky(normalize(vec3(reflect(-to_eye, normal).xy, 0.3))),
+        mix(1.0, mix(1.0, WET, wet), clear.g));
+}

@@ -1,0 +1,22 @@
+#version 430 core
+// A lid over water and its banks, at the height up to which they are wet: water_bank.frag.glsl looks through it.
+#include "render/frame.glsl"
+
+uniform vec3 anchor; // of all positions, relative to the eye, m
+
+in vec3 place;  // as in water.vert.glsl
+in vec4 course;
+in vec2 shore;
+in vec4 nature;
+
+out vec3 position;  // on the water, m from the eye
+out float wet_room; // m, negative in the bank
+
+const float LID = 0.75; // m over the water; highest wet ground
+
+void main()
+{
+    position = anchor + place;
+    wet_room = shore.x;
+    gl_Position = to_clip * vec4(position + vec3(0.0, 0.0, LID), 1.0);
+}

@@ -1,0 +1,111 @@
+// What a water's surface mirrors: what is seen in the picture, else the height map, else the sky with its clouds.
+// A ray is marched in steps that grow with the distance (McGuire & Mara 2014 march in pixels; water is seen so
+// flatly that equal steps in the world's distance ratio come out even in the picture).
+#include "render/frame.glsl"
+#include "render/clouds.glsl"
+
+uniform sampler2D scene;        // all that is drawn already: radiance
+uniform sampler2D scene_depth;  // and its depth buffer
+uniform sampler2D near_heights; // m
+
+// Steps along a mirrored ray, each so many times as long as the last: 1 to 2 km.
+#if MATERIALS == 1
+const int MARCH = 12;
+const float STRIDE = 1.65;
+#else
+const int MARCH = 44;
+const float STRIDE = 1.14;
+const int HALVINGS = 4;         // of the step in which the ray passes what is seen
+#endif
+const float FIRST_STEP = 0.5;   // m
+const float SUNK = 0.4;         // m under the height map at which a ray has met it
+const float THICK = 0.6;        // m, least thickness of what is seen in the picture
+const vec3 GRASSY = vec3(0.062, 0.070, 0.034); // albedos of ground that is out of the picture
+const vec3 WOODED = vec3(0.022, 0.032, 0.014);
+const vec3 STONY = vec3(0.20, 0.185, 0.165);
+
+float relief_at(vec2 place)
+{
+    return textureLod(near_heights, (place - near_map.xy) * near_map.z, 0.0).r - eye.z;
+}
+
+vec3 scene_position(vec2 uv)
+{
+    vec4 p = from_clip * vec4(vec3(uv, textureLod(scene_depth, uv, 0.0).r) * 2.0 - 1.0, 1.0);
+    return p.xyz / p.w;
+}
+
+// xy: where a place is in the picture, 0 ... 1; z: how far inside its upper and lower border, 0 at them and outside.
+// Beside the picture its border goes on for a while: better than a guess for most of what is mirrored.
+vec3 picture_place(vec3 p)
+{
+    vec4 clip = to_clip * vec4(p, 1.0);
+    vec2 uv = clip.xy / clip.w * 0.5 + 0.5;
+    float inside = 1.0 - smoothstep(0.44, 0.5, abs(uv.y - 0.5));
+    inside *= 1.0 - smoothstep(0.6, 0.8, abs(uv.x - 0.5));
+    return vec3(clamp(uv.x, 0.002, 0.998), uv.y, clip.w > 0.0 ? inside : 0.0);
+}
+
+vec3 mirrored_sky(vec3 direction)
+{
+    vec3 sky = clear_sky(direction);
+    float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
+    float density = cloud_density(direction.xy * up / (direction.z + 0.02));
+    return mix(sky, sun_light.rgb * 0.14 + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12,
+        0.6 * density * smoothstep(0.0, 0.1, direction.z));
+}
+
+// Light from ground that the picture does not show: what covers it is guessed from its slope and its forest.
+vec3 guessed_ground(vec3 p)
+{
+    vec4 light = ground_light(p.xy);
+    vec3 albedo = mix(GRASSY, WOODED, light.b);
+#if MATERIALS > 1
+    float texel = max(near_map.w, 1.0);
+    vec2 ahead = vec2(relief_at(p.xy + vec2(texel, 0.0)), relief_at(p.xy + vec2(0.0, texel)));
+    albedo = mix(albedo, STONY, smoothstep(0.7, 1.0, length(ahead - relief_at(p.xy)) / texel));
+#endif
+    vec3 down = sun_light.rgb * to_sun.z * light.r + sky_irradiance(vec3(0.0, 0.0, 1.0)) * light.g;
+    return through_air(albedo / PI * down, p);
+}
+
+// Radiance that comes along a ray from a place on the water, the air before it included.
+vec3 mirrored(vec3 from, vec3 direction)
+{
+    float gone = FIRST_STEP, before = 0.0, hit = -1.0, seen_hit = -1.0;
+    for (int i = 0; i < MARCH; ++i) {
+        vec3 p = from + direction * gone;
+#if MATERIALS > 1
+        vec3 at = picture_place(p);
+        float behind = length(p) - length(scene_position(at.xy));
+        float thick = max(THICK, 1.2 * (gone - before));
+        if (hit < 0.0 && seen_hit < 0.0 && at.z > 0.0 && behind > 0.0 && behind < thick) seen_hit = gone;
+        // Where the picture sees farther than the ray has come there is nothing, whatever a coarser map says.
+        bool open = at.z > 0.0 && behind <= 0.0;
+#else
+        bool open = gone < 2.0 * near_map.w;
+#endif
+        if (!open && hit < 0.0 && seen_hit < 0.0 && p.z < relief_at(p.xy) - SUNK) hit = 0.5 * (before + gone);
+        if (seen_hit < 0.0 && hit < 0.0) before = gone;
+        gone = gone * STRIDE + FIRST_STEP;
+    }
+#if MATERIALS > 1
+    float near_end = before, far_end = max(seen_hit, before);
+    for (int i = 0; i < HALVINGS; ++i) {
+        float middle = 0.5 * (near_end + far_end);
+        vec3 p = from + direction * middle;
+        bool passed = length(p) > length(scene_position(picture_place(p).xy));
+        far_end = passed ? middle : far_end;
+        near_end = passed ? near_end : middle;
+    }
+    if (seen_hit > 0.0) hit = far_end;
+#endif
+    vec3 sky = through_air(mirrored_sky(direction), from);
+    if (hit < 0.0) return sky;
+    vec3 p = from + direction * hit;
+    vec3 at = picture_place(p);
+    float off = abs(length(scene_position(at.xy)) - length(p)) / length(p);
+    float known = seen_hit > 0.0 ? at.z : at.z * (1.0 - smoothstep(0.05, 0.2, off));
+    vec3 beyond = seen_hit > 0.0 ? sky : guessed_ground(p);
+    return mix(beyond, textureLod(scene, at.xy, 0.0).rgb, known);
+}

@@ -1,0 +1,63 @@
+// Waves of a water's surface from one texture laid at several sizes, which drifts with the wind and flows with the
+// stream. Oracle: sketchterrain/render/water_waves.py and tests/render/test_water.py.
+//
+// The texture holds slopes and their square, each averaged in its mipmaps: what a pixel is too coarse to show as slope
+// it shows as roughness (Olano & Baker 2010; Bruneton et al. 2010, section 4.1).
+// WAVES: how many sizes.
+uniform sampler2D wave_slopes;     // rg: slope of one size, mean 0, mean of the squared length 1; b: that square; a: height
+uniform vec4 wave_layers[WAVES];   // xy: texture's x axis over its period, 1/m; z: root of its share of slope²; w: unused
+uniform vec2 wave_phases[WAVES];   // where the eye lies in the texture, drift included
+
+const float RENEWAL = 3.2;     // s, after which a pattern that flows is taken up anew where it began
+const float FINEST_WAVES = 0.0009; // slope² along one axis that is never resolved: capillary waves
+
+struct Waves {
+    vec2 slope;
+    float variance; // along one axis, of what is too fine
+};
+
+// Speed across a stream over that in its middle; `across` is 1 at the bank.
+float stream_profile(float across)
+{
+    float x = min(abs(across), 1.0);
+    return 1.0 - x * x * x;
+}
+
+// How far along a pattern in one of two phases has flowed (s), and its weight. The weights' squares sum to 1, so that
+// the mixture is as rough as each (Heitz & Neyret 2018, section 3); one of them is 0 where it is taken up anew.
+//   time     in renewals
+vec2 flow_phase(float time, float phase)
+{
+    float t = fract(time + 0.5 * phase);
+    float w = 1.0 - abs(2.0 * t - 1.0);
+    return vec2((t - 0.5) * RENEWAL, w * inversesqrt(w * w + (1.0 - w) * (1.0 - w)));
+}
+
+//   place      m from the eye
+//   velocity   of the stream, m/s
+//   pixel      width of a pixel on the water, m
+//   roughness  slope² of all waves, both axes together
+//   time       in renewals
+Waves waves_at(vec2 place, vec2 velocity, float pixel, float roughness, float time)
+{
+    Waves all = Waves(vec2(0.0), FINEST_WAVES);
+    float texels = float(textureSize(wave_slopes, 0).x);
+    for (int i = 0; i < WAVES; ++i) {
+        vec4 layer = wave_layers[i];
+        mat2 turn = mat2(layer.x, -layer.y, layer.y, layer.x); // m -> texture, columns
+        float lod = log2(max(pixel * length(layer.xy) * texels, 1e-3));
+        vec3 sum = vec3(0.0);
+        for (int phase = 0; phase < 2; ++phase) {
+            vec2 flow = flow_phase(time, float(phase));
+            vec2 at = turn * (place - velocity * flow.x) + wave_phases[i] + 0.37 * float(phase);
+            vec3 read = textureLod(wave_slopes, at, lod).rgb;
+            float spread = max(read.b - dot(read.rg, read.rg), 0.0);
+            sum += vec3(flow.y * read.rg, flow.y * flow.y * spread);
+        }
+        float height = sqrt(roughness) * layer.z;
+        vec2 axis = layer.xy / length(layer.xy);
+        all.slope += height * (mat2(axis.x, axis.y, -axis.y, axis.x) * sum.xy);
+        all.variance += 0.5 * height * height * sum.z;
+    }
+    return all;
+}

@@ -3,6 +3,7 @@
 // Wet ground is darker because light that water's surface holds back is absorbed (Lekner & Dorf 1988).
 #include "render/frame.glsl"
 #include "render/surface.glsl"
+#include "render/water_wetness.glsl"
 
 uniform sampler2D scene_depth; // of all that is drawn already
 uniform sampler2D seen_normal;
@@ -13,9 +14,6 @@ in float wet_room;
 out vec4 radiance;
 
 const float WET = 0.5;        // of the light that wet ground sends back, over dry
-const float LOW = 0.14;       // m above the water up to which all is wet, on the mean
-const float HIGH = 0.52;      // from which on nothing is
-const float WIDE = 7.0;       // m from the water at which nothing is, however flat
 const float UNEVEN = 0.22;    // m, of noise of one standard deviation
 const float SHEEN = 0.35;     // of the film that mirrors the sky, over a whole one
 const float FAR = 500.0;      // m, where the drawn ground is too coarse for all that
@@ -31,8 +29,7 @@ void main()
     vec4 wide = texture(noise_field, at / 128.0);
     vec4 fine = texture(noise_field, at / 16.0);
     float uneven = UNEVEN * (wide.x + 0.7 * fine.y);
-    float wet = 1.0 - smoothstep(LOW, HIGH, above + uneven);
-    wet *= smoothstep(-WIDE, -0.4 * WIDE, wet_room + 4.0 * uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
+    float wet = wetness_beside(above, wet_room, uneven) * (1.0 - smoothstep(0.4 * FAR, FAR, length(ground)));
     vec3 to_eye = -normalize(ground);
     float mirror = SHEEN * wet * schlick(vec3(0.02), dot(normal, to_eye)).r * smoothstep(-0.1, 0.1, above);
     vec3 clear = through_air(vec3(1.0), ground) - through_air(vec3(0.0), ground);

@@ -32,7 +32,7 @@ float hidden_share(float cosine, float spread)
 float seen_slope(float cosine, float spread)
 {
     float sine = sqrt(max(1.0 - cosine * cosine, 0.0));
-    float a = min(cosine / max(spread * sine, 1e-6), 30.0);
+    float a = min(cosine / max(spread * sine, 1e-6), 1e4);
     float density = 0.39894228 * exp(-0.5 * a * a);
     float below = 1.0 / (1.0 + exp(-(1.5976 * a + 0.07056 * a * a * a)));
     return spread / (a + density / below);

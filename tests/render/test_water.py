@@ -1,0 +1,377 @@
+"""Water: its shaders' functions against NumPy, its surfaces, and a river that is never too thin to see."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import moderngl
+import numpy as np
+import pytest
+from scipy.special import erfc
+from scipy.stats import norm
+
+from sketchterrain.render import Camera
+from sketchterrain.render.frame import FrameBlock
+from sketchterrain.render.water import Water
+from sketchterrain.render.water_surfaces import current, strip, surfaces
+from sketchterrain.render.water_waves import (
+    LAYERS,
+    wave_layers,
+    wave_mipmaps,
+    wave_phases,
+    wave_slopes,
+)
+from sketchterrain.resources import source
+
+from .test_shaders import HEADER, evaluate, smoothstep
+
+OPTICS = ["render/water_optics.glsl"]
+INDEX = 1.333
+
+
+def rows(*columns):
+    columns = np.broadcast_arrays(*(np.asarray(c, np.float64) for c in columns))
+    return np.stack([*columns, *columns[:1] * (4 - len(columns))], axis=-1)
+
+
+def river(points, width):
+    line = np.asarray(points, np.float64)
+    return SimpleNamespace(centreline=line, centreline_width=np.full(len(line), width, np.float32))
+
+
+def straight(z=(0.0, 0.0), *, width=10.0, start=(0.0, 0.0), end=(1000.0, 0.0), count=101):
+    t = np.linspace(0.0, 1.0, count)[:, None]
+    ends = np.array([[*start, z[0]], [*end, z[1]]])
+    return river(ends[0] + t * (ends[1] - ends[0]), width)
+
+
+@pytest.mark.gl
+def test_rays_bend_by_snells_law(gl):
+    angle = np.linspace(0.0, np.pi / 2, 91)
+    got = evaluate(gl, OPTICS, "vec4(refracted_cosine(a.x))", rows(np.cos(angle)))[:, 0]
+    np.testing.assert_allclose(np.sqrt(1 - got**2) * INDEX, np.sin(angle), atol=2e-4)
+
+
+@pytest.mark.gl
+def test_smooth_water_mirrors_as_schlick_says(gl):
+    cosine = np.linspace(0.0, 1.0, 101)
+    got = evaluate(gl, OPTICS, "vec4(mirrored_share(a.x, 0.0))", rows(cosine))[:, 0]
+    head_on = ((INDEX - 1) / (INDEX + 1)) ** 2
+    np.testing.assert_allclose(got, head_on + (1 - head_on) * (1 - cosine) ** 5, atol=3e-4)
+
+
+def seen_mean(function, cosine, spread):
+    """Mean over normally distributed slopes towards the eye, each by the area that the eye sees of it."""
+    s = np.linspace(-8, 8, 4001) * spread
+    sine = np.sqrt(1 - cosine**2)
+    weight = norm.pdf(s, scale=spread) * np.maximum(cosine + s * sine, 0.0)
+    return np.sum(weight * function(s)) / np.sum(weight)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("spread", [0.03, 0.1, 0.2])
+def test_rough_water_mirrors_about_the_mean_of_what_is_seen(gl, spread):
+    cosine = np.linspace(0.03, 1.0, 40)
+    got = evaluate(gl, OPTICS, f"vec4(mirrored_share(a.x, {spread}))", rows(cosine))[:, 0]
+
+    def mean(c):
+        def schlick(s):
+            tilted = np.clip((c + s * np.sqrt(1 - c * c)) / np.hypot(1, s), 0, 1)
+            return 0.0203 + 0.9797 * (1 - tilted) ** 5
+
+        return seen_mean(schlick, c, spread)
+
+    np.testing.assert_allclose(got, [mean(c) for c in cosine], atol=0.06)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("spread", [0.02, 0.1, 0.3])
+def test_facets_that_lean_to_the_eye_are_seen_the_most(gl, spread):
+    cosine = np.linspace(0.005, 0.999, 60)
+    got = evaluate(gl, OPTICS, f"vec4(seen_slope(a.x, {spread}))", rows(cosine))[:, 0]
+    a = cosine / (spread * np.sqrt(1 - cosine**2))
+    exact = spread / (a + np.exp(norm.logpdf(a) - norm.logcdf(a)))
+    np.testing.assert_allclose(got, exact, rtol=2e-3)
+    np.testing.assert_allclose(exact, [seen_mean(lambda s: s, c, spread) for c in cosine], rtol=2e-3)
+
+
+@pytest.mark.gl
+def test_facets_hide_each_other_as_smith_says(gl):
+    spread = 0.15
+    cosine = np.linspace(0.02, 0.9, 60)
+    got = evaluate(gl, OPTICS, f"vec4(hidden_share(a.x, {spread}))", rows(cosine))[:, 0]
+    a = cosine / (np.sqrt(2) * spread * np.sqrt(1 - cosine**2))
+    exact = (np.exp(-a * a) - a * np.sqrt(np.pi) * erfc(a)) / (2 * a * np.sqrt(np.pi))
+    np.testing.assert_allclose(1 / (1 + got), 1 / (1 + exact), atol=4e-3)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("spread", "height"), [(0.05, 0.7), (0.15, 0.3), (0.25, 0.15)])
+def test_glitter_is_no_more_than_the_sun(gl, spread, height):
+    """Over all directions water mirrors the share that Fresnel's term gives it and no more."""
+    up, azimuth = np.meshgrid((np.arange(300) + 0.5) / 300, (np.arange(600) + 0.5) / 600 * 2 * np.pi)
+    side = np.sqrt(1 - up**2)
+    eyes = rows(side.ravel() * np.cos(azimuth.ravel()), side.ravel() * np.sin(azimuth.ravel()), up.ravel())
+    sun = f"vec3({np.sqrt(1 - height**2)}, 0.0, {height})"
+    call = f"vec4(glitter(a.xyz, {sun}, vec2(0.0), {spread}))"
+    got = evaluate(gl, OPTICS, call, eyes)[:, 0].astype(np.float64)
+    sent = np.sum(got * eyes[:, 2]) * 2 * np.pi / eyes.shape[0]
+    share = evaluate(gl, OPTICS, "vec4(mirrored_share(a.x, a.y))", rows([height], [spread]))[0, 0]
+    assert 0.5 * share * height < sent < 1.1 * share * height
+    assert (got >= 0).all()
+
+
+@pytest.mark.gl
+def test_light_is_lost_by_the_way_through_water(gl):
+    depth, up, down = np.meshgrid(np.linspace(0, 30, 16), [0.67, 0.8, 1.0], [0.7, 1.0])
+    inputs = rows(depth.ravel(), up.ravel(), down.ravel())
+    call = "vec4(let_through(vec3(0.5, 0.2, 0.1), a.x, a.y, a.z), 0.0)"
+    got = evaluate(gl, OPTICS, call, inputs)
+    for channel, extinction in enumerate((0.5, 0.2, 0.1)):
+        way = inputs[:, 0] / inputs[:, 1] + inputs[:, 0] / inputs[:, 2]
+        np.testing.assert_allclose(got[:, channel], np.exp(-extinction * way), atol=1e-6)
+    deep = evaluate(gl, OPTICS, "vec4(deep_colour(vec3(a.x), vec3(a.y)), 0.0)", rows([0.5], [0.02]))[0, 0]
+    assert deep == pytest.approx(0.33 * 0.02 / 0.52, rel=1e-5)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("amount", [0.05, 0.2, 0.5])
+def test_far_foam_covers_what_near_foam_does(gl, amount):
+    noise = 0.5 * norm.ppf((np.arange(2000) + 0.5) / 2000)
+    call = "vec4(foam_share(a.x, a.z, a.y))"
+    near = evaluate(gl, ["render/water_foam.glsl"], call, rows(noise, 0.0, amount))[:, 0].mean()
+    far = evaluate(gl, ["render/water_foam.glsl"], call, rows([0.0], 0.5, amount))[0, 0]
+    assert far == pytest.approx(near, abs=0.13)
+    none = evaluate(gl, ["render/water_foam.glsl"], call, rows(noise, 0.0, 0.0))
+    assert (none == 0).all()
+
+
+@pytest.mark.gl
+def test_foam_is_where_streams_are_steep_and_at_shores(gl):
+    across = np.linspace(-1, 1, 41)
+    calm, steep = (
+        evaluate(gl, ["render/water_foam.glsl"], f"vec4(stream_foam({fall}, a.x))", rows(across))[:, 0]
+        for fall in (0.001, 0.06)
+    )
+    bank = smoothstep(0.72, 0.98, np.abs(across))
+    np.testing.assert_allclose(calm, 0.05 * bank, atol=1e-6)
+    np.testing.assert_allclose(steep, np.minimum(0.55 + 0.35 * bank, 0.8), atol=1e-6)
+    depth = np.linspace(0, 1, 101)
+    shore = evaluate(gl, ["render/water_foam.glsl"], "vec4(shore_foam(a.x, 0.0, 0.15))", rows(depth))[:, 0]
+    assert abs(depth[shore.argmax()] - 0.45 * 0.15) < 0.02
+    assert (shore[depth > 0.3] < 0.01).all()
+
+
+@pytest.mark.gl
+def test_banks_are_wet_near_the_water_and_low_above_it(gl):
+    above, room = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-12, 5, 35))
+    call = "vec4(wetness_beside(a.x, a.y, 0.1))"
+    got = evaluate(gl, ["render/water_wetness.glsl"], call, rows(above.ravel(), room.ravel()))[:, 0]
+    expected = (1 - smoothstep(0.14, 0.52, above + 0.1)) * smoothstep(-7.0, -2.8, room + 0.4)
+    np.testing.assert_allclose(got, expected.ravel(), atol=1e-5)
+
+
+@pytest.mark.gl
+def test_what_flows_is_taken_up_anew_where_it_is_not_seen(gl):
+    time = np.linspace(0.0, 3.0, 301)
+    call = "vec4(flow_phase(a.x, 0.0), flow_phase(a.x, 1.0))"
+    text = [source("render/water_waves.glsl")]
+    assert "RENEWAL = 3.2" in text[0]
+    got = evaluate(_with_waves(gl), ["render/water_waves.glsl"], call, rows(time))
+    np.testing.assert_allclose(got[:, 1] ** 2 + got[:, 3] ** 2, 1.0, atol=1e-5)
+    for offset, weight in (got[:, :2].T, got[:, 2:].T):
+        jumps = np.abs(np.diff(offset)) > 1.0
+        assert jumps.any()
+        assert (np.minimum(weight[:-1], weight[1:])[jumps] < 0.03).all()
+        np.testing.assert_allclose(np.diff(offset)[~jumps], 3.2 * 0.01, atol=1e-3)
+
+
+@pytest.mark.gl
+def test_a_stream_is_fastest_in_its_middle(gl):
+    across = np.linspace(-1.5, 1.5, 61)
+    call = "vec4(stream_profile(a.x))"
+    got = evaluate(_with_waves(gl), ["render/water_waves.glsl"], call, rows(across))[:, 0]
+    np.testing.assert_allclose(got, np.maximum(1 - np.abs(across) ** 3, 0), atol=1e-6)
+    assert got[np.abs(across) <= 1].mean() == pytest.approx(0.75, abs=0.03)
+
+
+def _with_waves(gl):
+    """A context that builds programs with the macro that the waves need."""
+    return SimpleNamespace(
+        program=lambda vertex_shader, varyings: gl.program(
+            vertex_shader=vertex_shader.replace(HEADER, HEADER + "#define WAVES 1\n"), varyings=varyings
+        ),
+        framebuffer=gl.framebuffer,
+        texture=gl.texture,
+        buffer=gl.buffer,
+        vertex_array=gl.vertex_array,
+    )
+
+
+def test_mipmaps_of_waves_keep_what_is_rough():
+    levels = wave_mipmaps(wave_slopes())
+    assert levels[0].shape == (256, 256, 4)
+    assert levels[-1].shape == (1, 1, 4)
+    for level in levels:
+        np.testing.assert_allclose(level[..., :2].mean(axis=(0, 1)), 0.0, atol=1e-5)
+        assert level[..., 2].mean() == pytest.approx(1.0, abs=1e-5)
+        # What is not slope any more is roughness, which is no less than nothing.
+        assert (level[..., 2] - (level[..., :2] ** 2).sum(axis=-1) > -1e-5).all()
+    resolved = [(level[..., :2] ** 2).sum(axis=-1).mean() for level in levels]
+    assert (np.diff(resolved) < 0).all()
+    assert resolved[0] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_slopes_of_waves_are_those_of_their_height():
+    field = wave_slopes()
+    size = len(field)
+    for axis, channel in ((1, 0), (0, 1)):
+        height = field[..., 2]
+        steps = np.roll(height, -1, axis=axis) - np.roll(height, 1, axis=axis)
+        # A central difference of a wave of k texels is its slope times sinc(2 / k).
+        error = steps * size / 2 - field[..., channel]
+        assert np.sqrt(np.mean(error**2)) < 0.25 * np.sqrt(np.mean(field[..., channel] ** 2))
+
+
+def test_waves_run_with_the_wind_and_come_back_after_a_side():
+    layers = wave_layers((3.0, 4.0))
+    assert len(layers) == len(LAYERS)
+    np.testing.assert_allclose((layers[:, 2] ** 2).sum(), 1.0)
+    for layer, (side, turn, _) in zip(layers, LAYERS, strict=True):
+        assert np.hypot(*layer[:2]) == pytest.approx(1 / side)
+        assert np.arctan2(layer[1], layer[0]) == pytest.approx(np.arctan2(4, 3) + turn)
+    here = wave_phases(layers, (5e6, -3e6, 10.0), 7.0)
+    assert ((here >= 0) & (here < 1)).all()
+    step = layers[:, :2] / np.hypot(*layers[:, :2].T)[:, None] ** 2
+    for k, (east, north) in enumerate(step):
+        there = wave_phases(layers, (5e6 + east, -3e6 + north, 10.0), 7.0)[k]
+        np.testing.assert_allclose((there - here[k] + 0.5) % 1.0, 0.5, atol=1e-6)
+        # A crest that lies at the eye lies downwind of it a moment later.
+        later = wave_phases(layers, (5e6, -3e6, 10.0), 7.01)[k]
+        moved = (later[0] - here[k][0] + 0.5) % 1.0 - 0.5
+        assert -0.1 < moved < 0
+    assert wave_layers((3.0, 4.0), 1)[0, 2] == 1.0
+
+
+def test_a_river_runs_as_manning_says():
+    line = straight((5.0, 0.0), width=18.0)
+    speed, fall = current(line.centreline, line.centreline_width)
+    np.testing.assert_allclose(fall, 0.005)
+    np.testing.assert_allclose(speed, 4 / 3 * np.sqrt(0.005) / 0.042, rtol=1e-9)
+    still = straight()
+    speed, fall = current(still.centreline, still.centreline_width)
+    assert (fall == 0).all()
+    assert (speed == 0.25).all()
+
+
+def features(*rivers, lakes=()):
+    return SimpleNamespace(rivers=rivers, lakes=lakes)
+
+
+def test_one_of_two_waters_is_shown_where_they_meet():
+    step = 5.0 * np.arange(41)
+    inside = 60.0 - np.hypot(step - 100.0, (step - 100.0)[:, None])
+    field = SimpleNamespace(west=900.0, south=-100.0, spacing=5.0, inside=inside.astype(np.float32))
+    lake = SimpleNamespace(shape=field, level=0.0)
+    main = straight(width=20.0, count=1001)
+    tributary = straight(width=8.0, start=(500.0, 300.0), end=(500.0, 0.0))
+    sheet_, wide, narrow = surfaces(features(tributary, main, lakes=[lake]))[:1] + [
+        *surfaces(features(main, tributary, lakes=[lake]))[1:]
+    ]
+    assert (sheet_.nature[:, 2] == 1).all()
+    off = np.abs(narrow.place[:, 1])
+    assert (narrow.nature[off >= 10.0, 2] == 1).all()
+    assert (narrow.nature[off <= 5.0, 2] == 0).all()
+    from_middle = np.hypot(*(wide.place[:, :2] - [1000.0, 0.0]).T)
+    assert (wide.nature[from_middle < 50.0, 2] == 0).all()
+    assert (wide.nature[from_middle > 60.0, 2] == 1).all()
+    # Where one goes on as the other neither gives way.
+    first = straight(width=12.0, end=(500.0, 0.0))
+    second = straight(width=10.0, start=(500.0, 0.0))
+    for surface in surfaces(features(first, second)):
+        shown = surface.nature[:, 2].reshape(101, -1)
+        assert (shown[2:-2] == 1).all()
+
+
+@pytest.mark.gl
+def test_a_strip_is_no_thinner_than_a_pixel_and_covers_no_more(gl):
+    rng = np.random.default_rng(3)
+    width = np.exp(rng.uniform(np.log(0.01), np.log(20.0), 400))
+    off = rng.uniform(-1, 1, 400)
+    call = "vec4(widened(vec2(30.0, 40.0) + a.y * vec2(-0.6, 0.8), vec2(30.0, 40.0),"
+    call += " vec2(30.0, 40.0) + 0.5 * a.x * vec2(-0.6, 0.8), vec2(0.8, 0.6) * 7.0), 0.0)"
+    got = evaluate(gl, ["render/water_strip.glsl"], call, rows(width, 0.5 * width * off))
+    drawn = (got[:, :2] - [30.0, 40.0]) @ [-0.6, 0.8]
+    times = np.maximum(1.25 / width, 1.0)
+    np.testing.assert_allclose(got[:, 2], 1 / times, rtol=1e-4)
+    np.testing.assert_allclose(drawn, 0.5 * width * off * times, atol=2e-4)
+    along = (got[:, :2] - [30.0, 40.0]) @ [0.8, 0.6]
+    np.testing.assert_allclose(along, 0.0, atol=2e-5)
+
+
+PLAIN = """#version 430 core
+in float wet_room; in float coverage; out vec4 radiance;
+void main() { if (wet_room < 0.0) discard; radiance = vec4(1.0, 1.0, 1.0, coverage); }
+"""
+
+
+@pytest.mark.gl
+def test_a_far_river_fades_by_its_share_and_never_goes(gl, monkeypatch):
+    """Its light in a column of the picture is its width in pixels, from many of them to a fifth of one."""
+    read = source
+
+    def plain(name):
+        return PLAIN if name == "render/water.frag.glsl" else read(name)
+
+    monkeypatch.setattr("sketchterrain.render.programs.source", plain)
+    size = (64, 256)
+    far = straight(width=24.0, start=(-4e4, 0.0), end=(4e4, 0.0), count=2001)
+    water = Water(gl, features(far), defines={"MATERIALS": 1})
+    array = water._arrays[-1]
+    target = gl.framebuffer([gl.texture(size, 4, dtype="f4")], gl.depth_texture(size))
+    frame = FrameBlock(gl)
+    expected, got = [], []
+    for distance in np.geomspace(100.0, 20_000.0, 80):
+        eye = (0.0, -float(distance), 0.35 * float(distance))
+        camera = Camera(eye, (0.0, 0.0, 0.0), fov=40.0, near=1.0, far=1e5)
+        to_clip = camera.to_clip(size[0] / size[1])
+        frame["to_clip"], frame["reach"] = to_clip, (1e5, 0.0, *size)
+        frame.upload()
+        edges = np.array([[0.0, y, 0.0, 1.0] for y in (-12.0, 12.0)]) - [*eye, 0.0]
+        clip = edges @ np.asarray(to_clip).T
+        rows_ = clip[:, 1] / clip[:, 3] * 0.5 * size[1]
+        expected.append(abs(rows_[1] - rows_[0]))
+        target.use()
+        target.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+        gl.enable_only(moderngl.BLEND)
+        gl.blend_func = moderngl.DEFAULT_BLENDING
+        array.program["lift"].value = 1.0  # as far away: no water in the banks
+        array.program["anchor"].value = tuple(water._anchor - eye)
+        array.render()
+        pixels = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(*size[::-1], 4)
+        got.append(pixels[..., 0].sum(axis=0))
+        assert (got[-1] > 0).all()
+    gl.disable(moderngl.BLEND)
+    mean = np.array([column.mean() for column in got])
+    expected = np.array(expected)
+    assert expected.min() < 0.2 < 10 < expected.max()
+    # Rows are whole: a strip of 1.25 px covers one or two of them.
+    np.testing.assert_allclose(mean, expected, atol=1.0)
+    thin = expected < 1.25
+    assert (mean[thin] / expected[thin] > 0.7).all()
+    assert (mean[thin] / expected[thin] < 1.7).all()
+    assert (np.abs(np.diff(mean[thin])) < 0.6).all()
+
+
+@pytest.mark.gl
+def test_water_that_is_left_out_is_not_drawn(gl):
+    assert not Water(gl, features(straight()), part=False)
+    assert not Water(gl, features())
+
+
+def test_a_strip_knows_how_it_flows():
+    line = straight((20.0, 0.0), width=18.0)
+    surface = strip(line.centreline, line.centreline_width)
+    assert (surface.nature[:, 3] == 9.0).all()
+    assert (surface.nature[:, 2] == 1.0).all()
+    np.testing.assert_allclose(surface.nature[:, 1], 0.02)

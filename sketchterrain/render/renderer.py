@@ -14,6 +14,7 @@ from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_H
 from sketchterrain.render.draw_distance import clipped
 from sketchterrain.render.forest import Forest
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
+from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.quality import Quality
@@ -107,7 +108,7 @@ class Renderer:
             self._noise = noise_texture(context)
         with self._timed("sky"):
             self._sky = Sky(context, sun, self._weather, extent=terrain.extent)
-            self._shading = Shading(context, quality, aridity=self._aridity)
+            self._shading = Shading(context, quality, aridity=self._aridity, look=terrain.sketch.look)
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
         self.ground = GroundStream(context, terrain, quality, metric=metric)
         self._lit = LitGround(context, terrain, sun, texels=quality.map_texels)
@@ -116,6 +117,8 @@ class Renderer:
             context, self.ground.pool, texels=quality.surface_texels, reach=self._forest.reach
         )
         water, defines = quality.has("water"), self._shading.defines
+        self._cover = GroundCover(context, quality=quality, shading=self._shading)
+        self._clearance = 0.0
         self._water = Water(context, terrain.features, part=water, defines=defines)
 
     def prepare(self, camera: Camera, size: tuple[int, int]) -> None:
@@ -155,7 +158,7 @@ class Renderer:
     @property
     def triangles(self) -> int:
         """Of the ground and the plants in the last picture."""
-        return self.ground.pool.triangles + self._forest.triangles
+        return self.ground.pool.triangles + self._forest.triangles + self._cover.triangles
 
     def frame(
         self, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float = 0.0
@@ -224,8 +227,8 @@ class Renderer:
     def _clipped(self, camera: Camera) -> tuple[Camera, float]:
         """Return the camera with clipping planes that suit its height, and the draw distance (m)."""
         x, y, z = camera.eye
-        clearance = max(z - float(self._terrain.heights([x], [y])[0]), 0.0)
-        return clipped(camera, clearance, extent=self._terrain.extent, reach=self._quality.reach)
+        self._clearance = max(z - float(self._terrain.heights([x], [y])[0]), 0.0)
+        return clipped(camera, self._clearance, extent=self._terrain.extent, reach=self._quality.reach)
 
     def _draw(
         self,
@@ -252,6 +255,7 @@ class Renderer:
         self._shading.light_scene(targets, camera.eye, units)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
+        self._cover.draw(camera, size, units, above=self._clearance)
         self._forest.draw(camera, size, units)
         if self._water:
             lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])

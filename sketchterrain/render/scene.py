@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from sketchterrain.render.ground_stream import Ground
 
@@ -111,6 +111,11 @@ class Sketch(Protocol):
     @property
     def climate(self) -> Mapping[str, float]:
         """Climate parameters by name."""
+        ...
+
+    @property
+    def look(self) -> Mapping[str, Mapping[str, Any]]:
+        """What materials look like, by material, as far as the sketch says."""
         ...
 
     @property

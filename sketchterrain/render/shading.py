@@ -12,6 +12,9 @@ from sketchterrain.render.texture_maker import LAYERS
 from sketchterrain.render.texture_places import OCTAVES, texture_phases, texture_uniforms, texture_widths
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.targets import Targets
 
@@ -29,9 +32,18 @@ class Shading:
         How much they read; kernels/render/shade_ground.frag.glsl.
     aridity
         0 … 1, tints ground and plants.
+    look
+        What a sketch says of materials, by material; a colour that it gives is not tinted.
     """
 
-    def __init__(self, context: moderngl.Context, quality: Quality, *, aridity: float) -> None:
+    def __init__(
+        self,
+        context: moderngl.Context,
+        quality: Quality,
+        *,
+        aridity: float,
+        look: Mapping[str, Mapping[str, Any]],
+    ) -> None:
         self._context = context
         self._samples = quality.samples
         self.defines = {
@@ -44,8 +56,8 @@ class Shading:
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,
         }
-        self._tints = _climate_uniforms(aridity)
-        self._widths = texture_widths()
+        self.tints = _climate_uniforms(aridity, look)
+        self._widths = texture_widths(look)
         self._ground = fill_screen(context, "shade_ground.frag.glsl", defines=self.defines)
         self._sky = fill_screen(context, "sky.frag.glsl", defines=self.defines)
         self._spread = (
@@ -59,7 +71,7 @@ class Shading:
     ) -> None:
         """Turn what is seen of the ground into light, put the sky behind it: into ``targets.scene``."""
         phases = [tuple(phase) for phase in texture_phases(eye, self._widths).tolist()]
-        ground = units | self._tints | texture_uniforms(self._widths) | {"phases": phases}
+        ground = units | self.tints | texture_uniforms(self._widths) | {"phases": phases}
         if self._spread is None:
             self._light_once(targets, ground, units)
             return
@@ -108,10 +120,13 @@ def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
     array.render(vertices=3)
 
 
-def _climate_uniforms(aridity: float) -> dict[str, object]:
+def _climate_uniforms(aridity: float, look: Mapping[str, Mapping[str, Any]]) -> dict[str, object]:
     tints = np.ones((len(LAYERS), 3))
     red = np.array([1.35, 0.98, 0.72])
     for layer in (1, 2, 3):
         tints[layer] = 1.0 + (red - 1.0) * max(0.0, aridity - 0.4) / 0.6
     tints[0] = 1.0 + (np.array([1.5, 1.2, 1.0]) - 1.0) * aridity
+    for layer, name in enumerate(LAYERS):
+        if look.get(name, {}).get("colour"):
+            tints[layer] = 1.0
     return {"tints": [tuple(row) for row in tints]}

@@ -95,7 +95,7 @@ class MaterialTextures:
             context,
             device if isinstance(device, Device) else None,
             size=quality.material_texels,
-            looks={},
+            looks=terrain.sketch.look,
             folder=folder,
             smooth=quality.hexes > 1,
         )

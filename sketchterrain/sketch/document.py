@@ -15,7 +15,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.sketch.edits import Edit, checked_edits
 from sketchterrain.sketch.material_rules import checked_changes
 from sketchterrain.sketch.parameter import Parameter, Properties, Value, named
-from sketchterrain.sketch.parameters import LAYERS, SKETCH, TABLES, Layer
+from sketchterrain.sketch.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Layer
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
@@ -65,6 +65,8 @@ class Sketch:
         arrays of a sketch are read-only; a writeable array is copied.
     labels
         The declared properties by (layer name, label); a label may declare only some.
+    look
+        By material of `MATERIALS`, what it looks like by the names in `LOOK`; only what is given.
     edits
         What a person changed of what was generated, in the order in which it is done.
     material_rules
@@ -87,6 +89,7 @@ class Sketch:
     weather: Mapping[str, float] = field(default_factory=dict)
     layers: Mapping[str, LabelImage] = field(default_factory=dict)
     labels: Mapping[tuple[str, int], Properties] = field(default_factory=dict)
+    look: Mapping[str, Properties] = field(default_factory=dict)
     edits: tuple[Edit, ...] = ()
     material_rules: tuple[RuleChange, ...] = ()
 
@@ -99,6 +102,7 @@ class Sketch:
             checked[key] = MappingProxyType(_defaults(table) | given)
         checked["layers"] = _check_layers(self.layers)
         checked["labels"] = _check_labels(self.labels)
+        checked["look"] = _check_look(self.look)
         checked["edits"] = checked_edits(self.edits)
         checked["material_rules"] = checked_changes(self.material_rules)
         for key, value in checked.items():
@@ -193,6 +197,17 @@ def _check_table(
         name: named(table, name, value, where).check(value, f"{prefix}{name}")
         for name, value in values.items()
     }
+
+
+def _check_look(look: Mapping[str, Mapping[str, object]]) -> Mapping[str, Properties]:
+    checked = {}
+    for name, values in look.items():
+        if name not in MATERIALS:
+            near = did_you_mean(name, MATERIALS)
+            raise InputError(f"[look.{shown(name)}]: expected a material, {', '.join(MATERIALS)}{near}")
+        table = _check_table(values, LOOK, f"[look.{name}]", f"look.{name}.")
+        checked[name] = MappingProxyType(table)
+    return MappingProxyType({name: checked[name] for name in MATERIALS if name in checked})
 
 
 def _check_label(layer: str, label: object) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -42,6 +43,8 @@ class Parameter:
         One line for a person.
     choices
         The allowed values, where only a few are.
+    form
+        Of a ``str``: a regular expression that all of it matches, unless it is empty, and what to call that.
     """
 
     name: str
@@ -52,18 +55,21 @@ class Parameter:
     unit: str
     help: str
     choices: tuple[Value, ...] = ()
+    form: tuple[str, str] = ("", "")
 
     @property
     def range(self) -> str:
         """The allowed values in words, for example ``"0 to 1"``."""
         if self.choices:
             return " or ".join(repr(choice) for choice in self.choices)
+        if self.form[1]:
+            return self.form[1]
         return f"{number_text(self.low)} to {number_text(self.high)}"
 
     @property
     def expected(self) -> str:
         """What an error says was expected, for example ``"a number from 1 to 9000 m"``."""
-        if self.choices:
+        if self.choices or self.form[1]:
             return self.range
         if self.kind is str:
             return f"a text of {self.range} {self.unit}"
@@ -97,7 +103,11 @@ class Parameter:
         size = len(converted) if isinstance(converted, str) else converted
         if converted is None or size is None or not self.low <= size <= self.high:  # so is NaN refused
             return None
-        return None if self.choices and converted not in self.choices else self.kind(converted)
+        if self.choices and converted not in self.choices:
+            return None
+        if self.form[0] and converted and not re.fullmatch(self.form[0], str(converted)):
+            return None
+        return self.kind(converted)
 
 
 def _text(value: object) -> str | None:

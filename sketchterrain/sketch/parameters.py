@@ -21,6 +21,7 @@ __all__ = [
     "FORMAT",
     "GROUND",
     "LAYERS",
+    "LOOK",
     "MATERIALS",
     "SKETCH",
     "TABLES",
@@ -121,6 +122,25 @@ WEATHER: Mapping[str, Parameter] = table_of(
     Parameter("haze", float, 1.0, 0.0, 10.0, "", "1 is a clear day, 10 a murky one"),
 )
 """Keys of ``[weather]``: what pictures are taken in; the terrain is the same in any."""
+
+LOOK: Mapping[str, Parameter] = table_of(
+    Parameter(
+        "colour",
+        str,
+        "",
+        0,
+        7,
+        "",
+        "its mean colour in sRGB; empty is the program's own",
+        form=("#[0-9a-fA-F]{6}", 'a colour as "#rrggbb"'),
+    ),
+    Parameter(
+        "size", float, 0.0, 0.0, 1000.0, "m", "width of its texture near the eye; 0 is the program's own"
+    ),
+    Parameter("roughness", float, -1.0, -1.0, 1.0, "", "0 mirrors, 1 is dull; -1 is the program's own"),
+    Parameter("bump", float, 1.0, 0.0, 2.0, "", "how high its relief is, over the program's own; 0 is flat"),
+)
+"""Keys of ``[look.MATERIAL]``: what a material looks like; the terrain is the same with any."""
 
 TABLES: Mapping[str, Mapping[str, Parameter]] = MappingProxyType(
     {"density": DENSITY, "ground": GROUND, "climate": CLIMATE, "weather": WEATHER}

@@ -8,7 +8,7 @@ from sketchterrain.sketch.edits import ACTIONS
 from sketchterrain.sketch.material_rule import FACTOR, MOST_FACTORS, MOST_INPUTS, RULE
 from sketchterrain.sketch.material_rules import DEFAULT_RULES
 from sketchterrain.sketch.parameter import Parameter, Value, number_text
-from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
+from sketchterrain.sketch.parameters import FORMAT, LAYERS, LOOK, MATERIALS, SKETCH, TABLES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -31,7 +31,7 @@ def reference_table() -> str:
     for layer in LAYERS.values():
         text = f"{layer.title} (`{layer.name}.png`): {layer.help}. One table a label, 1 to 255."
         sections.append(_section(f"`[{layer.name}.1]`", text, layer.parameters))
-    return "\n".join([*sections, _rules(), _edits()])
+    return "\n".join([*sections, _look(), _rules(), _edits()])
 
 
 def rule_table(rules: Iterable[MaterialRule] = DEFAULT_RULES) -> str:
@@ -61,6 +61,14 @@ def _section(title: str, text: str, table: Mapping[str, Parameter]) -> str:
     ]
     head = ["| key | default | range | unit | meaning |", "|---|---|---|---|---|"]
     return "\n".join([f"### {title}", "", text, "", *head, *rows, ""])
+
+
+def _look() -> str:
+    text = (
+        f"What a material looks like, one table each: {', '.join(MATERIALS)}. Only what is given is another; "
+        "the terrain is the same with any ([textures.md](textures.md))."
+    )
+    return _section("`[look.grass]`", text, LOOK)
 
 
 def _rules() -> str:

@@ -10,7 +10,7 @@ from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, Edit, edit_of
 from sketchterrain.sketch.material_rule import FACTOR, RULE, RuleChange
 from sketchterrain.sketch.material_rules import change_of
-from sketchterrain.sketch.parameters import FORMAT, LAYERS, SKETCH, TABLES
+from sketchterrain.sketch.parameters import FORMAT, LAYERS, LOOK, SKETCH, TABLES
 from sketchterrain.sketch.toml_reading import load_toml
 from sketchterrain.sketch.wording import did_you_mean, shown
 
@@ -53,6 +53,9 @@ def parse_settings(data: bytes) -> Sketch:
             labels |= {(key, label): properties for label, properties in _label_tables(key, value)}
         elif key in TABLES:
             fields[key] = _as_table(f"[{key}]", value)
+        elif key == "look":
+            tables = _as_table("[look.grass]" if not isinstance(value, dict) else "[look]", value)
+            fields[key] = {name: _as_table(f"[look.{name}]", table) for name, table in tables.items()}
         elif key in SKETCH:
             fields[key] = value
         elif key == "edit":
@@ -60,7 +63,7 @@ def parse_settings(data: bytes) -> Sketch:
         elif key == "material_rule":
             fields["material_rules"] = _rows(key, value, change_of)
         else:
-            known = ["format", *SKETCH, *TABLES, *LAYERS, "material_rule", "edit"]
+            known = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
             raise InputError(
                 f"unknown key {shown(key)} = {shown(value)}: expected {', '.join(known)}"
                 f"{did_you_mean(key, known)}"
@@ -74,6 +77,8 @@ def settings_text(sketch: Sketch) -> str:
     lines += _lines({key: getattr(sketch, key) for key in SKETCH}, SKETCH)
     for key, table in TABLES.items():
         lines += ["", f"[{key}]", *_lines(getattr(sketch, key), table)]
+    for name, look in sketch.look.items():
+        lines += ["", f"[look.{name}]", *_lines(look, LOOK)]
     explained: set[str] = set()
     for (name, label), properties in sketch.labels.items():
         lines.append("")

@@ -31,7 +31,7 @@ class Waves:
     context = HostContext()
     extent = 1000.0
     size = (1000.0, 1000.0)
-    sketch = SimpleNamespace(climate={"aridity": 0.2}, weather={})
+    sketch = SimpleNamespace(climate={"aridity": 0.2}, weather={}, look={})
 
     def __init__(self, *, rivers=True, plants=True):
         t = np.linspace(-200.0, 1200.0, 60)

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import FACTOR, LAYERS, RULE, SKETCH, TABLES, Parameter, reference_table
+from sketchterrain.sketch import FACTOR, LAYERS, LOOK, RULE, SKETCH, TABLES, Parameter, reference_table
 
 _TABLES = {
     "sketch": SKETCH,
     **TABLES,
     **{name: layer.parameters for name, layer in LAYERS.items()},
+    "look": LOOK,
     "material_rule": RULE,
     "material_rule.factor": FACTOR,
 }
@@ -89,7 +90,7 @@ def test_layers_are_keyed_by_their_names_and_differ_in_colour() -> None:
 
 
 def test_no_two_things_at_the_top_of_the_file_share_a_name() -> None:
-    names = ["format", *SKETCH, *TABLES, *LAYERS, "material_rule", "edit"]
+    names = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
     assert len(set(names)) == len(names)
 
 

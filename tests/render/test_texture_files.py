@@ -1,0 +1,141 @@
+"""Textures as a sketch and a folder of pictures want them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.errors import InputError
+from sketchterrain.render.texture_files import read_pictures
+from sketchterrain.render.texture_levels import changed_levels, made_levels
+from sketchterrain.render.texture_maker import LAYERS
+from sketchterrain.render.texture_mips import linear_of
+from sketchterrain.render.textures import MaterialTextures
+
+SIZE = 32
+ROCK = list(LAYERS).index("rock")
+
+
+@pytest.fixture(scope="module")
+def levels(tmp_path_factory):
+    if not list_devices():
+        pytest.skip("no OpenCL device")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        return made_levels(SIZE, ComputeContext)
+
+
+def save(folder, name, values, mode=None):
+    Image.fromarray(np.asarray(values), mode).save(folder / name)
+
+
+def test_levels_go_down_to_one_texel_for_every_layer(levels):
+    assert [colour.shape for colour, _ in levels] == [(len(LAYERS), n, n, 4) for n in (32, 16, 8, 4, 2, 1)]
+    assert all(colour.shape == relief.shape for colour, relief in levels)
+
+
+def test_a_look_gives_mean_colour_mean_roughness_and_relief(levels):
+    look = {"rock": {"colour": "#405060", "roughness": 0.5, "bump": 0.0}}
+    colour, relief = changed_levels(levels, look, {}, ComputeContext)[0]
+    albedo = (colour[ROCK, ..., :3] / 255.0) ** 2
+    assert np.allclose(albedo.mean(axis=(0, 1)), linear_of("#405060"), rtol=0.03)
+    assert relief[ROCK, ..., 2].mean() / 255.0 == pytest.approx(0.5, abs=0.01)
+    assert np.abs(relief[ROCK, ..., :2].astype(int) - 128).max() <= 1
+    others = [k for k in range(len(LAYERS)) if k != ROCK]
+    assert (colour[others] == levels[0][0][others]).all()
+    assert (relief[others] == levels[0][1][others]).all()
+
+
+def test_nothing_to_change_changes_nothing(levels):
+    assert changed_levels(levels, {}, {}, ComputeContext) is levels
+
+
+def test_pictures_replace_what_they_are_of(levels, tmp_path):
+    save(tmp_path, "rock.png", np.full((8, 8, 3), (188, 128, 64), np.uint8))
+    save(tmp_path, "rock_roughness.png", np.full((8, 8), 128, np.uint8))
+    save(tmp_path, "rock_normal.png", np.full((8, 8, 3), (192, 128, 240), np.uint8))
+    save(tmp_path, "sand_height.png", np.full((4, 4), 65535 // 2, np.uint16))
+    (tmp_path / "readme.txt").write_text("not a picture")
+    pictures = read_pictures(tmp_path, SIZE)
+    assert set(pictures) == {"rock", "sand"}
+    colour, relief = changed_levels(levels, {}, pictures, ComputeContext)[0]
+    assert np.allclose((colour[ROCK, ..., :3] / 255.0) ** 2, [0.503, 0.216, 0.0513], atol=0.01)
+    assert np.abs(relief[ROCK, ..., 2].astype(int) - 128).max() <= 1
+    # The normal leans east, so the ground rises westward.
+    assert (relief[ROCK, ..., 0] > 180).all()
+    sand = list(LAYERS).index("sand")
+    assert np.abs(colour[sand, ..., 3].astype(int) - 127).max() <= 1
+    assert (colour[sand, ..., :3] == levels[0][0][sand, ..., :3]).all()
+    assert np.abs(relief[sand, ..., :2].astype(int) - 128).max() <= 1
+
+
+def test_rows_of_a_picture_go_southward(tmp_path):
+    rows = np.zeros((SIZE, SIZE), np.uint8)
+    rows[0] = 255
+    save(tmp_path, "snow_height.png", rows)
+    height = read_pictures(tmp_path, SIZE)["snow"].height
+    assert (height[-1] == 1.0).all()
+    assert (height[:-1] == 0.0).all()
+
+
+def test_a_colour_alone_brings_heights_of_its_own(levels, tmp_path):
+    grey = np.zeros((SIZE, SIZE, 3), np.uint8)
+    grey[:, SIZE // 2 :] = 255
+    save(tmp_path, "rock.jpg", grey)
+    colour, relief = changed_levels(levels, {}, read_pictures(tmp_path, SIZE), ComputeContext)[0]
+    assert colour[ROCK, 5, 5, 3] < 10
+    assert colour[ROCK, 5, -5, 3] > 245
+    assert relief[ROCK, 5, SIZE // 2, 0] < 100
+
+
+@pytest.mark.parametrize("name", ["granite.png", "rock_gloss.png", "Rock.png"])
+def test_names_that_mean_nothing_are_refused_with_the_list(tmp_path, name):
+    save(tmp_path, name, np.zeros((4, 4), np.uint8))
+    with pytest.raises(InputError, match=r"grass, soil, rock.*_height, _normal, _roughness") as caught:
+        read_pictures(tmp_path, SIZE)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_broken_pictures_are_named(tmp_path):
+    (tmp_path / "grass.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")
+    with pytest.raises(InputError, match=r"grass\.png: expected a picture") as caught:
+        read_pictures(tmp_path, SIZE)
+    assert "\n" not in str(caught.value)
+
+
+def test_two_pictures_of_one_thing_are_refused(tmp_path):
+    for suffix in ("png", "jpg"):
+        save(tmp_path, f"grass.{suffix}", np.zeros((4, 4), np.uint8))
+    with pytest.raises(InputError, match="expected one picture grass, got two"):
+        read_pictures(tmp_path, SIZE)
+
+
+def test_a_folder_that_is_none_is_refused(tmp_path):
+    with pytest.raises(InputError, match="nowhere: expected a folder of textures"):
+        read_pictures(tmp_path / "nowhere", SIZE)
+
+
+@pytest.mark.gl
+def test_opengl_holds_every_level(gl, levels, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    textures = MaterialTextures(gl, None, size=SIZE, looks={})
+    text = """#version 430 core
+    uniform sampler2DArray t; in vec4 a; out vec4 result;
+    void main() { result = textureLod(t, a.xyz, a.w); }"""
+    gl.simple_framebuffer((4, 4)).use()  # none at all is an error, even if nothing is drawn
+    program = gl.program(vertex_shader=text, varyings=["result"])
+    for part, array in enumerate((textures.colour, textures.relief)):
+        array.use(0)
+        for level, both in enumerate(levels):
+            n = SIZE >> level
+            place = (np.arange(n) + 0.5) / n
+            rows = np.array([[x, y, 2.0, level] for y in place for x in place], np.float32)
+            output = gl.buffer(reserve=rows.nbytes)
+            gl.vertex_array(program, [(gl.buffer(rows.tobytes()), "4f4", "a")]).transform(
+                output, vertices=len(rows)
+            )
+            got = np.frombuffer(output.read(), np.float32).reshape(n, n, 4)
+            assert np.abs(got * 255.0 - both[part][2]).max() < 0.01

@@ -14,13 +14,7 @@
 #include "render/matter.glsl"
 #include "render/shade.glsl"
 #include "render/clouds.glsl"
-
-#define GRASS 0
-#define SCREE 3
-#define FOREST_FLOOR 7
-#define CANOPY 8
-
-uniform vec3 tints[9]; // climate's colour of a layer
+#include "render/variety.glsl"
 
 uniform sampler2D seen_depth; // SAMPLES² samples a pixel, ground.frag.glsl
 uniform sampler2D seen_normal;
@@ -62,21 +56,6 @@ void consider(float w, int layer, inout Strongest s)
     s.layer.y = first ? s.layer.x : second ? layer : s.layer.y;
     s.weight.x = first ? w : s.weight.x;
     s.layer.x = first ? layer : s.layer.x;
-}
-
-// How a material's colour varies over the land, slowly: it is never quite the same twice.
-//   wide, middle, small  noise of about 1000, 100 and 10 m
-vec3 variety(int layer, vec4 wide, vec4 middle, vec4 small)
-{
-    vec3 colour = tints[layer] * (1.0 + 0.13 * middle.w + 0.10 * small.w);
-    if (layer == GRASS || layer == FOREST_FLOOR) {
-        float dry = smoothstep(-0.75, 0.95, 0.9 * wide.x + 0.6 * middle.y + 0.35 * small.z);
-        colour *= mix(vec3(0.78, 0.92, 0.80), vec3(1.26, 1.10, 0.98), dry);
-    }
-    if (layer == CANOPY) colour *= mix(vec3(0.75, 0.85, 0.85), vec3(1.25, 1.12, 0.9), smoothstep(-0.6, 0.6, middle.x));
-    if (layer == ROCK || layer == SCREE)
-        colour *= mix(vec3(0.86, 0.90, 0.96), vec3(1.10, 1.02, 0.92), smoothstep(-0.7, 0.7, wide.y + 0.5 * middle.z));
-    return colour;
 }
 
 void main()

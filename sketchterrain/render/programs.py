@@ -10,9 +10,9 @@ from sketchterrain.errors import BuildError
 from sketchterrain.resources import source
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-__all__ = ["FRAME_BINDING", "build_program", "fill_screen", "set_uniforms"]
+__all__ = ["FRAME_BINDING", "build_program", "build_transform", "fill_screen", "set_uniforms"]
 
 FRAME_BINDING = 0
 """Binding point of the uniform block ``Frame`` (kernels/render/frame.glsl)."""
@@ -45,6 +45,44 @@ def build_program(
     except moderngl.Error as error:
         log = " ".join(str(error).split())
         raise BuildError(f"GLSL program of {vertex} and {fragment} did not build: {log}") from error
+    return _with_frame(program)
+
+
+def build_transform(
+    context: moderngl.Context,
+    vertex: str,
+    captured: Sequence[str],
+    *,
+    defines: Mapping[str, int] | None = None,
+) -> moderngl.Program:
+    """Build a program that draws nothing: what its vertex shader computes is captured.
+
+    Parameters
+    ----------
+    context
+        Where it is built.
+    vertex
+        File name relative to ``kernels/render``.
+    captured
+        Names of its outputs, in the order in which they lie in memory.
+    defines
+        Integer macros.
+
+    Raises
+    ------
+    BuildError
+        With the file's name and the driver's log, when it does not compile or link.
+    """
+    try:
+        program = context.program(
+            vertex_shader=_with_defines(source(f"render/{vertex}"), defines), varyings=tuple(captured)
+        )
+    except moderngl.Error as error:
+        raise BuildError(f"GLSL program of {vertex} did not build: {' '.join(str(error).split())}") from error
+    return _with_frame(program)
+
+
+def _with_frame(program: moderngl.Program) -> moderngl.Program:
     if "Frame" in program:
         block = program["Frame"]
         if isinstance(block, moderngl.UniformBlock):
@@ -53,11 +91,15 @@ def build_program(
 
 
 def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> None:
-    """Set those uniforms that the program has; compilers drop the ones a program does not use."""
+    """Set those uniforms that the program has: compilers drop what it does not use, of an array the end."""
     for name, value in values.items():
         member = program.get(name, None)
         if isinstance(member, moderngl.Uniform):
-            member.value = value
+            many = member.array_length
+            if isinstance(value, list) and len(value) > many:
+                member.value = value[:many] if many > 1 else value[0]
+            else:
+                member.value = value
 
 
 def fill_screen(

@@ -29,6 +29,10 @@ _TOLERANCES: Final = (12.0, 7.0, 2.0, 1.4, 1.0)
 _STEEPS: Final = (64.0, 16.0, 4.0, 2.8, 2.0)
 _WOODS: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
 _LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
+_COVERED: Final = (0.3, 0.5, 1.0)
+"""Numbers of `_GRASS` and `_BLADES`: below the first the ground is bare."""
+_GRASS: Final = (30.0, 60.0, 110.0)
+_BLADES: Final = (0.3, 0.55, 1.0)
 _MOVING_SCALES: Final = (0.33, 0.45, 0.67, 1.0, 1.0)
 
 
@@ -56,6 +60,8 @@ class Quality:
     surface_texels        256        256      512      1024      side of the maps of the drawn ground
     woods                 250        400      1000     2400      distance up to which plants stand, m
     leaves                0.15       0.25     0.6      1         plants' height in pixels for a finer mesh
+    grass                 0          0        60       110       distance up to which grass stands, m
+    blades                0.3        0.3      0.55     1         grass and stones, over what there are at 1
     moving_scale          0.33       0.45     0.67     1         side of the picture until it is complete
     quads                 32         32       64       64        quads along a tile's side
     tile_memory           128        181      256      512       MiB for tiles
@@ -91,6 +97,12 @@ class Quality:
         Distance up to which plants are drawn (m).
     leaves : float
         Scales the heights in pixels from which plants are drawn by their finer meshes.
+    grass : float
+        Distance up to which blades of grass are drawn (m); beyond, the ground's texture is all. Boulders are
+        drawn farther in proportion. 0: none.
+    blades : float
+        How many plants of the ground and stones there are, over those at the best quality; blades are wider
+        in proportion.
     moving_scale : float
         Side of the internal picture, over the whole one's, until the eye rests and nothing is missing.
     quads : int
@@ -120,6 +132,8 @@ class Quality:
     surface_texels: int = 1024
     woods: float = 2400.0
     leaves: float = 1.0
+    grass: float = 110.0
+    blades: float = 1.0
     moving_scale: float = 1.0
     quads: int = 64
     tile_memory: int = 512 << 20
@@ -163,6 +177,8 @@ class Quality:
             surface_texels=256 if number < 0.4 else 512 if number < 0.75 else 1024,
             woods=_between(number, _WOODS),
             leaves=_between(number, _LEAVES),
+            grass=float(np.interp(number, _COVERED, _GRASS)) if number >= _COVERED[0] else 0.0,
+            blades=float(np.interp(number, _COVERED, _BLADES)),
             moving_scale=_between(number, _MOVING_SCALES),
             quads=64 if rich else 32,
             tile_memory=round((128 << 20) * 4.0**number),

@@ -34,6 +34,13 @@ class Shading:
         0 … 1, tints ground and plants.
     look
         What a sketch says of materials, by material; a colour that it gives is not tinted.
+
+    Attributes
+    ----------
+    defines : dict of str to int
+        Macros of all programs that light something.
+    tints : dict of str to object
+        The climate's colours of the materials, as uniforms.
     """
 
     def __init__(

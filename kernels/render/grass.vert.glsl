@@ -1,0 +1,65 @@
+#version 430 core
+// A vertex of a plant of the ground, lit here: blades are a few pixels wide, so light hardly changes across one.
+//   KIND as in grass_plant.vert.glsl
+#include "render/frame.glsl"
+
+#define FLOWER 2
+
+in vec3 place;  // on a blade's middle line, heights of the plant
+in vec3 side;   // what a half width moves it by
+in vec3 manner; // share of the way up the blade, the blade's own number 0..1, paint: 0 leaf, 1 petal, 2 stalk
+
+in vec4 stand; // of the plant, captured from grass_plant.vert.glsl
+in vec4 turn;
+in vec4 albedo;
+in vec4 ground;
+in vec4 sky;
+in vec4 veil;
+
+out vec3 seen;
+
+const float ROOT_SUN = 0.22; // share of the sun that reaches a root among its neighbours …
+const float ROOT_SKY = 0.38; // … and of the sky
+const float STRAW_SHARE = 0.13; // of the blades are dry
+const vec3 POLLEN = vec3(0.62, 0.40, 0.03); // albedo of the middle of a flower
+const vec3 STEM = vec3(0.060, 0.098, 0.028);
+const vec3 EAR = vec3(1.5, 1.3, 1.05);     // albedo of stalks and ears over a green blade's
+const vec3 STRAW = vec3(2.3, 1.75, 1.35); // their albedo over a green one's
+
+void main()
+{
+    mat2 around = mat2(turn.x, turn.y, -turn.y, turn.x);
+    float t = manner.x, tone = manner.y;
+    vec3 at = vec3(around * place.xy, place.z) * stand.w;
+    vec3 edge = vec3(around * side.xy, side.z) * turn.z;
+    vec2 bend = vec2(albedo.w, sky.w) * (place.z * place.z * (0.8 + 0.4 * tone));
+    at += stand.w * vec3(bend, -0.45 * dot(bend, bend));
+    vec3 position = stand.xyz + at + edge;
+
+    vec3 to_eye = -normalize(position);
+    vec3 across = normalize(vec3(-edge.y, edge.x, 0.3 * turn.z) + vec3(0.0, 0.0, 1e-5));
+    float facing = dot(across, to_sun.xyz);
+    float level = max(dot(ground.xyz, to_sun.xyz), 0.0);
+    bool lit_side = facing * dot(across, to_eye) > 0.0;
+    float far = smoothstep(0.25, 0.9, turn.w);
+    vec3 colour = albedo.rgb;
+    float flesh = lit_side ? 1.0 : 0.75;
+    if (manner.z > 1.5) colour *= EAR;
+    else if (manner.z < 0.5) {
+        float straw = tone < STRAW_SHARE ? 0.8 : 0.0;
+        colour *= mix(vec3(1.0), STRAW, straw);
+        colour *= mix(mix(vec3(0.72, 0.78, 0.80), vec3(1.12, 1.06, 0.92), t), vec3(1.0), far);
+    }
+#if KIND == FLOWER
+    colour = manner.z == 1.0 ? mix(POLLEN, albedo.rgb, smoothstep(0.1, 0.3, t)) : STEM;
+#endif
+    float high = clamp(place.z, 0.0, 1.0);
+    float open_sun = mix(mix(ROOT_SUN, 1.0, pow(high, 0.8)), 1.0, 0.6 * far);
+    float open_sky = mix(mix(ROOT_SKY, 1.0, high), 1.0, 0.6 * far);
+    float direct = mix(0.45 * level + 0.55 * flesh * abs(facing), level, 0.5 * far);
+    vec3 through = vec3(1.25, 1.15, 0.45) * pow(max(-dot(to_eye, to_sun.xyz), 0.0), 3.0) * 0.55 * (lit_side ? 0.3 : 1.0);
+    vec3 lit = colour / PI * (direct + through) * sun_light.rgb * ground.w * open_sun;
+    lit += colour / PI * sky.rgb * open_sky;
+    seen = lit * veil.w + veil.rgb;
+    gl_Position = to_clip * vec4(position, 1.0);
+}

@@ -1,0 +1,127 @@
+#version 430 core
+// What grows at a strewn place, found out once a plant and captured (render/grass.py): the draw has many vertices a
+// plant. A plant that is not there has no height.
+//   KIND 0 tufts of a meadow, 1 tall grass in ear, 2 flowers, 3 ferns
+#include "render/frame.glsl"
+#include "render/shade.glsl"
+#include "render/clouds.glsl"
+#include "render/surface_map.glsl"
+#include "render/scatter.glsl"
+#include "render/tree_wind.glsl"
+#include "render/variety.glsl"
+
+#define MEADOW 0
+#define TALL 1
+#define FLOWER 2
+#define FERN 3
+
+in vec2 corner; // of the cell, relative to the eye, m
+in uvec2 seed;  // the cell's hash, the place's rank
+
+uniform vec4 strewing; // places a cell, m up to which all are shown, m of the last, m a cell's side
+uniform float spread;  // m² a place, over what there are at the best quality: blades are so much wider
+uniform sampler2DArray material_colour;
+uniform vec2 wind;   // where it blows to, m/s, east and north
+uniform float clock; // s
+
+out vec4 stand;  // xyz: foot relative to the eye, m; w: height, m
+out vec4 turn;   // xy: cosine and sine of its rotation; z: half the width of a blade, m; w: how far away, 0 near … 1 at the reach
+out vec4 albedo; // rgb; w: bend by the wind to the east, heights
+out vec4 ground; // xyz: normal; w: share of the sun
+out vec4 sky;    // rgb: irradiance of the sky; w: bend to the north
+out vec4 veil;    // rgb: light that the air adds; w: share that comes through
+
+const float BLADE = 0.0026;     // m, half the width of a blade
+const float FLOWER_PART = 0.0030; // m, the same of flowers' parts
+const float LEAST = 0.42;       // px, half the width that a blade is drawn with at least
+const float LIVELY = 1.35;      // brightness of a blade that is seen over the ground's texture, which has the gaps in it
+const float SUN_WARMTH = 0.5;   // of the height, by which a plant's shade is asked above its foot
+
+// Of the ground's texture, so that tufts have the hue of the ground about them.
+vec3 meadow_albedo(vec4 wide, vec4 middle, vec4 small)
+{
+    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(GRASS)), 20.0).rgb;
+    return mean * mean * variety(GRASS, wide, middle, small);
+}
+
+// Of the kinds of flowers that stand in patches.
+vec3 petal_colour(float number)
+{
+    return number < 0.30 ? vec3(0.70, 0.70, 0.66) : number < 0.55 ? vec3(0.74, 0.54, 0.04)
+        : number < 0.75 ? vec3(0.34, 0.22, 0.55) : vec3(0.66, 0.62, 0.50);
+}
+
+void main()
+{
+    float room = strewing.x, full = strewing.y, reach = strewing.z;
+    uint h = place_hash(seed.x, seed.y);
+    vec2 place = corner + strewing.w * strewn(seed.x, seed.y);
+    vec4 drawn = drawn_surface(place);
+    vec3 foot = vec3(place, drawn.z);
+    float away = length(foot);
+    float up = drawn.w > 0.0 ? presence(seed.y, room, away, full, reach) : 0.0;
+
+    vec4 low = drawn_weights_low(place), high = drawn_weights_high(place);
+    vec2 world = place + eye.xy;
+    vec4 wide = textureLod(noise_field, world / 4096.0, 0.0);
+    vec4 middle = textureLod(noise_field, world / 512.0 + 0.37, 0.0);
+    vec4 small = textureLod(noise_field, world / 64.0 + 0.71, 0.0);
+    vec4 fine = textureLod(noise_field, world / 17.0 + 0.13, 0.0);
+
+    float a = draw_of(scrambled(h + 3u)), b = draw_of(scrambled(h + 4u)), c = draw_of(scrambled(h + 5u));
+    float fray = 2.0 * (middle.x * 0.45 + small.x * 0.4) * low.x * (1.0 - low.x);
+    float meadow = smoothstep(0.34, 0.62, low.x + fray);
+    float wood = smoothstep(0.35, 0.8, high.w);
+    float lush = smoothstep(-0.6, 0.8, 0.7 * small.y + 0.5 * middle.z + 0.35 * fine.x);
+    vec3 colour = meadow_albedo(wide, middle, small);
+    float tall, half_width = BLADE, chance;
+#if KIND == MEADOW
+    chance = max(meadow, 0.45 * wood * smoothstep(-0.2, 0.5, small.z));
+    tall = mix(0.09, 0.30, lush) * (0.75 + 0.5 * a) * mix(0.75, 1.0, meadow);
+#elif KIND == TALL
+    chance = meadow * smoothstep(0.15, 0.62, 0.6 * small.w + 0.55 * fine.y + 0.35 * middle.x);
+    tall = mix(0.38, 0.70, lush) * (0.7 + 0.5 * a);
+    colour = mix(colour, colour * vec3(1.18, 1.04, 0.95), b);
+#elif KIND == FLOWER
+    chance = meadow * smoothstep(0.22, 0.60, 0.8 * fine.z + 0.5 * small.x + 0.2 * middle.y);
+    tall = mix(0.16, 0.34, lush) * (0.7 + 0.6 * a);
+    half_width = FLOWER_PART * (0.8 + 0.5 * c);
+    vec4 kinds = textureLod(noise_field, world / 37.0 + 0.51, 0.0);
+    colour = petal_colour(0.5 + 0.55 * kinds.x + 0.25 * (a - 0.5));
+#else
+    chance = wood * smoothstep(0.0, 0.5, small.z + 0.5 * fine.x);
+    tall = mix(0.30, 0.62, lush) * (0.7 + 0.6 * a);
+    colour = vec3(0.050, 0.096, 0.024) * mix(vec3(0.8, 0.95, 1.0), vec3(1.35, 1.12, 0.8), b);
+#endif
+    up *= step(draw_of(scrambled(h + 6u)), chance * 0.999);
+    tall *= sqrt(up);
+
+    // Beside the picture nothing is drawn; blades lean and roots may lie below its edge.
+    vec4 clip = to_clip * vec4(foot + vec3(0.0, 0.0, 0.5 * tall), 1.0);
+    float soft = clip.w + 1.5 * tall + 0.2;
+    if (clip.w < -tall || abs(clip.x) > soft * 1.3 || abs(clip.y) > soft * 1.3) up = 0.0;
+
+    float angle = 6.2831853 * c;
+    float wider = max(away / full, 1.0);
+    float grown = min(up, 1.0);
+    stand = vec4(foot - vec3(0.0, 0.0, 0.02 * tall), up > 0.0 ? tall : 0.0);
+    turn = vec4(cos(angle), sin(angle), max(half_width * wider * spread, LEAST * trees.z * away) * grown, away / reach);
+
+    float speed = length(wind);
+    vec2 along = speed > 0.0 ? wind / speed : vec2(0.0);
+    float force = speed * speed / (speed * speed + 60.0);
+    float blow = speed > 0.0 ? gust(world, wind, clock) * (0.7 + 0.6 * fine.w + 0.3 * sin(3.1 * clock + 6.2831853 * b) ) : 0.0;
+    vec2 bend = along * force * 0.75 * blow;
+    bend += speed > 0.0 ? 0.16 * force * vec2(sin(4.7 * clock + 40.0 * a), sin(5.3 * clock + 40.0 * b)) : vec2(0.0);
+
+    colour *= LIVELY * mix(0.75, 1.25, b) * mix(vec3(1.06, 1.0, 0.92), vec3(0.92, 1.0, 1.04), a);
+    albedo = vec4(colour, bend.x);
+    vec3 normal = vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));
+    vec4 light = ground_light(place);
+    vec3 middle_of_it = foot + vec3(0.0, 0.0, SUN_WARMTH * tall);
+    ground = vec4(normal, light.r * tree_shade(middle_of_it, normal) * cloud_shadow(foot));
+    sky = vec4(sky_irradiance(normal) * light.g, bend.y);
+    vec3 added = through_air(vec3(0.0), foot);
+    veil = vec4(added, through_air(vec3(1.0), foot).g - added.g);
+    gl_Position = vec4(0.0);
+}

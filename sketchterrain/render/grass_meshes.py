@@ -217,13 +217,13 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
             manner = np.column_stack([t, np.full(4, tone), np.zeros(4)])
             strips.append(_Strip(place, np.zeros((4, 3)), manner, np.array([[0, 1, 2], [1, 3, 2]])))
             continue
-        t = (np.arange(leaflets) + 0.8) / (leaflets + 0.3)
+        t = np.asarray((np.arange(leaflets) + 0.8) / (leaflets + 0.3), np.float64)
         length = 0.34 * np.sin(np.pi * np.clip(0.12 + 0.86 * t, 0.0, 1.0)) + 0.02
         step = 0.5 / leaflets
-        for sign in (-1.0, 1.0):
+        for left in (-1.0, 1.0):
             root = _arch(t - step, out, reach, tall)
             end = _arch(t + step, out, reach, tall)
-            tip = _arch(t + 0.9 * step, out, reach, tall) + (sign * length)[:, None] * across
+            tip = _arch(t + 0.9 * step, out, reach, tall) + (left * length)[:, None] * across
             tip[:, 2] -= 0.25 * length
             place = np.stack([root, end, tip], axis=1).reshape(-1, 3)
             along = np.stack([0.75 * t, 0.75 * t, t * 0.75 + 0.25], axis=1).ravel()

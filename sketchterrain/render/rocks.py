@@ -149,7 +149,7 @@ class Rocks:
         set_uniforms(self._shade, uniforms)
         self._patches.render(moderngl.TRIANGLE_STRIP, vertices=4, instances=many)
         target.depth_mask = True
-        context.blend_func = moderngl.DEFAULT_BLENDING
+        context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         commands = np.zeros(_MESHES, _COMMAND)
         commands["count"], commands["first"] = self._sizes, self._first_index

@@ -91,13 +91,13 @@ def cells_within(eye: Sequence[float], reach: float, cell: float) -> npt.NDArray
     """Return (n, 2) columns and rows of the cells that lie within a distance (m) of an eye, nearest first."""
     low, high = (np.floor((np.asarray(eye[:2]) + side * reach) / cell) for side in (-1.0, 1.0))
     cols, rows = np.meshgrid(*(np.arange(low[k], high[k] + 1) for k in range(2)))
-    cells = np.stack([cols.ravel(), rows.ravel()], axis=1)
+    cells = np.stack([cols.ravel(), rows.ravel()], axis=1).astype(np.int64)
     away = away_from(eye, cells, cell)
     order = np.argsort(away, kind="stable")
-    return cells[order[away[order] < reach]].astype(np.int64)
+    return cells[order[away[order] < reach]]
 
 
-def away_from(eye: Sequence[float], cells: npt.NDArray[np.generic], cell: float) -> Floats:
+def away_from(eye: Sequence[float], cells: npt.NDArray[np.int64], cell: float) -> Floats:
     """Return the horizontal distance (m) of cells' nearest points from an eye."""
     beside = np.maximum(np.abs(cell * (cells + 0.5) - np.asarray(eye[:2])) - 0.5 * cell, 0.0)
     return np.asarray(np.hypot(beside[:, 0], beside[:, 1]))

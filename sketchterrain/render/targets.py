@@ -68,6 +68,7 @@ class Targets:
 
     def copy_scene(self) -> None:
         """Copy light and depth, so that passes can read what they draw upon."""
+        self.scene.use()  # a copy is cut by the scissor of whichever framebuffer is in use
         self._context.copy_framebuffer(self.copy, self.scene)
 
 

@@ -26,12 +26,13 @@ _DRY: Weights = {"aridity": 1.0, "mottle": 0.12, "wetness": -0.28}
 # Grass thins out on crests and slopes, and holds in hollows and beside water.
 _BARE: Weights = {"mottle": 1.0, "hollow": -3.0, "steepness": 0.4, "wetness": -0.6}
 _ALPINE: Weights = {"above_tree_line": 1.0, "mottle": 90.0}
-_STONY: Weights = {"steepness": 1.0, "mottle": 0.15, "mountain": 0.12, "hollow": -0.5}
+# Noise frays the edges of rock; what stands in mountains is harder, and gullies fill up.
+_STONY: Weights = {"steepness": 1.0, "mottle": 0.34, "mountain": 0.25, "hollow": -0.8}
 _IN_MOUNTAINS = Factor(shape="straight", mountain=1.0)
 
 DEFAULT_RULES: tuple[MaterialRule, ...] = (
     MaterialRule("dry_soil", "soil", 1.0, (Factor(0.3, 0.3 + 1 / 3, **_DRY),)),
-    MaterialRule("patchy_soil", "soil", 0.55, (Factor(0.25, 0.65, **_BARE),)),
+    MaterialRule("patchy_soil", "soil", 0.7, (Factor(0.56, 0.7, **_BARE),)),
     MaterialRule("desert_sand", "sand", 1.0, (Factor(0.62, 0.87, **_DRY),)),
     # Above the tree line grass thins out into bare stone.
     MaterialRule("alpine_scree", "scree", 0.8, (Factor(40.0, 290.0, **_ALPINE), _IN_MOUNTAINS)),
@@ -41,8 +42,20 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
     ),
-    MaterialRule("slope_scree", "scree", 0.75, (_IN_MOUNTAINS, Factor(0.6, 0.6 + 1 / 3.5, **_STONY))),
-    MaterialRule("rock_face", "rock", 1.0, (Factor(0.85, 0.85 + 1 / 3, **_STONY),)),
+    MaterialRule("slope_scree", "scree", 0.75, (_IN_MOUNTAINS, Factor(0.72, 0.92, **_STONY))),
+    MaterialRule("rock_face", "rock", 1.0, (Factor(0.97, 1.17, **_STONY),)),
+    # What falls from the faces lies in gullies and at their feet, as steep as it can.
+    MaterialRule(
+        "scree_fan",
+        "scree",
+        0.9,
+        (
+            Factor(0.1, 0.35, mountain=1.0),
+            Factor(0.02, 0.07, hollow=1.0, mottle=0.04),
+            Factor(0.4, 0.52, steepness=1.0, mottle=0.12),
+            Factor(1.15, 0.85, steepness=1.0, mottle=-0.15),
+        ),
+    ),
     MaterialRule(
         "dune_sand",
         "sand",
@@ -54,12 +67,24 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "snow",
         1.0,
         (
-            Factor(0.0, 125.0, above_snow_line=1.0, mottle=110.0, hollow=160.0),
-            Factor(1.3 + 1 / 1.4, 1.3, steepness=1.0, mottle=0.25),
+            Factor(0.0, 150.0, above_snow_line=1.0, mottle=150.0, hollow=380.0),
+            Factor(1.5, 0.9, steepness=1.0, mottle=0.4, hollow=-1.6),
         ),
     ),
-    MaterialRule("beach", "sand", 0.7, (Factor(0.6, 0.6 + 1 / 12, water=1.0, mottle=0.05),)),
-    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.7, 0.7 + 1 / 14, water=1.0),)),
+    # Along a shore mud, grass and bars of sand take turns.
+    MaterialRule(
+        "muddy_bank",
+        "soil",
+        0.8,
+        (Factor(0.64, 0.72, water=1.0, mottle=-0.12), Factor(0.1, -0.3, mottle=1.0)),
+    ),
+    MaterialRule(
+        "beach",
+        "sand",
+        0.8,
+        (Factor(0.73, 0.79, water=1.0, mottle=0.22), Factor(0.4, 0.2, steepness=1.0)),
+    ),
+    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.7, 0.765, water=1.0, mottle=0.06),)),
 )
 """The table, in the order in which each lies over those before it; below them all is grass."""
 

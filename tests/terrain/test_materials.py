@@ -87,19 +87,25 @@ def formulas(c: dict[str, float], s: Site) -> np.ndarray:
     dryness = c["aridity"] + 0.12 * s.mottle - 0.35 * np.maximum(s.water - 0.2, 0)
     lay_over("soil", rise(dryness, 0.3, 3))
     bareness = s.mottle - 3 * s.hollow + 0.4 * s.steepness - 0.75 * np.maximum(s.water - 0.2, 0)
-    lay_over("soil", 0.55 * rise(bareness, 0.25, 2.5))
+    lay_over("soil", 0.7 * rise(bareness, 0.56, 1 / 0.14))
     lay_over("sand", rise(dryness, 0.62, 4))
     alpine = rise(s.height + 90 * s.mottle, c["tree_line"] + 40, 0.004)
     lay_over("scree", 0.8 * alpine * s.mountain)
     lay_over("forest_floor", np.minimum(1.25 * s.forest, 1) * (1 - alpine))
-    stony = 0.15 * s.mottle + 0.12 * s.mountain - 0.5 * s.hollow
-    lay_over("scree", 0.75 * s.mountain * rise(s.steepness + stony, 0.6, 3.5))
-    lay_over("rock", rise(s.steepness + stony, 0.85, 3))
+    stony = 0.34 * s.mottle + 0.25 * s.mountain - 0.8 * s.hollow
+    lay_over("scree", 0.75 * s.mountain * rise(s.steepness + stony, 0.72, 5))
+    lay_over("rock", rise(s.steepness + stony, 0.97, 5))
+    fan = 0.9 * rise(s.mountain, 0.1, 4) * rise(s.hollow + 0.04 * s.mottle, 0.02, 20)
+    fan *= rise(s.steepness + 0.12 * s.mottle, 0.4, 1 / 0.12)
+    lay_over("scree", fan * (1 - rise(s.steepness - 0.15 * s.mottle, 0.85, 1 / 0.3)))
     lay_over("sand", s.dune * (1 - rise(s.steepness, 0.9, 4)))
-    snow = rise(s.height + 110 * s.mottle + 160 * s.hollow, c["snow_line"], 0.008)
-    lay_over("snow", snow * (1 - rise(s.steepness + 0.25 * s.mottle, 1.3, 1.4)))
-    lay_over("sand", 0.7 * rise(s.water + 0.05 * s.mottle, 0.6, 12))
-    lay_over("river_bed", rise(s.water, 0.7, 14))
+    snow = rise(s.height + 150 * s.mottle + 380 * s.hollow, c["snow_line"], 1 / 150)
+    lay_over("snow", snow * (1 - rise(s.steepness + 0.4 * s.mottle - 1.6 * s.hollow, 0.9, 1 / 0.6)))
+    mud = rise(s.water - 0.12 * s.mottle, 0.64, 12.5) * (1 - rise(s.mottle, -0.3, 2.5))
+    lay_over("soil", 0.8 * mud)
+    sand = rise(s.water + 0.22 * s.mottle, 0.73, 1 / 0.06) * (1 - rise(s.steepness, 0.2, 5))
+    lay_over("sand", 0.8 * sand)
+    lay_over("river_bed", rise(s.water + 0.06 * s.mottle, 0.7, 1 / 0.065))
     return w
 
 
@@ -255,7 +261,7 @@ def test_banks_are_lusher_than_dry_ground_by_rule() -> None:
 def test_soil_shows_on_crests_and_slopes_and_grass_holds_in_hollows_and_beside_water() -> None:
     climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.2}
     zero, one = np.zeros(1), np.ones(1)
-    mottle = 0.35 * one
+    mottle = 0.63 * one
 
     def soil(steepness: float = 0.0, hollow: float = 0.0, water: float = 0.0) -> float:
         site = Site(zero, steepness * one, hollow * one, mottle, zero, zero, zero, water * one)
@@ -264,6 +270,35 @@ def test_soil_shows_on_crests_and_slopes_and_grass_holds_in_hollows_and_beside_w
     assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
     assert soil(steepness=0.4) > soil() + 0.1
     assert soil(water=0.5) < soil() - 0.08
+
+
+def material_at(name: str, climate: dict[str, float], **values: float) -> float:
+    """Weight of a material at one place; what is not given is 0."""
+    site = Site(*(np.full(1, values.get(each.name, 0.0)) for each in fields(Site)))
+    return float(rule_weights(DEFAULT_RULES, climate, site)[0, MATERIALS.index(name)])
+
+
+def test_mud_grass_and_sand_take_turns_along_a_shore() -> None:
+    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.15}
+    for material, mottle in (("soil", -0.5), ("grass", 0.15), ("sand", 0.5)):
+        assert material_at(material, climate, water=0.69, mottle=mottle) > 0.5, material
+
+
+def test_snow_lies_in_gullies_and_leaves_faces() -> None:
+    climate = {"snow_line": 500.0, "tree_line": 400.0, "aridity": 0.1}
+    face = {"mountain": 1.0, "height": 750.0, "steepness": 1.25}
+    assert material_at("snow", climate, **face, hollow=0.15) > 0.7
+    assert material_at("snow", climate, **face, hollow=-0.05) < 0.4
+    assert material_at("snow", climate, **(face | {"steepness": 0.5})) > 0.95
+    assert material_at("snow", climate, **(face | {"height": 560.0, "steepness": 0.5}), mottle=-0.4) < 0.05
+
+
+def test_scree_lies_in_gullies_as_steep_as_it_can() -> None:
+    climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.1}
+    gully = {"mountain": 0.7, "hollow": 0.1}
+    assert material_at("scree", climate, **gully, steepness=0.7) > 0.7
+    assert material_at("scree", climate, **gully, steepness=0.2) < 0.05
+    assert material_at("rock", climate, **gully, steepness=1.4) > 0.9
 
 
 def test_a_sketch_overrides_the_table(context: ComputeContext) -> None:
@@ -294,7 +329,7 @@ def test_the_desert_has_rules_of_its_own() -> None:
     places = {
         "sand": Site(zero, 1.3 * one, zero, zero, zero, one, zero, zero),
         "scree": Site(zero, 0.05 * one, -0.02 * one, 0.8 * one, zero, zero, zero, zero),
-        "soil": Site(zero, 0.4 * one, 0.05 * one, zero, zero, zero, zero, zero),
+        "soil": Site(zero, 0.1 * one, 0.05 * one, zero, zero, zero, zero, zero),
     }
     for material, place in places.items():
         of_own, of_table = (

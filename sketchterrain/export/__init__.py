@@ -11,14 +11,17 @@ from sketchterrain.export.files import move_into, prepare_folder, staging, write
 from sketchterrain.export.film import check_film, film
 from sketchterrain.export.geotiff import write_height_tif
 from sketchterrain.export.images import write_height_png, write_normals
+from sketchterrain.export.map import MAP_WIDTH, map_sheet, write_map
 from sketchterrain.export.picture import write_picture
 from sketchterrain.export.plants import write_foliage
 from sketchterrain.export.weights import quantised_weights, write_materials
 
 __all__ = [
+    "MAP_WIDTH",
     "agreement_picture",
     "check_film",
     "film",
+    "map_sheet",
     "move_into",
     "prepare_folder",
     "quantised_weights",
@@ -29,6 +32,7 @@ __all__ = [
     "write_height_png",
     "write_height_tif",
     "write_json",
+    "write_map",
     "write_materials",
     "write_normals",
     "write_picture",

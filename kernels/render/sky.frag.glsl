@@ -2,36 +2,58 @@
 // What lies behind everything: the sky, its clouds and the sun.
 #include "render/frame.glsl"
 #include "render/clouds.glsl"
+#include "render/cloud_light.glsl"
 
 in vec2 uv;
 out vec4 radiance;
 
+uniform sampler2D cloud_view; // clouds with depth, clouds.frag.glsl
+
+const float CIRRUS = 9500.0; // m above the haze's base
+const float VEIL = 0.30;     // share of light that the thickest cirrus takes
+
+// Thin ice clouds, in streaks.
+vec3 with_cirrus(vec3 sky, vec3 direction)
+{
+    vec2 at = (direction.xy * to_layer(CIRRUS, direction.z) + eye.xy - 2.0 * cloud_drift) / 65536.0;
+    at = mat2(0.8, 0.6, -0.6, 0.8) * at;
+    float streaks = texture(noise_field, at * vec2(1.0, 3.0)).w
+        + 0.6 * texture(noise_field, at * vec2(4.0, 10.0) + 0.5).x;
+    float veil = VEIL * smoothstep(0.05, 1.5, streaks) * smoothstep(0.02, 0.2, direction.z) * (1.0 - overcast);
+    vec3 lit = cloud_sun * (0.6 * scattered(dot(direction, to_sun.xyz), 0.7) + 0.045);
+    return mix(sky, lit + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12, veil);
+}
+
+#if CLOUDS == 1
+// The layer without depth: lit by what stands between it and the sun.
 vec3 with_clouds(vec3 sky, vec3 direction)
 {
     float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
-    // The earth's curve keeps the layer's distance finite at the horizon.
-    float distance = up / (direction.z + 0.012);
-    vec2 place = direction.xy * distance;
-    float density = cloud_density(place);
-    vec2 sunward = to_sun.xy / max(length(to_sun.xy), 1e-4);
-#if MATERIALS == 1
-    float ahead = cloud_density_plain(place + sunward * 600.0);
-#else
-    float ahead = 0.5 * cloud_density(place + sunward * 350.0) + 0.5 * cloud_density(place + sunward * 900.0);
+    vec3 place = direction * to_layer(up, direction.z);
+    float inside = texture(cloud_field, cloud_place(place.xy)).r;
+    vec2 sunward = to_sun.xy / max(length(to_sun.xy), 1e-4) * 420.0;
+    float ahead = textureLod(cloud_field, cloud_place(place.xy + sunward), 2.0).r;
+    float density = smoothstep(0.0, 0.55, inside);
+    float depth = 2.6 * max(inside, 0.0) + 2.2 * max(ahead, 0.0) * (1.0 - 0.8 * to_sun.z);
+    vec3 light = sunlit(depth, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
+    light = mix(sky, light, clear_air(place));
+    return mix(sky, light, density * (1.0 - overcast) * smoothstep(-0.003, 0.02, direction.z));
+}
+#elif CLOUDS == 2
+vec3 with_clouds(vec3 sky, vec3 direction)
+{
+    vec4 clouds = texture(cloud_view, uv);
+    return sky * clouds.a + clouds.rgb;
+}
 #endif
-    float cosine = dot(direction, to_sun.xyz);
-    float forward = 0.6 + 1.6 * pow(max(cosine, 0.0), 8.0);
-    vec3 lit = sun_light.rgb * (0.26 * forward) * exp(-1.5 * ahead - 0.35 * density) ;
-    vec3 body = lit + sky_irradiance(vec3(0.0, 0.0, -0.2)) * 0.16 + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.20;
-    float cover = density * (0.55 + 0.45 * density);
-    cover *= exp(-distance / 26000.0) * smoothstep(0.0, 0.06, direction.z);
 
-    vec2 wisp_at = (direction.xy / (direction.z + 0.06) * 7500.0 + eye.xy) / 65536.0;
-    wisp_at = mat2(0.8, 0.6, -0.6, 0.8) * wisp_at;
-    float veil = texture(noise_field, wisp_at * vec2(1.2, 4.5)).w + 0.5 * texture(noise_field, wisp_at * vec2(4.0, 11.0) + 0.5).x;
-    float wisps = smoothstep(0.0, 1.5, veil) * 0.30 * smoothstep(0.02, 0.25, direction.z);
-    sky = mix(sky, sun_light.rgb * 0.19 * (0.8 + forward * 0.4) + sky * 0.5, wisps);
-    return mix(sky, body, cover);
+// One layer from horizon to horizon has lighter and darker parts.
+float grey_structure(vec3 direction)
+{
+    vec2 place = direction.xy * to_layer(1500.0, direction.z);
+    float waves = textureLod(noise_field, cloud_place(place) * 1.3, 2.0).x
+        + 0.5 * textureLod(noise_field, cloud_place(place) * vec2(3.1, 4.3), 1.0).y;
+    return 1.0 + 0.22 * overcast * waves * smoothstep(0.0, 0.25, direction.z);
 }
 
 const float SUN_RADIUS = 0.00466; // rad
@@ -53,6 +75,9 @@ void main()
     vec3 sky = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
     float cosine = dot(direction, to_sun.xyz);
     sky += sun_light.rgb * sun_disc(cosine) * smoothstep(-0.002, 0.002, direction.z);
-    sky = with_clouds(sky, normalize(vec3(direction.xy, max(direction.z, 0.009))));
+#if CLOUDS > 0
+    vec3 above = normalize(vec3(direction.xy, max(direction.z, 0.0)));
+    sky = with_clouds(with_cirrus(sky * grey_structure(above), above), above);
+#endif
     radiance = vec4(sky, 1e6);
 }

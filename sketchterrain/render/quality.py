@@ -55,6 +55,7 @@ class Quality:
     hexes                 1          1        3        3         hexagons that hide their repetition
     material_texels       512        512      1024     1024      side of their textures
     map_texels            256        384      512      768       side of the light maps
+    cloud_steps           0          0        64       96        along a line of sight through clouds; 0 flat
     shade_maps            0          1        2        2         maps of the plants' shadows
     shade_texels          1024       1024     2048     2048      their side
     surface_texels        256        256      512      1024      side of the maps of the drawn ground
@@ -87,6 +88,8 @@ class Quality:
         Side of the materials' textures, a power of two.
     map_texels : int
         Side of the height maps that shadows and sky visibility are computed on; a multiple of 64.
+    cloud_steps : int
+        Steps along a line of sight through the layer of clouds; 0: it is flat.
     shade_maps : int
         How many maps of the shadows of plants there are: none, a wide one, a sharp one too.
     shade_texels : int
@@ -127,6 +130,7 @@ class Quality:
     hexes: int = 3
     material_texels: int = 1024
     map_texels: int = 768
+    cloud_steps: int = 96
     shade_maps: int = 2
     shade_texels: int = 2048
     surface_texels: int = 1024
@@ -172,6 +176,7 @@ class Quality:
             hexes=3 if rich else 1,
             material_texels=1024 if rich else 512,
             map_texels=64 * round(4.0 + 8.0 * number),
+            cloud_steps=32 + round(64 * number) if rich else 0,
             shade_maps=2 if rich else 1 if number >= 0.2 else 0,
             shade_texels=2048 if rich else 1024,
             surface_texels=256 if number < 0.4 else 512 if number < 0.75 else 1024,

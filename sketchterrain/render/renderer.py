@@ -11,6 +11,7 @@ import numpy as np
 
 from sketchterrain.render.allowance import Allowance
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
+from sketchterrain.render.clouds import Clouds, cloud_kind
 from sketchterrain.render.draw_distance import clipped
 from sketchterrain.render.forest import Forest
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
@@ -108,7 +109,13 @@ class Renderer:
             self._noise = noise_texture(context)
         with self._timed("sky"):
             self._sky = Sky(context, sun, self._weather, extent=terrain.extent)
-            self._shading = Shading(context, quality, aridity=self._aridity, look=terrain.sketch.look)
+            clouds = cloud_kind(quality, self._weather)
+            self._shading = Shading(
+                context, quality, aridity=self._aridity, look=terrain.sketch.look, clouds=clouds
+            )
+            self._clouds = Clouds(
+                context, self._weather, self._sky, quality=quality, defines=self._shading.defines
+            )
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
         self.ground = GroundStream(context, terrain, quality, metric=metric)
         self._lit = LitGround(context, terrain, sun, texels=quality.map_texels)
@@ -252,6 +259,7 @@ class Renderer:
         self.ground.draw(camera.eye)
         self._surface.update(camera.eye, moving=moving)
         units = self._bind(targets) | {"clock": clock} | self._surface.uniforms(camera.eye)
+        units |= self._clouds.draw(units, clock)
         self._shading.light_scene(targets, camera.eye, units)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
@@ -287,7 +295,7 @@ class Renderer:
 
     def _bind(self, targets: Targets) -> dict[str, object]:
         """Bind all textures that passes share, each to a unit of its own; return the units by name."""
-        textures: dict[str, moderngl.Texture | moderngl.TextureArray] = {
+        textures: dict[str, moderngl.Texture | moderngl.TextureArray | moderngl.Texture3D] = {
             "sky_view": self._sky.view,
             **self._lit.textures,
             "noise_field": self._noise,
@@ -297,8 +305,9 @@ class Renderer:
             **self._surface.textures,
             **self._water.textures,
             **targets.textures,
+            **self._clouds.textures(targets),
         }
-        units: dict[str, object] = {"cloud_cover": self._weather.clouds, "wind": self._weather.drift}
+        units: dict[str, object] = {"wind": self._weather.drift}
         for unit, (name, texture) in enumerate(textures.items(), start=1):
             texture.use(unit)
             units[name] = unit

@@ -34,6 +34,8 @@ class Shading:
         0 … 1, tints ground and plants.
     look
         What a sketch says of materials, by material; a colour that it gives is not tinted.
+    clouds
+        0 none, 1 flat, 2 with depth: CLOUDS in kernels/render/clouds.glsl.
 
     Attributes
     ----------
@@ -50,6 +52,7 @@ class Shading:
         *,
         aridity: float,
         look: Mapping[str, Mapping[str, Any]],
+        clouds: int,
     ) -> None:
         self._context = context
         self._samples = quality.samples
@@ -60,6 +63,7 @@ class Shading:
             "SIZES": quality.octaves,
             "HEXES": quality.hexes,
             "DETAIL": int(quality.has("detail")),
+            "CLOUDS": clouds,
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,
         }

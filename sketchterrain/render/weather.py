@@ -35,7 +35,7 @@ class Weather:
     """
 
     hour: float | None = None
-    clouds: float = 0.4
+    clouds: float = 0.35
     wind: float = 4.0
     wind_from: float = 245.0
     latitude: float = 45.0

@@ -116,7 +116,7 @@ WEATHER: Mapping[str, Parameter] = table_of(
         "hour", float, -1.0, -1.0, 24.0, "h", "local solar time; -1 is whichever light shows the ground best"
     ),
     Parameter("latitude", float, 45.0, -90.0, 90.0, "°", "north of the equator; how high the sun climbs"),
-    Parameter("clouds", float, 0.4, 0.0, 1.0, "", "share of the sky that they cover; 1 is overcast"),
+    Parameter("clouds", float, 0.35, 0.0, 1.0, "", "share of the sky that they cover; 1 is overcast"),
     Parameter("wind", float, 4.0, 0.0, 40.0, "m/s", "moves plants and clouds"),
     Parameter("wind_from", float, 245.0, 0.0, 360.0, "°", "where the wind blows from: 0 north, 90 east"),
     Parameter("haze", float, 1.0, 0.0, 10.0, "", "1 is a clear day, 10 a murky one"),

@@ -1,0 +1,34 @@
+// How a cloud is lit. All functions are pure but for the frame's light.
+uniform vec3 cloud_sun; // irradiance of the sun at the clouds' height
+
+// Henyey and Greenstein's phase function, 1/sr.
+float scattered(float cosine, float g)
+{
+    return (1.0 - g * g) / (4.0 * PI * pow(1.0 + g * g - 2.0 * g * cosine, 1.5));
+}
+
+// Sunlight that a point in a cloud sends to the eye, over its extinction: light scattered more often is less dimmed
+// and less directed (Wrenninge, Kulla & Lundqvist 2013). `depth`: optical, towards the sun; `cosine` to the sun.
+vec3 sunlit(float depth, float cosine)
+{
+    float sum = 0.0, share = 1.0, thin = 1.0, sharp = 1.0;
+    for (int i = 0; i < 3; ++i) {
+        float phase = mix(scattered(cosine, -0.15 * sharp), scattered(cosine, 0.75 * sharp), 0.6);
+        sum += share * phase * exp(-thin * depth);
+        share *= 0.62;
+        thin *= 0.28;
+        sharp *= 0.45;
+    }
+    return cloud_sun * sum;
+}
+
+const float SUN_GAIN = 2.0;    // over what three orders of scattering give
+const float CLOUD_GREY = 0.45; // of the light around, how much is of other clouds and so of no colour
+
+// Light of sky and ground in a cloud; `rise`: 0 at its base, 1 at its top.
+vec3 cloud_ambient(float rise)
+{
+    vec3 above = sky_irradiance(vec3(0.0, 0.0, 1.0)), below = sky_irradiance(vec3(0.0, 0.0, -1.0));
+    vec3 light = (above * mix(0.22, 0.85, rise) + below * mix(0.7, 0.2, rise)) / PI;
+    return mix(light, vec3(dot(light, vec3(0.2126, 0.7152, 0.0722))), CLOUD_GREY);
+}

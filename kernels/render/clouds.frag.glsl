@@ -1,0 +1,121 @@
+#version 430 core
+// Cumulus along lines of sight through their layer: radiance, the air before them counted in, and what comes through.
+// A cloud stands as high over its base as its place is inside the field's cloud; noise in space frays it
+// (A. Schneider 2015). Rays are shifted by a pattern whose 2x2 pixels even out when the picture is enlarged.
+#include "render/frame.glsl"
+#include "render/clouds.glsl"
+#include "render/cloud_light.glsl"
+
+uniform sampler3D cloud_puffs; // 0..1, billows (render/clouds.py)
+uniform sampler2D hiding;      // depth buffer
+uniform int reduced_width;     // px, of this picture
+
+in vec2 uv;
+out vec4 seen; // rgb: radiance, premultiplied; a: share of the light behind it that comes through
+
+const float THICK = 1000.0;     // m, of the layer
+const float EXTINCTION = 0.03;  // 1/m, inside
+const float PUFFS = 2300.0;     // m, after which the billows repeat
+const float FAR = 60e3;         // m
+const float TALLEST = 1.9;      // of the field, where a cloud fills the layer
+const float FINEST = 26.0;      // m of a step
+const float FINE = 0.0055;      // of a step, over the distance
+const float CLEAR_RUN = 230.0;  // m of clear air for each 1 that the field is below a cloud's
+
+float billows(vec3 place)
+{
+    vec3 at = vec3(place.xy + eye.xy - cloud_drift, place.z + eye.z) / PUFFS;
+    return 0.65 * textureLod(cloud_puffs, at, 0.0).r + 0.35 * textureLod(cloud_puffs, at * 3.7 + 0.31, 0.0).r;
+}
+
+// 0..1, at a place relative to the eye; `rise` in the layer.
+float body(vec3 place, float rise, float lod)
+{
+    float inside = textureLod(cloud_field, cloud_place(place.xy), lod).r;
+    return inside - TALLEST * rise * (0.3 + 0.7 * rise) - 0.1 * (1.0 - smoothstep(0.0, 0.05, rise));
+}
+
+float frayed(float solid, vec3 place, float rise)
+{
+    float wear = mix(0.5, 1.15, sqrt(rise)) * (1.0 - billows(place));
+    return clamp((solid - wear) * 2.2, 0.0, 1.0);
+}
+
+float depth_to_sun(vec3 place, float up, float lod)
+{
+    float depth = 0.0, gone = 0.0, step_ = 40.0;
+    for (int i = 0; i < SUN_STEPS; ++i) {
+        vec3 at = place + to_sun.xyz * (gone + 0.5 * step_);
+        float rise = (at.z - up) / THICK;
+        float high = clamp(rise, 0.0, 1.0);
+        float solid = body(at, high, lod + 0.5 * float(i));
+        // Near by, lumps shade each other; further on their mean does.
+        float density = i < 2 ? frayed(solid, at, high) : clamp((solid - 0.45 * mix(0.5, 1.15, sqrt(high))) * 2.2, 0.0, 1.0);
+        depth += rise < 1.0 ? density * step_ : 0.0;
+        gone += step_;
+        step_ *= 2.1;
+    }
+    return depth * EXTINCTION;
+}
+
+bool hidden()
+{
+    ivec2 size = textureSize(hiding, 0);
+    ivec2 at = ivec2(uv * vec2(size));
+    int far = 2 * size.x / reduced_width;
+    float nearest = 0.0;
+    for (int i = 0; i < 4; ++i) {
+        ivec2 step_ = far * ivec2((i & 1) * 2 - 1, (i & 2) - 1);
+        nearest = max(nearest, texelFetch(hiding, clamp(at + step_, ivec2(0), size - 1), 0).r);
+    }
+    return nearest < 1.0;
+}
+
+void main()
+{
+    vec4 far_point = from_clip * vec4(uv * 2.0 - 1.0, 1.0, 1.0);
+    vec3 direction = normalize(far_point.xyz / far_point.w);
+    float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
+    float rise = max(direction.z, 0.0);
+    float first = to_layer(up, rise);
+    float last = to_layer(up + THICK, rise);
+    int steps = direction.z > -0.003 && first < FAR && !hidden() ? STEPS : 0;
+
+    vec2 pixel = gl_FragCoord.xy;
+    float shift = fract(52.9829189 * fract(dot(pixel, vec2(0.06711056, 0.00583715)))); // Jimenez 2014
+    float cosine = dot(direction, to_sun.xyz);
+    float texel = CLOUD_PERIOD / float(textureSize(cloud_field, 0).x);
+    float lod = max(log2(first * trees.z * 4.0 / texel), 0.0);
+    vec3 light = vec3(0.0);
+    float clear = 1.0, mean = 0.0, met = 1e-6;
+    float gone = first + shift * max(FINEST, FINE * first);
+    for (int i = 0; i < steps; ++i) {
+        if (gone > last || clear < 0.02) break;
+        float fine = max(FINEST, FINE * gone);
+        vec3 place = direction * gone;
+        place.z += gone * gone / (2.0 * EARTH);
+        float at = clamp((place.z - up) / THICK, 0.0, 1.0);
+        float solid = body(place, at, lod);
+        float step_ = max(fine, -CLEAR_RUN * solid);
+        if (solid > 0.0) {
+            float density = frayed(solid, place, at);
+            if (density > 0.0) {
+                float kept = exp(-density * EXTINCTION * step_);
+                float depth = depth_to_sun(place, up, lod);
+                float edge = 1.0 - 0.5 * exp(-5.0 * density); // in thin edges less light has been scattered again
+                vec3 lit = (sunlit(depth, cosine) * SUN_GAIN + cloud_ambient(at)) * edge;
+                light += clear * (1.0 - kept) * lit;
+                mean += clear * (1.0 - kept) * gone;
+                met += clear * (1.0 - kept);
+                clear *= kept;
+            }
+        }
+        gone += step_;
+    }
+    vec3 place = direction * (mean / met);
+    float cover = (1.0 - clear) * (1.0 - overcast);
+    vec3 behind = clear_air(place);
+    vec3 air = direction.z > 0.0 ? clear_sky(direction) : air_light(direction);
+    // Through the haze a cloud turns into the sky behind it.
+    seen = vec4(cover * mix(air, light / max(1.0 - clear, 1e-4), behind), 1.0 - cover);
+}

@@ -1,0 +1,179 @@
+"""Clouds: where they are, and what the sky shows of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+import numpy as np
+
+from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.sky import SUN_IRRADIANCE
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.render.quality import Quality
+    from sketchterrain.render.sky import Sky
+    from sketchterrain.render.targets import Targets
+    from sketchterrain.render.weather import Weather
+
+__all__ = ["Clouds", "cloud_field", "cloud_kind", "cloud_puffs"]
+
+SIZE: Final = 512
+"""Texels a side of the field, 32 m each."""
+PUFFS: Final = 64
+"""Texels a side of the billows."""
+PERIOD: Final = 16_384.0
+"""m after which the field repeats: CLOUD_PERIOD in kernels/render/clouds.glsl."""
+HEIGHT: Final = 2500.0
+"""m over the haze's base, at which clouds are lit."""
+REDUCED: Final = 2
+"""Pixels of the picture for one of the clouds', along each axis."""
+SUN_STEPS: Final = 4
+"""Steps towards the sun, each twice as long as the last."""
+WITH_DEPTH: Final = 2
+
+
+class Clouds:
+    """The layer of clouds of one weather.
+
+    Parameters
+    ----------
+    context
+        Where they are drawn.
+    weather
+        Their cover, and the wind.
+    sky
+        Its air lights them.
+    quality
+        Whether they have depth, or are flat, or none.
+    defines
+        As all passes of the picture have them.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        weather: Weather,
+        sky: Sky,
+        *,
+        quality: Quality,
+        defines: dict[str, int],
+    ) -> None:
+        self._context = context
+        self._drift = np.array(weather.drift)
+        lit = sky.air.sunlight(np.array(HEIGHT), np.array(sky.sun.direction[2])) * SUN_IRRADIANCE
+        self._uniforms: dict[str, object] = {
+            "overcast": sky.veil,
+            "cloud_sun": tuple(((1.0 - sky.veil) * lit).tolist()),
+        }
+        field = cloud_field(weather.clouds)
+        self._field = context.texture((SIZE, SIZE), 1, field.astype(np.float16).tobytes(), dtype="f2")
+        self._field.build_mipmaps()
+        self._field.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        self._march: moderngl.VertexArray | None = None
+        self._view: moderngl.Texture | None = None
+        if defines["CLOUDS"] == WITH_DEPTH:
+            puffs = np.round(cloud_puffs() * 255.0).astype(np.uint8)
+            self._puffs = context.texture3d((PUFFS, PUFFS, PUFFS), 1, puffs.tobytes())
+            marching = defines | {"STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
+            self._march = fill_screen(context, "clouds.frag.glsl", defines=marching)
+
+    def textures(self, targets: Targets) -> dict[str, moderngl.Texture | moderngl.Texture3D]:
+        """Return what passes read that draw into targets, by the names that shaders know them by."""
+        if self._march is None:
+            return {"cloud_field": self._field}
+        size = (max(targets.size[0] // REDUCED, 1), max(targets.size[1] // REDUCED, 1))
+        if self._view is None or self._view.size != size:
+            self._view = self._context.texture(size, 4, dtype="f2")
+            self._view.repeat_x = self._view.repeat_y = False
+            self._view.filter = (moderngl.LINEAR, moderngl.LINEAR)
+            self._target = self._context.framebuffer([self._view])
+        return {
+            "cloud_field": self._field,
+            "cloud_view": self._view,
+            "cloud_puffs": self._puffs,
+            "hiding": targets.depth,
+        }
+
+    def draw(self, units: dict[str, object], clock: float) -> dict[str, object]:
+        """Draw what the sky shows of clouds at a time (s), over the depth that hides them.
+
+        Parameters
+        ----------
+        units
+            Uniforms of all passes, with the units of `textures`.
+        clock
+            Seconds.
+
+        Returns
+        -------
+        dict
+            Uniforms for all passes after this one.
+        """
+        drift = (self._drift * clock) % PERIOD
+        uniforms = self._uniforms | {"cloud_drift": tuple(drift.tolist())}
+        if self._march is not None and self._view is not None:
+            self._target.use()
+            self._context.enable_only(moderngl.NOTHING)
+            width = {"reduced_width": self._view.size[0]}
+            set_uniforms(self._march.program, units | uniforms | width)
+            self._march.render(vertices=3)
+        return uniforms
+
+
+def cloud_kind(quality: Quality, weather: Weather) -> int:
+    """Return the macro CLOUDS of kernels/render/clouds.glsl: 0 none, 1 flat, 2 with depth."""
+    if not quality.has("clouds") or weather.clouds == 0.0:
+        return 0
+    return WITH_DEPTH if quality.cloud_steps else 1
+
+
+def cloud_field(cover: float, size: int = SIZE) -> npt.NDArray[np.float32]:
+    """Make the field that says where clouds are, on a torus of `PERIOD`.
+
+    Returns
+    -------
+    (size, size) float32
+        How far a place is inside a cloud: its share over 0 is the cover. Clouds are about a kilometre wide,
+        in groups; the field's deviation is 1.
+    """
+    rng = np.random.default_rng(20261)
+    cycles = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None, :]) * size
+    cycles[0, 0] = 1.0
+    wide = np.exp(-(((np.log2(cycles) - 1.3) / 0.8) ** 2))
+    lumps = np.exp(-(((np.log2(cycles) - 3.2) / 0.75) ** 2)) / cycles**0.5
+    fine = np.where(cycles > 10.0, cycles**-1.75, 0.0)
+    total = np.zeros((size, size))
+    for spectrum, amount in ((wide, 0.45), (lumps, 1.0), (fine, 0.42)):
+        layer = np.fft.irfft2(spectrum * np.fft.rfft2(rng.standard_normal((size, size))), s=(size, size))
+        layer /= layer.std()
+        # Where noise changes its sign billows meet: seams between round lumps.
+        total += amount * (layer if spectrum is not fine else np.abs(layer) * 1.6 - 1.2)
+    total /= total.std()
+    share = min(max(cover, 0.0), 1.0)
+    edge = np.quantile(total, 1.0 - share) if 0.0 < share < 1.0 else (1.0 - share) * 99.0 - 4.0
+    return (total - edge).astype(np.float32)
+
+
+def cloud_puffs(size: int = PUFFS) -> npt.NDArray[np.float32]:
+    """Make billows on a torus in space: 1 in the middle of round lumps, 0 in the seams between them.
+
+    Returns
+    -------
+    (size, size, size) float32
+        In [0, 1].
+    """
+    rng = np.random.default_rng(20262)
+    axis, last = np.fft.fftfreq(size) * size, np.fft.rfftfreq(size) * size
+    cycles = np.sqrt(axis[:, None, None] ** 2 + axis[None, :, None] ** 2 + last[None, None, :] ** 2)
+    cycles[0, 0, 0] = 1.0
+    total = np.zeros((size, size, size))
+    for octave in range(3):
+        band = np.exp(-(((np.log2(cycles) - 2.0 - octave) / 0.45) ** 2))
+        spectrum = band * np.fft.rfftn(rng.standard_normal((size,) * 3))
+        noise = np.fft.irfftn(spectrum, s=(size,) * 3, axes=(0, 1, 2))
+        total += 0.55**octave * np.abs(noise) / noise.std()
+    low, high = np.quantile(total, [0.01, 0.99])
+    return np.clip((total - low) / (high - low), 0.0, 1.0).astype(np.float32)

@@ -1,0 +1,102 @@
+"""Where clouds are, and what they let through."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
+from sketchterrain.render.clouds import PERIOD, cloud_field, cloud_kind, cloud_puffs
+
+from .test_shaders import evaluate
+
+FRAME = "render/frame.glsl"
+EARTH = 6360e3
+
+
+@pytest.mark.parametrize("cover", [0.05, 0.35, 0.8])
+def test_clouds_cover_the_share_that_is_asked_for(cover):
+    assert (cloud_field(cover) > 0.0).mean() == pytest.approx(cover, abs=2e-3)
+
+
+def test_more_cover_adds_clouds_and_takes_none_away():
+    assert (cloud_field(0.0) < 0.0).all()
+    assert (cloud_field(1.0) > 0.0).all()
+    assert (cloud_field(0.5) > cloud_field(0.3)).all()
+
+
+def test_the_field_has_no_seam():
+    field = cloud_field(0.4, 256)
+    inner = np.abs(np.diff(field, axis=0)).max()
+    assert np.abs(field[0] - field[-1]).max() <= inner
+    assert np.abs(field[:, 0] - field[:, -1]).max() <= 1.2 * np.abs(np.diff(field, axis=1)).max()
+
+
+def test_billows_fill_their_range_without_a_seam():
+    puffs = cloud_puffs(32)
+    assert puffs.min() == 0.0
+    assert puffs.max() == 1.0
+    assert 0.3 < puffs.mean() < 0.6
+    assert np.abs(puffs[0] - puffs[-1]).mean() < 1.2 * np.abs(np.diff(puffs, axis=0)).mean()
+
+
+def test_clouds_have_depth_where_quality_allows_and_none_where_they_are_left_out():
+    fair = Weather()
+    assert cloud_kind(Quality(), fair) == 2
+    assert cloud_kind(Quality.of(0.2), fair) == 1
+    assert cloud_kind(Quality.of(0.2), Weather(clouds=0.0)) == 0
+    assert cloud_kind(Quality.of(1.0, without=["clouds"]), fair) == 0
+
+
+@pytest.mark.gl
+def test_a_layer_over_a_round_earth_is_nowhere_infinitely_far(gl):
+    rise = np.linspace(0.0, 1.0, 50)
+    up = 1900.0
+    rows = np.c_[np.full(50, up), rise, rise, rise]
+    got = evaluate(gl, [FRAME, "render/clouds.glsl"], "vec4(to_layer(a.x, a.y))", rows)[:, 0]
+    # Where the line's height over the round ground, to second order, is the layer's.
+    assert np.allclose(rise * got + got**2 / (2.0 * EARTH), up, rtol=1e-3)
+    assert got[0] == pytest.approx(np.sqrt(2.0 * EARTH * up), rel=1e-4)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("g", [-0.15, 0.0, 0.75])
+def test_a_cloud_scatters_all_light_once(gl, g):
+    cosine = np.linspace(-1.0, 1.0, 20_001)
+    rows = np.c_[cosine, np.full_like(cosine, g), cosine, cosine]
+    includes = [FRAME, "render/cloud_light.glsl"]
+    share = evaluate(gl, includes, "vec4(scattered(a.x, a.y))", rows)[:, 0].astype(float)
+    assert 2.0 * np.pi * np.trapezoid(share, cosine) == pytest.approx(1.0, abs=2e-3)
+
+
+def drawn(gl, waves, weather, quality, clock=0.0):
+    camera = Camera((500.0, 100.0, 160.0), (500.0, 700.0, 200.0), far=20_000.0)
+    renderer = Renderer(gl, waves, sun=Sun(250.0, 35.0), weather=weather, quality=quality)
+    framebuffer = gl.framebuffer([gl.texture((160, 90), 4)])
+    renderer.prepare(camera, (160, 90))
+    renderer.draw(camera, framebuffer, clock=clock)
+    return np.frombuffer(framebuffer.read(components=3), np.uint8).reshape(90, 160, 3)[50:].astype(float)
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize("number", [0.1, 0.5])
+def test_clouds_whiten_the_sky_and_the_wind_moves_them(gl, waves, number):
+    plain = Quality.of(number, without=["trees", "grass", "rocks", "water", "detail"])
+    quality = dataclasses.replace(plain, quads=64, map_texels=64)
+    clear, fair, later, grey = (
+        drawn(gl, waves, weather, quality, clock)
+        for weather, clock in (
+            (Weather(clouds=0.0), 0.0),
+            (Weather(clouds=0.4), 0.0),
+            (Weather(clouds=0.4), 200.0),
+            (Weather(clouds=1.0), 0.0),
+        )
+    )
+    blue = [float((sky[..., 2] - sky[..., 0]).mean()) for sky in (clear, fair, grey)]
+    assert blue[0] > blue[1] + 5.0 > blue[2] + 10.0
+    assert np.ptp(grey, axis=2).max() < 30.0
+    assert np.abs(fair - later).mean() > 2.0
+    round_ = drawn(gl, waves, Weather(clouds=0.4, wind_from=270.0), quality, PERIOD / 4.0)
+    assert np.abs(round_ - drawn(gl, waves, Weather(clouds=0.4, wind_from=270.0), quality)).mean() < 0.5

@@ -1,6 +1,6 @@
 // The leaves of a spray, cut out of a sheet. Pure; the same in NumPy float64: render/tree_measure.py.
 
-const float LEAF_PAIRS = 3.5;    // of leaves along a spray
+const float LEAF_PAIRS = 5.0;    // of leaves along a spray
 const float LEAF_FORWARD = 0.55; // how far a leaf points to the spray's tip, its length over its width
 const float LEAF_FULL = 0.47;    // half a leaf's width at its widest, of the distance between leaves
 const float COMBS = 8.0;         // of needles along a spray
@@ -27,4 +27,15 @@ float sprig(vec2 at, float kind)
     float leaf = out_ < 1.0 ? full - abs(fract(row) - 0.5) : -1.0;
     float twig = TWIG - away;
     return kind < 0.25 ? 1.0 : max(leaf, twig);
+}
+
+// Brightness of the leaf that a place lies in, about 1: no two leaves of a spray face the light alike, and their
+// ends are young.
+float sprig_tone(vec2 at, float kind)
+{
+    bool needles = kind > 0.75;
+    float row = (at.y - 0.3 * LEAF_FORWARD * abs(at.x)) * LEAF_PAIRS + (at.x < 0.0 ? 0.5 : 0.0);
+    float of_leaf = fract(sin(floor(row) * 12.9898 + (at.x < 0.0 ? 4.1 : 0.0)) * 43.758);
+    float rib = smoothstep(0.0, 0.12, abs(fract(row) - 0.5)); // of a leaf, darker
+    return kind < 0.25 ? 1.0 : needles ? 0.75 + 0.5 * at.y : (0.72 + 0.56 * of_leaf) * (0.85 + 0.15 * rib);
 }

@@ -26,8 +26,11 @@ const float CROWN_EDGE = 0.5;                    // m, towards the sun: a leaf d
 
 void main()
 {
+    vec3 colour = albedo;
 #if SPRIGS
-    if (sprig(vec2(cut.x * 2.0 - 1.0, cut.y), cut.z) <= 0.0) discard;
+    vec2 on_spray = vec2(cut.x * 2.0 - 1.0, cut.y);
+    if (sprig(on_spray, cut.z) <= 0.0) discard;
+    colour *= sprig_tone(on_spray, cut.z);
 #endif
     vec3 n = normalize(leaf_normal.xyz);
     float leafy = leaf_normal.w;
@@ -36,13 +39,13 @@ void main()
     float wrap = WRAP * leafy;
     float front = max(facing + wrap, 0.0) / ((1.0 + wrap) * (1.0 + wrap));
     float back = leafy * THROUGH_SHARE * (0.35 * max(-facing, 0.0) + 0.75 * pow(max(dot(seen, to_sun.xyz), 0.0), GLOW));
-    float inner = mix(1.0, 0.25 + 0.75 * light.z, leafy);
+    float inner = mix(1.0, 0.5 + 0.5 * light.z, leafy);
     float sun = light.x * cloud_shadow(position) * tree_shade(position + to_sun.xyz * CROWN_EDGE, vec3(0.0)) * inner;
-    vec3 lit = (albedo * front + albedo * THROUGH * back) / PI;
+    vec3 lit = (colour * front + colour * THROUGH * back) / PI;
     float gloss = leafy * GLOSS * pow(max(dot(n, normalize(to_sun.xyz - seen)), 0.0), GLOSS_POWER);
     lit = (lit + gloss * 0.04) * sun_light.rgb * sun;
     // What leaves send to each other makes the light among them greener, and less dark than one bounce alone.
-    vec3 among = albedo / (1.0 - 0.75 * albedo * (1.0 - light.z));
+    vec3 among = colour / (1.0 - 0.75 * colour * (1.0 - light.z));
     lit += among / PI * sky_irradiance(normalize(n + vec3(0.0, 0.0, 0.3))) * light.y * light.z;
     radiance = vec4(through_air(lit, position), 1.0);
 }

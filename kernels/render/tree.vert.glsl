@@ -1,7 +1,6 @@
 #version 430 core
 // One vertex of one plant. A plant that comes, goes or passes into another detail loses its triangles one by one.
 #include "render/frame.glsl"
-#include "render/surface_map.glsl"
 #include "render/tree_wind.glsl"
 
 uniform vec3 anchor; // of all plants, relative to the eye, m
@@ -13,6 +12,7 @@ in vec4 outward;   // xyz: normal, 0..1 for -1..1; w: 1 leaf, 0 wood
 in vec4 colour;    // rgb: √albedo, a: openness to the sky
 in vec4 sprig_at;  // xy: place on its spray, 0..1; z: what is cut out; w: phase of its bough
 in vec4 stand;     // xyz: foot, m from the anchor; w: height, m
+in vec4 ground;    // see tree_stand.vert.glsl
 in vec4 manner;    // xy: cosine and sine of its rotation; z: temper; w: share of its triangles that is drawn
 
 out vec3 position;
@@ -21,7 +21,6 @@ out vec3 albedo;
 out vec3 light; // x: sun over the bare ground; y: sky over it, as far as other plants leave it; z: openness within the plant
 out vec3 cut;   // xy: place on its spray, 0..1; z: what is cut out
 
-const float SINK = 0.15;         // m, feet go so far into the ground
 const float DEEP_SHADE = 0.55;   // what a dense forest takes of the sky's light at its floor
 const float WARM_BOUGH = 0.16;   // how much boughs differ in colour
 
@@ -36,19 +35,17 @@ float draw_of(int triangle, float temper)
 void main()
 {
     mat2 turn = mat2(manner.x, manner.y, -manner.y, manner.x);
-    vec3 foot = anchor + stand.xyz;
-    foot.z = standing_height(foot + vec3(0.0, 0.0, SINK)) - SINK;
+    vec3 foot = vec3(anchor.xy + stand.xy, ground.x);
     vec3 at = vec3(turn * place.xy, place.z);
-    position = foot + stand.w * at + swayed(foot.xy + eye.xy, at, stand.w, sprig_at.w, outward.w, wind, clock);
+    position = foot + stand.w * at + swayed(foot.xy + eye.xy, at, stand.w, sprig_at.w, outward.w, wind, ground.w, clock);
     vec3 normal = outward.xyz * 2.0 - 1.0;
     leaf_normal = vec4(turn * normal.xy, normal.z, outward.w);
     float tint = fract(manner.z) * 2.0 - 1.0, crowded = floor(manner.z) / 15.0;
     float bough = outward.w * WARM_BOUGH * sin(6.2831853 * (sprig_at.w * 3.0 + manner.z));
     vec3 warm = mix(vec3(0.80, 0.90, 0.94), vec3(1.24, 1.10, 0.82), 0.5 + 0.5 * clamp(tint + bough, -1.0, 1.0));
     albedo = colour.rgb * colour.rgb * mix(vec3(1.0), warm * (1.0 + 0.5 * bough), 0.25 + 0.75 * outward.w);
-    vec2 bare = ground_light(foot.xy).rg;
     float deep = crowded * DEEP_SHADE * (1.0 - smoothstep(0.1, 0.85, place.z));
-    light = vec3(bare.r, bare.g * (1.0 - deep), colour.a);
+    light = vec3(ground.y, ground.z * (1.0 - deep), colour.a);
     cut = sprig_at.xyz;
     gl_Position = draw_of(gl_VertexID / 3, manner.z) < manner.w ? to_clip * vec4(position, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
 }

@@ -25,13 +25,14 @@ float gust(vec2 place, vec2 wind, float time)
 //   tall:  its height, m
 //   phase: of the bough, 0..1
 //   leafy: 0 wood, 1 leaf
-vec3 swayed(vec2 foot, vec3 at, float tall, float phase, float leafy, vec2 wind, float time)
+//   blows: how strongly, see gust
+vec3 swayed(vec2 foot, vec3 at, float tall, float phase, float leafy, vec2 wind, float blows, float time)
 {
     float speed = length(wind);
     if (speed <= 0.0 || at.z <= 0.0) return vec3(0.0);
     vec2 along = wind / speed;
     float force = speed * speed / (speed * speed + STORM * STORM);
-    float blow = force * gust(foot, wind, time);
+    float blow = force * blows;
     float own = dot(foot, vec2(0.37, 0.59)); // plants do not sway in step
     float slow = SWAY_PACE * pow(max(tall, 0.5) / 12.0, -0.5); // high ones are slower
     float lean = LEAN * at.z * at.z * (blow + 0.35 * force * sin(slow * time + own));

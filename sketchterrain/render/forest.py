@@ -18,7 +18,7 @@ from sketchterrain.render.plant_cells import (
 )
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade
-from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.programs import build_transform, build_program
 from sketchterrain.render.trees import CUT, DETAILS
 
 if TYPE_CHECKING:
@@ -38,8 +38,10 @@ if TYPE_CHECKING:
 
 __all__ = ["Forest", "shares"]
 
-PIXELS: Final = (200.0, 80.0, 38.0, 17.0, 7.5)
+PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant in pixels under which the next coarser detail does."""
+HULL: Final = 12.0
+"""px; the coarsest detail does for no higher plants, however low the quality."""
 BAND: Final = 0.08
 """Share of such a height, up and down, over which one detail passes into the next."""
 VANISH: Final = 0.05
@@ -85,17 +87,17 @@ class Forest:
     ) -> None:
         self.reach = min(quality.woods, 0.45 * terrain.extent)
         self._pixels = np.array(PIXELS) / quality.leaves
+        self._pixels[-1] = min(self._pixels[-1], HULL)
         self._cells = PlantCells(terrain)
         meshes = PlantMeshes(context)
-        self._batches = [
-            meshes.drawn_by(
-                build_program(
-                    context, "tree.vert.glsl", "tree.frag.glsl", defines={**defines, "SPRIGS": int(sprigs)}
-                )
-            )
-            for sprigs in (True, False)
+        standing = build_transform(context, "tree_stand.vert.glsl", ["ground"], defines=defines)
+        programs = [
+            build_program(context, "tree.vert.glsl", "tree.frag.glsl", defines={**defines, "SPRIGS": sprigs})
+            for sprigs in (1, 0)
         ]
+        self._batches = [meshes.drawn_by(program, standing=standing) for program in programs]
         self.shade = PlantShade(context, meshes, self._cells, sun, quality=quality, reach=self.reach)
+        self._planted = quality.has("trees")
         self._asked = False
         self._seen: list[Place] = []
         self._shown: tuple[object, ...] = ()
@@ -136,6 +138,8 @@ class Forest:
 
     def _want(self, camera: Camera, aspect: float, lit: LitGround) -> None:
         self._asked = True
+        if not self._planted:
+            return
         near = cells_near(camera.eye[0], camera.eye[1], self.reach)
         cells = [self._cells[place] for place in near]
         bounds = np.array([UNKNOWN if cell is None else (cell.low, cell.high) for cell in cells])
@@ -146,12 +150,12 @@ class Forest:
 
     def draw(self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object]) -> None:
         """Draw the plants that a camera sees in a picture of a size (px)."""
+        if not self._planted:
+            return
         self._choose(camera, size[0] / size[1], size[1])
         anchor = (*(self._origin - camera.eye[:2]).tolist(), -camera.eye[2])
         for batch in self._batches:
-            if batch.count:
-                set_uniforms(batch.program, {**uniforms, "anchor": anchor})
-                batch.draw()
+            batch.draw_all({**uniforms, "anchor": anchor})
 
     def _choose(self, camera: Camera, aspect: float, height: int) -> None:
         cells = [cell for cell in (self._cells[place] for place in self._seen) if cell is not None]

@@ -258,7 +258,7 @@ def _crowding(place: Floats, tall: Floats) -> Floats:
         int(CELL / PATCH),
     ]
     many = np.bincount(at, trees, minlength=int(CELL / PATCH) ** 2)
-    return np.clip((many[at] - 1.0) / (DENSE * PATCH**2), 0.0, 1.0)
+    return np.asarray(np.clip((many[at] - 1.0) / (DENSE * PATCH**2), 0.0, 1.0))
 
 
 def _whims(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats, Floats]:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 
+from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.trees import DETAILS, SPECIES, VARIANTS, plant_mesh
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
 
     import numpy.typing as npt
 
@@ -58,14 +59,20 @@ class PlantMeshes:
         self._context = context
         self._buffer = context.buffer(np.concatenate(meshes).tobytes())
 
-    def drawn_by(self, program: moderngl.Program, *, depth_only: bool = False) -> PlantBatch:
-        """Return what draws plants by a program."""
-        form = (
-            ("3f4 12x", "place")
-            if depth_only
-            else ("3f4 4f1 4f1 4f1", "place", "outward", "colour", "sprig_at")
-        )
-        return PlantBatch(self._context, self, program, (self._buffer, *form))
+    def drawn_by(self, program: moderngl.Program, *, standing: moderngl.Program | None = None) -> PlantBatch:
+        """Return what draws plants by a program.
+
+        Parameters
+        ----------
+        program
+            Of tree.vert.glsl, or of tree_shadow.vert.glsl.
+        standing
+            For the first, of tree_stand.vert.glsl.
+        """
+        form: tuple[str, ...] = ("3f4 12x", "place")
+        if standing is not None:
+            form = ("3f4 4f1 4f1 4f1", "place", "outward", "colour", "sprig_at")
+        return PlantBatch(self._context, self, program, (self._buffer, *form), standing)
 
     def commands(self, counts: npt.NDArray[np.int64], start: int, stop: int) -> npt.NDArray[np.uint32]:
         """Return indirect draws of the instances from `start` to `stop`: one row a mesh."""
@@ -81,23 +88,38 @@ class PlantMeshes:
 
 
 class PlantBatch:
-    """Instances on the GPU, and the program that draws them."""
+    """Instances on the GPU, and the programs that draw them."""
 
     def __init__(
         self,
         context: moderngl.Context,
         meshes: PlantMeshes,
         program: moderngl.Program,
-        vertices: Sequence[object],
+        vertices: tuple[object, ...],
+        standing: moderngl.Program | None,
     ) -> None:
-        self.program = program
+        self._program, self._standing = program, standing
         self._meshes = meshes
         self._instances = context.buffer(reserve=32 * 1024, dynamic=True)
+        self._ground = context.buffer(reserve=16 * 1024, dynamic=True)
         self._commands = context.buffer(reserve=20 * meshes.vertices.size, dynamic=True)
         self._counts = np.zeros_like(meshes.vertices)
-        self._array = context.vertex_array(
-            program, [tuple(vertices), (self._instances, "4f4 4f4/i", "stand", "manner")]
-        )
+        parts = [vertices, (self._instances, "4f4 4f4/i", "stand", "manner")]
+        self._stands = None
+        if standing is not None:
+            parts.append((self._ground, "4f4/i", "ground"))
+            self._stands = context.vertex_array(standing, [(self._instances, "4f4 16x", "stand")])
+        self._array = context.vertex_array(program, parts)
+
+    def draw_all(self, uniforms: Mapping[str, object]) -> None:
+        """Find out what each plant's vertices share, and draw all."""
+        if self.count:
+            if self._standing is not None and self._stands is not None:
+                set_uniforms(self._standing, uniforms)
+                self._ground.orphan(max(16 * self.count, self._ground.size))
+                self._stands.transform(self._ground, vertices=self.count)
+            set_uniforms(self._program, uniforms)
+            self.draw()
 
     @property
     def count(self) -> int:

@@ -107,11 +107,12 @@ class PlantShade:
         self._cells, self._sun, self._reach = cells, sun, reach
         self._axes = sun_axes(sun)
         self._context = context
-        self._maps = [_Map(context, quality.shade_texels if quality.shade_maps else 1) for _ in MAPS]
-        self._details = FINE if quality.shade_maps == len(MAPS) else (DETAILS - 1,) * len(MAPS)
-        self._used = range(len(MAPS) - quality.shade_maps, len(MAPS))
+        count = quality.shade_maps if quality.has("shadows") else 0
+        self._maps = [_Map(context, quality.shade_texels if count else 1) for _ in MAPS]
+        self._details = FINE if count == len(MAPS) else (DETAILS - 1,) * len(MAPS)
+        self._used = range(len(MAPS) - count, len(MAPS))
         program = build_program(context, "tree_shadow.vert.glsl", "nothing.frag.glsl")
-        self._batches = [meshes.drawn_by(program, depth_only=True) for _ in MAPS]
+        self._batches = [meshes.drawn_by(program) for _ in MAPS]
         self._program = program
         self._wanted: list[_Place | None] = [None] * len(MAPS)
         self._pace = Pace(1e-6)  # s a plant

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Wood", "frames", "grow_crown", "grow_whorls"]
+__all__ = ["GOLDEN_ANGLE", "Wood", "frames", "grow_crown", "grow_whorls"]
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 STEPS = 5
@@ -78,9 +78,8 @@ def grow_crown(crown: Crown, rng: np.random.Generator) -> Wood:
 
 def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
     """Grow a straight trunk with whorls of boughs that hang and rise again at their tips, see `Whorls`."""
-    tier, bough = np.meshgrid(np.arange(whorls.tiers), np.arange(whorls.boughs), indexing="ij")
-    tier, bough = tier.ravel(), bough.ravel()
-    count = len(tier)
+    count = whorls.tiers * whorls.boughs
+    tier, bough = np.divmod(np.arange(count), whorls.boughs)
     up = (tier + rng.uniform(-0.35, 0.35, count)) / whorls.tiers
     height = whorls.lowest + (0.985 - whorls.lowest) * np.clip(up, 0.0, 1.0) ** 0.92
     reach = (whorls.spread * (1.0 - height) ** 0.78 + 0.012) * rng.uniform(0.68, 1.18, count)
@@ -93,6 +92,7 @@ def grow_whorls(whorls: Whorls, rng: np.random.Generator) -> Wood:
     middle = start + reach[:, None] * (0.58 * out + [0.0, 0.0, 1.0] * (climb - 0.10 * whorls.hang)[:, None])
     tip = start + reach[:, None] * (out + [0.0, 0.0, 1.0] * (1.1 * climb)[:, None])
     boughs = _bent(start, middle, tip, STEPS)
+    boughs[..., 2] = np.maximum(boughs[..., 2], 0.01)
     trunk_radius = whorls.thick * np.clip(1.02 - trunk[:, 2], 0.02, 1.0) ** 0.8
     trunk_radius[0] *= 1.4
     thick = 0.26 * whorls.thick * (reach / whorls.spread) ** 0.6

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.render.tree_growth import frames
+from sketchterrain.render.tree_growth import GOLDEN_ANGLE, frames
 from sketchterrain.render.tree_shape import Leaves, unit
 
 if TYPE_CHECKING:
@@ -85,11 +85,8 @@ def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Le
         + 0.16 * rng.standard_normal((count, 3))
     )
     length, half_width = whorls.leaf
-    grown = (
-        rng.uniform(0.75, 1.25, count)
-        * (1.05 - 0.45 * t)
-        * (0.35 + 0.65 * (reach / whorls.spread)[bough] ** 0.5)
-    )
+    young = 0.16 + 0.84 * (reach / whorls.spread)[bough]
+    grown = rng.uniform(0.75, 1.25, count) * (1.05 - 0.45 * t) * young
     grown = np.where(side == 2, 0.75, 1.0) * grown
     flat = np.where(hangs, unit(ahead), unit(np.cross(along, UP)))
     flat = unit(flat + 0.45 * rng.standard_normal((count, 3)))
@@ -100,7 +97,25 @@ def leaves_of_whorls(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Le
     albedo = np.array(whorls.colours.leaf) * of_bough[bough] * rng.uniform(0.82, 1.18, (count, 1))
     phase = np.mod(0.618 * bough, 1.0)
     width = half_width * np.sqrt(grown)[:, None] * flat
-    return Leaves(root, length * grown[:, None] * along, width, outward, albedo, phase)
+    leaves = Leaves(root, length * grown[:, None] * along, width, outward, albedo, phase)
+    return Leaves(*(np.concatenate(pair) for pair in zip(leaves, _leader(whorls, wood, rng), strict=True)))
+
+
+def _leader(whorls: Whorls, wood: Wood, rng: np.random.Generator) -> Leaves:
+    """Put sprays round the last piece of a trunk, close to it: the plant ends in a point."""
+    count = 18
+    up = 0.9 + 0.1 * np.arange(count) / count
+    angle = GOLDEN_ANGLE * np.arange(count)
+    out = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+    x, y = (np.interp(up, wood.trunk[:, 2], wood.trunk[:, axis]) for axis in (0, 1))
+    along = unit(out * (0.9 - 5.0 * (up - 0.9))[:, None] + UP * rng.uniform(0.9, 1.3, (count, 1)))
+    length, half_width = whorls.leaf
+    aside = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
+    albedo = np.broadcast_to(whorls.colours.leaf, (count, 3)) * rng.uniform(0.9, 1.2, (count, 1))
+    root = np.stack([x, y, up], axis=1)
+    return Leaves(
+        root, 0.42 * length * along, 0.5 * half_width * aside, unit(out + 0.5 * UP), albedo, np.zeros(count)
+    )
 
 
 class Openness:
@@ -114,7 +129,7 @@ class Openness:
 
     CELLS: Final = 20
     """Along each side of the box that holds all leaves."""
-    SHADE: Final = 0.14
+    SHADE: Final = 0.18
     """Share of the light that a leaf as large as its cell's face takes."""
 
     def __init__(self, leaves: Leaves) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -27,8 +27,10 @@ CUT: Final = 2
 """Of them, the finest, whose leaves are cut out of sheets."""
 VARIANTS: Final = 3
 """Of each species."""
-LEAVES: Final = (1000, 560, 170, 48)
+LEAVES: Final = (1000, 560, 150, 30)
 """Sprays in the levels between the finest and the coarsest: two triangles where they are cut, else one."""
+TONE_POINTS: Final = 12_000
+"""At which a plant's mean colour is looked at."""
 
 
 class _Plant(NamedTuple):
@@ -69,7 +71,7 @@ def _tone(species: str, detail: int) -> Floats:
     """Return what gives a level the mean colour of the finest one; a species' variants share it."""
     if detail == 0:
         return np.ones(3)
-    colours = [seen(_shaped(species, 0, each)).colour for each in (0, detail)]
+    colours = [seen(_shaped(species, 0, each), points=TONE_POINTS).colour for each in (0, detail)]
     return np.asarray(colours[0] / colours[1])
 
 
@@ -87,10 +89,11 @@ def _plant(species: str, variant: int) -> _Plant:
 
 
 def _fewer(plant: _Plant, detail: int, size: float) -> Triangles:
-    """Keep every so manieth leaf, `size` times as large."""
+    """Keep one of every so many leaves, `size` times as large."""
     count = len(plant.leaves.root)
     wanted = min(LEAVES[detail - 1], count)
-    kept = ((np.arange(wanted) + 0.5) * count / wanted).astype(np.int64)
+    chosen = np.arange(wanted) + np.random.default_rng(detail).uniform(0.0, 1.0, wanted)
+    kept = np.minimum(chosen * count / wanted, count - 1).astype(np.int64)
     leaves = Leaves(*(each[kept] for each in plant.leaves))
     fresh = np.array(plant.colours.fresh)
     if detail < CUT:
@@ -104,21 +107,22 @@ def _fewer(plant: _Plant, detail: int, size: float) -> Triangles:
 def _wood(plant: _Plant, *, detail: int) -> list[Triangles]:
     """Return the wood that can be seen at a level: the trunk, nearer the boughs, near the twigs."""
     rng = np.random.default_rng(3)
-    wood, bark = plant.wood, {"colours": plant.colours, "opened": plant.opened, "rng": rng}
+    wood = plant.wood
+    wrapped = partial(tubes, colours=plant.colours, opened=plant.opened, rng=rng)
     every, sides = ((1, 8), (2, 5), (3, 4), (5, 3), (14, 3))[detail]
     kept = np.unique(np.append(np.arange(0, len(wood.trunk), every), len(wood.trunk) - 1))
-    parts = [tubes(wood.trunk[None, kept], wood.trunk_radius[None, kept], sides=sides, **bark)]
+    parts = [wrapped(wood.trunk[None, kept], wood.trunk_radius[None, kept], sides=sides)]
     slender = len(wood.boughs) > 60  # many, and hidden by their own needles
     if detail == 0:
         some = slice(None, None, 2 if slender else 1)
         points = [0, 3, 5] if slender else list(range(wood.boughs.shape[1]))
         boughs, radius = wood.boughs[some][:, points], wood.bough_radius[some][:, points]
-        parts.append(tubes(boughs, radius, sides=3 if slender else 4, **bark))
+        parts.append(wrapped(boughs, radius, sides=3 if slender else 4))
         if len(wood.twigs):
-            parts.append(tubes(wood.twigs[:, [0, 2]], wood.twig_radius[:, [0, 2]], sides=3, **bark))
+            parts.append(wrapped(wood.twigs[:, [0, 2]], wood.twig_radius[:, [0, 2]], sides=3))
     elif detail == 1 and not slender:
         points = [0, 2, 5]
-        parts.append(tubes(wood.boughs[:, points], wood.bough_radius[:, points], sides=3, **bark))
+        parts.append(wrapped(wood.boughs[:, points], wood.bough_radius[:, points], sides=3))
     return parts
 
 

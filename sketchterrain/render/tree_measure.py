@@ -23,8 +23,6 @@ CELLS: Final = 48
 """Cells of a plant's height."""
 PER_CELL: Final = 5.0
 """Points on a triangle as large as a cell."""
-MOST: Final = 30_000
-"""Points on all triangles."""
 
 
 class Seen(NamedTuple):
@@ -46,7 +44,7 @@ def sprig(across: Floats, along: Floats, kind: Floats) -> Floats:
     """Tell what of a spray is leaf: above 0 inside. As kernels/render/sprig.glsl."""
     needles = kind > 0.5 * (BROAD + NEEDLES)
     away = np.abs(across)
-    forward, count = np.where(needles, 0.5, 0.55), np.where(needles, 8.0, 3.5)
+    forward, count = np.where(needles, 0.5, 0.55), np.where(needles, 8.0, 5.0)
     row = (along - 0.3 * forward * away) * count + np.where(across < 0.0, 0.5, 0.0)
     up = np.clip(along - 0.3 * forward * away, 0.0, 1.0)
     reach = np.sqrt(1.0 - up * up) * np.minimum(
@@ -58,13 +56,23 @@ def sprig(across: Floats, along: Floats, kind: Floats) -> Floats:
     return np.where(kind < 0.5 * BROAD, 1.0, np.maximum(leaf, 0.06 - away))
 
 
-def seen(triangles: Triangles, *, views: tuple[float, ...] = VIEWS) -> Seen:
-    """Look at a plant from some sides, level."""
+def seen(triangles: Triangles, *, views: tuple[float, ...] = VIEWS, points: int = 60_000) -> Seen:
+    """Look at a plant from some sides, level.
+
+    Parameters
+    ----------
+    triangles
+        Of the plant.
+    views
+        Azimuths (rad).
+    points
+        On all triangles, at most; too few of them leave holes in what is covered.
+    """
     rng = np.random.default_rng(7)
     place = triangles.place
     area = 0.5 * np.linalg.norm(np.cross(place[:, 1] - place[:, 0], place[:, 2] - place[:, 0]), axis=1)
     count = area * CELLS**2 * PER_CELL
-    count *= min(MOST / max(count.sum(), 1.0), 1.0)
+    count *= min(points / max(count.sum(), 1.0), 1.0)
     of = np.repeat(np.arange(len(area)), np.maximum(np.rint(count).astype(np.int64), 1))
     u, v = rng.uniform(0.0, 1.0, (2, len(of)))
     fold = u + v > 1.0

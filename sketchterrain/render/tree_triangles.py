@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 __all__ = ["sheets", "spears", "tubes"]
 
+BOUNDS = (-0.02, 1.08)
+"""Heights of the plant between which all leaves lie, however large."""
 ROOT_SHADE = 0.72
 """Openness of a spray's root, of that of its tip."""
 
@@ -101,6 +103,7 @@ def spears(leaves: Leaves, scale: float, fresh: Floats, opened: Openness) -> Tri
 def _leafy(
     leaves: Leaves, place: Floats, sprig: Floats, kind: float, fresh: Floats, opened: Openness, *, copies: int
 ) -> Triangles:
+    place[..., 2] = np.clip(place[..., 2], *BOUNDS)
     light = opened.at(leaves.root + 0.5 * leaves.along)
     albedo = leaves.albedo + fresh * (light**2)[:, None]
     outward, albedo = (np.tile(each[:, None], (copies, 3, 1)) for each in (leaves.outward, albedo))

@@ -34,9 +34,9 @@ def plant_mesh(species: str, variant: int, detail: int) -> npt.NDArray[np.void]:
     Returns
     -------
     (3 · triangles,) structured, read-only
-        place (plant heights); outward (unit normal, -1..1; then 1 where it is leaf, 0 where wood);
-        colour (√albedo, openness); sprig (place on its spray: across -1..1, along 0..1; what is cut out of it; phase in
-        the wind). All but the places in 0..255.
+        place (plant heights); outward (unit normal, -1..1; then 1 where it is leaf, 0 where wood); colour
+        (√albedo, openness); sprig (place on its spray: across -1..1, along 0..1; what is cut out of it;
+        phase in the wind). All but the places in 0..255.
     """
     made = level(species, variant, detail)
     mesh = np.empty(made.place.shape[0] * 3, VERTEX)

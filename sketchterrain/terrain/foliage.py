@@ -94,7 +94,7 @@ class FoliageSampler:
         draw, lone = self._draw("presence", x, y), self._lone_share(x, y)
         woody = self._evaluator.may_hold(x, y, "forest")
         kept = woody | (draw < lone)
-        x, y, draw, lone, woody = (each[kept] for each in (x, y, draw, lone, woody))
+        x, y, draw, lone, woody = x[kept], y[kept], draw[kept], lone[kept], woody[kept]
         yield
         if not x.size:
             return np.zeros(0, PLANT)
@@ -207,8 +207,9 @@ class FoliageSampler:
 
     def _field(self, name: str, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], width: float) -> Reals:
         """Smooth noise, 0 … 1, one swing in about two widths (m)."""
-        unit_m = metres_per_unit(self._recipe.extent) / width
-        return smooth_noise(self._recipe.seed, f"plant {name} {width:g}", x * unit_m, y * unit_m)
+        steps = metres_per_unit(self._recipe.extent) / width
+        at = [steps * each.astype(np.float64) for each in (x, y)]
+        return smooth_noise(self._recipe.seed, f"plant {name} {width:g}", at[0], at[1])
 
     def _conifers(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], by_elevation: Reals) -> Reals:
         """Share of conifers at places: the mean of the forests there, by how much each covers a place."""

@@ -124,8 +124,8 @@ def test_details_share_a_plant_and_pass_softly_into_each_other():
     drawn = shares(pixels, whim, steps)
     assert np.allclose(drawn.sum(axis=1), 1.0)
     assert ((drawn > 0).sum(axis=1) <= 2).all()
-    assert (drawn[-1] == [1, 0, 0, 0, 0]).all()
-    assert (drawn[0] == [0, 0, 0, 0, 1]).all()
+    assert (drawn[-1] == np.eye(DETAILS)[0]).all()
+    assert (drawn[0] == np.eye(DETAILS)[-1]).all()
     step = np.log(pixels[1] / pixels[0])
     assert np.abs(np.diff(drawn, axis=0)).max() <= 1.2 * step / (2 * BAND)
     # Plants do not all change at once.

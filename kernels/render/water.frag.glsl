@@ -27,8 +27,8 @@ out vec4 radiance;
 // Of lakes and of streams that carry a little silt, 1/m; pure water absorbs 0.28, 0.056, 0.009 (Pope & Fry 1997).
 const vec3 LAKE_ABSORPTION = vec3(0.46, 0.135, 0.150);
 const vec3 LAKE_BACKSCATTER = vec3(0.006, 0.014, 0.016);
-const vec3 STREAM_ABSORPTION = vec3(0.80, 0.44, 0.50);
-const vec3 STREAM_BACKSCATTER = vec3(0.020, 0.033, 0.026);
+const vec3 STREAM_ABSORPTION = vec3(0.44, 0.17, 0.20);
+const vec3 STREAM_BACKSCATTER = vec3(0.007, 0.0135, 0.011);
 const float FOAM_ALBEDO = 0.62;
 const float SHELTER = 0.42;          // of the wind over open sea, on inland water
 const float CALM = 0.0012;           // slope² of water without wind
@@ -74,8 +74,10 @@ void main()
 #if MATERIALS > 1
     vec3 refracted = vec3(-to_eye.xy / WATER_INDEX + 0.25 * waves.slope, -up);
     vec3 bent = picture_place(position + refracted * (min(depth, 8.0) / up));
-    float bent_depth = position.z - scene_position(bent.xy).z + rise;
-    bool straight = bent_depth < 0.0 || bent.z <= 0.0;
+    vec3 bent_behind = scene_position(bent.xy);
+    float bent_depth = position.z - bent_behind.z + rise;
+    // What stands in front of the surface is not seen through it.
+    bool straight = bent_depth < 0.0 || bent.z <= 0.0 || length(bent_behind) < distance;
     bed_uv = straight ? uv : bent.xy;
     depth = straight ? depth : bent_depth;
 #endif
@@ -107,21 +109,21 @@ void main()
     vec3 surface = mix(body, mirrored(position, normalize(back)), share) + through_air(glint, position) - air;
 
     // Foam: streaks that a stream draws out, lines along a shore; both of froth.
-    float sized = log2(max(pixel * 85.0, 0.01));
+    float sized = log2(max(pixel * (lake ? 85.0 : 140.0), 0.01));
     vec2 grain_at = lake ? (position.xy + eye.xy) / 8.0 + waves.slope * 0.1
-                         : vec2(flow.x / 6.0 + 0.05 * patches.z, (flow.y - stream.x * clock) / 19.0) + waves.slope * 0.1;
+                         : vec2(flow.x / 2.6 + 0.3 * patches.z, (flow.y - stream.x * clock) / 17.0) + waves.slope * 0.25;
     vec4 grain = textureLod(noise_field, grain_at, sized);
 #if MATERIALS == 1
     vec4 froth = grain.zwxy;
 #else
-    vec4 froth = textureLod(noise_field, grain_at * 5.0, sized + 2.3);
+    vec4 froth = textureLod(noise_field, grain_at * 4.6, sized + 2.2);
 #endif
     float lost = 0.5 * smoothstep(2.0, 9.0, sized);
     float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));
     float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // how far a line along a shore can be seen
     float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.17 : 0.05) * (0.2 + gust);
     float amount = shoal + (lake ? 0.0 : stream_foam(stream.y, across));
-    float foam = foam_share(0.75 * grain.x + 0.65 * froth.z, amount, lost) * (0.55 + 0.35 * smoothstep(-0.6, 0.6, froth.x));
+    float foam = foam_share(0.7 * grain.x + 0.7 * froth.z, amount, lost) * mix(0.25, 0.85, smoothstep(-0.5, 0.6, froth.x));
     surface = mix(surface, through_air(FOAM_ALBEDO / PI * incoming, position), foam);
 
     radiance = vec4(surface, soft * clamp(edge + 0.5, 0.0, 1.0) * coverage * stream.z);

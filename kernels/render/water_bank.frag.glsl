@@ -15,7 +15,7 @@ out vec4 radiance;
 
 const float WET = 0.5;        // of the light that wet ground sends back, over dry
 const float UNEVEN = 0.22;    // m, of noise of one standard deviation
-const float SHEEN = 0.35;     // of the film that mirrors the sky, over a whole one
+const float SHEEN = 0.10;     // of the film that mirrors the sky, over a whole one
 const float FAR = 500.0;      // m, where the drawn ground is too coarse for all that
 
 void main()

@@ -6,7 +6,7 @@
 // Foam is where the noise is above a threshold; what is lost softens the threshold, so that far foam keeps its share.
 float foam_share(float noise, float amount, float lost)
 {
-    const float SOFT = 0.16;
+    const float SOFT = 0.28;
     float threshold = mix(1.15, -0.75, sqrt(clamp(amount, 0.0, 1.0)));
     float soft = SOFT + 1.7 * lost;
     return smoothstep(threshold - soft, threshold + soft, noise) * step(1e-4, amount);
@@ -30,5 +30,5 @@ float stream_foam(float fall, float across)
 {
     float steep = smoothstep(0.008, 0.06, fall);
     float bank = smoothstep(0.72, 0.98, abs(across));
-    return clamp(0.55 * steep + bank * (0.05 + 0.3 * steep), 0.0, 0.8);
+    return clamp(0.004 + 0.5 * steep + bank * (0.02 + 0.3 * steep), 0.0, 0.8);
 }

@@ -3,6 +3,7 @@
 // flatly that equal steps in the world's distance ratio come out even in the picture).
 #include "render/frame.glsl"
 #include "render/clouds.glsl"
+#include "render/cloud_light.glsl"
 
 uniform sampler2D scene;        // all that is drawn already: radiance
 uniform sampler2D scene_depth;  // and its depth buffer
@@ -19,7 +20,10 @@ const int HALVINGS = 4;         // of the step in which the ray passes what is s
 #endif
 const float FIRST_STEP = 0.5;   // m
 const float SUNK = 0.4;         // m under the height map at which a ray has met it
-const float THICK = 0.6;        // m, least thickness of what is seen in the picture
+const float THICK = 2.0;        // m, least thickness of what is seen in the picture
+const float THICK_STEPS = 2.0;  // and in steps
+const float FAR_OFF = 1e5;      // m, of the sky
+const float BRIGHTEST = 0.4;    // radiance of clouds over the sun's irradiance
 const vec3 GRASSY = vec3(0.062, 0.070, 0.034); // albedos of ground that is out of the picture
 const vec3 WOODED = vec3(0.022, 0.032, 0.014);
 const vec3 STONY = vec3(0.20, 0.185, 0.165);
@@ -46,13 +50,23 @@ vec3 picture_place(vec3 p)
     return vec3(clamp(uv.x, 0.002, 0.998), uv.y, clip.w > 0.0 ? inside : 0.0);
 }
 
+// The sky as the picture shows it, where it does; else its clouds without depth, as sky.frag.glsl's.
 vec3 mirrored_sky(vec3 direction)
 {
-    vec3 sky = clear_sky(direction);
-    float up = max(CLOUD_BASE + reach.y - eye.z, 300.0);
-    float density = cloud_density(direction.xy * up / (direction.z + 0.02));
-    return mix(sky, sun_light.rgb * 0.14 + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12,
-        0.6 * density * smoothstep(0.0, 0.1, direction.z));
+    vec3 clear = clear_sky(direction), sky = clear;
+#if CLOUDS > 0
+    vec3 place = direction * to_layer(max(CLOUD_BASE + reach.y - eye.z, 300.0), max(direction.z, 0.01));
+    float density = cloud_density(place.xy);
+    vec3 lit = sunlit(3.0 * density, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
+    sky = mix(sky, mix(sky, lit, clear_air(place)), density * (1.0 - overcast) * smoothstep(0.0, 0.1, direction.z));
+#endif
+#if MATERIALS > 1
+    vec3 at = picture_place(direction * FAR_OFF);
+    float seen = at.z * step(0.9999999, textureLod(scene_depth, at.xy, 0.0).r);
+    // The sun's own disc is left to the glitter.
+    sky = mix(sky, min(textureLod(scene, at.xy, 0.0).rgb, clear + BRIGHTEST * sun_light.rgb), seen);
+#endif
+    return sky;
 }
 
 // Light from ground that the picture does not show: what covers it is guessed from its slope and its forest.
@@ -78,7 +92,7 @@ vec3 mirrored(vec3 from, vec3 direction)
 #if MATERIALS > 1
         vec3 at = picture_place(p);
         float behind = length(p) - length(scene_position(at.xy));
-        float thick = max(THICK, 1.2 * (gone - before));
+        float thick = max(THICK, THICK_STEPS * (gone - before));
         if (hit < 0.0 && seen_hit < 0.0 && at.z > 0.0 && behind > 0.0 && behind < thick) seen_hit = gone;
         // Where the picture sees farther than the ray has come there is nothing, whatever a coarser map says.
         bool open = at.z > 0.0 && behind <= 0.0;

@@ -154,8 +154,8 @@ def test_foam_is_where_streams_are_steep_and_at_shores(gl):
         for fall in (0.001, 0.06)
     )
     bank = smoothstep(0.72, 0.98, np.abs(across))
-    np.testing.assert_allclose(calm, 0.05 * bank, atol=1e-6)
-    np.testing.assert_allclose(steep, np.minimum(0.55 + 0.35 * bank, 0.8), atol=1e-6)
+    np.testing.assert_allclose(calm, 0.004 + 0.02 * bank, atol=1e-6)
+    np.testing.assert_allclose(steep, np.minimum(0.504 + 0.32 * bank, 0.8), atol=1e-6)
     depth = np.linspace(0, 1, 101)
     shore = evaluate(gl, ["render/water_foam.glsl"], "vec4(shore_foam(a.x, 0.0, 0.15))", rows(depth))[:, 0]
     assert abs(depth[shore.argmax()] - 0.45 * 0.15) < 0.02

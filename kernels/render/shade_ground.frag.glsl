@@ -126,7 +126,7 @@ void main()
         if (layer == ROCK) {
             float bend = wide.w + 0.5 * middle.x;
             float bed = bed_at(position.z, bend);
-            vec3 banded = mix(vec3(0.70, 0.66, 0.64), vec3(1.22, 1.16, 1.06), smoothstep(-0.8, 0.8, bed));
+            vec3 banded = mix(vec3(0.66, 0.65, 0.65), vec3(1.20, 1.17, 1.10), smoothstep(-0.8, 0.8, bed));
             matter.albedo *= mix(vec3(1.0), banded, 0.35 + 0.45 * trees.y);
 #if MATERIALS > 1 && DETAIL
             // Hard beds stand out: their upper edges face the sky, their lower ones the ground.

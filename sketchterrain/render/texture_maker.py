@@ -39,7 +39,7 @@ class Layer:
 
 
 LAYERS: Final[dict[str, Layer]] = {
-    "grass": Layer(5.0, 0.004, 0.95, 0.80),
+    "grass": Layer(5.0, 0.010, 0.95, 0.80),
     "soil": Layer(5.0, 0.030, 0.95, 0.85),
     "rock": Layer(8.0, 0.150, 0.90, 0.75),
     "scree": Layer(7.0, 0.060, 0.95, 0.80),

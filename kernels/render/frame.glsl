@@ -1,6 +1,11 @@
 // What all passes of a frame share. Positions are metres relative to the eye, x east, y north, z up.
 #define PI 3.14159265358979
 
+// LIGHT_MAPS: 2 a near and a far map of the light on the ground; 3: one close to the eye too.
+#ifndef LIGHT_MAPS
+#define LIGHT_MAPS 2
+#endif
+
 layout(std140) uniform Frame {
     mat4 to_clip;      // relative position → clip space
     mat4 from_clip;
@@ -13,9 +18,11 @@ layout(std140) uniform Frame {
     vec4 reach;        // x: draw distance, m; y: base height of the haze, m; zw: framebuffer size, px
     vec4 near_map;     // xy: south-west corner relative to the eye, m; z: 1/width, 1/m; w: texel, m
     vec4 far_map;
+    vec4 close_map;
     vec4 near_window;  // west, south, east, north of the rectangle in which the near map is shown, relative to the eye, m
     vec4 far_window;
-    vec4 map_strength; // x: how much of the near map is shown in its window, 0..1; y: of the far one; zw: unused
+    vec4 close_window;
+    vec4 map_strength; // x: how much of the near map is shown in its window, 0..1; y: of the far one; z: of the close one
     mat4 to_shade[4];  // relative position → clip space of the tree shadow maps: near, far, and those before them
     vec4 shade_share;  // x: how much of the near map is shown, 0..1, else the one before; y: of the far one
     vec4 trees;        // x: distance up to which trees are drawn, m; y: aridity 0..1; z: pixel, rad; w: unused
@@ -24,6 +31,7 @@ layout(std140) uniform Frame {
 uniform sampler2D sky_view;    // below the light of the air, above the sky, by direction (render/sky.py)
 uniform sampler2D near_light;  // r: sun visibility, g: sky visibility, b: forest, a: unused
 uniform sampler2D far_light;
+uniform sampler2D close_light;
 
 // Irradiance from sky and ground on a surface of normal n (Ramamoorthi & Hanrahan 2001).
 vec3 sky_irradiance(vec3 n)
@@ -88,5 +96,10 @@ vec4 ground_light(vec2 place)
     float near_share = map_strength.x * shown(place, near_window, near_map.z, 0.05);
     float far_share = map_strength.y * shown(place, far_window, far_map.z, 0.06);
     vec4 wide = mix(vec4(1.0), textureLod(far_light, far_uv, 0.0), far_share);
-    return mix(wide, textureLod(near_light, near_uv, 0.0), near_share);
+    vec4 light = mix(wide, textureLod(near_light, near_uv, 0.0), near_share);
+#if LIGHT_MAPS > 2
+    float close_share = map_strength.z * shown(place, close_window, close_map.z, 0.08);
+    light = mix(light, textureLod(close_light, (place - close_map.xy) * close_map.z, 0.0), close_share);
+#endif
+    return light;
 }

@@ -1,13 +1,21 @@
 #version 430 core
 // Light on the bare ground of a height map: r sun visibility 0..1 with soft edges, g share of the sky's light that
 // reaches it, b height (m).
+// CLOSE: whether the map is close to the eye, with two wider ones behind it. SHADOWS: whether the ground throws any.
+#if CLOSE
+const int SUN_STEPS = 58;
+const int SKY_STEPS = 9;
+#else
 const int SUN_STEPS = 40;
-const int DIRECTIONS = 8;
 const int SKY_STEPS = 6;
+#endif
+const int DIRECTIONS = 8;
 
 uniform sampler2D heights;     // this map, m, row 0 south
 uniform sampler2D far_heights; // a wider and coarser one
 uniform vec4 frame;            // xy: this map's south-west corner in the far map's uv; z: width over the far one's; w: m
+uniform sampler2D widest_heights; // for a close map: one that is wider still
+uniform vec4 widest;           // as frame, in that
 uniform vec3 sun;              // unit vector towards it
 uniform float softness;        // tangent of the penumbra's half angle
 
@@ -18,11 +26,21 @@ float height_at(vec2 at, float lod)
 {
     vec2 edge = abs(at - 0.5);
     if (max(edge.x, edge.y) < 0.5) return textureLod(heights, at, lod).r;
-    return textureLod(far_heights, frame.xy + at * frame.z, max(0.0, lod + log2(frame.z))).r;
+    vec2 there = frame.xy + at * frame.z;
+#if CLOSE
+    edge = abs(there - 0.5);
+    if (max(edge.x, edge.y) >= 0.5)
+        return textureLod(widest_heights, widest.xy + at * widest.z, max(0.0, lod + log2(widest.z))).r;
+#endif
+    return textureLod(far_heights, there, max(0.0, lod + log2(frame.z))).r;
 }
 
-// Near by, a step off the map's edge does no harm.
-float own_height_at(vec2 at, float lod) { return textureLod(heights, at, lod).r; }
+// On a wide map a step off its edge does no harm.
+#if CLOSE
+#define near_height_at height_at
+#else
+float near_height_at(vec2 at, float lod) { return textureLod(heights, at, lod).r; }
+#endif
 
 float sun_visibility(float start, float texel)
 {
@@ -44,8 +62,8 @@ float sun_visibility(float start, float texel)
 float sky_visibility(float start, float texel)
 {
     float e = texel / frame.w;
-    vec2 slope = vec2(own_height_at(uv + vec2(e, 0.0), 0.0) - own_height_at(uv - vec2(e, 0.0), 0.0),
-                      own_height_at(uv + vec2(0.0, e), 0.0) - own_height_at(uv - vec2(0.0, e), 0.0)) / (2.0 * texel);
+    vec2 slope = vec2(near_height_at(uv + vec2(e, 0.0), 0.0) - near_height_at(uv - vec2(e, 0.0), 0.0),
+                      near_height_at(uv + vec2(0.0, e), 0.0) - near_height_at(uv - vec2(0.0, e), 0.0)) / (2.0 * texel);
     float open = 0.0;
     for (int k = 0; k < DIRECTIONS; ++k) {
         float angle = (float(k) + 0.5) * 6.2831853 / float(DIRECTIONS);
@@ -55,7 +73,7 @@ float sky_visibility(float start, float texel)
         float gone = 1.5;
         for (int i = 0; i < SKY_STEPS; ++i) {
             float run = gone * texel;
-            float rise = (own_height_at(uv + ahead * run / frame.w, log2(gone) - 0.5) - start) / run;
+            float rise = (near_height_at(uv + ahead * run / frame.w, log2(gone) - 0.5) - start) / run;
             highest = max(highest, rise - plane);
             gone *= 2.2;
         }
@@ -68,5 +86,10 @@ void main()
 {
     float texel = frame.w / float(textureSize(heights, 0).x);
     float start = height_at(uv, 0.0);
-    light = vec4(sun_visibility(start, texel), sky_visibility(start, texel), start, 1.0);
+#if SHADOWS
+    float lit = sun_visibility(start, texel);
+#else
+    float lit = 1.0;
+#endif
+    light = vec4(lit, sky_visibility(start, texel), start, 1.0);
 }

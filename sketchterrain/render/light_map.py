@@ -23,7 +23,9 @@ __all__ = ["BLOCK", "LightMaker", "LightMap", "Square"]
 BLOCK: Final = 64
 """Squares lie on whole blocks of so many texels, so that mipmaps of two squares agree where both lie."""
 PENUMBRA: Final = 0.022
-"""Tangent of half the angle over which the sun sets behind a ridge; the real sun's would alias."""
+"""Tangent of half the angle over which the sun sets behind a ridge; the real sun's would alias,"""
+SHARP_PENUMBRA: Final = 0.009
+"""but on a map close to the eye less than on wider ones; the real one's is 0.0047."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +81,34 @@ class LightMaker:
         Whose ground.
     sun
         What shines.
+    shadows
+        Whether ground keeps it from ground.
     """
 
-    def __init__(self, context: moderngl.Context, terrain: Terrain, sun: Sun) -> None:
+    def __init__(
+        self, context: moderngl.Context, terrain: Terrain, sun: Sun, *, shadows: bool = True
+    ) -> None:
         self.context = context
         self.terrain = terrain
-        self.shine = fill_screen(context, "light.frag.glsl")
-        set_uniforms(
-            self.shine.program,
-            {"heights": 0, "far_heights": 1, "sun": tuple(sun.direction), "softness": PENUMBRA},
-        )
+        self._uniforms = {"heights": 0, "far_heights": 1, "widest_heights": 2, "sun": tuple(sun.direction)}
+        self._shadows = int(shadows)
+        self.shine = self._program(close=False)
         self.sampling = Pace(1e-6)  # s a texel
         self.uploading = Pace(2e-8)
         self.lighting = Pace(2e-6)
+        self.lighting_close = Pace(4e-6)
+
+    @cached_property
+    def shine_close(self) -> moderngl.VertexArray:
+        """For maps close to the eye: steps go on over two wider maps."""
+        return self._program(close=True)
+
+    def _program(self, *, close: bool) -> moderngl.VertexArray:
+        defines = {"CLOSE": int(close), "SHADOWS": self._shadows}
+        made = fill_screen(self.context, "light.frag.glsl", defines=defines)
+        softness = SHARP_PENUMBRA if close else PENUMBRA
+        set_uniforms(made.program, self._uniforms | {"softness": softness})
+        return made
 
 
 class LightMap:
@@ -105,6 +122,8 @@ class LightMap:
         Where.
     behind
         A wider map, for ground that stands before the sun outside this one; None: none does.
+    beyond
+        For a map close to the eye: one that is wider still.
     known
         Heights that need not be sampled again, with texels as wide as the square's.
 
@@ -130,6 +149,7 @@ class LightMap:
         square: Square,
         *,
         behind: LightMap | None = None,
+        beyond: LightMap | None = None,
         known: LightMap | None = None,
     ) -> None:
         n = square.texels
@@ -140,7 +160,8 @@ class LightMap:
         self.ready = False
         self._maker = maker
         self.behind = None if behind is None else behind.square
-        self._behind = behind
+        self._behind, self._beyond = behind, beyond
+        self._close = beyond is not None
         self._known = known if known is not None and known.ready else None
         self._target = maker.context.framebuffer([self.light])
         self._sampled = self._lit = 0
@@ -165,13 +186,14 @@ class LightMap:
             before = allowance.spent
             self._upload()
             maker.uploading.took(n * n, allowance.spent - before)
+        pace = maker.lighting_close if self._close else maker.lighting
         while self._lit < n:
-            rows = min(maker.lighting.fits(allowance, step=n), n - self._lit)
+            rows = min(pace.fits(allowance, step=n), n - self._lit)
             if not rows:
                 return
             before = allowance.spent
             self._shine(rows)
-            maker.lighting.took(rows * n, allowance.spent - before)
+            pace.took(rows * n, allowance.spent - before)
         self._end()
 
     def finish(self) -> None:
@@ -193,7 +215,7 @@ class LightMap:
 
     def _end(self) -> None:
         self.ready = True
-        self._behind = None
+        self._behind = self._beyond = None
 
     def _sample(self, rows: int) -> int:
         """Sample the next rows, or less where that is one rectangle; return how many."""
@@ -232,20 +254,23 @@ class LightMap:
 
     def _shine(self, rows: int) -> None:
         maker, square, wider = self._maker, self.square, self._behind or self
-        behind = wider.square
-        frame = (
-            (square.west - behind.west) / behind.width,
-            (square.south - behind.south) / behind.width,
-            square.width / behind.width,
-            square.width,
-        )
-        set_uniforms(maker.shine.program, {"frame": frame})
+        widest = self._beyond or wider
+        shine = maker.shine_close if self._close else maker.shine
+        places = {"frame": _place_in(square, wider.square), "widest": _place_in(square, widest.square)}
+        set_uniforms(shine.program, places)
         maker.context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._target.scissor = (0, self._lit, square.texels, rows)
         self.heights.use(0)
         wider.heights.use(1)
-        maker.shine.render(vertices=3)
+        widest.heights.use(2)
+        shine.render(vertices=3)
         self._target.scissor = (0, 0, square.texels, square.texels)
         maker.context.finish()
         self._lit += rows
+
+
+def _place_in(square: Square, wider: Square) -> tuple[float, float, float, float]:
+    """Return a square's corner and width in widths of a wider one, and its width (m)."""
+    west, south = square.west - wider.west, square.south - wider.south
+    return west / wider.width, south / wider.width, square.width / wider.width, square.width

@@ -56,6 +56,7 @@ class Quality:
     material_texels       512        512      1024     1024      side of their textures
     map_texels            256        384      512      768       side of the light maps
     cloud_steps           0          0        64       96        along a line of sight through clouds; 0 flat
+    light_maps            2          2        3        3         maps of the light on the ground
     shade_maps            0          1        2        2         maps of the plants' shadows
     shade_texels          1024       1024     2048     2048      their side
     surface_texels        256        256      512      1024      side of the maps of the drawn ground
@@ -88,6 +89,8 @@ class Quality:
         Side of the materials' textures, a power of two.
     map_texels : int
         Side of the height maps that shadows and sky visibility are computed on; a multiple of 64.
+    light_maps : int
+        Of sun and sky on the ground: a far and a near one, a third close to the eye.
     cloud_steps : int
         Steps along a line of sight through the layer of clouds; 0: it is flat.
     shade_maps : int
@@ -130,6 +133,7 @@ class Quality:
     hexes: int = 3
     material_texels: int = 1024
     map_texels: int = 768
+    light_maps: int = 3
     cloud_steps: int = 96
     shade_maps: int = 2
     shade_texels: int = 2048
@@ -176,6 +180,7 @@ class Quality:
             hexes=3 if rich else 1,
             material_texels=1024 if rich else 512,
             map_texels=64 * round(4.0 + 8.0 * number),
+            light_maps=3 if rich else 2,
             cloud_steps=32 + round(64 * number) if rich else 0,
             shade_maps=2 if rich else 1 if number >= 0.2 else 0,
             shade_texels=2048 if rich else 1024,

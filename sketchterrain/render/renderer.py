@@ -118,7 +118,14 @@ class Renderer:
             )
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
         self.ground = GroundStream(context, terrain, quality, metric=metric)
-        self._lit = LitGround(context, terrain, sun, texels=quality.map_texels)
+        self._lit = LitGround(
+            context,
+            terrain,
+            sun,
+            texels=quality.map_texels,
+            close=quality.light_maps > 2,
+            shadows=quality.has("shadows"),
+        )
         self._forest = Forest(context, terrain, sun, quality=quality, defines=self._shading.defines)
         self._surface = SurfaceMap(
             context, self.ground.pool, texels=quality.surface_texels, reach=self._forest.reach

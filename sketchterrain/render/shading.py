@@ -64,6 +64,7 @@ class Shading:
             "HEXES": quality.hexes,
             "DETAIL": int(quality.has("detail")),
             "CLOUDS": clouds,
+            "LIGHT_MAPS": quality.light_maps,
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,
         }

@@ -6,8 +6,9 @@ import pytest
 from sketchterrain.render import Camera, Sun
 from sketchterrain.render.allowance import Allowance, Pace
 from sketchterrain.render.frame import FrameBlock
+from sketchterrain.render.light_layer import FADE
 from sketchterrain.render.light_map import BLOCK, LightMaker, LightMap, Square
-from sketchterrain.render.lit_ground import FADE, LitGround
+from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.resources import source
 
@@ -89,6 +90,60 @@ def test_a_wall_throws_a_shadow_away_from_the_sun(gl):
     assert light[(x > -105) & (x < -40), 0].max() < 0.1
     assert light[(x < -160) | (x > 40), 0].min() > 0.9
     assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()
+
+
+@pytest.mark.gl
+@pytest.mark.parametrize(("elevation", "lit"), [(5.0, 0.0), (20.0, 1.0)])
+def test_a_close_map_knows_of_shadows_from_beyond_the_near_one(gl, elevation, lit):
+    """The wall stands 300 m away; its shadow is 690 or 165 m long."""
+    maker = LightMaker(gl, Wall(), Sun(90.0, elevation))
+    widest = LightMap(maker, Square(-64, -64, 128, 20.0))
+    near = LightMap(maker, Square(-128, -16, 64, 4.0), behind=widest)
+    close = LightMap(maker, Square(-350, -32, 64, 1.0), behind=near, beyond=widest)
+    for light_map in (widest, near, close):
+        light_map.finish()
+    assert texels(close)[..., 0].astype(float).mean() == pytest.approx(lit, abs=0.12)  # steps are as wide as the wall
+
+
+@pytest.mark.gl
+def test_a_close_map_is_sharper_near_what_throws_the_shadow(gl):
+    maker = LightMaker(gl, Wall(), SUN)
+    widest = LightMap(maker, Square(-64, -64, 128, 20.0))
+    near = LightMap(maker, Square(-64, -64, 128, 4.0), behind=widest)
+    close = LightMap(maker, Square(-160, -64, 128, 1.0), behind=near, beyond=widest)
+    for light_map in (widest, near, close):
+        light_map.finish()
+    across = texels(close)[64, :, 0].astype(float)  # from 160 to 32 m west of the wall's middle
+    half = np.flatnonzero((across > 0.1) & (across < 0.9))
+    assert across[-10:].max() < 0.05
+    assert across[:10].min() > 0.95
+    assert 1 <= len(half) <= 12
+
+
+@pytest.mark.gl
+def test_without_shadows_all_ground_sees_the_sun(gl):
+    maker = LightMaker(gl, Wall(), Sun(90.0, 5.0), shadows=False)
+    made = LightMap(maker, Square(-64, -64, 128, 4.0))
+    made.finish()
+    light = texels(made).astype(float)
+    assert (light[..., 0] == 1.0).all()
+    assert light[..., 1].min() < 0.9
+
+
+@pytest.mark.gl
+def test_three_maps_are_streamed_as_two_are(gl, waves):
+    lit, still = (LitGround(gl, waves, SUN, texels=64, close=True) for _ in range(2))
+    goal = Camera((700.0, 500.0, 130.0), (100.0, 800.0, 60.0))
+    lit.settle(Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0)))
+    for _ in range(600):
+        lit.update(goal, 0.05, Allowance(1.0))
+        if lit.settled:
+            break
+    still.settle(goal)
+    assert lit.uniforms(goal.eye) == still.uniforms(goal.eye)
+    assert lit.uniforms(goal.eye)["map_strength"] == (1.0, 1.0, 1.0)
+    for name, texture in lit.textures.items():
+        assert texture.read() == still.textures[name].read()
 
 
 @pytest.mark.gl

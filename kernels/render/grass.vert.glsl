@@ -20,7 +20,9 @@ out vec3 seen;
 
 const float ROOT_SUN = 0.22; // share of the sun that reaches a root among its neighbours …
 const float ROOT_SKY = 0.38; // … and of the sky
-const float STRAW_SHARE = 0.13; // of the blades are dry
+const float STRAW_SHARE = 0.17; // of the blades are dry
+const float GLOSS = 0.022;     // of the sun, at its brightest
+const float SKY_GLOSS = 0.022; // of the sky
 const vec3 POLLEN = vec3(0.62, 0.40, 0.03); // albedo of the middle of a flower
 const vec3 STEM = vec3(0.060, 0.098, 0.028);
 const vec3 EAR = vec3(1.5, 1.3, 1.05);     // albedo of stalks and ears over a green blade's
@@ -41,10 +43,10 @@ void main()
     float facing = dot(across, to_sun.xyz);
     float level = max(dot(ground.xyz, to_sun.xyz), 0.0);
     bool lit_side = facing * dot(across, to_eye) > 0.0;
-    float far = smoothstep(0.25, 0.9, turn.w);
+    float far = smoothstep(0.12, 0.75, turn.w);
     vec3 colour = albedo.rgb;
     float flesh = lit_side ? 1.0 : 0.75;
-    if (manner.z > 1.5) colour *= EAR;
+    if (manner.z > 1.5) colour *= mix(EAR, vec3(1.1), far);
     else if (manner.z < 0.5) {
         float straw = tone < STRAW_SHARE ? 0.8 : 0.0;
         colour *= mix(vec3(1.0), STRAW, straw);
@@ -54,12 +56,17 @@ void main()
     colour = manner.z == 1.0 ? mix(POLLEN, albedo.rgb, smoothstep(0.1, 0.3, t)) : STEM;
 #endif
     float high = clamp(place.z, 0.0, 1.0);
-    float open_sun = mix(mix(ROOT_SUN, 1.0, pow(high, 0.8)), 1.0, 0.6 * far);
-    float open_sky = mix(mix(ROOT_SKY, 1.0, high), 1.0, 0.6 * far);
-    float direct = mix(0.45 * level + 0.55 * flesh * abs(facing), level, 0.5 * far);
+    float open_sun = mix(mix(ROOT_SUN, 1.0, pow(high, 0.8)), 1.0, 0.85 * far);
+    float open_sky = mix(mix(ROOT_SKY, 1.0, high), 1.0, 0.85 * far);
+    float direct = mix(0.45 * level + 0.55 * flesh * abs(facing), level, 0.7 * far);
+    // Long thin blades shine across their length (Kajiya & Kay 1989).
+    vec3 lengthwise = normalize(vec3(at.xy, at.z + 0.02 * stand.w));
+    float shine = dot(lengthwise, normalize(to_eye + to_sun.xyz));
+    float gloss = GLOSS * pow(max(1.0 - shine * shine, 0.0), 12.0) * high * (1.0 - far);
     vec3 through = vec3(1.25, 1.15, 0.45) * pow(max(-dot(to_eye, to_sun.xyz), 0.0), 3.0) * 0.55 * (lit_side ? 0.3 : 1.0);
     vec3 lit = colour / PI * (direct + through) * sun_light.rgb * ground.w * open_sun;
     lit += colour / PI * sky.rgb * open_sky;
+    lit += gloss * sun_light.rgb * ground.w * open_sun + SKY_GLOSS / PI * sky.rgb * high * high * (1.0 - far);
     seen = lit * veil.w + veil.rgb;
     gl_Position = to_clip * vec4(position, 1.0);
 }

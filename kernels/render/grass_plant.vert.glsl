@@ -34,6 +34,7 @@ out vec4 veil;    // rgb: light that the air adds; w: share that comes through
 const float BLADE = 0.0026;     // m, half the width of a blade
 const float FLOWER_PART = 0.0030; // m, the same of flowers' parts
 const float LEAST = 0.42;       // px, half the width that a blade is drawn with at least
+const float LEAST_PART = 0.13;  // px, the same of flowers: a head is four and more of these wide
 const float LIVELY = 1.35;      // brightness of a blade that is seen over the ground's texture, which has the gaps in it
 const float SUN_WARMTH = 0.5;   // of the height, by which a plant's shade is asked above its foot
 
@@ -72,20 +73,22 @@ void main()
     float fray = 2.0 * (middle.x * 0.45 + small.x * 0.4) * low.x * (1.0 - low.x);
     float meadow = smoothstep(0.34, 0.62, low.x + fray);
     float wood = smoothstep(0.35, 0.8, high.w);
-    float lush = smoothstep(-0.6, 0.8, 0.7 * small.y + 0.5 * middle.z + 0.35 * fine.x);
+    float lush = smoothstep(-0.8, 0.9, 0.5 * small.y + 0.4 * middle.z + 0.75 * fine.x);
     vec3 colour = meadow_albedo(wide, middle, small);
-    float tall, half_width = BLADE, chance;
+    float tall, half_width = BLADE, least = LEAST, chance;
 #if KIND == MEADOW
     chance = max(meadow, 0.45 * wood * smoothstep(-0.2, 0.5, small.z));
-    tall = mix(0.09, 0.30, lush) * (0.75 + 0.5 * a) * mix(0.75, 1.0, meadow);
+    tall = mix(0.07, 0.33, lush) * (0.7 + 0.6 * a) * mix(0.5, 1.0, meadow);
+    colour *= mix(vec3(1.25, 1.08, 1.0), vec3(1.0), meadow);
 #elif KIND == TALL
-    chance = meadow * smoothstep(0.15, 0.62, 0.6 * small.w + 0.55 * fine.y + 0.35 * middle.x);
+    chance = meadow * (0.05 + 0.95 * smoothstep(0.15, 0.62, 0.6 * small.w + 0.55 * fine.y + 0.35 * middle.x));
     tall = mix(0.38, 0.70, lush) * (0.7 + 0.5 * a);
     colour = mix(colour, colour * vec3(1.18, 1.04, 0.95), b);
 #elif KIND == FLOWER
-    chance = meadow * smoothstep(0.22, 0.60, 0.8 * fine.z + 0.5 * small.x + 0.2 * middle.y);
+    chance = meadow * (0.015 + 0.985 * smoothstep(0.22, 0.65, 0.8 * fine.z + 0.5 * small.x + 0.2 * middle.y));
     tall = mix(0.16, 0.34, lush) * (0.7 + 0.6 * a);
     half_width = FLOWER_PART * (0.8 + 0.5 * c);
+    least = LEAST_PART;
     vec4 kinds = textureLod(noise_field, world / 37.0 + 0.51, 0.0);
     colour = petal_colour(0.5 + 0.55 * kinds.x + 0.25 * (a - 0.5));
 #else
@@ -105,7 +108,7 @@ void main()
     float wider = max(away / full, 1.0);
     float grown = min(up, 1.0);
     stand = vec4(foot - vec3(0.0, 0.0, 0.02 * tall), up > 0.0 ? tall : 0.0);
-    turn = vec4(cos(angle), sin(angle), max(half_width * wider * spread, LEAST * trees.z * away) * grown, away / reach);
+    turn = vec4(cos(angle), sin(angle), max(half_width * wider * spread, least * trees.z * away) * grown, away / reach);
 
     float speed = length(wind);
     vec2 along = speed > 0.0 ? wind / speed : vec2(0.0);
@@ -114,7 +117,8 @@ void main()
     vec2 bend = along * force * 0.75 * blow;
     bend += speed > 0.0 ? 0.16 * force * vec2(sin(4.7 * clock + 40.0 * a), sin(5.3 * clock + 40.0 * b)) : vec2(0.0);
 
-    colour *= LIVELY * mix(0.75, 1.25, b) * mix(vec3(1.06, 1.0, 0.92), vec3(0.92, 1.0, 1.04), a);
+    colour *= mix(LIVELY, 1.12, smoothstep(0.1, 0.7, away / reach)) * mix(0.75, 1.25, b)
+        * mix(vec3(1.14, 1.0, 0.92), vec3(0.92, 1.0, 1.04), a);
     albedo = vec4(colour, bend.x);
     vec3 normal = vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));
     vec4 light = ground_light(place);

@@ -21,7 +21,7 @@ out vec4 kind;   // x: brightness 0..1; y: worn and dark, of a river; z: share o
 
 const float POWER = -0.5;    // of a share of the places, to a radius: as many of twice the size as one in four
 const float STEEP = 0.62;    // normal's z under which stones roll away
-const float LYING_LOW = -0.1, LYING_HIGH = 0.42; // radii that a stone's middle lies over the ground
+const float LYING_LOW = -0.25, LYING_HIGH = 0.30; // radii that a stone's middle lies over the ground
 
 vec4 turned_by(vec4 a, vec4 b) // first b, then a
 {
@@ -45,7 +45,7 @@ void main()
     float heap = smoothstep(-0.1, 0.8, textureLod(noise_field, world / 93.0 + 0.21, 0.0).x
         + 0.6 * textureLod(noise_field, world / 311.0 + 0.57, 0.0).y);
     // How many of the places hold a stone, by what covers the ground.
-    float chance = 1.0 * low.w + 0.75 * high.z + 0.5 * low.z + (0.22 * low.y + 0.07 * high.x + 0.05 * high.y + 0.10 * high.w) * heap
+    float chance = 1.0 * low.w + 0.75 * high.z + 0.5 * low.z + (0.22 * low.y + 0.03 * high.x + 0.05 * high.y + 0.10 * high.w) * heap
         + 0.06 * low.x * heap * heap;
     chance *= sizes.z * smoothstep(STEEP - 0.12, STEEP + 0.12, normal.z);
     up *= step(d, chance * 0.999);

@@ -24,7 +24,7 @@ __all__ = ["Grass"]
 STREWN: Final = {
     "meadow": Strewing(salt=101, density=90.0, full=4.8, reach=110.0, cell=3.0, details=(6.0, 30.0)),
     "tall": Strewing(salt=202, density=7.0, full=14.0, reach=90.0, cell=6.0, details=(10.0, 40.0)),
-    "flower": Strewing(salt=303, density=4.0, full=12.0, reach=70.0, cell=6.0, details=(8.0, 25.0)),
+    "flower": Strewing(salt=303, density=3.0, full=24.0, reach=80.0, cell=6.0, details=(8.0, 25.0)),
     "fern": Strewing(salt=404, density=1.6, full=25.0, reach=110.0, cell=8.0, details=(14.0, 45.0)),
 }
 """At the best quality."""

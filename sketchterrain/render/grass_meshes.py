@@ -74,7 +74,7 @@ def tuft_mesh(kind: str, detail: int) -> TuftMesh:
         blades = _tuft(rng, count=8, spread=0.16, lean=0.34) + _ears(rng, count=3)
         strips = [_strip(blade, steps) for blade in blades]
     elif kind == "flower":
-        strips = _flower(rng, steps, petals=(8, 6, 3)[detail])
+        strips = _flower(rng, steps, petals=(8, 5, 4)[detail])
     else:
         strips = _fern(rng, fronds=(8, 7, 5)[detail], leaflets=(9, 5, 0)[detail])
     return _joined(strips)
@@ -145,7 +145,7 @@ class _Strip(NamedTuple):
 
 
 def _strip(blade: _Blade, steps: tuple[float, ...]) -> _Strip:
-    """Lay a blade: two vertices a step, one at its tip; it bows outwards with the square of the way."""
+    """Lay a blade: two vertices a step, one at its tip; however few steps there are, it is as large."""
     t = np.array(steps)
     bow = 0.2 + 0.3 * min(float(np.hypot(*blade.lean)), 1.0)
     place = np.column_stack(
@@ -153,11 +153,8 @@ def _strip(blade: _Blade, steps: tuple[float, ...]) -> _Strip:
     )
     across = np.arctan2(blade.lean[1], blade.lean[0]) + np.pi / 2 + blade.twist
     edge = np.array([np.cos(across), np.sin(across), 0.0])
-    width = (
-        blade.width
-        * (1.0 - t**blade.narrow)
-        * (0.7 + 0.6 * np.minimum(t / 0.3, 1.0) if blade.narrow > 1 else 1.0)
-    )
+    fine = np.linspace(0.0, 1.0, 65)
+    width = _width(blade, t) * (np.trapezoid(_width(blade, fine), fine) / np.trapezoid(_width(blade, t), t))
     many = len(t)
     rows = np.repeat(np.arange(many), 2)[:-1]
     sign = np.where(np.arange(len(rows)) % 2 == 0, -1.0, 1.0)
@@ -170,6 +167,12 @@ def _strip(blade: _Blade, steps: tuple[float, ...]) -> _Strip:
     tip = len(rows) - 1
     triangles = np.concatenate([quads, [[tip - 2, tip - 1, tip]]])
     return _Strip(place[rows], side, manner, triangles)
+
+
+def _width(blade: _Blade, t: Floats) -> Floats:
+    """Return how wide a blade is at shares of its way up (half widths), leaves widest over their foot."""
+    full = 0.7 + 0.6 * np.minimum(t / 0.3, 1.0) if blade.narrow > 1.0 else 1.0
+    return np.asarray(blade.width * (1.0 - t**blade.narrow) * full)
 
 
 def _flower(rng: np.random.Generator, steps: tuple[float, ...], *, petals: int) -> list[_Strip]:
@@ -213,7 +216,7 @@ def _fern(rng: np.random.Generator, *, fronds: int, leaflets: int) -> list[_Stri
         if not leaflets:
             t = np.array([0.0, 0.5, 0.5, 1.0])
             sign = np.array([0.0, -1.0, 1.0, 0.0])
-            place = _arch(t, out, reach, tall) + np.outer(0.22 * sign, across)
+            place = _arch(t, out, reach, tall) + np.outer(0.4 * sign, across)
             manner = np.column_stack([t, np.full(4, tone), np.zeros(4)])
             strips.append(_Strip(place, np.zeros((4, 3)), manner, np.array([[0, 1, 2], [1, 3, 2]])))
             continue

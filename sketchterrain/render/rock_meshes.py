@@ -37,9 +37,9 @@ SHAPES: Final = (
     _Shape((1.0, 0.90, 0.76), 24, 0.26, 11.0, 0.07, 0.016),  # a worn boulder
     _Shape((1.0, 0.80, 0.58), 22, 0.20, 7.0, 0.04, 0.006),  # a river's
 )
-DETAILS: Final = 3
+DETAILS: Final = 4
 """Levels of detail, 0 the finest."""
-_SPLITS: Final = (4, 3, 1)
+_SPLITS: Final = (4, 3, 2, 1)
 """Times that each triangle of an icosahedron is split into four."""
 
 

@@ -1,0 +1,263 @@
+"""Grass and stones: they keep their places, stand on what is drawn, cover the same near and far."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
+from sketchterrain.render.grass_meshes import DETAILS, KINDS, LEAF, PETAL, tuft_mesh
+from sketchterrain.render.ground_cover import GroundCover
+from sketchterrain.render.rock_meshes import DETAILS as ROCK_DETAILS
+from sketchterrain.render.rock_meshes import SHAPES, rock_mesh
+from sketchterrain.render.rocks import Rocks, by_mesh
+from sketchterrain.render.scatter import Strewing, cells_within, places_of
+from sketchterrain.render.surface_map import NEAR_WIDTH
+
+from .conftest import Waves
+
+SIZE = (96, 64)
+QUALITY = Quality(
+    tolerance=8.0,
+    reach=0.6,
+    samples=1,
+    materials=1,
+    planes=1,
+    octaves=1,
+    hexes=1,
+    material_texels=64,
+    map_texels=64,
+    shade_maps=0,
+    woods=60.0,
+    surface_texels=512,
+    grass=60.0,
+    blades=0.3,
+)
+
+
+class Meadow(Waves):
+    """All grass, but for scree in the west, and nothing else on it."""
+
+    def __init__(self):
+        super().__init__(rivers=False, plants=False)
+
+    def heights(self, x, y, *, cell_size=0.0):
+        x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+        return (4.0 * np.sin(x / 90.0) + 3.0 * np.cos(y / 70.0)).astype(np.float32)
+
+    def tiles(self, keys):
+        tiles = super().tiles(keys)
+        for tile, (level, col, _) in zip(tiles, keys, strict=True):
+            west = (col + np.arange(65) / 64) * self.extent * 2.0**-level < 400.0
+            tile.materials[...] = 0.0
+            tile.materials[..., 0], tile.materials[..., 3] = ~west, west
+        return tiles
+
+
+def camera_at(x, y, *, above=1.7, heading=(0.3, 1.0, -0.15)):
+    z = float(Meadow().heights(x, y)) + above
+    return Camera((x, y, z), tuple(np.add((x, y, z), heading).tolist()), fov=60.0)
+
+
+class Scene:
+    def __init__(self, gl, *, quality=QUALITY, weather=None):
+        self.renderer = Renderer(gl, Meadow(), sun=Sun(200.0, 35.0), weather=weather, quality=quality)
+        self.texture = gl.texture(SIZE, 4)
+        self.target = gl.framebuffer([self.texture])
+
+    def see(self, camera, *, clock=0.0):
+        self.camera = camera
+        self.renderer.prepare(camera, SIZE)
+        self.renderer.draw(camera, self.target, clock=clock)
+        return np.frombuffer(self.texture.read(), np.uint8).reshape(SIZE[1], SIZE[0], 4)
+
+    def plants(self, kind="meadow"):
+        """Foot (m in the world), height, rotation and half width of all places of a kind that grow one."""
+        each = self.renderer._cover._parts[1]._kinds[KINDS.index(kind)]
+        rows = np.frombuffer(each._captured.read(96 * each.plants), np.float32).reshape(-1, 24)
+        rows = rows[rows[:, 3] > 0.0].astype(float)
+        return rows[:, :3] + self.camera.eye, rows[:, 3], rows[:, 4:6], rows[:, 6]
+
+
+@pytest.fixture(scope="module")
+def scene(gl):
+    return Scene(gl)
+
+
+@pytest.mark.gl
+def test_a_tuft_keeps_its_place_when_the_eye_moves(scene):
+    x, y = 600.0, 300.0
+    found = []
+    for step in (0.0, 0.5):
+        scene.see(camera_at(x + step, y + step))
+        foot, tall, turn, _ = scene.plants()
+        near = np.hypot(*(foot[:, :2] - [x, y]).T) < 25.0
+        found.append((foot[near], tall[near], turn[near]))
+    (foot, tall, turn), (other, other_tall, other_turn) = found
+    assert len(foot) > 500
+    off, match = cKDTree(other[:, :2]).query(foot[:, :2])
+    same = off < 1e-3
+    assert same.mean() > 0.9  # the rest has left the picture, or is about to come up
+    assert np.abs(foot[same, 2] - other[match[same], 2]).max() < 0.02
+    assert np.abs(turn[same] - other_turn[match[same]]).max() < 1e-5
+    # Those that come up grow by degrees, the rest not at all.
+    change = np.abs(tall[same] - other_tall[match[same]])
+    assert np.median(change) < 1e-6
+    assert change.sum() < 0.08 * tall[same].sum()
+
+
+@pytest.mark.gl
+def test_grass_covers_as_much_far_away_as_near(scene):
+    eye = camera_at(640.0, 320.0, heading=(0.0, 0.02, -1.0), above=20.0)
+    wide = Camera(eye.eye, eye.target, fov=150.0)
+    scene.see(wide)
+    foot, _, _, half_width = scene.plants()
+    away = np.linalg.norm(foot - np.array(wide.eye), axis=1)
+    beside = foot[:, :2] - wide.eye[:2]
+    inside = (np.abs(beside) < 45.0).all(axis=1)
+    rings = np.array([22.0, 26.0, 30.0, 34.0, 38.0])  # the last third of the reach of 60 m fades
+    flat = np.sqrt(np.maximum(rings**2 - 20.0**2, 0.0))
+    area = np.pi * np.diff(flat**2)
+    width = np.array([half_width[inside & (away >= a) & (away < b)].sum() for a, b in pairwise(rings)])
+    share = width / area
+    assert share.max() / share.min() < 1.35, share
+
+
+@pytest.mark.gl
+def test_roots_stand_on_the_drawn_ground(scene):
+    camera = camera_at(600.0, 300.0)
+    scene.see(camera)
+    foot, tall, *_ = scene.plants()
+    surface = scene.renderer._surface
+    texels = QUALITY.surface_texels
+    drawn = np.frombuffer(surface.textures["surface"].read(), np.float32).reshape(texels, -1, 4)[:, :texels]
+    west, south, per_width, base = surface.uniforms(camera.eye)["surface_near"]
+    at = (foot[:, :2] - camera.eye[:2] - [west, south]) * per_width * texels - 0.5
+    near = np.hypot(*(foot[:, :2] - camera.eye[:2]).T) < 0.4 * NEAR_WIDTH
+    i, j = np.floor(at[near]).astype(int).T
+    u, v = (at[near] - np.floor(at[near])).T
+    z = drawn[..., 2]
+    expected = (z[j, i] * (1 - u) + z[j, i + 1] * u) * (1 - v) + (
+        z[j + 1, i] * (1 - u) + z[j + 1, i + 1] * u
+    ) * v
+    whole = (drawn[j, i, 3] * drawn[j + 1, i + 1, 3] * drawn[j, i + 1, 3] * drawn[j + 1, i, 3]) == 1.0
+    rooted = foot[near, 2] + 0.02 * tall[near] - camera.eye[2] - base
+    assert whole.sum() > 500
+    assert np.abs(rooted - expected)[whole].max() < 5e-3
+
+
+@pytest.mark.gl
+def test_grass_grows_on_grass_and_stones_lie_on_scree(scene, monkeypatch):
+    stones = []
+
+    def note(self, places, uniforms):
+        rows = np.frombuffer(self._captured.read(64 * len(places.rows)), np.float32).reshape(-1, 16)
+        stones.append(int((rows[:, 3] > 0.0).sum()))
+
+    monkeypatch.setattr(Rocks, "_draw", note)
+    counts = []
+    for x in (150.0, 700.0):
+        scene.see(camera_at(x, 300.0))
+        foot, *_ = scene.plants()
+        counts.append((len(foot), sum(stones)))
+        stones.clear()
+    (grass_on_scree, stones_on_scree), (grass, stones_on_grass) = counts
+    assert grass_on_scree == 0
+    assert grass > 1000
+    assert stones_on_scree > 5 * stones_on_grass
+
+
+@pytest.mark.gl
+def test_without_wind_grass_stands_still(gl):
+    camera = camera_at(600.0, 300.0)
+    calm, windy = (Scene(gl, weather=Weather(wind=wind)) for wind in (0.0, 9.0))
+    assert (calm.see(camera, clock=0.0) == calm.see(camera, clock=7.3)).all()
+    assert (windy.see(camera, clock=0.0) != windy.see(camera, clock=7.3)).any()
+
+
+@pytest.mark.gl
+def test_a_picture_is_the_same_each_time(scene):
+    camera = camera_at(600.0, 300.0)
+    first = scene.see(camera).copy()
+    scene.see(camera_at(630.0, 320.0))
+    assert (scene.see(camera) == first).all()
+
+
+@pytest.mark.gl
+def test_what_is_left_out_is_not_drawn(gl):
+    camera = camera_at(600.0, 300.0)
+    triangles = []
+    for without in (("rocks",), ("grass", "rocks")):
+        scene = Scene(gl, quality=replace(QUALITY, without=frozenset(without)))
+        scene.see(camera)
+        triangles.append(scene.renderer._cover.triangles)
+    assert triangles[0] > triangles[1] == 0
+    assert Quality.of(0.25).grass == 0.0
+    bare = GroundCover(gl, quality=replace(QUALITY, grass=0.0), shading=scene.renderer._shading)
+    bare.draw(camera, SIZE, {}, above=1.7)
+    assert bare.triangles == 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_tufts_stand_on_their_foot_and_get_simpler(kind):
+    meshes = [tuft_mesh(kind, detail) for detail in range(DETAILS)]
+    for mesh in meshes:
+        place = mesh.vertices["place"]
+        assert place[:, 2].min() > -0.15
+        assert 0.4 < place[:, 2].max() < 1.6
+        assert mesh.triangles.max() < len(mesh.vertices)
+        assert set(np.unique(mesh.triangles)) == set(range(len(mesh.vertices)))
+        assert ((mesh.vertices["manner"][:, :2] >= 0.0) & (mesh.vertices["manner"][:, :2] <= 1.0)).all()
+    assert [len(mesh.triangles) for mesh in meshes] == sorted(
+        (len(mesh.triangles) for mesh in meshes), reverse=True
+    )
+    paints = set(np.unique(meshes[0].vertices["manner"][:, 2]).tolist())
+    assert LEAF in paints
+    assert (PETAL in paints) == (kind == "flower")
+
+
+def covered(mesh):
+    """Area of a tuft's triangles, from all sides on average, for blades of one half width in heights."""
+    corner = (mesh.vertices["place"] + 0.02 * mesh.vertices["side"])[mesh.triangles]
+    return (
+        0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum()
+    )
+
+
+@pytest.mark.parametrize("kind", ["meadow", "tall"])
+def test_simpler_tufts_cover_as_much(kind):
+    areas = np.array([covered(tuft_mesh(kind, detail)) for detail in range(DETAILS)])
+    assert np.abs(np.log(areas / areas[0])).max() < 0.12, areas
+
+
+@pytest.mark.parametrize("shape", range(len(SHAPES)))
+def test_stones_are_closed_face_outward_and_keep_their_form(shape):
+    volumes = []
+    for detail in range(ROCK_DETAILS):
+        mesh = rock_mesh(shape, detail)
+        place, triangles = mesh.vertices["place"].astype(float), mesh.triangles.astype(np.int64)
+        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        assert {tuple(edge) for edge in edges.tolist()} == {tuple(edge) for edge in edges[:, ::-1].tolist()}
+        a, b, c = (place[triangles[:, k]] for k in range(3))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+        assert (volume > 0.0).all()
+        volumes.append(volume.sum())
+        assert np.abs(np.linalg.norm(mesh.vertices["outward"], axis=1) - 1.0).max() < 1e-5
+        assert (np.einsum("ij,ij->i", mesh.vertices["outward"], place) > 0.0).all()
+    assert min(volumes) > 0.75 * max(volumes)
+
+
+def test_stones_are_sorted_by_mesh_and_none_is_lost():
+    strewing = Strewing(salt=3, density=0.5, full=10.0, reach=60.0, cell=8.0, details=(5.0, 15.0, 30.0))
+    eye = (12.0, 40.0, 3.0)
+    places = places_of(strewing, cells_within(eye, 60.0, 8.0), eye, 1.0)
+    sorted_ = by_mesh(places)
+    assert sorted_.counts.shape == (ROCK_DETAILS * len(SHAPES),)
+    assert sorted_.counts.sum() == len(places.rows)
+    assert sorted_.counts.reshape(ROCK_DETAILS, -1).sum(axis=1).tolist() == places.counts.tolist()
+    assert np.sort(sorted_.rows.view("V16")).tobytes() == np.sort(places.rows.view("V16")).tobytes()
+    assert (sorted_.counts.reshape(ROCK_DETAILS, -1) > 0).any(axis=0).all()

@@ -32,6 +32,8 @@ const vec3 STREAM_BACKSCATTER = vec3(0.007, 0.0135, 0.011);
 const float FOAM_ALBEDO = 0.62;
 const float SHELTER = 0.42;          // of the wind over open sea, on inland water
 const float CALM = 0.0012;           // slope² of water without wind
+const float FOAM_TEXELS = 512.0;     // of the noise along a side
+const float FROTH = 9.3;             // how much finer froth is than what it gathers in
 const float SWELL_PERIOD = 4.3;      // s, of what laps a shore
 const float SOFT_SHORE = 0.07;       // m of depth over which water begins
 
@@ -109,21 +111,17 @@ void main()
     vec3 surface = mix(body, mirrored(position, normalize(back)), share) + through_air(glint, position) - air;
 
     // Foam: streaks that a stream draws out, lines along a shore; both of froth.
-    float sized = log2(max(pixel * (lake ? 85.0 : 140.0), 0.01));
-    vec2 grain_at = lake ? (position.xy + eye.xy) / 8.0 + waves.slope * 0.1
-                         : vec2(flow.x / 2.6 + 0.3 * patches.z, (flow.y - stream.x * clock) / 17.0) + waves.slope * 0.25;
+    vec2 grain_at = lake ? (position.xy + eye.xy) / 64.0 : vec2(flow.x / 23.0, (flow.y - stream.x * clock) / 140.0);
+    grain_at += waves.slope * 0.02;
+    float sized = log2(max(pixel * FOAM_TEXELS / (lake ? 64.0 : 23.0), 1e-3));
     vec4 grain = textureLod(noise_field, grain_at, sized);
-#if MATERIALS == 1
-    vec4 froth = grain.zwxy;
-#else
-    vec4 froth = textureLod(noise_field, grain_at * 4.6, sized + 2.2);
-#endif
-    float lost = 0.5 * smoothstep(2.0, 9.0, sized);
+    vec4 froth = textureLod(noise_field, grain_at * FROTH, sized + log2(FROTH));
+    float lost = 0.5 * smoothstep(2.0, 9.0, sized + 2.0);
     float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));
     float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // how far a line along a shore can be seen
     float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.17 : 0.05) * (0.2 + gust);
     float amount = shoal + (lake ? 0.0 : stream_foam(stream.y, across));
-    float foam = foam_share(0.7 * grain.x + 0.7 * froth.z, amount, lost) * mix(0.25, 0.85, smoothstep(-0.5, 0.6, froth.x));
+    float foam = foam_share(0.75 * grain.z + 0.65 * froth.x, amount, lost) * mix(0.25, 0.85, smoothstep(-0.5, 0.6, froth.x));
     surface = mix(surface, through_air(FOAM_ALBEDO / PI * incoming, position), foam);
 
     radiance = vec4(surface, soft * clamp(edge + 0.5, 0.0, 1.0) * coverage * stream.z);

@@ -6,7 +6,7 @@
 // Foam is where the noise is above a threshold; what is lost softens the threshold, so that far foam keeps its share.
 float foam_share(float noise, float amount, float lost)
 {
-    const float SOFT = 0.28;
+    const float SOFT = 0.2;
     float threshold = mix(1.15, -0.75, sqrt(clamp(amount, 0.0, 1.0)));
     float soft = SOFT + 1.7 * lost;
     return smoothstep(threshold - soft, threshold + soft, noise) * step(1e-4, amount);

@@ -9,10 +9,10 @@ uniform sampler2D scene;        // all that is drawn already: radiance
 uniform sampler2D scene_depth;  // and its depth buffer
 uniform sampler2D near_heights; // m
 
-// Steps along a mirrored ray, each so many times as long as the last: 1 to 2 km.
+// Steps along a mirrored ray, each so many times as long as the last: to 500 m, or 1200 m.
 #if MATERIALS == 1
-const int MARCH = 12;
-const float STRIDE = 1.65;
+const int MARCH = 9;
+const float STRIDE = 2.0;
 #else
 const int MARCH = 44;
 const float STRIDE = 1.14;

@@ -101,9 +101,10 @@ def formulas(c: dict[str, float], s: Site) -> np.ndarray:
     lay_over("sand", s.dune * (1 - rise(s.steepness, 0.9, 4)))
     snow = rise(s.height + 150 * s.mottle + 380 * s.hollow, c["snow_line"], 1 / 150)
     lay_over("snow", snow * (1 - rise(s.steepness + 0.4 * s.mottle - 1.6 * s.hollow, 0.9, 1 / 0.6)))
-    mud = rise(s.water - 0.12 * s.mottle, 0.64, 12.5) * (1 - rise(s.mottle, -0.3, 2.5))
+    mud = rise(s.water - 0.06 * s.mottle, 0.64, 12.5) * (1 - rise(s.mottle, -0.3, 2.5))
     lay_over("soil", 0.8 * mud)
-    sand = rise(s.water + 0.22 * s.mottle, 0.73, 1 / 0.06) * (1 - rise(s.steepness, 0.2, 5))
+    sand = rise(s.water + 0.1 * s.mottle, 0.68, 1 / 0.06) * rise(s.mottle, 0.12, 1 / 0.3)
+    sand *= 1 - rise(s.steepness, 0.2, 5)
     lay_over("sand", 0.8 * sand)
     lay_over("river_bed", rise(s.water + 0.06 * s.mottle, 0.7, 1 / 0.065))
     return w

@@ -6,56 +6,35 @@ A text that cannot be meant raises ``typer.BadParameter``, a usage error.
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
-
-if TYPE_CHECKING:
-    from sketchterrain.render.camera import Camera
-    from sketchterrain.terrain import Terrain
 
 __all__ = [
     "AsJson",
     "DeviceName",
-    "Eye",
     "Fast",
     "FilmPlace",
+    "FilmSize",
     "FlightFile",
     "Folder",
     "Fps",
-    "LookAt",
+    "FrameQuality",
     "OptionalPictureFile",
-    "OverlayNames",
     "PictureFile",
     "PictureSize",
-    "Point",
-    "QualityNumber",
     "RealTime",
     "Seconds",
     "Seed",
     "SketchName",
     "Vertices",
-    "camera_at",
 ]
 
-Point = tuple[float, float, float]
 
 _PIXELS = range(16, 8193)  # what the renderer can draw
-_FARTHEST = 1e9  # m
 _LONGEST = 3600.0  # s, of a flight
 _FILMS = (".mp4", ".webp", ".gif")  # what is no folder of frames
-
-
-def _parse_point(text: str) -> Point:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"expected three numbers X,Y,Z in metres, got {text!r}") from None
-    if not all(abs(number) <= _FARTHEST for number in (x, y, z)):  # false for NaN too
-        raise typer.BadParameter(f"expected numbers of at most {_FARTHEST:g} m, got {text!r}")
-    return x, y, z
 
 
 def _parse_picture_size(text: str) -> tuple[int, int]:
@@ -94,11 +73,6 @@ DeviceName = Annotated[
     str | None,
     typer.Option("--device", metavar="NAME", help="Index in `devices`, or a part of a device's name."),
 ]
-Eye = Annotated[
-    # Any: typer turns a text that is no tuple of options into one through the parser alone.
-    Any,
-    typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Where the camera stands, m."),
-]
 Fast = Annotated[bool, typer.Option("--fast", help="Trade the same bits everywhere for speed.")]
 FilmPlace = Annotated[
     Path | None,
@@ -116,21 +90,17 @@ FlightFile = Annotated[
     typer.Option("--path", metavar="FILE", help="A recorded path; by default a round over the sketch."),
 ]
 Folder = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write into.")]
+FrameQuality = Annotated[
+    float | None,
+    typer.Option(
+        "--quality",
+        metavar="0..1",
+        min=0.0,
+        max=1.0,
+        help="What a frame may cost; by default the best, with --real-time what suits the device.",
+    ),
+]
 Fps = Annotated[int, typer.Option("--fps", metavar="N", min=1, max=240, help="Frames a second.")]
-LookAt = Annotated[
-    Any,
-    typer.Option(
-        parser=_parse_point, metavar="X,Y,Z", help="What it looks at, m; the sketch's middle if missing."
-    ),
-]
-OverlayNames = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--overlay",
-        metavar="NAME",
-        help="Lay over it wireframe, levels, error, screen-error, materials, features, triplanar.",
-    ),
-]
 PictureFile = Annotated[
     Path,
     typer.Option(
@@ -144,17 +114,16 @@ OptionalPictureFile = Annotated[
     ),
 ]
 PictureSize = Annotated[
-    Any, typer.Option("--size", parser=_parse_picture_size, metavar="WxH", help="Width and height, pixels.")
-]
-QualityNumber = Annotated[
-    float | None,
+    Any,
     typer.Option(
-        "--quality",
-        metavar="0..1",
-        min=0.0,
-        max=1.0,
-        help="What a frame may cost; by default the best, with --real-time what suits the device.",
+        "--size",
+        parser=_parse_picture_size,
+        metavar="WxH",
+        help="Width and height, pixels; 1280x720 by default. A map fits in.",
     ),
+]
+FilmSize = Annotated[
+    Any, typer.Option("--size", parser=_parse_picture_size, metavar="WxH", help="Width and height, pixels.")
 ]
 RealTime = Annotated[
     bool,
@@ -174,23 +143,3 @@ SketchName = Annotated[
     str, typer.Argument(metavar="SKETCH", help="A sketch's folder or .sketch file, or a preset's name.")
 ]
 Vertices = Annotated[int, typer.Option("--size", metavar="N", help="Vertices along the longer side.")]
-
-
-def camera_at(terrain: Terrain, eye: Point | None, target: Point | None) -> Camera | None:
-    """Return the camera that `--eye` and `--look-at` ask for, None without an eye.
-
-    Without a target it looks at the middle of the sketch, and from the middle north. A note on stderr tells
-    of an eye under the ground.
-    """
-    if eye is None:
-        return None
-    from sketchterrain.render.camera import Camera
-
-    east, north = terrain.size
-    x, y = east / 2, north / 2
-    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
-        y += terrain.extent / 2  # it stands in the middle: it looks north
-    middle, here = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
-    if eye[2] < here:
-        sys.stderr.write(f"sketchterrain: note: the eye is {here - eye[2]:.1f} m under the ground\n")
-    return Camera(eye, target or (x, y, middle))

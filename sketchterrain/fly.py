@@ -12,6 +12,7 @@ from sketchterrain.jobs import run_job
 from sketchterrain.listings import device_entry
 from sketchterrain.render import Quality, footage
 from sketchterrain.render.tour import tour
+from sketchterrain.still import weather_at
 from sketchterrain.terrain import build
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.progress import Stages
-    from sketchterrain.render import Flight, Shot
+    from sketchterrain.render import Flight, Shot, Weather
     from sketchterrain.render.flight import Views
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
@@ -52,6 +53,12 @@ class Take:
         Whether frames show what is ready within their budget, as a viewer does; else each one is complete.
     overlays : tuple of str
         Names of what is drawn over each frame.
+    hour, clouds : float or None
+        In place of the sketch's.
+    without : tuple of str
+        Parts of the picture that are left out.
+    textures : Path or None
+        A folder of the user's own.
     """
 
     size: tuple[int, int] = (1280, 720)
@@ -60,6 +67,10 @@ class Take:
     quality: float | None = None
     real_time: bool = False
     overlays: tuple[str, ...] = ()
+    hour: float | None = None
+    clouds: float | None = None
+    without: tuple[str, ...] = ()
+    textures: Path | None = None
 
 
 def fly(
@@ -99,12 +110,14 @@ def fly(
     Raises
     ------
     InputError
-        If the film cannot be of that size.
+        If the film cannot be of that size, there is no such part, or the sun stands too low.
     DeviceError
         If there is no such device, none that did not fail, or no OpenGL.
     SketchterrainError
         If a file cannot be written.
     """
+    Quality(without=frozenset(take.without))  # refuses now what there is not
+    weather = weather_at(sketch, take.hour, take.clouds)
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> dict[str, Any]:
         if output is not None:
@@ -115,7 +128,7 @@ def fly(
             views = _views(terrain, flight, take)
             lowest = _lowest(terrain, views)
         with stages.stage("frames", "Flying") as tell:
-            shots = _shoot(terrain, views, take, output, tell)
+            shots = _shoot(terrain, views, take, weather, output, tell)
         seconds = stages.seconds | {"total": stages.elapsed}
         return {
             "sketch": sketch.name,
@@ -151,7 +164,12 @@ def _views(terrain: Terrain, flight: Flight | None, take: Take) -> Views:
 
 
 def _shoot(
-    terrain: Terrain, views: Views, take: Take, output: Path | None, tell: Callable[[float], None]
+    terrain: Terrain,
+    views: Views,
+    take: Take,
+    weather: Weather,
+    output: Path | None,
+    tell: Callable[[float], None],
 ) -> list[Shot]:
     frames = len(views.eye)
     writing = (
@@ -162,7 +180,10 @@ def _shoot(
         views,
         fps=take.fps,
         size=take.size,
+        weather=weather,
+        textures=take.textures,
         quality=None if take.quality is None else Quality.of(take.quality),
+        without=take.without,
         complete=not take.real_time,
         overlays=take.overlays,
         pixels=output is not None,

@@ -3,36 +3,30 @@
 from __future__ import annotations
 
 import os
-import resource
-import sys
 import time
-from collections import Counter
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from importlib.metadata import version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from sketchterrain import export
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
-from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.jobs import run_job
-from sketchterrain.listings import device_entry, undescribed_labels
+from sketchterrain.render import check_view
+from sketchterrain.report import peak_memory, report_of, rounded
+from sketchterrain.still import weather_at
 from sketchterrain.terrain import build, measure_adherence
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    import numpy.typing as npt
+    from pathlib import Path
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.progress import Stages
+    from sketchterrain.render import Weather
     from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain import Raster, Terrain
+    from sketchterrain.terrain import Terrain
 
-__all__ = ["LARGEST_SIZE", "Generated", "check_size", "generate"]
+__all__ = ["LARGEST_SIZE", "Extras", "Generated", "check_size", "generate"]
 
 LARGEST_SIZE = 16385
 """The most vertices along the longer side."""
@@ -40,6 +34,29 @@ LARGEST_SIZE = 16385
 # Measured at 4097²: heights, normals and weights, once in patches and once joined, take 86.
 _BYTES_PER_VERTEX = 95
 _BYTES_AT_LEAST = 450 << 20
+
+
+@dataclass(frozen=True)
+class Extras:
+    """Pictures besides the files.
+
+    Attributes
+    ----------
+    preview : bool
+        Whether there is a ``preview.png``.
+    view : str
+        What kind of view it shows.
+    hour, clouds : float or None
+        Of its weather, in place of the sketch's.
+    map : str or None
+        ``png`` or ``svg``: there is a ``map.png`` or a ``map.svg``.
+    """
+
+    preview: bool = True
+    view: str = "auto"
+    hour: float | None = None
+    clouds: float | None = None
+    map: str | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +114,7 @@ def generate(
     device: str | None,
     fast: bool,
     size: int,
-    preview: bool,
+    extras: Extras,
     stages: Stages,
 ) -> Generated:
     """Write a sketch's terrain: heights, normals, materials, plants, features, a picture and a report.
@@ -117,24 +134,30 @@ def generate(
         Whether the kernels may trade bits for speed.
     size
         Vertices along the longer side.
-    preview
-        Whether to render ``preview.png`` too.
+    extras
+        What pictures there shall be besides.
     stages
-        Told and timed: ``device``, ``features``, ``ground``, ``plants``, ``adherence``, ``preview`` and
-        ``files``.
+        Told and timed: ``device``, ``features``, ``ground``, ``plants``, ``adherence``, ``map``, ``preview``
+        and ``files``.
 
     Raises
     ------
+    InputError
+        If there is no such view, or the sun stands too low.
     DeviceError
         If there is no such device, or none that did not fail.
     SketchterrainError
         If a file cannot be written.
     """
+    check_view(extras.view)
+    weather = weather_at(sketch, extras.hour, extras.clouds)
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> Generated:
         export.prepare_folder(folder)
         with export.staging(folder) as hidden:
-            done = _generate(sketch, hidden, context=context, size=size, preview=preview, stages=stages)
+            done = _generate(
+                sketch, hidden, context=context, size=size, extras=extras, weather=weather, stages=stages
+            )
             done.report["restarts"] = list(restarts)
             report = export.write_json(hidden / "report.json", done.report)
             return replace(done, files=export.move_into(folder, (*done.files, report)))
@@ -143,7 +166,14 @@ def generate(
 
 
 def _generate(
-    sketch: Sketch, folder: Path, *, context: ComputeContext, size: int, preview: bool, stages: Stages
+    sketch: Sketch,
+    folder: Path,
+    *,
+    context: ComputeContext,
+    size: int,
+    extras: Extras,
+    weather: Weather,
+    stages: Stages,
 ) -> Generated:
     """Write all files but the report."""
     with _Writer() as writer:
@@ -163,17 +193,21 @@ def _generate(
         with stages.stage("adherence", "Comparing with the sketch"):
             adherence = measure_adherence(terrain)
         problem, rendering = None, dict[str, float]()
-        if preview:
+        if extras.map is not None:
+            with stages.stage("map", "Drawing the map"):
+                name = f"map.{extras.map}"
+                writer.add(name, export.write_sheet, folder / name, export.map_sheet(terrain))
+        if extras.preview:
             with stages.stage("preview", "Preview"):
-                problem = _add_preview(writer, folder, terrain, rendering)
+                problem = _add_preview(writer, folder, terrain, extras.view, weather, rendering)
         with stages.stage("files", "Writing files"):
             files = writer.finish()
-    told = _report(terrain, raster, plants)
+    told = report_of(terrain, raster, plants)
     told["adherence"] = adherence.as_dict()
-    told["timings"] = _rounded(stages.seconds | {"total": stages.elapsed})
-    told["rendering"] = _rounded(rendering)
-    told["writing"] = _rounded(writer.seconds)
-    told["peak_memory"] = _peak_memory()
+    told["timings"] = rounded(stages.seconds | {"total": stages.elapsed})
+    told["rendering"] = rounded(rendering)
+    told["writing"] = rounded(writer.seconds)
+    told["peak_memory"] = peak_memory()
     told["files"] = [path.name for path in files] + ["report.json"]
     return Generated(told, files, problem)
 
@@ -213,60 +247,25 @@ class _Writer:
         return paths
 
 
-def _add_preview(writer: _Writer, folder: Path, terrain: Terrain, rendering: dict[str, float]) -> str | None:
+def _add_preview(
+    writer: _Writer,
+    folder: Path,
+    terrain: Terrain,
+    view: str,
+    weather: Weather,
+    rendering: dict[str, float],
+) -> str | None:
     """Render the preview; a machine without OpenGL still gets all the rest."""
     from sketchterrain.render import render_picture
 
     try:
-        picture = render_picture(terrain, timings=rendering)
+        picture = render_picture(terrain, view=view, weather=weather, timings=rendering)
     except DeviceFailedError:  # not OpenGL's failure: what the device made before is not to be trusted either
         raise
     except SketchterrainError as error:
         return str(error)
     writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
     return None
-
-
-def _report(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) -> dict[str, Any]:
-    rows, columns = raster.height.shape
-    features = terrain.features
-    kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
-    species = np.bincount(plants["species"], minlength=len(terrain.species_names)).tolist()
-    return {
-        "format": 1,
-        "version": version("sketchterrain"),
-        "sketch": terrain.sketch.name,
-        "seed": terrain.sketch.seed,
-        "extent": terrain.extent,
-        "size": {"columns": columns, "rows": rows},
-        "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
-        "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
-        "device": device_entry(terrain.context.device),
-        "fast": terrain.context.fast,
-        "counts": {
-            "features": {name: kinds[name] for name in FEATURE_TYPES},
-            "rivers": len(features.rivers),
-            "lakes": len(features.lakes),
-            "plants": dict(zip(terrain.species_names, species, strict=True)),
-        },
-        "notes": undescribed_labels(terrain.sketch),
-        "resolutions": list(terrain.recipe.resolutions),
-        "edits": {"count": len(terrain.sketch.edits), "orphans": list(terrain.recipe.orphans)},
-    }
-
-
-def _rounded(seconds: dict[str, float]) -> dict[str, float]:
-    return {name: round(value, 4) for name, value in seconds.items()}
-
-
-def _peak_memory() -> int:
-    """Return the most memory this process has had at once, bytes."""
-    status = Path("/proc/self/status")
-    if status.exists():  # getrusage also counts what the parent had before it started this program
-        for line in status.read_text(encoding="utf-8").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def _gibibytes(count: float) -> str:

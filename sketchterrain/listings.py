@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ __all__ = [
     "legend_lines",
     "preset_entry",
     "preset_lines",
+    "say",
+    "say_json",
     "tested_entry",
     "undescribed_labels",
 ]
@@ -34,6 +38,16 @@ _GL_SHARING = {
     "copy": "results are copied to vertex buffers",
     "none": "nothing can be drawn",
 }
+
+
+def say(*lines: str) -> None:
+    """Write lines to stdout."""
+    sys.stdout.writelines(f"{line}\n" for line in lines)
+
+
+def say_json(value: object) -> None:
+    """Write a value to stdout as JSON."""
+    say(json.dumps(value, indent=2, ensure_ascii=False))
 
 
 def device_entry(device: Device) -> dict[str, Any]:

@@ -35,7 +35,11 @@ ANYTHING = {
     "generate",
     "jobs",
     "listings",
+    "picture_arguments",
     "progress",
+    "queries",
+    "report",
+    "still",
 }
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}
 

@@ -11,7 +11,7 @@ from sketchterrain.export.files import move_into, prepare_folder, staging, write
 from sketchterrain.export.film import check_film, film
 from sketchterrain.export.geotiff import write_height_tif
 from sketchterrain.export.images import write_height_png, write_normals
-from sketchterrain.export.map import MAP_WIDTH, map_sheet, write_map
+from sketchterrain.export.map import MAP_WIDTH, map_sheet, write_map, write_sheet
 from sketchterrain.export.picture import write_picture
 from sketchterrain.export.plants import write_foliage
 from sketchterrain.export.weights import quantised_weights, write_materials
@@ -36,4 +36,5 @@ __all__ = [
     "write_materials",
     "write_normals",
     "write_picture",
+    "write_sheet",
 ]

@@ -33,22 +33,28 @@ if TYPE_CHECKING:
     from sketchterrain.export.map_sheet import Shape
     from sketchterrain.terrain import Terrain
 
-__all__ = ["MAP_WIDTH", "map_sheet", "write_map"]
+__all__ = ["MAP_WIDTH", "map_sheet", "write_map", "write_sheet"]
 
 MAP_WIDTH: Final = 2400
 """px of a map's PNG if nothing else is asked for: eight a millimetre."""
 
 
-def write_map(path: Path, terrain: Terrain, *, width: int | None = None) -> tuple[Path, ...]:
-    """Write a terrain's map.
+def write_map(path: Path, terrain: Terrain, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
+    """Write a terrain's map; see `map_sheet` and `write_sheet`."""
+    check_map_name(path)
+    return write_sheet(path, map_sheet(terrain), size=size)
+
+
+def write_sheet(path: Path, sheet: Sheet, *, size: tuple[int, int] | None = None) -> tuple[Path, ...]:
+    """Write a sheet.
 
     Parameters
     ----------
     path
         Ends in ``.png`` or ``.svg``.
-    terrain
-    width
-        Of a PNG (px); `MAP_WIDTH` by default. An SVG has millimetres.
+    sheet
+    size
+        Width and height (px) that a PNG fits into; it is `MAP_WIDTH` wide by default. An SVG has millimetres.
 
     Raises
     ------
@@ -57,13 +63,23 @@ def write_map(path: Path, terrain: Terrain, *, width: int | None = None) -> tupl
     SketchterrainError
         If the file cannot be written.
     """
-    kind = path.suffix.lower()
-    if kind not in (".png", ".svg"):
-        raise InputError(f"expected the name of a .png or .svg file for a map, got {path.name!r}")
-    sheet = map_sheet(terrain)
-    if kind == ".svg":
+    check_map_name(path)
+    if path.suffix.lower() == ".svg":
         return (write_whole(path, svg_of(sheet).encode()),)
-    return (write_png(path, pixels_of(sheet, width=width or MAP_WIDTH)),)
+    width = MAP_WIDTH if size is None else min(size[0], int(size[1] * sheet.width / sheet.height))
+    return (write_png(path, pixels_of(sheet, width=max(width, 1))),)
+
+
+def check_map_name(path: Path) -> None:
+    """Refuse a file that is neither a PNG nor an SVG by its name.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise InputError(f"expected the name of a .png or .svg file for a map, got {path.name!r}")
 
 
 def map_sheet(terrain: Terrain) -> Sheet:

@@ -11,11 +11,12 @@ from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.snapshot import render_picture
 from sketchterrain.render.sunlight import find_sun, sun_of
-from sketchterrain.render.view import find_view
+from sketchterrain.render.view import VIEWS, check_view, find_view
 from sketchterrain.render.weather import Weather
 
 __all__ = [
     "OVERLAYS",
+    "VIEWS",
     "Camera",
     "Flight",
     "Key",
@@ -25,6 +26,7 @@ __all__ = [
     "Sun",
     "Weather",
     "check_overlays",
+    "check_view",
     "find_sun",
     "find_view",
     "footage",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sketchterrain.render.camera import Camera
@@ -15,7 +15,8 @@ from sketchterrain.render.sunlight import sun_of
 from sketchterrain.render.weather import Weather
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
+    from collections.abc import Generator, Iterable, Sequence
+    from pathlib import Path
 
     import moderngl
     import numpy as np
@@ -60,7 +61,9 @@ def footage(
     size: tuple[int, int] = (1280, 720),
     sun: Sun | None = None,
     weather: Weather | None = None,
+    textures: Path | None = None,
     quality: Quality | None = None,
+    without: Iterable[str] = (),
     complete: bool = True,
     overlays: Sequence[str] = (),
     pixels: bool = True,
@@ -81,8 +84,12 @@ def footage(
         Where the sun stands; by default where it does at the weather's hour, for the first view.
     weather
         By default the sketch's.
+    textures
+        A folder of pictures that replace the program's own textures.
     quality
         What a frame may cost; by default the best if frames shall be complete, else what suits the device.
+    without
+        Parts of the picture that are left out, besides those that the quality leaves out.
     complete
         Whether each frame is the picture that `render_picture` gives; else it shows what is ready within its
         budget, as in a viewer.
@@ -101,7 +108,7 @@ def footage(
     Raises
     ------
     InputError
-        If the size is out of range, there is no such overlay, or the weather's hour is in the night.
+        If the size is out of range, there is no such overlay or part, or the weather's hour is in the night.
     DeviceError
         If there is no OpenGL.
     """
@@ -110,10 +117,11 @@ def footage(
     with canvas(size) as (context, texture, framebuffer):
         if quality is None:
             quality = Quality() if complete else Quality.for_renderer(context.info["GL_RENDERER"])
+        quality = replace(quality, without=quality.without | frozenset(without))
         cameras = _cameras(views)
         weather = weather or Weather.of(terrain.sketch)
         sun = sun or sun_of(terrain, cameras[0], weather)
-        renderer = Renderer(context, terrain, sun=sun, weather=weather, quality=quality)
+        renderer = Renderer(context, terrain, sun=sun, weather=weather, textures=textures, quality=quality)
         shoot = _complete if complete else _ready
         overlay = Overlay(context, terrain, renderer.ground) if overlays else None
         for number, camera in enumerate(cameras):

@@ -13,7 +13,7 @@ from sketchterrain.render.context import close_context, open_context
 from sketchterrain.render.overlays import Overlay, check_overlays
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.sunlight import sun_of
-from sketchterrain.render.view import find_view
+from sketchterrain.render.view import check_view, find_view
 from sketchterrain.render.weather import Weather
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def render_picture(
     *,
     size: tuple[int, int] = (1280, 720),
     camera: Camera | None = None,
+    view: str = "auto",
     sun: Sun | None = None,
     weather: Weather | None = None,
     textures: Path | None = None,
@@ -58,6 +59,8 @@ def render_picture(
         Width and height in pixels, 16 to 8192 each.
     camera
         From where; by default `find_view` chooses.
+    view
+        What kind of view it shall choose: ``auto``, ``ground``, ``hill`` or ``air``.
     sun
         Where the sun stands; by default where it does at the weather's hour.
     weather
@@ -81,15 +84,16 @@ def render_picture(
     Raises
     ------
     InputError
-        If the size is out of range, there is no such overlay, or the weather's hour is in the night.
+        If the size is out of range, there is no such overlay or view, or the weather's hour is in the night.
     DeviceError
         If there is no OpenGL.
     """
     check_size(size)
     check_overlays(overlays)
+    check_view(view)
     start = time.perf_counter()
     weather = weather or Weather.of(terrain.sketch)
-    camera = camera or find_view(terrain)
+    camera = camera or find_view(terrain, view, weather=weather)
     sun = sun or sun_of(terrain, camera, weather)
     spent = {"view": time.perf_counter() - start}
     with canvas(size) as (context, texture, framebuffer):

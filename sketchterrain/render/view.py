@@ -6,29 +6,28 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.render.camera import Camera
+from sketchterrain.errors import InputError
 from sketchterrain.render.relief import sample_heights
+from sketchterrain.render.standing_view import standing_view
+from sketchterrain.render.view_aim import aim, light_of, window
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.render.camera import Camera
     from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.weather import Weather
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["find_view", "water_map"]
+__all__ = ["VIEWS", "check_view", "find_view", "water_map"]
 
-FOV: Final = 36.0
+VIEWS: Final = ("auto", "ground", "hill", "air")
+"""Kinds of views, see `find_view`."""
 STANDS: Final = 14
 """Candidate stands along each side of the sketch."""
-RISES: Final = (0.010, 0.022, 0.038, 0.032)
-"""Heights of the eye above the ground, in extents."""
-RISE_LIMITS: Final = (20.0, 190.0)
-"""m; over the trees, and not so high that they look like moss."""
 BEARINGS: Final = 60
-IN_VIEW: Final = 9
-"""Neighbouring bearings that a picture shows: 54°."""
 DISTANCES: Final = 56
 MOST_WATER: Final = 0.15
 """Share of the ground in a picture, by its apparent size, that may be water for nothing."""
@@ -36,8 +35,29 @@ TYPES: Final = 4
 """Of point features: mountain, hill, dune, forest."""
 _TYPE_WEIGHTS: Final = np.array([1.0, 1.0, 2.2, 1.0])
 """How much each type of point feature adds to a view; what lies flat needs more weight to be seen at all."""
-HORIZON_AT: Final = 0.34
-"""Where the horizon should lie, in half heights above the picture's middle."""
+
+
+class _Height(NamedTuple):
+    """How high over the ground a camera is put, and how it looks from there."""
+
+    rises: tuple[float, ...]  # heights of the eye above the ground, in extents …
+    limits: tuple[float, float]  # … and m
+    fov: float
+    horizon_at: float  # where the horizon should lie, in half heights above the picture's middle
+    peak: tuple[float, float]  # tangent of the highest skyline's elevation that is best, and its width
+    in_view: int  # neighbouring bearings that a picture shows
+    clear: float  # tangent by which near ground lies under the eye at least, or it hides the rest
+    near: float  # extents up to which ground is near
+    inside: float  # what it is worth that what is seen lies in the sketch
+
+
+_HEIGHTS: Final = {
+    # Over the trees, and not so high that they look like moss.
+    "auto": _Height(
+        (0.010, 0.022, 0.038, 0.032), (20.0, 190.0), 36.0, 0.34, (0.18, 0.10), 9, 0.06, 0.10, 0.8
+    ),
+    "air": _Height((0.035, 0.05, 0.07), (250.0, 700.0), 40.0, 0.40, (0.06, 0.07), 11, 0.30, 0.22, 2.0),
+}
 
 
 class _Panorama(NamedTuple):
@@ -59,28 +79,70 @@ class _Panorama(NamedTuple):
         return np.asarray(self.share[..., distances].sum(axis=-1) - 1.0)
 
 
-def find_view(terrain: Terrain) -> Camera:
-    """Choose a camera that shows a terrain. The same terrain always gives the same camera.
+def find_view(terrain: Terrain, kind: str = "auto", *, weather: Weather | None = None) -> Camera:
+    """Choose a camera that shows a terrain. The same input always gives the same camera.
 
-    Looks around from a regular grid of stands over coarse heights, and takes the stand and bearing with the
-    best mix of relief, visible water, painted features and open foreground.
+    Looks around from many stands, and takes the stand and bearing with the best mix of relief, visible water,
+    painted features and open foreground.
+
+    Parameters
+    ----------
+    terrain
+        What to show.
+    kind
+        ``ground``: with the eyes of someone who stands in the open, nothing before them. ``hill``: the same
+        from a rise. ``air``: 250 to 700 m up. ``auto``: over the trees, 20 to 190 m up.
+    weather
+        If it has an hour and the sun is not behind clouds, views that the sun lights from the side are
+        preferred to those with the sun behind the camera.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind, or the weather's hour is in the night.
     """
+    check_view(kind)
+    light = light_of(weather)
+    if kind in ("ground", "hill"):
+        return standing_view(terrain, light, raised=kind == "hill")
+    height = _HEIGHTS[kind]
     extent = terrain.extent
     size = np.asarray(terrain.size, dtype=np.float64)
     relief = sample_heights(terrain, (size[0] / 2, size[1] / 2), 3.4 * extent, 576)
     along = (np.arange(STANDS) + 0.5) / STANDS * 1.1 - 0.05
     x, y = (grid.ravel() for grid in np.meshgrid(along * size[0], along * size[1]))
-    x, y = np.tile(x, len(RISES)), np.tile(y, len(RISES))
-    rise = np.repeat(np.clip(np.array(RISES) * extent, *RISE_LIMITS), len(x) // len(RISES))
+    rises = len(height.rises)
+    x, y = np.tile(x, rises), np.tile(y, rises)
+    rise = np.repeat(np.clip(np.array(height.rises) * extent, *height.limits), len(x) // rises)
     z = relief.at(x, y) + rise
     bearings = np.linspace(0.0, 2.0 * np.pi, BEARINGS, endpoint=False)
     distances = np.asarray(extent * np.geomspace(0.012, 1.6, DISTANCES), dtype=np.float64)
     seen = _look_around(terrain, relief, np.stack([x, y, z], axis=1), bearings, distances)
-    score = _score(seen, distances / extent)
+    score = _score(seen, distances / extent, height) + light(bearings)
     stand, bearing = np.unravel_index(int(np.argmax(score)), score.shape)
     eye_z = float(terrain.heights(x[stand], y[stand])) + float(rise[stand])
     place = (float(x[stand]), float(y[stand]), eye_z)
-    return _aim(place, float(bearings[bearing]), _window(seen.horizon, IN_VIEW)[:, stand, bearing], extent)
+    skyline = window(seen.horizon, height.in_view)[:, stand, bearing]
+    return aim(
+        place,
+        float(bearings[bearing]),
+        skyline,
+        extent,
+        fov=height.fov,
+        horizon_at=height.horizon_at,
+    )
+
+
+def check_view(kind: str) -> None:
+    """Refuse a kind of view that there is not.
+
+    Raises
+    ------
+    InputError
+        With those that there are.
+    """
+    if kind not in VIEWS:
+        raise InputError(f"expected a view, one of {', '.join(VIEWS)}, got {kind!r}")
 
 
 def _look_around(
@@ -139,40 +201,24 @@ def _painted(terrain: Terrain, relief: HeightMap) -> list[HeightMap]:
     return masks
 
 
-def _window(values: Floats, width: int) -> Floats:
-    """Stack the values of the `width` bearings around each bearing along a new first axis."""
-    return np.stack([np.roll(values, shift, axis=1) for shift in range(-(width // 2), width // 2 + 1)])
-
-
-def _score(seen: _Panorama, distance: Floats) -> Floats:
+def _score(seen: _Panorama, distance: Floats, height: _Height) -> Floats:
     """Rate each stand and bearing; distances are in extents."""
-    horizon = _window(seen.horizon, IN_VIEW)
+    horizon = window(seen.horizon, height.in_view)
     peak = horizon.max(axis=0)
-    middle = _window(seen.share[..., (distance > 0.10) & (distance < 1.2)].sum(axis=-1), IN_VIEW)
+    middle = window(seen.share[..., (distance > 0.10) & (distance < 1.2)].sum(axis=-1), height.in_view)
     # Ground that rises before the camera hides the rest.
-    near = _window(seen.horizon_of(distance < 0.10), IN_VIEW)
-    wall = np.maximum(near + 0.06, 0.0).mean(axis=0)
-    painted = np.stack([_window(share, IN_VIEW).mean(axis=0) for share in seen.painted])
+    near = window(seen.horizon_of(distance < height.near), height.in_view)
+    wall = np.maximum(near + height.clear, 0.0).mean(axis=0)
+    painted = np.stack([window(share, height.in_view).mean(axis=0) for share in seen.painted])
     return np.asarray(
-        2.2 * np.exp(-(((peak - 0.18) / 0.10) ** 2))
+        2.2 * np.exp(-(((peak - height.peak[0]) / height.peak[1]) ** 2))
         + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
         + 0.9 * np.tanh(middle.mean(axis=0) / 0.15)
-        + 1.0 * np.tanh(_window(seen.layers, IN_VIEW).mean(axis=0) / 3.0)
-        + 2.4 * np.tanh(_window(seen.water, 7).mean(axis=0) / 0.012)
+        + 1.0 * np.tanh(window(seen.layers, height.in_view).mean(axis=0) / 3.0)
+        + 2.4 * np.tanh(window(seen.water, 7).mean(axis=0) / 0.012)
         + np.tensordot(_TYPE_WEIGHTS, np.tanh(painted / 0.10), axes=1)
-        + 0.8 * np.tanh(_window(seen.inside, IN_VIEW).mean(axis=0) / 0.15)
+        + height.inside * np.tanh(window(seen.inside, height.in_view).mean(axis=0) / 0.15)
         - 14.0 * wall
         # A lake is a subject, but not all there is to see.
-        - 6.0 * np.maximum(_window(seen.flooded, IN_VIEW).mean(axis=0) - MOST_WATER, 0.0)
-    )
-
-
-def _aim(eye: tuple[float, float, float], bearing: float, horizon: Floats, extent: float) -> Camera:
-    """Pitch the camera so that the skyline lies in the upper third and no peak leaves the picture."""
-    half = np.tan(np.radians(FOV) / 2.0)
-    pitch = max(float(np.median(horizon)) - HORIZON_AT * half, float(horizon.max()) - 0.80 * half)
-    ahead = 0.4 * extent
-    target = (eye[0] + np.sin(bearing) * ahead, eye[1] + np.cos(bearing) * ahead, eye[2] + pitch * ahead)
-    return Camera(
-        eye, (float(target[0]), float(target[1]), float(target[2])), fov=FOV, near=1.5, far=20.0 * extent
+        - 6.0 * np.maximum(window(seen.flooded, height.in_view).mean(axis=0) - MOST_WATER, 0.0)
     )

@@ -5,14 +5,17 @@ import subprocess
 import sys
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 from PIL import Image
 
 import sketchterrain.render
+import sketchterrain.still
 from sketchterrain.compute import list_devices
 from sketchterrain.listings import adherence_lines
+from sketchterrain.render import Quality
 from sketchterrain.render.overlays import Legend
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
@@ -88,18 +91,13 @@ def shots(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     asked: list[dict[str, Any]] = []
 
     def picture(
-        terrain: object,
-        *,
-        size: tuple[int, int],
-        camera: object,
-        overlays: list[str],
-        legend: list[Legend],
+        terrain: object, *, size: tuple[int, int], legend: list[Legend], **options: Any
     ) -> NDArray[np.uint8]:
-        asked.append({"terrain": terrain, "size": size, "camera": camera, "overlays": overlays})
-        legend.extend(Legend((255, 0, 16), name) for name in overlays)
+        asked.append({"terrain": terrain, "size": size, **options})
+        legend.extend(Legend((255, 0, 16), name) for name in options["overlays"])
         return np.zeros((size[1], size[0], 3), np.uint8)
 
-    monkeypatch.setattr(sketchterrain.render, "render_picture", picture)
+    monkeypatch.setattr(sketchterrain.still, "render_picture", picture)
     return asked
 
 
@@ -143,7 +141,7 @@ def test_overlays_are_drawn_and_their_colours_told(
     done = call("render", sketch, "-o", path, "--overlay", "levels", "--overlay", "features")
     assert done.code == 0, done.err
     assert done.out.splitlines() == [str(path), "#ff0010  levels", "#ff0010  features"]
-    assert shots[0]["overlays"] == ["levels", "features"]
+    assert shots[0]["overlays"] == ("levels", "features")
 
 
 def test_another_overlay_is_refused_before_any_work(
@@ -158,6 +156,72 @@ def test_another_overlay_is_refused_before_any_work(
 def test_help_names_every_overlay(call: Callable[..., Any]) -> None:
     told = " ".join(call("render", "--help").out.split())
     assert all(name in told for name in sketchterrain.render.OVERLAYS)
+
+
+def test_render_passes_on_what_a_picture_shall_be(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, shots: list[dict[str, Any]]
+) -> None:
+    look = ["--view", "hill", "--time", "9:30", "--clouds", "0.2", "--quality", "0.5"]
+    parts = ["--without", "trees", "--without", "haze", "--textures", tmp_path]
+    done = call("render", sketch, "-o", tmp_path / "a.png", *look, *parts)
+    assert done.code == 0, done.err
+    shot = shots[0]
+    assert (shot["view"], shot["weather"].hour, shot["weather"].clouds) == ("hill", 9.5, 0.2)
+    assert shot["quality"] == Quality.of(0.5, without=("trees", "haze"))
+    assert (shot["textures"], shot["camera"]) == (tmp_path, None)
+
+
+BAD_PICTURES = {
+    "another view": (["--view", "moon"], 3, "expected a view, one of auto, ground, hill, air, got 'moon'"),
+    "another part": (["--without", "people"], 3, "expected a part of a picture"),
+    "no time": (["--time", "9:75"], 2, "expected a time of day HH or HH:MM, up to 24, got '9:75'"),
+    "a time beyond the day": (["--time", "24:01"], 2, "up to 24, got '24:01'"),
+    "the night": (["--time", "1"], 3, "expected an hour from"),
+    "too many clouds": (["--clouds", "1.5"], 2, "'--clouds'"),
+    "no folder of textures": (["--textures", "nowhere"], 2, "expected a folder of textures, got 'nowhere'"),
+    "two ways to stand": (["--eye", "1,2,3", "--view", "air"], 2, "--view with --eye"),
+    "a map from an eye": (["--map", "--eye", "1,2,3"], 2, "--eye with --map"),
+    "a map in the evening": (["--map", "--time", "18"], 2, "--time with --map"),
+    "a map without trees": (["--map", "--without", "trees"], 2, "--without with --map"),
+}
+
+
+@pytest.mark.parametrize(("options", "code", "line"), BAD_PICTURES.values(), ids=BAD_PICTURES.keys())
+def test_a_picture_that_cannot_be_meant_is_refused_before_any_work(
+    call: Callable[..., Any],
+    sketch: Path,
+    tmp_path: Path,
+    shots: list[dict[str, Any]],
+    options: list[str],
+    code: int,
+    line: str,
+) -> None:
+    done = call("render", sketch, "-o", tmp_path / "a.png", *options)
+    assert done.code == code, done.err
+    assert line in done.error
+    assert not shots
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_vectors_are_for_maps_and_have_no_pixels(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    done = call("render", sketch, "-o", tmp_path / "a.svg")
+    assert (done.code, "expected the name of a .png file, or --map" in done.error) == (2, True)
+    done = call("render", sketch, "-o", tmp_path / "a.svg", "--map", "--size", "640x480")
+    assert (done.code, "--size with --map" in done.error) == (2, True)
+
+
+def test_render_draws_a_map_by_the_files_name(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    done = call("render", sketch, "-o", tmp_path / "a.svg", "--map")
+    assert (done.code, done.out) == (0, f"{tmp_path / 'a.svg'}\n"), done.err
+    tag = ET.fromstring((tmp_path / "a.svg").read_text()).tag  # noqa: S314 - written here
+    assert tag.endswith("svg")
+    done = call("render", sketch, "-o", tmp_path / "a.png", "--map", "--size", "600x400")
+    assert done.code == 0, done.err
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.width <= 600
+        assert image.height == pytest.approx(400, abs=2)
 
 
 @pytest.mark.gl

@@ -1,0 +1,204 @@
+"""What a command line says of pictures: from where, in which light, with what; how these texts are read.
+
+A text that cannot be meant raises ``typer.BadParameter``, a usage error.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.terrain import Terrain
+
+__all__ = [
+    "Clouds",
+    "Eye",
+    "Hour",
+    "LookAt",
+    "MapFlag",
+    "MapKind",
+    "OverlayNames",
+    "Point",
+    "QualityNumber",
+    "StillFile",
+    "Textures",
+    "ViewKind",
+    "Without",
+    "camera_at",
+    "refuse_together",
+]
+
+Point = tuple[float, float, float]
+
+_FARTHEST = 1e9  # m
+_MAPS = ("png", "svg")
+
+
+def _parse_point(text: str) -> Point:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"expected three numbers X,Y,Z in metres, got {text!r}") from None
+    if not all(abs(number) <= _FARTHEST for number in (x, y, z)):  # false for NaN too
+        raise typer.BadParameter(f"expected numbers of at most {_FARTHEST:g} m, got {text!r}")
+    return x, y, z
+
+
+def _parse_hour(text: str) -> float:
+    match = re.fullmatch(r"(\d{1,2})(?::([0-5]\d))?", text.strip())
+    hour = int(match[1]) + int(match[2] or 0) / 60.0 if match else 25.0
+    if hour > 24.0:
+        raise typer.BadParameter(f"expected a time of day HH or HH:MM, up to 24, got {text!r}")
+    return hour
+
+
+def _check_map_kind(kind: str | None) -> str | None:
+    if kind not in (None, *_MAPS):
+        raise typer.BadParameter(f"expected {' or '.join(_MAPS)}, got {kind!r}")
+    return kind
+
+
+def _check_textures(folder: Path | None) -> Path | None:
+    if folder is not None and not folder.is_dir():
+        raise typer.BadParameter(f"expected a folder of textures, got {str(folder)!r}")
+    return folder
+
+
+def _check_still_file(path: Path) -> Path:
+    if path.suffix.lower() not in (".png", ".svg") or path.is_dir():
+        raise typer.BadParameter(
+            f"expected the name of a .png file, or with --map of an .svg file, got {str(path)!r}"
+        )
+    return path
+
+
+Clouds = Annotated[
+    float | None,
+    typer.Option(
+        "--clouds",
+        metavar="0..1",
+        min=0.0,
+        max=1.0,
+        help="Share of the sky that clouds cover, in place of the sketch's.",
+    ),
+]
+Eye = Annotated[
+    # Any: typer turns a text that is no tuple of options into one through the parser alone.
+    Any,
+    typer.Option(parser=_parse_point, metavar="X,Y,Z", help="Where the camera stands, m."),
+]
+Hour = Annotated[
+    Any,
+    typer.Option(
+        "--time",
+        parser=_parse_hour,
+        metavar="HH[:MM]",
+        help="Local solar time; by default the sketch's, or the light that suits the view.",
+    ),
+]
+LookAt = Annotated[
+    Any,
+    typer.Option(
+        parser=_parse_point, metavar="X,Y,Z", help="What it looks at, m; the sketch's middle if missing."
+    ),
+]
+MapFlag = Annotated[
+    bool, typer.Option("--map", help="A topographic map instead, .png or .svg by the file's name.")
+]
+MapKind = Annotated[
+    str | None,
+    typer.Option("--map", metavar="png|svg", callback=_check_map_kind, help="Draw map.png or map.svg too."),
+]
+OverlayNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--overlay",
+        metavar="NAME",
+        help="Lay over it wireframe, levels, error, screen-error, materials, features, triplanar.",
+    ),
+]
+QualityNumber = Annotated[
+    float | None,
+    typer.Option(
+        "--quality",
+        metavar="0..1",
+        min=0.0,
+        max=1.0,
+        help="What the picture may cost; the best by default.",
+    ),
+]
+StillFile = Annotated[
+    Path,
+    typer.Option(
+        "--output", "-o", metavar="FILE", callback=_check_still_file, help="Picture to write, a .png."
+    ),
+]
+Textures = Annotated[
+    Path | None,
+    typer.Option(
+        "--textures",
+        metavar="DIR",
+        callback=_check_textures,
+        help="Your own textures, grass.png and so on, in place of the program's.",
+    ),
+]
+ViewKind = Annotated[
+    str | None,
+    typer.Option("--view", metavar="KIND", help="The view to find: auto, ground, hill or air."),
+]
+Without = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--without",
+        metavar="PART",
+        help="Leave out shadows, clouds, haze, water, trees, rocks, grass, detail.",
+    ),
+]
+
+
+def refuse_together(option: str, others: dict[str, object], why: str) -> None:
+    """Refuse options that contradict one that was given.
+
+    Parameters
+    ----------
+    option
+        That was given.
+    others
+        What the others were given, by name; None, False and () are nothing.
+    why
+        What the contradiction is.
+
+    Raises
+    ------
+    typer.BadParameter
+        With the first of them.
+    """
+    for name, value in others.items():
+        if value is not None and value is not False and value != []:
+            raise typer.BadParameter(f"{name} with {option}: {why}")
+
+
+def camera_at(terrain: Terrain, eye: Point | None, target: Point | None) -> Camera | None:
+    """Return the camera that `--eye` and `--look-at` ask for, None without an eye.
+
+    Without a target it looks at the middle of the sketch, and from the middle north. A note on stderr tells
+    of an eye under the ground.
+    """
+    if eye is None:
+        return None
+    from sketchterrain.render.camera import Camera
+
+    east, north = terrain.size
+    x, y = east / 2, north / 2
+    if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
+        y += terrain.extent / 2  # it stands in the middle: it looks north
+    middle, here = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))
+    if eye[2] < here:
+        sys.stderr.write(f"sketchterrain: note: the eye is {here - eye[2]:.1f} m under the ground\n")
+    return Camera(eye, target or (x, y, middle))

@@ -1,0 +1,80 @@
+# ruff: noqa: TC001, TC003 - typer reads the commands' annotations at run time
+"""Commands that make no terrain of a sketch: a starter sketch, and what there is and how fast it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sketchterrain.arguments import AsJson, DeviceName, Fast
+from sketchterrain.listings import (
+    device_lines,
+    preset_entry,
+    preset_lines,
+    say,
+    say_json,
+    tested_entry,
+)
+from sketchterrain.progress import Stages
+
+__all__ = ["bench", "devices", "new", "presets"]
+
+
+def new(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
+    """Write a starter sketch, to be painted in any paint program."""
+    from sketchterrain.sketch import new_sketch
+
+    new_sketch(folder)
+    say(
+        f"wrote a starter sketch to {folder}: paint its PNGs, read its sketch.toml, then run",
+        f"sketchterrain generate {folder} -o out",
+    )
+
+
+def bench(
+    names: Annotated[list[str] | None, typer.Argument(metavar="[NAME]...", help="All if none.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Write tables and charts there.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Small sizes, few rounds.")] = False,
+    device: DeviceName = None,
+    fast: Fast = False,
+    as_json: AsJson = False,
+) -> None:
+    """Time kernels, noise, tiles, features and plants, and chart them."""
+    from sketchterrain.benchmarks import run
+
+    code = run(names or [], output=output, quick=quick, device=device, fast=fast, as_json=as_json)
+    raise typer.Exit(code)
+
+
+def devices(as_json: AsJson = False) -> None:
+    """List the OpenCL devices, test whether each computes the same bits and how it reaches OpenGL."""
+    from sketchterrain.compute import choose_device, list_devices
+    from sketchterrain.render.sharing_probe import probe_sharing
+    from sketchterrain.terrain import self_test
+
+    chosen, tested = choose_device(), []
+    with Stages() as stages:
+        for device in list_devices():
+            with stages.stage(str(device.index), f"Testing {device.name} ({device.platform})"):
+                tested.append((device, self_test(device), probe_sharing(device)))
+    if as_json:
+        say_json([tested_entry(*each) | {"default": each[0] == chosen} for each in tested])
+        return
+    for device, verdict, sharing in tested:
+        say(*device_lines(device, verdict, sharing, chosen=device == chosen))
+
+
+def presets(as_json: AsJson = False) -> None:
+    """List the presets, which can stand wherever a sketch can."""
+    from sketchterrain.resources import preset_names
+    from sketchterrain.sketch import load_sketch
+
+    entries = [preset_entry(name, load_sketch(name)) for name in preset_names()]
+    if as_json:
+        say_json(entries)
+    else:
+        say(*preset_lines(entries))

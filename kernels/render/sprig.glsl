@@ -10,7 +10,7 @@ const float TWIG = 0.06;         // half the twig's width, of the sheet's
 
 // Tell whether a place is leaf: above 0 inside.
 //   at:   across the sheet -1..1 and along it 0..1
-//   kind: 0 all of it, 0.5 pairs of leaves, 1 needles
+//   kind: 0 and 0.125 all of it (bark, and bark with bands), 0.5 pairs of leaves, 1 needles
 float sprig(vec2 at, float kind)
 {
     bool needles = kind > 0.75;
@@ -22,7 +22,9 @@ float sprig(vec2 at, float kind)
     float along = clamp(at.y - 0.3 * forward * away, 0.0, 1.0);
     float reach = needles ? sqrt(1.0 - along * along) * min(6.0 * along + 0.5, 1.0)
                           : sqrt(max(1.0 - along * along, 0.0)) * min(4.0 * along + 0.35, 1.0);
-    float out_ = away / max(reach, 1e-3);
+    // No two leaves of a broad spray are as long as each other.
+    float grown = needles ? 1.0 : 0.7 + 0.3 * fract(floor(row) * 0.618034 + (at.x < 0.0 ? 0.37 : 0.0));
+    float out_ = away / max(reach * grown, 1e-3);
     float full = needles ? NEEDLE_FULL * (1.0 - 0.5 * out_) : LEAF_FULL * 2.0 * sqrt(max(out_ * (1.0 - out_), 0.0));
     float leaf = out_ < 1.0 ? full - abs(fract(row) - 0.5) : -1.0;
     float twig = TWIG - away;
@@ -38,4 +40,19 @@ float sprig_tone(vec2 at, float kind)
     float of_leaf = fract(sin(floor(row) * 12.9898 + (at.x < 0.0 ? 4.1 : 0.0)) * 43.758);
     float rib = smoothstep(0.0, 0.12, abs(fract(row) - 0.5)); // of a leaf, darker
     return kind < 0.25 ? 1.0 : needles ? 0.75 + 0.5 * at.y : (0.72 + 0.56 * of_leaf) * (0.85 + 0.15 * rib);
+}
+
+// Brightness of bark, about 1 or dark: furrows up the trunk, or bands across a pale one.
+//   at:    round the wood and up it, both 0..1
+//   kind:  0 furrows, 0.125 bands
+float bark_tone(vec2 at, float kind)
+{
+    float turn = 6.2831853 * at.x;
+    float furrow = sin(11.0 * turn + 2.3 * sin(3.0 * turn + 90.0 * at.y) + 1.3 * sin(231.0 * at.y));
+    float row = 130.0 * at.y;
+    float of_row = fract(sin(floor(row) * 12.9898) * 43.758);
+    float middle = abs(fract(at.x + 7.3 * of_row) - 0.5);
+    float band = step(0.55, of_row) * step(middle, 0.30 * of_row) * step(abs(fract(row) - 0.5), 0.30 * of_row - 0.4 * middle);
+    float rough = 0.62 + 0.5 * smoothstep(-0.9, 0.7, furrow);
+    return kind > 0.06 ? 1.0 - 0.82 * band : rough;
 }

@@ -30,7 +30,7 @@ void main()
 #if SPRIGS
     vec2 on_spray = vec2(cut.x * 2.0 - 1.0, cut.y);
     if (sprig(on_spray, cut.z) <= 0.0) discard;
-    colour *= sprig_tone(on_spray, cut.z);
+    colour *= leaf_normal.w > 0.5 ? sprig_tone(on_spray, cut.z) : bark_tone(cut.xy, cut.z);
 #endif
     vec3 n = normalize(leaf_normal.xyz);
     float leafy = leaf_normal.w;

@@ -18,7 +18,7 @@ from sketchterrain.render.plant_cells import (
 )
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade
-from sketchterrain.render.programs import build_transform, build_program
+from sketchterrain.render.programs import build_program, build_transform
 from sketchterrain.render.trees import CUT, DETAILS
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ __all__ = ["Forest", "shares"]
 
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant in pixels under which the next coarser detail does."""
-HULL: Final = 12.0
+HULL: Final = 18.0
 """px; the coarsest detail does for no higher plants, however low the quality."""
 BAND: Final = 0.08
 """Share of such a height, up and down, over which one detail passes into the next."""

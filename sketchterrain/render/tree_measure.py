@@ -50,7 +50,8 @@ def sprig(across: Floats, along: Floats, kind: Floats) -> Floats:
     reach = np.sqrt(1.0 - up * up) * np.minimum(
         np.where(needles, 6.0, 4.0) * up + np.where(needles, 0.5, 0.35), 1.0
     )
-    out = away / np.maximum(reach, 1e-3)
+    grown = np.where(needles, 1.0, 0.7 + 0.3 * np.mod(np.floor(row) * 0.618034 + 0.37 * (across < 0.0), 1.0))
+    out = away / np.maximum(reach * grown, 1e-3)
     full = np.where(needles, 0.36 * (1.0 - 0.5 * out), 0.94 * np.sqrt(np.maximum(out * (1.0 - out), 0.0)))
     leaf = np.where(out < 1.0, full - np.abs(row - np.floor(row) - 0.5), -1.0)
     return np.where(kind < 0.5 * BROAD, 1.0, np.maximum(leaf, 0.06 - away))

@@ -13,10 +13,13 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["BROAD", "NEEDLES", "SOLID", "Leaves", "Triangles", "across", "joined_triangles", "unit"]
+__all__ = ["BANDED", "BROAD", "NEEDLES", "SOLID", "Leaves", "Triangles", "across", "joined_triangles", "unit"]
 
-SOLID, BROAD, NEEDLES = 0.0, 0.5, 1.0
-"""What is cut out of a leaf: nothing, pairs of leaves, a comb of needles; see kernels/render/sprig.glsl."""
+SOLID, BANDED, BROAD, NEEDLES = 0.0, 0.125, 0.5, 1.0
+"""What is cut out of a piece: nothing, of furrowed bark or of banded; pairs of leaves; a comb of needles.
+
+See kernels/render/sprig.glsl.
+"""
 
 
 class Leaves(NamedTuple):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.render.tree_growth import frames
-from sketchterrain.render.tree_shape import SOLID, Leaves, Triangles
+from sketchterrain.render.tree_shape import BANDED, SOLID, Leaves, Triangles
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -59,8 +59,8 @@ def tubes(
     shade = np.concatenate([shade, shade[:, :, :1]], axis=2)[..., None]
     albedo = bark[:, :, None] * shade
     light = np.repeat(opened.at(curves)[:, :, None], sides + 1, axis=2)[..., None]
-    corners = [np.concatenate([place, ring, albedo, light], axis=-1)]
-    grid = corners[0]
+    round_, up_ = np.broadcast_arrays(np.linspace(-1.0, 1.0, sides + 1), height[..., None])
+    grid = np.concatenate([place, ring, albedo, light, round_[..., None], up_[..., None]], axis=-1)
     a, b, c, d = grid[:, :-1, :-1], grid[:, :-1, 1:], grid[:, 1:, 1:], grid[:, 1:, :-1]
     both = np.stack([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)], axis=-3)
     rows = both.reshape(-1, 3, grid.shape[-1])
@@ -70,8 +70,8 @@ def tubes(
         rows[..., 3:6],
         rows[..., 6:9],
         rows[..., 9],
-        np.zeros((count, 3, 2)),
-        np.full(count, SOLID),
+        rows[..., 10:],
+        np.full(count, BANDED if colours.marks else SOLID),
         np.zeros(count),
         np.zeros(count),
     )

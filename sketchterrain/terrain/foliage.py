@@ -167,7 +167,8 @@ class FoliageSampler:
         belt = _ramp(z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
         conifers = self._conifers(x, y, 0.22 + 0.78 * belt)
         # Pines hold dry and steep ground, birches come first to edges and stand with their feet wet.
-        pines = self._stands("pine", x, y, 0.6 * _ramp(steepness, 0.3, 0.7) + 0.7 * climate["aridity"] - 0.25)
+        dry = 0.7 * _ramp(steepness, 0.25, 0.7) + 0.7 * climate["aridity"]
+        pines = self._stands("pine", x, y, dry - 0.45)
         birches = self._stands("birch", x, y, 0.35 * (forest < _EDGE) + 0.5 * (water > 0.02) - 0.3)
         # Shrubs stand in the open, at forest edges and where it is dry.
         shrubs = np.clip(

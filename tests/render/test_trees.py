@@ -97,7 +97,9 @@ def test_sprays_are_cut_as_they_are_measured(gl, kind):
     rows = np.stack([across, along, np.full(4000, kind), np.zeros(4000)], axis=1).astype(np.float32)
     got = evaluate(gl, ["render/sprig.glsl"], "vec4(sprig(a.xy, a.z))", rows)[:, 0]
     rows = rows.astype(np.float64)
+    edge = np.mod((rows[:, 1] - 0.3 * 0.55 * np.abs(rows[:, 0])) * 5.0 + 0.5 * (rows[:, 0] < 0.0), 1.0)
     expected = sprig(rows[:, 0], rows[:, 1], rows[:, 2])
-    assert np.abs(got - expected).max() < 1e-4
+    inner = np.minimum(edge, 1.0 - edge) > 1e-4  # a leaf's neighbour begins there
+    assert np.abs(got - expected)[inner].max() < 1e-4
     covered = (expected > 0.0).mean()
     assert covered == 1.0 if kind == SOLID else 0.35 < covered < 0.75

@@ -7,6 +7,7 @@
 //   DETAIL  0: neither relief nor the fine structure of colours
 // Loops run as far as a place needs: a driver that runs on the CPU ends them where none of a few pixels goes on.
 #include "render/hex_tiling.glsl"
+#include "render/roughness.glsl"
 
 uniform sampler2DArray material_colour; // √albedo, height
 uniform sampler2DArray material_relief; // normal x and y, roughness, openness
@@ -92,7 +93,7 @@ Matter at_octave(int layer, Plane p, int octave, float footprint)
     // The beds of a rock face lie level.
     float spin = layer == ROCK && p.axis == 2 ? PI : spins[layer];
     Matter sum = NO_MATTER;
-    float total = 0.0;
+    float total = 0.0, square = 0.0; // square: mean of a slope's square in one direction
     for (int k = 0; k < h.count; ++k) {
         ivec2 id = k == 0 ? h.first : k == 1 ? h.second : h.third;
         vec3 chance = hex_chance(id);
@@ -101,9 +102,12 @@ Matter at_octave(int layer, Plane p, int octave, float footprint)
         float weight = (k == 0 ? h.weight.x : k == 1 ? h.weight.y : h.weight.z) * (0.2 + m.height);
         put(sum, m, weight, weight);
         total += weight;
+        square += weight * 0.5 * dot(m.bump, m.bump);
     }
     total = 1.0 / total;
     sum = Matter(sum.albedo * total, sum.height * total, sum.bump * total, sum.roughness * total, sum.open * total);
+    // What differs between the hexagons' slopes is roughness of their mean, as in a mipmap.
+    sum.roughness = roughened(sum.roughness, max(square * total - 0.5 * dot(sum.bump, sum.bump), 0.0));
 #endif
     sum.bump *= pow(FLATTER, float(octave));
     return sum;

@@ -29,7 +29,7 @@ _SUITED: Final = {
     "soil": (0, 3),
     "rock": (0, 5),
     "scree": (0, 2),
-    "sand": (0, 1),
+    "sand": (0, 2),
     "snow": (0, 3),
     "river_bed": (0, 1),
     "forest_floor": (0, 2),

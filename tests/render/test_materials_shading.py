@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from sketchterrain.render import Camera, Quality, Sun, render_picture
 from sketchterrain.render.texture_mips import roughened
 from sketchterrain.render.texture_places import PERIOD
 
@@ -109,3 +112,30 @@ def test_shifts_and_turns_are_spread_evenly_and_differ(gl):
     table = got[:, 0].reshape(64, 64)
     neighbours = np.corrcoef(table[:, :-1].ravel(), table[:, 1:].ravel())[0, 1]
     assert abs(neighbours) < 0.05
+
+
+def roughness_of(picture):
+    """Mean difference of neighbouring pixels of the ground, the lower third."""
+    ground = picture[-len(picture) // 3 :].astype(float)
+    return np.abs(np.diff(ground, axis=1)).mean()
+
+
+@pytest.mark.parametrize("number", [0.0, 0.5, 1.0])
+def test_without_detail_the_ground_is_smooth(gl, waves, number):
+    camera = Camera((500.0, 100.0, 130.0), (500.0, 300.0, 60.0), far=20_000.0)
+    others = ("grass", "rocks", "trees", "clouds", "shadows")
+    pictures = [
+        render_picture(
+            waves,
+            size=(192, 108),
+            camera=camera,
+            sun=Sun(250.0, 35.0),
+            quality=dataclasses.replace(Quality.of(number, without=[*others, *more]), quads=64),
+        )
+        for more in ((), ("detail",))
+    ]
+    detailed, plain = (roughness_of(picture) for picture in pictures)
+    assert plain < 0.5 * detailed
+    # The materials are the same: only their structure is gone.
+    means = [picture[-36:].mean(axis=(0, 1)) for picture in pictures]
+    assert np.abs(means[0] - means[1]).max() < 12.0

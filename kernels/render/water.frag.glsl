@@ -119,9 +119,15 @@ void main()
     float lost = 0.5 * smoothstep(2.0, 9.0, sized + 2.0);
     float beat = sin(6.2831853 * (clock / SWELL_PERIOD + patches.z + 0.7 * patches.w));
     float fine = clamp(0.12 / max(pixel, 0.01), 0.0, 1.0); // how far a line along a shore can be seen
-    float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.17 : 0.05) * (0.2 + gust);
+    float shoal = shore_foam(max(shallow, 0.0), beat, lake ? 0.14 : 0.08) * fine * (lake ? 0.15 : 0.03) * (0.2 + gust);
     float amount = shoal + (lake ? 0.0 : stream_foam(stream.y, across));
-    float foam = foam_share(0.75 * grain.z + 0.65 * froth.x, amount, lost) * mix(0.25, 0.85, smoothstep(-0.5, 0.6, froth.x));
+#if MATERIALS == 1
+    float web = froth.y;
+#else
+    vec2 web_at = (lake ? position.xy + eye.xy : vec2(flow.x, flow.y - stream.x * clock)) / 8.0 + waves.slope * 0.06;
+    float web = textureLod(noise_field, web_at, sized + 1.5).z;
+#endif
+    float foam = foam_cover(foam_share(0.7 * grain.z + 0.7 * froth.x, amount, lost), amount, web);
     surface = mix(surface, through_air(FOAM_ALBEDO / PI * incoming, position), foam);
 
     radiance = vec4(surface, soft * clamp(edge + 0.5, 0.0, 1.0) * coverage * stream.z);

@@ -12,6 +12,14 @@ float foam_share(float noise, float amount, float lost)
     return smoothstep(threshold - soft, threshold + soft, noise) * step(1e-4, amount);
 }
 
+// How much of what is behind it foam hides: a web of bubbles, a blanket where there is much of it.
+//   share   of foam_share; amount: given to it; web: a noise whose zeros are the threads
+float foam_cover(float share, float amount, float web)
+{
+    float threads = 1.0 - smoothstep(0.02, 0.28, abs(web));
+    return 0.85 * share * mix(0.75 * threads, 1.0, smoothstep(0.06, 0.4, amount) * share);
+}
+
 // How much foam a shore makes at a depth (m): a thin line that swells up the shore and falls back.
 //   beat     -1 ... 1, of the swell
 //   reach    depth at which it ends, m
@@ -30,5 +38,5 @@ float stream_foam(float fall, float across)
 {
     float steep = smoothstep(0.008, 0.06, fall);
     float bank = smoothstep(0.72, 0.98, abs(across));
-    return clamp(0.004 + 0.5 * steep + bank * (0.02 + 0.3 * steep), 0.0, 0.8);
+    return clamp(0.0015 + 0.5 * steep + bank * (0.008 + 0.3 * steep), 0.0, 0.8);
 }

@@ -142,6 +142,14 @@ def test_far_foam_covers_what_near_foam_does(gl, amount):
     near = evaluate(gl, ["render/water_foam.glsl"], call, rows(noise, 0.0, amount))[:, 0].mean()
     far = evaluate(gl, ["render/water_foam.glsl"], call, rows([0.0], 0.5, amount))[0, 0]
     assert far == pytest.approx(near, abs=0.13)
+    call = "vec4(foam_cover(a.x, a.z, a.y))"
+    share, web = np.linspace(0, 1, 21), np.linspace(-1, 1, 21)
+    got = evaluate(gl, ["render/water_foam.glsl"], call, rows(share, web, amount))[:, 0]
+    threads = 1 - smoothstep(0.02, 0.28, np.abs(web))
+    blanket = smoothstep(0.06, 0.4, amount) * share
+    expected = 0.85 * share * (0.75 * threads * (1 - blanket) + blanket)
+    np.testing.assert_allclose(got, expected, atol=1e-6)
+    call = "vec4(foam_share(a.x, a.z, a.y))"
     none = evaluate(gl, ["render/water_foam.glsl"], call, rows(noise, 0.0, 0.0))
     assert (none == 0).all()
 
@@ -154,8 +162,8 @@ def test_foam_is_where_streams_are_steep_and_at_shores(gl):
         for fall in (0.001, 0.06)
     )
     bank = smoothstep(0.72, 0.98, np.abs(across))
-    np.testing.assert_allclose(calm, 0.004 + 0.02 * bank, atol=1e-6)
-    np.testing.assert_allclose(steep, np.minimum(0.504 + 0.32 * bank, 0.8), atol=1e-6)
+    np.testing.assert_allclose(calm, 0.0015 + 0.008 * bank, atol=1e-6)
+    np.testing.assert_allclose(steep, np.minimum(0.5015 + 0.308 * bank, 0.8), atol=1e-6)
     depth = np.linspace(0, 1, 101)
     shore = evaluate(gl, ["render/water_foam.glsl"], "vec4(shore_foam(a.x, 0.0, 0.15))", rows(depth))[:, 0]
     assert abs(depth[shore.argmax()] - 0.45 * 0.15) < 0.02

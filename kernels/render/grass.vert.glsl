@@ -14,10 +14,14 @@ in vec4 turn;
 in vec4 albedo;
 in vec4 ground;
 in vec4 sky;
+in vec4 under;
 in vec4 veil;
 
 out vec3 seen;
 
+const float PETAL = 1.0;     // what is painted so keeps its colour
+const float OWN = 0.08;      // share of the reach up to which a plant is lit by itself …
+const float LIKE_GROUND = 0.6; // … and from which it looks like the ground at its foot
 const float ROOT_SUN = 0.22; // share of the sun that reaches a root among its neighbours …
 const float ROOT_SKY = 0.38; // … and of the sky
 const float STRAW_SHARE = 0.17; // of the blades are dry
@@ -43,30 +47,31 @@ void main()
     float facing = dot(across, to_sun.xyz);
     float level = max(dot(ground.xyz, to_sun.xyz), 0.0);
     bool lit_side = facing * dot(across, to_eye) > 0.0;
-    float far = smoothstep(0.12, 0.75, turn.w);
     vec3 colour = albedo.rgb;
     float flesh = lit_side ? 1.0 : 0.75;
-    if (manner.z > 1.5) colour *= mix(EAR, vec3(1.1), far);
+    if (manner.z > 1.5) colour *= EAR;
     else if (manner.z < 0.5) {
         float straw = tone < STRAW_SHARE ? 0.8 : 0.0;
         colour *= mix(vec3(1.0), STRAW, straw);
-        colour *= mix(mix(vec3(0.72, 0.78, 0.80), vec3(1.12, 1.06, 0.92), t), vec3(1.0), far);
+        colour *= mix(vec3(0.72, 0.78, 0.80), vec3(1.12, 1.06, 0.92), t);
     }
 #if KIND == FLOWER
-    colour = manner.z == 1.0 ? mix(POLLEN, albedo.rgb, smoothstep(0.1, 0.3, t)) : STEM;
+    colour = manner.z == PETAL ? mix(POLLEN, albedo.rgb, smoothstep(0.1, 0.3, t)) : STEM;
 #endif
     float high = clamp(place.z, 0.0, 1.0);
-    float open_sun = mix(mix(ROOT_SUN, 1.0, pow(high, 0.8)), 1.0, 0.85 * far);
-    float open_sky = mix(mix(ROOT_SKY, 1.0, high), 1.0, 0.85 * far);
-    float direct = mix(0.45 * level + 0.55 * flesh * abs(facing), level, 0.7 * far);
+    float open_sun = mix(ROOT_SUN, 1.0, pow(high, 0.8));
+    float open_sky = mix(ROOT_SKY, 1.0, high);
+    float direct = 0.45 * level + 0.55 * flesh * abs(facing);
     // Long thin blades shine across their length (Kajiya & Kay 1989).
     vec3 lengthwise = normalize(vec3(at.xy, at.z + 0.02 * stand.w));
     float shine = dot(lengthwise, normalize(to_eye + to_sun.xyz));
-    float gloss = GLOSS * pow(max(1.0 - shine * shine, 0.0), 12.0) * high * (1.0 - far);
+    float gloss = GLOSS * pow(max(1.0 - shine * shine, 0.0), 12.0) * high;
     vec3 through = vec3(1.25, 1.15, 0.45) * pow(max(-dot(to_eye, to_sun.xyz), 0.0), 3.0) * 0.55 * (lit_side ? 0.3 : 1.0);
     vec3 lit = colour / PI * (direct + through) * sun_light.rgb * ground.w * open_sun;
     lit += colour / PI * sky.rgb * open_sky;
-    lit += gloss * sun_light.rgb * ground.w * open_sun + SKY_GLOSS / PI * sky.rgb * high * high * (1.0 - far);
-    seen = lit * veil.w + veil.rgb;
+    lit += gloss * sun_light.rgb * ground.w * open_sun + SKY_GLOSS / PI * sky.rgb * high * high;
+    float far = manner.z == PETAL ? 0.0 : under.w * smoothstep(OWN, LIKE_GROUND, turn.w);
+    vec3 as_ground = under.rgb * mix(0.86, 1.14, tone) * mix(0.9, 1.06, high);
+    seen = mix(lit * veil.w + veil.rgb, as_ground, far);
     gl_Position = to_clip * vec4(position, 1.0);
 }

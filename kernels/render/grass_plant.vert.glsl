@@ -21,6 +21,8 @@ in uvec2 seed;  // the cell's hash, the place's rank
 uniform vec4 strewing; // places a cell, m up to which all are shown, m of the last, m a cell's side
 uniform float spread;  // m² a place, over what there are at the best quality: blades are so much wider
 uniform sampler2DArray material_colour;
+uniform sampler2D scene;       // the bare ground in the picture
+uniform sampler2D scene_depth;
 uniform vec2 wind;   // where it blows to, m/s, east and north
 uniform float clock; // s
 
@@ -29,13 +31,15 @@ out vec4 turn;   // xy: cosine and sine of its rotation; z: half the width of a 
 out vec4 albedo; // rgb; w: bend by the wind to the east, heights
 out vec4 ground; // xyz: normal; w: share of the sun
 out vec4 sky;    // rgb: irradiance of the sky; w: bend to the north
-out vec4 veil;    // rgb: light that the air adds; w: share that comes through
+out vec4 under;  // rgb: radiance of the ground that is seen at its foot; w: 1 where that is in the picture
+out vec4 veil;   // rgb: light that the air adds; w: share that comes through
 
 const float BLADE = 0.0026;     // m, half the width of a blade
 const float FLOWER_PART = 0.0030; // m, the same of flowers' parts
 const float LEAST = 0.42;       // px, half the width that a blade is drawn with at least
 const float LEAST_PART = 0.13;  // px, the same of flowers: a head is four and more of these wide
 const float LIVELY = 1.35;      // brightness of a blade that is seen over the ground's texture, which has the gaps in it
+const float SAME = 0.03;        // of its distance, within which what is seen at a foot is the ground there
 const float SUN_WARMTH = 0.5;   // of the height, by which a plant's shade is asked above its foot
 
 // Of the ground's texture, so that tufts have the hue of the ground about them.
@@ -117,7 +121,7 @@ void main()
     vec2 bend = along * force * 0.75 * blow;
     bend += speed > 0.0 ? 0.16 * force * vec2(sin(4.7 * clock + 40.0 * a), sin(5.3 * clock + 40.0 * b)) : vec2(0.0);
 
-    colour *= mix(LIVELY, 1.12, smoothstep(0.1, 0.7, away / reach)) * mix(0.75, 1.25, b)
+    colour *= LIVELY * mix(0.75, 1.25, b)
         * mix(vec3(1.14, 1.0, 0.92), vec3(0.92, 1.0, 1.04), a);
     albedo = vec4(colour, bend.x);
     vec3 normal = vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));
@@ -127,5 +131,13 @@ void main()
     sky = vec4(sky_irradiance(normal) * light.g, bend.y);
     vec3 added = through_air(vec3(0.0), foot);
     veil = vec4(added, through_air(vec3(1.0), foot).g - added.g);
+    // Far away the ground itself says what a plant looks like: nothing shows where the plants end.
+    vec4 at_foot = to_clip * vec4(foot, 1.0);
+    vec3 on_screen = at_foot.xyz / max(at_foot.w, 1e-3) * 0.5 + 0.5;
+    bool inside = at_foot.w > 0.0 && all(greaterThan(on_screen.xy, vec2(0.0))) && all(lessThan(on_screen.xy, vec2(1.0)));
+    float seen_at = textureLod(scene_depth, on_screen.xy, 0.0).r * 2.0 - 1.0;
+    vec4 seen_point = from_clip * vec4(on_screen.xy * 2.0 - 1.0, seen_at, 1.0);
+    float behind = away - length(seen_point.xyz / seen_point.w);
+    under = vec4(textureLod(scene, on_screen.xy, 0.0).rgb, inside && abs(behind) < SAME * away ? 1.0 : 0.0);
     gl_Position = vec4(0.0);
 }

@@ -30,9 +30,9 @@ STREWN: Final = {
 """At the best quality."""
 BEST_REACH: Final = 110.0
 """m, of the grass at the best quality; all other distances go with it."""
-PLANT: Final = 4 * 4 * 6
+PLANT: Final = 4 * 4 * 7
 """Bytes of a plant, captured from grass_plant.vert.glsl."""
-_CAPTURED: Final = ("stand", "turn", "albedo", "ground", "sky", "veil")
+_CAPTURED: Final = ("stand", "turn", "albedo", "ground", "sky", "under", "veil")
 _COMMAND: Final = np.dtype(
     [("count", "<u4"), ("instances", "<u4"), ("first", "<u4"), ("base_vertex", "<i4"), ("base", "<u4")]
 )
@@ -121,7 +121,7 @@ class _Kind:
             self._program,
             [
                 (self._vertices, _format(VERTEX), *(VERTEX.names or ())),
-                (self._captured, "4f4 4f4 4f4 4f4 4f4 4f4/i", *_CAPTURED),
+                (self._captured, "4f4 4f4 4f4 4f4 4f4 4f4 4f4/i", *_CAPTURED),
             ],
             index_buffer=self._indices,
             skip_errors=True,

@@ -38,6 +38,11 @@ class GroundCover:
             Rocks(context, quality=quality, defines=shading.defines),
             Grass(context, quality=quality, defines=shading.defines),
         )
+        self._any = quality.grass > 0.0 and (quality.has("rocks") or quality.has("grass"))
+
+    def __bool__(self) -> bool:
+        """Tell whether anything is ever drawn."""
+        return self._any
 
     @property
     def triangles(self) -> int:
@@ -47,6 +52,18 @@ class GroundCover:
     def draw(
         self, camera: Camera, size: tuple[int, int], uniforms: Mapping[str, object], *, above: float
     ) -> None:
-        """Draw what a camera sees in a picture of a size (px) from `above` (m) the ground."""
+        """Draw what a camera sees.
+
+        Parameters
+        ----------
+        camera
+            From where.
+        size
+            Of the picture (px).
+        uniforms
+            Of all passes; the textures ``scene`` and ``scene_depth`` hold the bare ground.
+        above
+            m of the eye over the ground.
+        """
         for part in self._parts:
             part.draw(camera, size[0] / size[1], {**uniforms, **self._tints}, above=above)

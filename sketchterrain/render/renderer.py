@@ -270,7 +270,10 @@ class Renderer:
         self._shading.light_scene(targets, camera.eye, units)
         self._context.enable_only(moderngl.DEPTH_TEST)
         targets.scene.use()
-        self._cover.draw(camera, size, units, above=self._clearance)
+        if self._cover:
+            targets.copy_scene()
+            targets.scene.use()
+            self._cover.draw(camera, size, units, above=self._clearance)
         self._forest.draw(camera, size, units)
         if self._water:
             lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])

@@ -78,7 +78,7 @@ class Scene:
     def plants(self, kind="meadow"):
         """Foot (m in the world), height, rotation and half width of all places of a kind that grow one."""
         each = self.renderer._cover._parts[1]._kinds[KINDS.index(kind)]
-        rows = np.frombuffer(each._captured.read(96 * each.plants), np.float32).reshape(-1, 24)
+        rows = np.frombuffer(each._captured.read(112 * each.plants), np.float32).reshape(-1, 28)
         rows = rows[rows[:, 3] > 0.0].astype(float)
         return rows[:, :3] + self.camera.eye, rows[:, 3], rows[:, 4:6], rows[:, 6]
 

@@ -112,7 +112,7 @@ void main()
 
     // Foam: streaks that a stream draws out, lines along a shore; both of froth.
     vec2 grain_at = lake ? (position.xy + eye.xy) / 64.0 : vec2(flow.x / 23.0, (flow.y - stream.x * clock) / 140.0);
-    grain_at += waves.slope * 0.02;
+    grain_at += waves.slope * 0.008;
     float sized = log2(max(pixel * FOAM_TEXELS / (lake ? 64.0 : 23.0), 1e-3));
     vec4 grain = textureLod(noise_field, grain_at, sized);
     vec4 froth = textureLod(noise_field, grain_at * FROTH, sized + log2(FROTH));
@@ -124,7 +124,7 @@ void main()
 #if MATERIALS == 1
     float web = froth.y;
 #else
-    vec2 web_at = (lake ? position.xy + eye.xy : vec2(flow.x, flow.y - stream.x * clock)) / 8.0 + waves.slope * 0.06;
+    vec2 web_at = (lake ? position.xy + eye.xy : vec2(flow.x, flow.y - stream.x * clock)) / 8.0 + waves.slope * 0.02;
     float web = textureLod(noise_field, web_at, sized + 1.5).z;
 #endif
     float foam = foam_cover(foam_share(0.7 * grain.z + 0.7 * froth.x, amount, lost), amount, web);

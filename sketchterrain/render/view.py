@@ -49,14 +49,35 @@ class _Height(NamedTuple):
     clear: float  # tangent by which near ground lies under the eye at least, or it hides the rest
     near: float  # extents up to which ground is near
     inside: float  # what it is worth that what is seen lies in the sketch
+    water: float  # apparent size of water that counts for much
 
 
 _HEIGHTS: Final = {
     # Over the trees, and not so high that they look like moss.
     "auto": _Height(
-        (0.010, 0.022, 0.038, 0.032), (20.0, 190.0), 36.0, 0.34, (0.18, 0.10), 9, 0.06, 0.10, 0.8
+        rises=(0.010, 0.022, 0.038, 0.032),
+        limits=(20.0, 190.0),
+        fov=36.0,
+        horizon_at=0.34,
+        peak=(0.18, 0.10),
+        in_view=9,
+        clear=0.06,
+        near=0.10,
+        inside=0.8,
+        water=0.012,
     ),
-    "air": _Height((0.035, 0.05, 0.07), (250.0, 700.0), 40.0, 0.40, (0.06, 0.07), 11, 0.30, 0.22, 2.0),
+    "air": _Height(
+        rises=(0.035, 0.05, 0.07),
+        limits=(250.0, 700.0),
+        fov=40.0,
+        horizon_at=0.40,
+        peak=(0.06, 0.07),
+        in_view=11,
+        clear=0.30,
+        near=0.22,
+        inside=2.0,
+        water=0.004,
+    ),
 }
 
 
@@ -215,7 +236,7 @@ def _score(seen: _Panorama, distance: Floats, height: _Height) -> Floats:
         + 0.8 * np.tanh(horizon.std(axis=0) / 0.04)
         + 0.9 * np.tanh(middle.mean(axis=0) / 0.15)
         + 1.0 * np.tanh(window(seen.layers, height.in_view).mean(axis=0) / 3.0)
-        + 2.4 * np.tanh(window(seen.water, 7).mean(axis=0) / 0.012)
+        + 2.4 * np.tanh(window(seen.water, 7).mean(axis=0) / height.water)
         + np.tensordot(_TYPE_WEIGHTS, np.tanh(painted / 0.10), axes=1)
         + height.inside * np.tanh(window(seen.inside, height.in_view).mean(axis=0) / 0.15)
         - 14.0 * wall

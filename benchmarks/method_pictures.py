@@ -41,7 +41,13 @@ COLOURS = {
     "river_bed": "#3F7CBF",
     "forest_floor": "#24562B",
 }
-_SPECIES = {"conifer": ("#0B5D3B", "^"), "broadleaf": ("#6FA83B", "o"), "shrub": ("#B58A2A", ".")}
+_SPECIES = {
+    "spruce": ("#0B5D3B", "^"),
+    "pine": ("#56B4A0", "^"),
+    "oak": ("#6FA83B", "o"),
+    "birch": ("#D9C23A", "o"),
+    "shrub": ("#B5622A", "."),
+}
 _BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#333333"
 _SUN = np.array([-0.5, 0.5, 0.7]) / np.linalg.norm([-0.5, 0.5, 0.7])
 _SIDE = 513
@@ -137,7 +143,7 @@ def draw_foliage(context: ComputeContext) -> Any:
         edge.scatter(own["x"] - west, own["y"] - south, 12.0 * own["scale"], colour, **style)
     edge.set(title="what stands at a forest's edge", xlabel="m east", aspect="equal")
     edge.set(xlim=(0.0, 5 * _PLOT), ylim=(0.0, 5 * _PLOT))
-    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    figure.legend(loc="outside lower center", ncols=len(_SPECIES), frameon=False)
     return figure
 
 

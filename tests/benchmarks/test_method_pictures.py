@@ -9,6 +9,7 @@ import pytest
 from PIL import Image
 
 from sketchterrain.benchmarks import method_pictures
+from sketchterrain.terrain.foliage import SPECIES
 from sketchterrain.terrain.materials import MATERIALS
 
 if TYPE_CHECKING:
@@ -25,6 +26,11 @@ def test_pictures_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     for name in names:
         with Image.open(tmp_path / name) as picture:
             assert np.asarray(picture.convert("RGB")).std() > 10
+
+
+def test_every_species_has_a_mark_of_its_own() -> None:
+    assert tuple(method_pictures._SPECIES) == SPECIES
+    assert len(set(method_pictures._SPECIES.values())) == len(SPECIES)
 
 
 def test_every_material_has_a_colour_of_its_own() -> None:

@@ -13,6 +13,7 @@ from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
 from sketchterrain.features.catalogue import conifer_code
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
+from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
 
 if TYPE_CHECKING:
@@ -113,6 +114,63 @@ def test_a_forests_conifers_are_as_many_as_asked(
     part = FoliageSampler(Evaluator(make_recipe(forest), context)).within(1900, 1850, 2000, 2100)
     inside = (plants["x"] >= 1900) & (plants["x"] < 2000) & (plants["y"] >= 1850) & (plants["y"] < 2100)
     np.testing.assert_array_equal(part, plants[inside])
+
+
+def wide_forest(share: float = -1.0) -> np.ndarray:
+    forest = np.zeros(1, FEATURE)
+    forest["type"], forest["x"], forest["y"] = FEATURE_TYPES.index("forest"), 2000, 2000
+    forest["radius"], forest["strength"], forest["peakiness"] = 600, 0.9, conifer_code(share)
+    return forest
+
+
+def per_cell(x: np.ndarray, y: np.ndarray, width: float, weights: np.ndarray | None = None) -> np.ndarray:
+    _, col = np.unique(np.floor(x / width), return_inverse=True)
+    _, row = np.unique(np.floor(y / width), return_inverse=True)
+    return np.bincount(col * (row.max() + 1) + row, weights, minlength=(col.max() + 1) * (row.max() + 1))
+
+
+@pytest.mark.parametrize(("share", "first", "second"), [(1.0, "spruce", "pine"), (0.0, "oak", "birch")])
+def test_species_stand_in_patches(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext, share: float, first: str, second: str
+) -> None:
+    sampler = FoliageSampler(Evaluator(make_recipe(wide_forest(share)), context))
+    plants = sampler.within(1500, 1500, 2500, 2500)
+    pair = [SPECIES.index(first), SPECIES.index(second)]
+    plants = plants[np.isin(plants["species"], pair)]
+    is_first = (plants["species"] == pair[0]).astype(float)
+    assert 0.1 < is_first.mean() < 0.9
+    many, own = (per_cell(plants["x"], plants["y"], 100.0, each) for each in (None, is_first))
+    shares = own[many > 40] / many[many > 40]
+    by_chance = np.sqrt(is_first.mean() * (1 - is_first.mean()) / 40)
+    assert shares.std() > 2.0 * by_chance
+
+
+def test_undergrowth_stands_at_a_forests_edge(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    evaluator = Evaluator(make_recipe(wide_forest(0.5)), context)
+    plants = FoliageSampler(evaluator).within(1300, 1300, 2700, 2700)
+    places = to_lattice(np.stack([plants["x"], plants["y"]]), evaluator.recipe.extent)
+    _, masks = evaluator.points(*places, cell_size=2.0)
+    low = (plants["species"] == SPECIES.index("shrub")) | (plants["scale"] < 0.6)
+    outside, edge, inside = masks[:, 2] < 0.01, (masks[:, 2] > 0.05) & (masks[:, 2] < 0.4), masks[:, 2] > 0.8
+    centre = np.hypot(plants["x"] - 2000, plants["y"] - 2000)
+    rim = centre[inside].max()
+    fringe = outside & (np.abs(centre - rim) < 60)
+    assert fringe.sum() > 60
+    assert low[fringe].mean() > 0.6
+    assert low[fringe].mean() > low[edge].mean() > low[inside].mean()
+    assert low[inside].mean() < 0.35
+
+
+def test_lone_plants_stand_in_loose_groups(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    sampler = FoliageSampler(Evaluator(make_recipe(np.zeros(0, FEATURE)), context))
+    plants = sampler.within(0, 0, 4000, 4000)
+    assert 2000 < len(plants) < 12000
+    many = per_cell(plants["x"], plants["y"], 100.0)
+    assert many.var() > 2.0 * many.mean()  # strewn evenly, both would be about the same
 
 
 def test_no_tree_stands_in_a_lake(make_recipe: Callable[..., TerrainRecipe], context: ComputeContext) -> None:

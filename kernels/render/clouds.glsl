@@ -1,7 +1,9 @@
 // A layer of cumulus, the same for the sky and for the shadows that it throws.
-// CLOUDS: 0 none, 1 flat, 2 with depth, as far as the sky shows it (clouds.frag.glsl).
+// CLOUDS: 0 none, 1 flat, 2 with depth, as far as the sky shows it (clouds.frag.glsl). GREY: whether the sky has
+// begun to be overcast.
 #ifndef CLOUDS
 #define CLOUDS 1
+#define GREY 1
 #endif
 #ifndef MATERIALS
 #define MATERIALS 2
@@ -12,7 +14,7 @@ uniform vec2 cloud_drift;        // m that the wind has carried the layer
 uniform float overcast;          // 0 none … 1 one grey layer hides all else
 const float CLOUD_BASE = 1900.0; // m above the haze's base
 const float CLOUD_PERIOD = 16384.0; // m, after which the field repeats
-const float SHADE = 0.62;        // share of sunlight that the thickest clouds take from the ground
+const float SHADE = 0.52;        // share of sunlight that the thickest clouds take from the ground
 const float EARTH = 6360e3;      // m
 
 vec2 cloud_place(vec2 place) { return (place + eye.xy - cloud_drift) / CLOUD_PERIOD; }

@@ -4,17 +4,19 @@
 // CLOSE: whether the map is close to the eye, with two wider ones behind it. SHADOWS: whether the ground throws any.
 #if CLOSE
 const int SUN_STEPS = 58;
-const int SKY_STEPS = 9;
+const int SKY_STEPS = 4;  // what lies further away is in the wider map's light
 #else
 const int SUN_STEPS = 40;
 const int SKY_STEPS = 6;
 #endif
+const float LONGER = 1.15; // times as far as the one before is each step towards the sun
 const int DIRECTIONS = 8;
 
 uniform sampler2D heights;     // this map, m, row 0 south
 uniform sampler2D far_heights; // a wider and coarser one
 uniform vec4 frame;            // xy: this map's south-west corner in the far map's uv; z: width over the far one's; w: m
 uniform sampler2D widest_heights; // for a close map: one that is wider still
+uniform sampler2D far_light;   // and the light of the one behind it
 uniform vec4 widest;           // as frame, in that
 uniform vec3 sun;              // unit vector towards it
 uniform float softness;        // tangent of the penumbra's half angle
@@ -35,12 +37,8 @@ float height_at(vec2 at, float lod)
     return textureLod(far_heights, there, max(0.0, lod + log2(frame.z))).r;
 }
 
-// On a wide map a step off its edge does no harm.
-#if CLOSE
-#define near_height_at height_at
-#else
-float near_height_at(vec2 at, float lod) { return textureLod(heights, at, lod).r; }
-#endif
+// Near by, a step off the map's edge does no harm.
+float own_height_at(vec2 at, float lod) { return textureLod(heights, at, lod).r; }
 
 float sun_visibility(float start, float texel)
 {
@@ -54,7 +52,7 @@ float sun_visibility(float start, float texel)
         float run = gone * texel; // m
         float room = start + run * climb - height_at(uv + ahead * run / frame.w, log2(gone) * 0.5 - 1.0);
         visible = min(visible, smoothstep(-1.0, 1.0, room / (run * softness + 0.35 * texel)));
-        gone *= 1.15;
+        gone *= LONGER;
     }
     return visible;
 }
@@ -62,8 +60,8 @@ float sun_visibility(float start, float texel)
 float sky_visibility(float start, float texel)
 {
     float e = texel / frame.w;
-    vec2 slope = vec2(near_height_at(uv + vec2(e, 0.0), 0.0) - near_height_at(uv - vec2(e, 0.0), 0.0),
-                      near_height_at(uv + vec2(0.0, e), 0.0) - near_height_at(uv - vec2(0.0, e), 0.0)) / (2.0 * texel);
+    vec2 slope = vec2(own_height_at(uv + vec2(e, 0.0), 0.0) - own_height_at(uv - vec2(e, 0.0), 0.0),
+                      own_height_at(uv + vec2(0.0, e), 0.0) - own_height_at(uv - vec2(0.0, e), 0.0)) / (2.0 * texel);
     float open = 0.0;
     for (int k = 0; k < DIRECTIONS; ++k) {
         float angle = (float(k) + 0.5) * 6.2831853 / float(DIRECTIONS);
@@ -73,7 +71,7 @@ float sky_visibility(float start, float texel)
         float gone = 1.5;
         for (int i = 0; i < SKY_STEPS; ++i) {
             float run = gone * texel;
-            float rise = (near_height_at(uv + ahead * run / frame.w, log2(gone) - 0.5) - start) / run;
+            float rise = (own_height_at(uv + ahead * run / frame.w, log2(gone) - 0.5) - start) / run;
             highest = max(highest, rise - plane);
             gone *= 2.2;
         }
@@ -91,5 +89,9 @@ void main()
 #else
     float lit = 1.0;
 #endif
-    light = vec4(lit, sky_visibility(start, texel), start, 1.0);
+    float open = sky_visibility(start, texel);
+#if CLOSE
+    open *= textureLod(far_light, frame.xy + uv * frame.z, 0.0).g;
+#endif
+    light = vec4(lit, open, start, 1.0);
 }

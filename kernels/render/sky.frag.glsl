@@ -32,7 +32,7 @@ vec3 with_clouds(vec3 sky, vec3 direction)
     vec3 place = direction * to_layer(up, direction.z);
     float inside = texture(cloud_field, cloud_place(place.xy)).r;
     vec2 sunward = to_sun.xy / max(length(to_sun.xy), 1e-4) * 420.0;
-    float ahead = textureLod(cloud_field, cloud_place(place.xy + sunward), 2.0).r;
+    float ahead = textureLod(cloud_field, cloud_place(place.xy + sunward), 0.0).r;
     float density = smoothstep(0.0, 0.55, inside);
     float depth = 2.6 * max(inside, 0.0) + 2.2 * max(ahead, 0.0) * (1.0 - 0.8 * to_sun.z);
     vec3 light = sunlit(depth, dot(direction, to_sun.xyz)) * SUN_GAIN + cloud_ambient(0.35);
@@ -47,6 +47,7 @@ vec3 with_clouds(vec3 sky, vec3 direction)
 }
 #endif
 
+#if GREY
 // One layer from horizon to horizon has lighter and darker parts.
 float grey_structure(vec3 direction)
 {
@@ -55,6 +56,7 @@ float grey_structure(vec3 direction)
         + 0.5 * textureLod(noise_field, cloud_place(place) * vec2(3.1, 4.3), 1.0).y;
     return 1.0 + 0.22 * overcast * waves * smoothstep(0.0, 0.25, direction.z);
 }
+#endif
 
 const float SUN_RADIUS = 0.00466; // rad
 const float SUN_BRIGHT = 60.0;    // of the disc's middle, over the sun's irradiance: 1/4000 of the truth, all that a picture holds
@@ -77,7 +79,10 @@ void main()
     sky += sun_light.rgb * sun_disc(cosine) * smoothstep(-0.002, 0.002, direction.z);
 #if CLOUDS > 0
     vec3 above = normalize(vec3(direction.xy, max(direction.z, 0.0)));
-    sky = with_clouds(with_cirrus(sky * grey_structure(above), above), above);
+#if GREY
+    sky *= grey_structure(above);
+#endif
+    sky = with_clouds(with_cirrus(sky, above), above);
 #endif
     radiance = vec4(sky, 1e6);
 }

@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.render.programs import fill_screen, set_uniforms
-from sketchterrain.render.sky import SUN_IRRADIANCE
+from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.targets import Targets
     from sketchterrain.render.weather import Weather
 
-__all__ = ["Clouds", "cloud_field", "cloud_kind", "cloud_puffs"]
+__all__ = ["Clouds", "cloud_defines", "cloud_field", "cloud_puffs"]
 
 SIZE: Final = 512
 """Texels a side of the field, 32 m each."""
@@ -123,11 +123,12 @@ class Clouds:
         return uniforms
 
 
-def cloud_kind(quality: Quality, weather: Weather) -> int:
-    """Return the macro CLOUDS of kernels/render/clouds.glsl: 0 none, 1 flat, 2 with depth."""
+def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
+    """Return the macros of kernels/render/clouds.glsl: which clouds there are."""
     if not quality.has("clouds") or weather.clouds == 0.0:
-        return 0
-    return WITH_DEPTH if quality.cloud_steps else 1
+        return {"CLOUDS": 0, "GREY": 0}
+    kind = WITH_DEPTH if quality.cloud_steps else 1
+    return {"CLOUDS": kind, "GREY": int(weather.clouds > OVERCAST[0])}
 
 
 def cloud_field(cover: float, size: int = SIZE) -> npt.NDArray[np.float32]:
@@ -154,7 +155,7 @@ def cloud_field(cover: float, size: int = SIZE) -> npt.NDArray[np.float32]:
     total /= total.std()
     share = min(max(cover, 0.0), 1.0)
     edge = np.quantile(total, 1.0 - share) if 0.0 < share < 1.0 else (1.0 - share) * 99.0 - 4.0
-    return (total - edge).astype(np.float32)
+    return np.asarray(total - edge, np.float32)
 
 
 def cloud_puffs(size: int = PUFFS) -> npt.NDArray[np.float32]:
@@ -176,4 +177,4 @@ def cloud_puffs(size: int = PUFFS) -> npt.NDArray[np.float32]:
         noise = np.fft.irfftn(spectrum, s=(size,) * 3, axes=(0, 1, 2))
         total += 0.55**octave * np.abs(noise) / noise.std()
     low, high = np.quantile(total, [0.01, 0.99])
-    return np.clip((total - low) / (high - low), 0.0, 1.0).astype(np.float32)
+    return np.asarray(np.clip((total - low) / (high - low), 0.0, 1.0), np.float32)

@@ -90,7 +90,13 @@ class LightMaker:
     ) -> None:
         self.context = context
         self.terrain = terrain
-        self._uniforms = {"heights": 0, "far_heights": 1, "widest_heights": 2, "sun": tuple(sun.direction)}
+        self._uniforms = {
+            "heights": 0,
+            "far_heights": 1,
+            "widest_heights": 2,
+            "far_light": 3,
+            "sun": tuple(sun.direction),
+        }
         self._shadows = int(shadows)
         self.shine = self._program(close=False)
         self.sampling = Pace(1e-6)  # s a texel
@@ -264,6 +270,7 @@ class LightMap:
         self.heights.use(0)
         wider.heights.use(1)
         widest.heights.use(2)
+        wider.light.use(3)
         shine.render(vertices=3)
         self._target.scissor = (0, 0, square.texels, square.texels)
         maker.context.finish()

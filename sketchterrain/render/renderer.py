@@ -11,7 +11,7 @@ import numpy as np
 
 from sketchterrain.render.allowance import Allowance
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
-from sketchterrain.render.clouds import Clouds, cloud_kind
+from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.draw_distance import clipped
 from sketchterrain.render.forest import Forest
 from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
@@ -109,7 +109,7 @@ class Renderer:
             self._noise = noise_texture(context)
         with self._timed("sky"):
             self._sky = Sky(context, sun, self._weather, extent=terrain.extent)
-            clouds = cloud_kind(quality, self._weather)
+            clouds = cloud_defines(quality, self._weather)
             self._shading = Shading(
                 context, quality, aridity=self._aridity, look=terrain.sketch.look, clouds=clouds
             )

@@ -35,7 +35,7 @@ class Shading:
     look
         What a sketch says of materials, by material; a colour that it gives is not tinted.
     clouds
-        0 none, 1 flat, 2 with depth: CLOUDS in kernels/render/clouds.glsl.
+        Macros that say which there are, `cloud_defines`.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Shading:
         *,
         aridity: float,
         look: Mapping[str, Mapping[str, Any]],
-        clouds: int,
+        clouds: Mapping[str, int],
     ) -> None:
         self._context = context
         self._samples = quality.samples
@@ -63,7 +63,7 @@ class Shading:
             "SIZES": quality.octaves,
             "HEXES": quality.hexes,
             "DETAIL": int(quality.has("detail")),
-            "CLOUDS": clouds,
+            **clouds,
             "LIGHT_MAPS": quality.light_maps,
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,

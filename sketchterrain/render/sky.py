@@ -78,7 +78,7 @@ class Sun:
         )
 
 
-MIDDLE: Final = 0.115
+MIDDLE: Final = 0.1
 """Albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon."""
 BRIGHT: Final = 17.0
 """Light of a sunny noon, as `exposure_of` takes it."""
@@ -123,16 +123,17 @@ class Sky:
         self.sun = sun
         self.air = Air(weather.haze)
         self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
-        self._levels = np.stack([sky_table(self.air, sun, height) for height in LEVELS])
+        self._levels: dict[int, Floats] = {}
+        ground = sky_table(self.air, sun, LEVELS[0])
         shone = self.air.sunlight(np.zeros(()), np.array(sun.direction[2])) * SUN_IRRADIANCE
-        clear = irradiance_harmonics(self._levels[0, SIZE:], sun, shone)
+        clear = irradiance_harmonics(ground[SIZE:], sun, shone)
         self.veil = _smooth(weather.clouds, *OVERCAST)
         level = np.array([0.0, 0.0, 1.0])
         total = shone * max(sun.direction[2], 0.0) + sky_irradiance(clear, level)
         self._dome = overcast_table(OVERCAST_CLEAR * float(total.mean()))
-        self._levels += self.veil * (self._dome - self._levels)
+        self._levels[0] = ground = self._veiled(ground)
         self.sunlight = (1.0 - self.veil) * shone
-        self.harmonics = irradiance_harmonics(self._levels[0, SIZE:], sun, self.sunlight)
+        self.harmonics = irradiance_harmonics(ground[SIZE:], sun, self.sunlight)
         up = float(sky_irradiance(self.harmonics, level).mean())
         self._exposure = exposure_of(float(self.sunlight.mean()), sun.direction[2], up)
         self.view = context.texture((SIZE, 2 * SIZE), 4, dtype="f2")
@@ -143,7 +144,7 @@ class Sky:
 
     def exposure(self, heading: float) -> float:
         """Return the exposure for a view in a compass direction (degrees): less of it against the light."""
-        air = np.log(blended(self._levels, self._height)[SIZE // 2].mean(axis=-1))
+        air = np.log(self._levels[0][SIZE // 2].mean(axis=-1))
         azimuth = np.pi * np.linspace(0.0, 1.0, SIZE) ** 2
         off = np.radians(heading - self.sun.azimuth + np.linspace(-VIEW, VIEW, 33))
         ahead = float(np.interp(np.abs(np.angle(np.exp(1j * off))), azimuth, air).mean())
@@ -157,8 +158,19 @@ class Sky:
             return
         self._height = height
         table = np.ones((2 * SIZE, SIZE, 4), np.float16)
-        table[..., :3] = blended(self._levels, height)
+        lower, share = between(height)
+        low, high = (self._level(number) for number in (lower, lower + 1))
+        table[..., :3] = low + share * (high - low)
         self.view.write(table.tobytes())
+
+    def _level(self, number: int) -> Floats:
+        """Return the table for a height of `LEVELS`, made when an eye comes near it."""
+        if number not in self._levels:
+            self._levels[number] = self._veiled(sky_table(self.air, self.sun, LEVELS[number]))
+        return self._levels[number]
+
+    def _veiled(self, table: Floats) -> Floats:
+        return np.asarray(table + self.veil * (self._dome - table))
 
 
 def exposure_of(sunlight: float, height: float, sky: float) -> float:
@@ -211,12 +223,12 @@ def overcast_table(irradiance: Floats) -> Floats:
     return np.broadcast_to(np.asarray(radiance, np.float64), (2 * SIZE, SIZE, 3))
 
 
-def blended(levels: Floats, height: float) -> Floats:
-    """Blend tables of `LEVELS` for a height (m) between them, as the haze thins out."""
+def between(height: float) -> tuple[int, float]:
+    """Return the number of the level below a height (m), and the share of the next, as the haze thins out."""
     thin = -np.exp(-np.array(LEVELS) / AEROSOL_HEIGHT)
     place = float(np.interp(-np.exp(-height / AEROSOL_HEIGHT), thin, np.arange(len(LEVELS))))
     lower = min(int(place), len(LEVELS) - 2)
-    return np.asarray(levels[lower] + (place - lower) * (levels[lower + 1] - levels[lower]))
+    return lower, place - lower
 
 
 def _smooth(value: float, low: float, high: float) -> float:

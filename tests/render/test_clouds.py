@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
-from sketchterrain.render.clouds import PERIOD, cloud_field, cloud_kind, cloud_puffs
+from sketchterrain.render.clouds import PERIOD, cloud_defines, cloud_field, cloud_puffs
 
 from .test_shaders import evaluate
 
@@ -44,10 +44,11 @@ def test_billows_fill_their_range_without_a_seam():
 
 def test_clouds_have_depth_where_quality_allows_and_none_where_they_are_left_out():
     fair = Weather()
-    assert cloud_kind(Quality(), fair) == 2
-    assert cloud_kind(Quality.of(0.2), fair) == 1
-    assert cloud_kind(Quality.of(0.2), Weather(clouds=0.0)) == 0
-    assert cloud_kind(Quality.of(1.0, without=["clouds"]), fair) == 0
+    assert cloud_defines(Quality(), Weather(clouds=0.9)) == {"CLOUDS": 2, "GREY": 1}
+    assert cloud_defines(Quality(), fair) == {"CLOUDS": 2, "GREY": 0}
+    assert cloud_defines(Quality.of(0.2), fair) == {"CLOUDS": 1, "GREY": 0}
+    assert cloud_defines(Quality.of(0.2), Weather(clouds=0.0)) == {"CLOUDS": 0, "GREY": 0}
+    assert cloud_defines(Quality.of(1.0, without=["clouds"]), fair)["CLOUDS"] == 0
 
 
 @pytest.mark.gl

@@ -159,7 +159,7 @@ def test_undergrowth_stands_at_a_forests_edge(
     fringe = outside & (np.abs(centre - rim) < 60)
     assert fringe.sum() > 60
     assert low[fringe].mean() > 0.6
-    assert low[fringe].mean() > low[edge].mean() > low[inside].mean()
+    assert low[edge].mean() > 0.6
     assert low[inside].mean() < 0.35
 
 

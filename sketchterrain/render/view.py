@@ -173,8 +173,9 @@ def _look_around(
     north = eyes[:, 1, None, None] + np.cos(bearings)[None, :, None] * distances
     slope = (relief.at(east, north) - eyes[:, 2, None, None]) / distances
     skyline = np.maximum.accumulate(slope, axis=-1)
+    # What lies steeper than 45° under the eye is in no picture.
     below = np.concatenate([np.full_like(skyline[..., :1], -1.0), skyline[..., :-1]], axis=-1)
-    share = np.maximum(slope - below, 0.0)
+    share = np.maximum(slope - np.maximum(below, -1.0), 0.0)
     seen = share > 0.0
     far = distances > 0.06 * terrain.extent
     appears = np.diff(seen[..., far].astype(np.int8), axis=-1) > 0

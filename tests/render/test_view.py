@@ -1,0 +1,131 @@
+"""Views are found from where one can stand, with the horizon where a picture wants it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import sketchterrain as st
+from sketchterrain.errors import InputError
+from sketchterrain.render import VIEWS, Weather, find_view
+from sketchterrain.render.relief import sample_heights
+from sketchterrain.render.stands import Cover, find_stands, free_ahead
+from sketchterrain.render.sunlight import sun_at
+from sketchterrain.render.view_aim import light_of
+from sketchterrain.terrain.water import standing_water
+
+HEIGHTS = {"auto": (15.0, 195.0), "ground": (1.7, 4.0), "hill": (1.7, 4.0), "air": (240.0, 710.0)}
+"""m above the ground."""
+
+
+@pytest.fixture(scope="module")
+def terrain() -> st.Terrain:
+    mountain, river, forest, lake = (np.zeros((48, 64), np.uint8) for _ in range(4))
+    mountain[4:18, 44:60] = 1
+    river[24:27, :34] = 1
+    forest[30:46, 6:30] = 1
+    lake[33:42, 40:52] = 1
+    return st.build(
+        st.Sketch(
+            extent=3000.0,
+            seed=5,
+            density={"hill": 1.0},
+            layers={"mountain": mountain, "river": river, "forest": forest, "lake": lake},
+            labels={("mountain", 1): {"height": 400.0}, ("river", 1): {"width": 20.0}},
+        )
+    )
+
+
+@pytest.fixture(scope="module", params=VIEWS)
+def kind(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def test_a_view_is_from_its_height_and_its_horizon_lies_high(terrain: st.Terrain, kind: str) -> None:
+    camera = find_view(terrain, kind)
+    x, y, z = camera.eye
+    low, high = HEIGHTS[kind]
+    assert low <= z - float(terrain.heights(x, y)) <= high
+    # Where the farthest ground is in the picture: in the upper third, none of it over the border.
+    bearing = np.radians(camera.heading) + np.radians(np.linspace(-25.0, 25.0, 21))[:, None]
+    distance = np.geomspace(10.0, 1.5 * terrain.extent, 90)
+    ground = terrain.heights(x + np.sin(bearing) * distance, y + np.cos(bearing) * distance, cell_size=8.0)
+    skyline = ((ground - z) / distance).max(axis=1)
+    half = np.tan(np.radians(camera.fov) / 2.0)
+    at = (skyline - np.tan(np.radians(camera.pitch))) / half
+    assert 0.2 <= np.median(at) <= 0.95
+    assert at.max() < 1.0
+    assert find_view(terrain, kind) == camera
+
+
+@pytest.mark.parametrize("kind", ["ground", "hill"])
+def test_nothing_stands_in_the_way_of_who_stands(terrain: st.Terrain, kind: str) -> None:
+    camera = find_view(terrain, kind)
+    x, y, _ = camera.eye
+    plants = terrain.foliage(x - 5.0, y - 5.0, x + 5.0, y + 5.0)
+    assert not (np.hypot(plants["x"] - x, plants["y"] - y) < 5.0).any()
+    ground = terrain.heights([x], [y])
+    for layer in ("river", "lake"):
+        assert not standing_water(terrain.recipe, layer, np.array([x]), np.array([y]), ground).any()
+    near = terrain.heights(x + np.array([0.0, 4.0, 0.0]), y + np.array([0.0, 0.0, 4.0]))
+    assert np.hypot(near[1] - near[0], near[2] - near[0]) / 4.0 < 0.3
+    ahead = camera.forward[:2] / np.hypot(*camera.forward[:2])
+    run = np.linspace(3.0, 30.0, 10)
+    rise = terrain.heights(x + ahead[0] * run, y + ahead[1] * run) - ground[0]
+    assert (rise < 0.5 * run).all()
+
+
+def test_stands_are_dry_open_and_in_the_sketch(terrain: st.Terrain) -> None:
+    relief = sample_heights(terrain, (1500.0, 1125.0), 3900.0, 256)
+    cover = Cover(terrain, relief)
+    for raised in (False, True):
+        x, y = find_stands(terrain, relief, cover, raised=raised).T
+        assert 20 < len(x) <= 220
+        assert ((x > 0) & (x < 3000.0) & (y > 0) & (y < 2250.0)).all()
+        ground = terrain.heights(x, y)
+        wet = [standing_water(terrain.recipe, layer, x, y, ground) for layer in ("river", "lake")]
+        assert not np.any(wet)
+    # Rises are over what surrounds them.
+    x, y = find_stands(terrain, relief, cover, raised=True).T
+    angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)[:, None]
+    around = terrain.heights(x + 130.0 * np.sin(angle), y + 130.0 * np.cos(angle)).mean(axis=0)
+    assert np.median(terrain.heights(x, y) - around) > 1.0
+
+
+def test_shores_are_as_far_as_they_say(terrain: st.Terrain) -> None:
+    cover = Cover(terrain, sample_heights(terrain, (1500.0, 1125.0), 3900.0, 128))
+    river = terrain.features.rivers[0]
+    middle = len(river.centreline) // 2
+    along = river.centreline[middle + 1, :2] - river.centreline[middle - 1, :2]
+    aside = np.array([-along[1], along[0]]) / np.hypot(*along)
+    half = float(river.centreline_width[middle]) / 2.0
+    places = river.centreline[middle, :2] + np.array([0.0, half + 10.0, half + 500.0])[:, None] * aside
+    assert cover.shore(*places.T) == pytest.approx([-half, 10.0, 60.0], abs=1.5)
+    assert cover.wet(*places.T).tolist() == [True, False, False]
+
+
+def test_a_plant_in_the_way_is_as_far_as_it_is(terrain: st.Terrain) -> None:
+    plants = terrain.foliage(0.0, 0.0, *terrain.size)
+    plant = plants[len(plants) // 2]
+    eye = np.array([plant["x"] - 8.0, plant["y"], 0.0])
+    free = free_ahead(terrain, eye, np.pi / 2.0, reach=30.0)  # it looks east
+    assert free <= 8.0 + 1e-6
+    assert free_ahead(terrain, np.array([plant["x"] - 2.0, plant["y"], 0.0]), np.pi / 2.0, reach=30.0) == 0.0
+
+
+def test_light_from_the_side_is_preferred_to_light_from_behind() -> None:
+    weather = Weather(hour=9.0, clouds=0.0)
+    sun = sun_at(9.0, weather.latitude)
+    side, behind, front = (np.radians(sun.azimuth + turn) for turn in (75.0, 180.0, 0.0))
+    light = light_of(weather)(np.array([side, behind, front]))
+    assert light[0] > light[2] > light[1]
+    assert light_of(Weather(hour=9.0, clouds=1.0))(np.array([side, behind])) == pytest.approx([0.0, 0.0])
+    assert light_of(None)(np.array([side, behind])).tolist() == [0.0, 0.0]
+    assert light_of(Weather(hour=None))(np.array([side, behind])).tolist() == [0.0, 0.0]
+
+
+def test_another_view_and_the_night_are_refused(terrain: st.Terrain) -> None:
+    with pytest.raises(InputError, match="expected a view, one of auto, ground, hill, air, got 'moon'"):
+        find_view(terrain, "moon")
+    with pytest.raises(InputError, match="expected an hour from"):
+        find_view(terrain, "air", weather=Weather(hour=1.0))

@@ -4,8 +4,6 @@
 #include "render/surface.glsl"
 #include "render/triplanar.glsl"
 #include "render/shade.glsl"
-#include "render/clouds.glsl"
-#include "render/variety.glsl"
 
 uniform sampler2DArray material_colour;
 uniform sampler2DArray material_relief;
@@ -16,14 +14,14 @@ in vec3 on_stone;
 in vec3 own_normal;
 in vec4 stone;
 in vec4 light;
-in float sky_share;
+in vec3 mean_albedo;
 out vec4 radiance;
 
 const float TEXTURE = 1.7;       // m, width of the texture on a stone
 const float SPAN = 0.55;         // radii over which the ground's shade ends
 const float DEEP = 0.30;         // light left where stone meets ground
-const float RIVER_DARK = 0.62;   // albedo of a river's stones over dry ones'
-const vec3 RIVER_HUE = vec3(0.96, 1.0, 1.02);
+const float FACETS = 0.5;        // how flat the mesh's triangles look where a stone is not worn
+#define ROCK 2
 
 void main()
 {
@@ -41,18 +39,19 @@ void main()
         vec3 turned = axis == 0 ? vec3(0.0, slope) : axis == 1 ? vec3(slope.x, 0.0, slope.y) : vec3(slope, 0.0);
         bump += planes[axis] * turned;
     }
-    vec2 world = position.xy + eye.xy;
-    albedo *= variety(ROCK, textureLod(noise_field, world / 4096.0, 0.0), textureLod(noise_field, world / 512.0 + 0.37, 0.0),
-        textureLod(noise_field, world / 64.0 + 0.71, 0.0));
-    albedo *= mix(0.78, 1.22, stone.x) * mix(vec3(1.0), RIVER_DARK * RIVER_HUE, stone.y);
-    vec3 n = normalize(normalize(normal) + 0.55 * bump);
+    vec3 mean = textureLod(material_colour, vec3(0.5, 0.5, float(ROCK)), 20.0).rgb;
+    albedo *= mean_albedo / (mean * mean);
+    vec3 face = normalize(cross(dFdx(position), dFdy(position)));
+    vec3 smoothed = normalize(normal);
+    face *= sign(dot(face, smoothed));
+    vec3 n = normalize(mix(smoothed, face, FACETS * (1.0 - stone.x)) + 0.55 * bump);
     float above = stone.z / (SPAN * stone.w);
     float hidden = 0.5 + 0.5 * dot(n, light.xyz);
     float clear = mix(DEEP, 1.0, smoothstep(-0.25, 1.0, above + 0.5 * hidden));
     vec3 to_eye = -normalize(position);
     float sun = light.w * tree_shade(position, n) * mix(smoothstep(-0.3, 0.25, above), 1.0, 0.35);
-    float roughness = mix(0.85, 0.55, stone.y);
+    float roughness = mix(0.85, 0.55, stone.x);
     vec3 lit = reflectance(albedo, vec3(0.03), roughness, n, to_eye, to_sun.xyz) * sun_light.rgb * sun;
-    lit += albedo / PI * sky_irradiance(n) * sky_share * open * clear;
+    lit += albedo / PI * sky_irradiance(n) * stone.y * open * clear;
     radiance = vec4(through_air(lit, position), 1.0);
 }

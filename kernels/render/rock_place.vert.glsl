@@ -6,18 +6,23 @@
 #include "render/clouds.glsl"
 #include "render/surface_map.glsl"
 #include "render/scatter.glsl"
+#include "render/variety.glsl"
+
+#define RIVER_BED 6
 
 in vec2 corner; // of the cell, relative to the eye, m
 in uvec2 seed;  // the cell's hash, the place's rank
 
 uniform vec4 strewing; // places a cell, m up to which all are shown, m of the last, m a cell's side
 uniform vec3 sizes;    // m, radius of the smallest and of the largest; largest share of places where one lies
+uniform sampler2DArray material_colour;
 uniform float tumble;  // rad that this kind of stone lies turned over at most
 
 out vec4 stand;  // xyz: middle relative to the eye, m; w: radius, m
 out vec4 spin;   // its rotation, a quaternion
 out vec4 ground; // xyz: normal; w: m of the middle over the ground
-out vec4 kind;   // x: brightness 0..1; y: worn and dark, of a river; z: share of the sun, w: of the sky
+out vec4 kind;   // x: how far its edges are worn, 0..1; y: share of the sun, z: of the sky
+out vec4 hue;    // rgb: mean albedo
 
 const float POWER = -0.5;    // of a share of the places, to a radius: as many of twice the size as one in four
 const float STEEP = 0.62;    // normal's z under which stones roll away
@@ -26,6 +31,13 @@ const float LYING_LOW = -0.25, LYING_HIGH = 0.30; // radii that a stone's middle
 vec4 turned_by(vec4 a, vec4 b) // first b, then a
 {
     return vec4(a.w * b.xyz + b.w * a.xyz + cross(a.xyz, b.xyz), a.w * b.w - dot(a.xyz, b.xyz));
+}
+
+// Mean albedo of a material.
+vec3 mean_of(int layer)
+{
+    vec3 colour = textureLod(material_colour, vec3(0.5, 0.5, float(layer)), 20.0).rgb;
+    return colour * colour;
 }
 
 void main()
@@ -67,6 +79,14 @@ void main()
     stand = vec4(foot + normal * over, radius);
     ground = vec4(normal, over);
     vec4 light = ground_light(place);
-    kind = vec4(c, smoothstep(0.3, 0.6, high.z), light.r * cloud_shadow(foot), light.g);
+    float of_river = smoothstep(0.3, 0.6, high.z);
+    kind = vec4(of_river, light.r * cloud_shadow(foot), light.g, 0.0);
+
+    // Of the rock around, of the scree that it lies in, of the river that rolled it.
+    vec4 wide = textureLod(noise_field, world / 4096.0, 0.0), middle = textureLod(noise_field, world / 512.0 + 0.37, 0.0);
+    vec4 small = textureLod(noise_field, world / 64.0 + 0.71, 0.0);
+    vec3 rock = mean_of(ROCK) * variety(ROCK, wide, middle, small), scree = mean_of(SCREE) * variety(SCREE, wide, middle, small);
+    vec3 lying = mix(mix(rock, scree, smoothstep(0.15, 0.6, low.w)), mean_of(RIVER_BED), of_river);
+    hue = vec4(lying * mix(0.78, 1.22, c) * mix(vec3(1.06, 1.0, 0.94), vec3(0.95, 1.0, 1.05), b), 0.0);
     gl_Position = vec4(0.0);
 }

@@ -25,7 +25,7 @@ void main()
     float ahead = at.x > 0.0 ? ROUND + longest : ROUND;
     vec3 on_plane = away * (at.x * ahead) + across * (at.y * ROUND) - n * (ground.w / max(stand.w, 1e-4));
     from_middle = on_plane;
-    vec3 sun = sun_light.rgb * sine * kind.z, sky = sky_irradiance(n) * kind.w;
+    vec3 sun = sun_light.rgb * sine * kind.y, sky = sky_irradiance(n) * kind.z;
     share = vec4(n, dot(sun, vec3(1.0)) / max(dot(sun + sky, vec3(1.0)), 1e-6));
     vec3 position = stand.xyz + on_plane * stand.w;
     gl_Position = to_clip * vec4(position * (1.0 - NEARER), 1.0);

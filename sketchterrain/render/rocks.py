@@ -48,15 +48,15 @@ class _Stones:
 
 STONES: Final = (
     _Stones(Strewing(11, 7.0, 3.0, 32.0, 4.0, (0.0, 0.0, 4.0)), (0.018, 0.10), 0.9, 3.0),
-    _Stones(Strewing(22, 0.45, 9.0, 120.0, 8.0, (0.0, 9.0, 28.0)), (0.09, 0.5), 0.8, 1.2),
+    _Stones(Strewing(22, 0.8, 9.0, 120.0, 8.0, (0.0, 9.0, 28.0)), (0.09, 0.5), 0.8, 1.2),
     _Stones(Strewing(33, 0.012, 50.0, 480.0, 40.0, (14.0, 45.0, 130.0)), (0.42, 2.6), 0.6, 0.7),
 )
 """Pebbles, stones, boulders."""
 BEST_REACH: Final = 110.0
 """m, of the near ground at the best quality; all other distances go with it."""
-STONE: Final = 4 * 4 * 4
+STONE: Final = 4 * 4 * 5
 """Bytes of a stone, captured from rock_place.vert.glsl."""
-_CAPTURED: Final = ("stand", "spin", "ground", "kind")
+_CAPTURED: Final = ("stand", "spin", "ground", "kind", "hue")
 _COMMAND: Final = np.dtype(
     [("count", "<u4"), ("instances", "<u4"), ("first", "<u4"), ("base_vertex", "<i4"), ("base", "<u4")]
 )
@@ -105,7 +105,7 @@ class Rocks:
         self._program = build_program(context, "rock.vert.glsl", "rock.frag.glsl", defines=defines)
         self._shade = build_program(context, "rock_shade.vert.glsl", "rock_shade.frag.glsl", defines=defines)
         self._placing = context.vertex_array(self._place, [(self._seeds, "2f4 2u4", "corner", "seed")])
-        captured = (self._captured, "4f4 4f4 4f4 4f4/i", *_CAPTURED)
+        captured = (self._captured, "4f4 4f4 4f4 4f4 4f4/i", *_CAPTURED)
         self._array = context.vertex_array(
             self._program,
             [(vertices, "3f4 3f4", *(VERTEX.names or ())), captured],

@@ -155,7 +155,7 @@ def test_grass_grows_on_grass_and_stones_lie_on_scree(scene, monkeypatch):
     stones = []
 
     def note(self, places, uniforms):
-        rows = np.frombuffer(self._captured.read(64 * len(places.rows)), np.float32).reshape(-1, 16)
+        rows = np.frombuffer(self._captured.read(80 * len(places.rows)), np.float32).reshape(-1, 20)
         stones.append(int((rows[:, 3] > 0.0).sum()))
 
     monkeypatch.setattr(Rocks, "_draw", note)

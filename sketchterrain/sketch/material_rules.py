@@ -42,7 +42,9 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         1.0,
         (Factor(0.0, 0.8, "straight", forest=1.0), Factor(290.0, 40.0, **_ALPINE)),
     ),
-    MaterialRule("slope_scree", "scree", 0.75, (_IN_MOUNTAINS, Factor(0.72, 0.92, **_STONY))),
+    MaterialRule(
+        "slope_scree", "scree", 0.85, (Factor(0.05, 0.45, mountain=1.0), Factor(0.64, 0.82, **_STONY))
+    ),
     MaterialRule("rock_face", "rock", 1.0, (Factor(0.97, 1.17, **_STONY),)),
     # What falls from the faces lies in gullies and at their feet, as steep as it can.
     MaterialRule(
@@ -51,7 +53,7 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         0.9,
         (
             Factor(0.1, 0.35, mountain=1.0),
-            Factor(0.02, 0.07, hollow=1.0, mottle=0.04),
+            Factor(0.005, 0.045, hollow=1.0, mottle=0.04),
             Factor(0.4, 0.52, steepness=1.0, mottle=0.12),
             Factor(1.15, 0.85, steepness=1.0, mottle=-0.15),
         ),

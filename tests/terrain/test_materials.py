@@ -93,9 +93,9 @@ def formulas(c: dict[str, float], s: Site) -> np.ndarray:
     lay_over("scree", 0.8 * alpine * s.mountain)
     lay_over("forest_floor", np.minimum(1.25 * s.forest, 1) * (1 - alpine))
     stony = 0.34 * s.mottle + 0.25 * s.mountain - 0.8 * s.hollow
-    lay_over("scree", 0.75 * s.mountain * rise(s.steepness + stony, 0.72, 5))
+    lay_over("scree", 0.85 * rise(s.mountain, 0.05, 2.5) * rise(s.steepness + stony, 0.64, 1 / 0.18))
     lay_over("rock", rise(s.steepness + stony, 0.97, 5))
-    fan = 0.9 * rise(s.mountain, 0.1, 4) * rise(s.hollow + 0.04 * s.mottle, 0.02, 20)
+    fan = 0.9 * rise(s.mountain, 0.1, 4) * rise(s.hollow + 0.04 * s.mottle, 0.005, 25)
     fan *= rise(s.steepness + 0.12 * s.mottle, 0.4, 1 / 0.12)
     lay_over("scree", fan * (1 - rise(s.steepness - 0.15 * s.mottle, 0.85, 1 / 0.3)))
     lay_over("sand", s.dune * (1 - rise(s.steepness, 0.9, 4)))

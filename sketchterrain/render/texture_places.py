@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["OCTAVES", "PERIOD", "RATIO", "texture_phases", "texture_uniforms", "texture_widths"]
 
-OCTAVES: Final = 7
+OCTAVES: Final = 6
 """Sizes in which textures are laid."""
 RATIO: Final = 3.7
 """Of one octave's width to the next."""

@@ -25,8 +25,8 @@ EYE: Final = {False: 2.2, True: 4.0}
 """m above the ground, of one who stands there, and on a rise (of one who climbed a rock)."""
 FOV: Final = {False: 44.0, True: 40.0}
 BEARINGS: Final = 60
-IN_VIEW: Final = 11
-"""Neighbouring bearings that a picture shows: 66°."""
+IN_VIEW: Final = 13
+"""Neighbouring bearings that a picture shows, and a little more: 78°."""
 DISTANCES: Final = 60
 NEAREST: Final = 5.0
 """m to the nearest ground that is looked at."""

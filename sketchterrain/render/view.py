@@ -55,7 +55,7 @@ class _Height(NamedTuple):
 _HEIGHTS: Final = {
     # Over the trees, and not so high that they look like moss.
     "auto": _Height(
-        rises=(0.010, 0.022, 0.038, 0.032),
+        rises=(0.010,),
         limits=(20.0, 190.0),
         fov=36.0,
         horizon_at=0.34,
@@ -72,7 +72,7 @@ _HEIGHTS: Final = {
         fov=40.0,
         horizon_at=0.40,
         peak=(0.06, 0.07),
-        in_view=11,
+        in_view=13,
         clear=0.30,
         near=0.22,
         inside=2.0,
@@ -112,7 +112,8 @@ def find_view(terrain: Terrain, kind: str = "auto", *, weather: Weather | None =
         What to show.
     kind
         ``ground``: with the eyes of someone who stands in the open, nothing before them. ``hill``: the same
-        from a rise. ``air``: 250 to 700 m up. ``auto``: over the trees, 20 to 190 m up.
+        from a rise. ``air``: 250 to 700 m up. ``auto``: over the trees, a hundredth of the extent up, but 20
+        to 190 m.
     weather
         If it has an hour and the sun is not behind clouds, views that the sun lights from the side are
         preferred to those with the sun behind the camera.

@@ -199,3 +199,41 @@ def test_the_preview_is_a_picture(call: Callable[..., Any], sketch: Path, tmp_pa
     told = report(tmp_path)
     assert set(told["files"]) == names(tmp_path)
     assert 0 < sum(told["rendering"].values()) <= told["timings"]["preview"]
+
+
+def test_generate_draws_a_map_and_the_view_that_is_asked_for(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def picture(terrain: object, **options: Any) -> np.ndarray:
+        asked.update(options)
+        return np.zeros((18, 32, 3), np.uint8)
+
+    monkeypatch.setattr(sketchterrain.render, "render_picture", picture)
+    look = ["--view", "air", "--time", "17", "--clouds", "1", "--map", "svg"]
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9, *look)
+    assert done.code == 0, done.err
+    assert (asked["view"], asked["weather"].hour, asked["weather"].clouds) == ("air", 17.0, 1.0)
+    assert names(tmp_path) == FILES | {"preview.png", "map.svg"}
+    assert "map.svg" in report(tmp_path)["files"]
+    assert (tmp_path / "map.svg").read_text().rstrip().endswith("</svg>")
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "line"),
+    [
+        (["--map", "pdf"], 2, "expected png or svg, got 'pdf'"),
+        (["--no-preview", "--time", "12"], 2, "--time with --no-preview: it is the preview's"),
+        (["--no-preview", "--view", "air"], 2, "--view with --no-preview"),
+        (["--view", "moon"], 3, "expected a view, one of auto, ground, hill, air"),
+        (["--time", "0"], 3, "expected an hour from"),
+    ],
+)
+def test_pictures_that_cannot_be_meant_are_refused_before_any_work(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, options: list[str], code: int, line: str
+) -> None:
+    done = call("generate", sketch, "-o", tmp_path / "out", "--size", 9, *options)
+    assert done.code == code, done.err
+    assert line in done.error
+    assert not (tmp_path / "out").exists()

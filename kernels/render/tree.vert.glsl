@@ -2,9 +2,11 @@
 // One vertex of one plant. A plant that comes, goes or passes into another detail loses its triangles one by one.
 #include "render/frame.glsl"
 #include "render/tree_wind.glsl"
+#ifndef SHADE_MAPS
+#define SHADE_MAPS 2
+#endif
 
 uniform vec3 anchor; // of all plants, relative to the eye, m
-uniform vec2 wind;   // where it blows to, m/s, east and north
 uniform float clock; // s
 
 in vec3 place;     // in heights of the plant, from its foot
@@ -13,6 +15,7 @@ in vec4 colour;    // rgb: √albedo, a: openness to the sky
 in vec4 sprig_at;  // xy: place on its spray, 0..1; z: what is cut out; w: phase of its bough
 in vec4 stand;     // xyz: foot, m from the anchor; w: height, m
 in vec4 ground;    // see tree_stand.vert.glsl
+in vec4 sway;
 in vec4 manner;    // xy: cosine and sine of its rotation; z: temper; w: share of its triangles that is drawn
 
 out vec3 position;
@@ -22,6 +25,7 @@ out vec3 light; // x: sun over the bare ground; y: sky over it, as far as other 
 out vec3 cut;   // xy: place on its spray, 0..1; z: what is cut out
 
 const float DEEP_SHADE = 0.55;   // what a dense forest takes of the sky's light at its floor
+const float CROWD_SHADE = 0.75;  // what a dense forest takes of the sun low down, where no map tells
 const float WARM_BOUGH = 0.16;   // how much boughs differ in colour
 
 // 0..1 for a triangle of a plant.
@@ -37,7 +41,7 @@ void main()
     mat2 turn = mat2(manner.x, manner.y, -manner.y, manner.x);
     vec3 foot = vec3(anchor.xy + stand.xy, ground.x);
     vec3 at = vec3(turn * place.xy, place.z);
-    position = foot + stand.w * at + swayed(foot.xy + eye.xy, at, stand.w, sprig_at.w, outward.w, wind, ground.w, clock);
+    position = foot + stand.w * at + swayed(at, stand.w, sway, sprig_at.w, outward.w, clock);
     vec3 normal = outward.xyz * 2.0 - 1.0;
     leaf_normal = vec4(turn * normal.xy, normal.z, outward.w);
     float tint = fract(manner.z) * 2.0 - 1.0, crowded = floor(manner.z) / 15.0;
@@ -45,7 +49,13 @@ void main()
     vec3 warm = mix(vec3(0.80, 0.90, 0.94), vec3(1.24, 1.10, 0.82), 0.5 + 0.5 * clamp(tint + bough, -1.0, 1.0));
     albedo = colour.rgb * colour.rgb * mix(vec3(1.0), warm * (1.0 + 0.5 * bough), 0.25 + 0.75 * outward.w);
     float deep = crowded * DEEP_SHADE * (1.0 - smoothstep(0.1, 0.85, place.z));
-    light = vec3(ground.y, ground.z * (1.0 - deep), colour.a);
+    float sun = ground.y;
+#if SHADE_MAPS == 0
+    // Without maps of their shadows, plants shade themselves and each other by what is known of them.
+    float under = 1.0 - smoothstep(0.35, 0.95, place.z);
+    sun *= mix(0.15 + 0.85 * colour.a * colour.a, 1.0, 0.25) * (1.0 - CROWD_SHADE * crowded * under);
+#endif
+    light = vec3(sun, ground.z * (1.0 - deep), colour.a);
     cut = sprig_at.xyz;
     gl_Position = draw_of(gl_VertexID / 3, manner.z) < manner.w ? to_clip * vec4(position, 1.0) : vec4(2.0, 2.0, 2.0, 1.0);
 }

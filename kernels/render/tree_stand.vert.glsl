@@ -10,7 +10,8 @@ uniform float clock; // s
 
 in vec4 stand; // xyz: foot, m from the anchor; w: height, m
 
-out vec4 ground; // x: height of the foot over the eye as the ground is drawn, m; y: sun over the bare ground; z: sky over it; w: gust
+out vec4 ground; // x: height of the foot over the eye as the ground is drawn, m; y: sun over the bare ground; z: sky over it
+out vec4 sway;   // see sway_of
 
 const float SINK = 0.15; // m, feet go so far into the ground
 
@@ -18,5 +19,6 @@ void main()
 {
     vec3 foot = anchor + stand.xyz;
     vec2 bare = ground_light(foot.xy).rg;
-    ground = vec4(standing_height(foot + vec3(0.0, 0.0, SINK)) - SINK, bare, gust(foot.xy + eye.xy, wind, clock));
+    ground = vec4(standing_height(foot + vec3(0.0, 0.0, SINK)) - SINK, bare, 0.0);
+    sway = sway_of(foot.xy + eye.xy, stand.w, wind, clock);
 }

@@ -90,7 +90,7 @@ class Forest:
         self._pixels[-1] = min(self._pixels[-1], HULL)
         self._cells = PlantCells(terrain)
         meshes = PlantMeshes(context)
-        standing = build_transform(context, "tree_stand.vert.glsl", ["ground"], defines=defines)
+        standing = build_transform(context, "tree_stand.vert.glsl", ["ground", "sway"], defines=defines)
         programs = [
             build_program(context, "tree.vert.glsl", "tree.frag.glsl", defines={**defines, "SPRIGS": sprigs})
             for sprigs in (1, 0)

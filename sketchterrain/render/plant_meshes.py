@@ -101,13 +101,13 @@ class PlantBatch:
         self._program, self._standing = program, standing
         self._meshes = meshes
         self._instances = context.buffer(reserve=32 * 1024, dynamic=True)
-        self._ground = context.buffer(reserve=16 * 1024, dynamic=True)
+        self._ground = context.buffer(reserve=32 * 1024, dynamic=True)
         self._commands = context.buffer(reserve=20 * meshes.vertices.size, dynamic=True)
         self._counts = np.zeros_like(meshes.vertices)
         parts = [vertices, (self._instances, "4f4 4f4/i", "stand", "manner")]
         self._stands = None
         if standing is not None:
-            parts.append((self._ground, "4f4/i", "ground"))
+            parts.append((self._ground, "4f4 4f4/i", "ground", "sway"))
             self._stands = context.vertex_array(standing, [(self._instances, "4f4 16x", "stand")])
         self._array = context.vertex_array(program, parts)
 
@@ -116,7 +116,7 @@ class PlantBatch:
         if self.count:
             if self._standing is not None and self._stands is not None:
                 set_uniforms(self._standing, uniforms)
-                self._ground.orphan(max(16 * self.count, self._ground.size))
+                self._ground.orphan(max(32 * self.count, self._ground.size))
                 self._stands.transform(self._ground, vertices=self.count)
             set_uniforms(self._program, uniforms)
             self.draw()

@@ -78,7 +78,7 @@ def test_feet_stand_on_the_ground_as_it_is_drawn():
         feet = []
         for batch in batches:
             rows = np.frombuffer(batch._instances.read(), np.float32).reshape(-1, 8)[: batch.count]
-            ground = np.frombuffer(batch._ground.read(), np.float32).reshape(-1, 4)[: batch.count]
+            ground = np.frombuffer(batch._ground.read(), np.float32).reshape(-1, 8)[: batch.count]
             feet.append(np.c_[rows[:, :2] + renderer._forest._origin, ground[:, 0] + camera.eye[2] + 0.15])
         feet = np.concatenate(feet)
         # The same ground without plants: its depth at the feet.

@@ -27,10 +27,8 @@ def rows(count, seed=2):
 
 def swayed(gl, points, wind, time, leafy=1.0):
     """Where points (n, 4: at, phase) of a plant 12 m high are moved to."""
-    call = (
-        f"vec4(swayed(vec2(31.0, -7.0), a.xyz, 12.0, a.w, {leafy:.1f}, vec2({wind[0]:.4f}, {wind[1]:.4f}), "
-        f"1.0, {time:.4f}), 0.0)"
-    )
+    sway = f"sway_of(vec2(31.0, -7.0), 12.0, vec2({wind[0]:.4f}, {wind[1]:.4f}), {time:.4f})"
+    call = f"vec4(swayed(a.xyz, 12.0, {sway}, a.w, {leafy:.1f}, {time:.4f}), 0.0)"
     return evaluate(gl, FILES, call, points)[:, :3]
 
 
@@ -47,7 +45,7 @@ def test_gusts_are_their_formula_and_travel_with_the_wind(gl):
 def test_nothing_moves_without_wind_and_no_foot_with_it(gl):
     points = rows(500)
     still = np.c_[points[:, :3], np.zeros(500)].astype(np.float32)
-    call = "vec4(swayed(vec2(31.0, -7.0), a.xyz, 12.0, 0.3, 1.0, a.ww, 1.0, 3.7), 0.0)"
+    call = "vec4(swayed(a.xyz, 12.0, sway_of(vec2(31.0, -7.0), 12.0, a.ww, 3.7), 0.3, 1.0, 3.7), 0.0)"
     assert (evaluate(gl, FILES, call, still) == 0.0).all()
     points[:, 2] = 0.0
     assert (swayed(gl, points, (9.0, -12.0), 3.7) == 0.0).all()

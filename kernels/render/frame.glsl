@@ -11,7 +11,7 @@ layout(std140) uniform Frame {
     mat4 from_clip;
     vec4 eye;          // xy: m modulo the texture period; z: m above sea level; w: s, clock
     vec4 to_sun;       // xyz: unit vector; w: unused
-    vec4 sun_light;    // rgb: irradiance on a surface that faces the sun; w: exposure
+    vec4 sun_light;    // rgb: irradiance on a surface that faces the sun; w: share of the air's light that shadows take
     vec4 sky_light[9]; // rgb: irradiance from sky and ground, spherical harmonics, cosine lobe folded in
     vec4 haze;         // rgb: extinction by aerosols at base height, 1/m; w: their scale height, m
     vec4 air;          // rgb: by molecules, 1/m; w: their scale height, m
@@ -74,14 +74,6 @@ vec3 clear_air(vec3 position)
     return exp(-length(position) * (haze.rgb * mean_haze + air.rgb * mean_air));
 }
 
-// Aerial perspective: what the air between the eye and a point at a relative position takes away and adds.
-// The world ends in air.
-vec3 through_air(vec3 radiance, vec3 position)
-{
-    vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x));
-    return mix(air_light(position * inversesqrt(max(dot(position, position), 1e-6))), radiance, clear);
-}
-
 // How much a map is shown at a place: it ends softly inside its window.
 float shown(vec2 place, vec4 window, float per_width, float soft)
 {
@@ -102,4 +94,18 @@ vec4 ground_light(vec2 place)
     light = mix(light, textureLod(close_light, (place - close_map.xy) * close_map.z, 0.0), close_share);
 #endif
     return light;
+}
+
+const float SHADED_AIR_AT = 0.75; // of a line of sight, where it is asked whether the air is in shadow
+
+// Aerial perspective: what the air between the eye and a point at a relative position takes away and adds.
+// The world ends in air. Air over ground in shadow is dimmer, where there are three maps of light.
+vec3 through_air(vec3 radiance, vec3 position)
+{
+    vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x));
+    vec3 air = air_light(position * inversesqrt(max(dot(position, position), 1e-6)));
+#if LIGHT_MAPS > 2
+    air *= 1.0 - sun_light.w * (1.0 - ground_light(SHADED_AIR_AT * position.xy).r);
+#endif
+    return mix(air, radiance, clear);
 }

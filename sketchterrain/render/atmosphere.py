@@ -21,6 +21,7 @@ __all__ = [
     "AEROSOL_HEIGHT",
     "GROUND",
     "GROUND_ALBEDO",
+    "OZONE",
     "RAYLEIGH",
     "RAYLEIGH_HEIGHT",
     "TOP",
@@ -39,15 +40,18 @@ TOP: Final = 6460e3
 RAYLEIGH: Final = np.array([5.802e-6, 13.558e-6, 33.1e-6])
 """Scattering by molecules at sea level (1/m), for red, green and blue (680, 550, 440 nm)."""
 RAYLEIGH_HEIGHT: Final = 8000.0
-AEROSOL: Final = 8e-5 * (np.array([680.0, 550.0, 440.0]) / 550.0) ** -1.3
-"""Scattering by aerosols of a clear day (1/m): vertical optical depth 0.1, Ångström exponent 1.3."""
+AEROSOL: Final = 8.5e-5 * (np.array([680.0, 550.0, 440.0]) / 550.0) ** -1.0
+"""Scattering by aerosols of a clear day (1/m): vertical optical depth 0.1, Ångström exponent 1."""
 AEROSOL_ABSORBED: Final = 0.1
 """Of what aerosols scatter, how much they absorb besides."""
 AEROSOL_HEIGHT: Final = 1200.0
 FORWARD: Final = 0.76
 """Mean cosine of the angle by which aerosols scatter."""
-OZONE: Final = np.array([0.65e-6, 1.881e-6, 0.085e-6])
-"""Absorption where it is densest, 25 km up (1/m); none is 15 km above or below."""
+OZONE: Final = np.array([1.5e-6, 1.881e-6, 0.085e-6])
+"""Absorption where it is densest, 25 km up (1/m); none is 15 km above or below.
+
+Red as its mean over 600 to 680 nm: at 680 nm alone there is so little that twilight turns purple.
+"""
 GROUND_ALBEDO: Final = np.array([0.13, 0.12, 0.085])
 """What the ground far around gives back, on average, of the light that falls on it."""
 SUN_RADIUS: Final = np.radians(0.267)

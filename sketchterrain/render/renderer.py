@@ -291,7 +291,7 @@ class Renderer:
         frame["from_clip"] = np.linalg.inv(to_clip)
         frame["eye"] = (eye[0] % NOISE_PERIOD, eye[1] % NOISE_PERIOD, eye[2])
         frame["to_sun"] = self._sun.direction
-        frame["sun_light"] = (*self._sky.sunlight, self._sky.exposure(camera.heading))
+        frame["sun_light"] = (*self._sky.sunlight, self._sky.shaded_air)
         frame["sky_light"] = self._sky.harmonics
         frame["haze"] = (*(hazy * self._sky.haze), AEROSOL_HEIGHT)
         frame["air"] = (*(hazy * RAYLEIGH), RAYLEIGH_HEIGHT)

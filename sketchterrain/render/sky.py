@@ -36,6 +36,10 @@ HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
 """Extinction by aerosols on a clear day, at the haze's base (1/m)."""
 SMALL_WORLD: Final = 0.25
 """Optical depth of an extent at least: small worlds, which end near, end in haze too."""
+SHADED_AIR: Final = 0.55
+"""Share of the air's light that comes from the sun at once, about."""
+RISING: Final = (0.0, 3.0)
+"""Degrees of elevation in which the sun begins to throw shadows that count."""
 OVERCAST: Final = (0.6, 1.0)
 """Cloud covers between which one grey layer comes before the sky and the sun."""
 OVERCAST_CLEAR: Final = np.array([0.33, 0.34, 0.35])
@@ -113,6 +117,8 @@ class Sky:
         Irradiance of the sun on a surface that faces it, at the ground.
     harmonics : (9, 3) float64
         Irradiance from the whole sky and ground around, see `irradiance_harmonics`.
+    shaded_air : float
+        Share of the air's light that is missing over ground in shadow.
     haze : (3,) float64
         Extinction by aerosols at the haze's base (1/m).
     """
@@ -133,6 +139,7 @@ class Sky:
         self._dome = overcast_table(OVERCAST_CLEAR * float(total.mean()))
         self._levels[0] = ground = self._veiled(ground)
         self.sunlight = (1.0 - self.veil) * shone
+        self.shaded_air = SHADED_AIR * (1.0 - self.veil) * _smooth(sun.elevation, *RISING)
         self.harmonics = irradiance_harmonics(ground[SIZE:], sun, self.sunlight)
         up = float(sky_irradiance(self.harmonics, level).mean())
         self._exposure = exposure_of(float(self.sunlight.mean()), sun.direction[2], up)

@@ -48,6 +48,7 @@ class _Height(NamedTuple):
     in_view: int  # neighbouring bearings that a picture shows
     clear: float  # tangent by which near ground lies under the eye at least, or it hides the rest
     near: float  # extents up to which ground is near
+    wall: float  # what near ground costs that rises higher, by the tangent
     inside: float  # what it is worth that what is seen lies in the sketch
     water: float  # apparent size of water that counts for much
 
@@ -63,6 +64,7 @@ _HEIGHTS: Final = {
         in_view=9,
         clear=0.06,
         near=0.10,
+        wall=14.0,
         inside=0.8,
         water=0.012,
     ),
@@ -75,6 +77,7 @@ _HEIGHTS: Final = {
         in_view=13,
         clear=0.30,
         near=0.22,
+        wall=30.0,
         inside=2.0,
         water=0.004,
     ),
@@ -241,7 +244,7 @@ def _score(seen: _Panorama, distance: Floats, height: _Height) -> Floats:
         + 2.4 * np.tanh(window(seen.water, 7).mean(axis=0) / height.water)
         + np.tensordot(_TYPE_WEIGHTS, np.tanh(painted / 0.10), axes=1)
         + height.inside * np.tanh(window(seen.inside, height.in_view).mean(axis=0) / 0.15)
-        - 14.0 * wall
+        - height.wall * wall
         # A lake is a subject, but not all there is to see.
         - 6.0 * np.maximum(window(seen.flooded, height.in_view).mean(axis=0) - MOST_WATER, 0.0)
     )

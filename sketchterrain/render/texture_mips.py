@@ -2,7 +2,7 @@
 
 What a coarse texel must keep of the fine ones under it is how light leaves them together. Albedo and openness
 are averaged as light. Slopes are averaged, and how far they scatter around their mean goes into the
-roughness, so that rock is as rough from afar as near (Olano & Baker 2010, "LEAN Mapping", eq. 6, and Kaplanyan
+roughness, so that rock is as rough from afar as near (Olano & Baker 2010, "LEAN Mapping", eq. 6; Kaplanyan
 et al. 2016, "Filtering Distributions of Normals for Shading Antialiasing", §3: α² grows by twice the variance
 of a slope).
 """

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from PIL import Image
 
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.errors import InputError
+from sketchterrain.render import Camera, Quality, Sun, render_picture
 from sketchterrain.render.texture_files import read_pictures
 from sketchterrain.render.texture_levels import changed_levels, made_levels
 from sketchterrain.render.texture_maker import LAYERS
@@ -139,3 +142,21 @@ def test_opengl_holds_every_level(gl, levels, tmp_path, monkeypatch):
             )
             got = np.frombuffer(output.read(), np.float32).reshape(n, n, 4)
             assert np.abs(got * 255.0 - both[part][2]).max() < 0.01
+
+
+@pytest.mark.gl
+@pytest.mark.usefixtures("gl")
+def test_a_picture_shows_the_textures_of_the_folder(waves, tmp_path):
+    for name in ("grass", "rock"):
+        save(tmp_path, f"{name}.png", np.full((8, 8, 3), (230, 20, 230), np.uint8))
+    camera = Camera((500.0, 100.0, 200.0), (500.0, 300.0, 40.0), far=20_000.0)
+    cheap = dataclasses.replace(Quality.of(0.0, without=["trees", "grass", "rocks", "clouds"]), quads=64)
+    own, given = (
+        render_picture(
+            waves, size=(96, 54), camera=camera, sun=Sun(250.0, 35.0), quality=cheap, textures=folder
+        )[-18:].mean(axis=(0, 1))
+        for folder in (None, tmp_path)
+    )
+    assert own[1] > own[2]
+    assert given[0] > 1.5 * given[1]
+    assert given[2] > 1.5 * given[1]

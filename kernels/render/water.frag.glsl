@@ -41,7 +41,7 @@ const float SOFT_SHORE = 0.07;       // m of depth over which water begins
 float wind_roughness(float speed) { return CALM + 0.00512 * speed; }
 
 // Slope² of a stream's ripples: more where it is fast and much more where it falls.
-float stream_roughness(float speed, float fall) { return 0.0025 + 0.0045 * speed + 0.07 * smoothstep(0.004, 0.06, fall); }
+float stream_roughness(float speed, float fall) { return 0.0025 + 0.0045 * speed + 0.03 * smoothstep(0.01, 0.1, fall); }
 
 void main()
 {
@@ -49,7 +49,8 @@ void main()
     if (wet_room < 0.0) discard;
     float distance = length(position);
     vec3 to_eye = -position / distance;
-    float grazing = max(to_eye.z, 0.02);
+    vec2 tilt = -stream.y * flow.zw; // of the surface of a stream that falls
+    float grazing = max(dot(to_eye, normalize(vec3(-tilt, 1.0))), 0.02);
     vec2 uv = gl_FragCoord.xy / reach.zw;
     float pixel = distance * trees.z * inversesqrt(grazing);
     bool lake = stream.w == 0.0;
@@ -68,7 +69,7 @@ void main()
     // The bed, where the refracted ray meets a level one of the depth right behind; waves bend the ray.
     float rise = nearer * abs(position.z);
     vec3 behind = scene_position(uv);
-    float depth = max(position.z - behind.z + rise, 0.0);
+    float depth = max(position.z + dot(tilt, behind.xy - position.xy) - behind.z + rise, 0.0);
     float up = refracted_cosine(grazing);
     float soft = smoothstep(0.0, SOFT_SHORE, depth);
     float shallow = depth - rise;
@@ -77,7 +78,7 @@ void main()
     vec3 refracted = vec3(-to_eye.xy / WATER_INDEX + 0.25 * waves.slope, -up);
     vec3 bent = picture_place(position + refracted * (min(depth, 8.0) / up));
     vec3 bent_behind = scene_position(bent.xy);
-    float bent_depth = position.z - bent_behind.z + rise;
+    float bent_depth = position.z + dot(tilt, bent_behind.xy - position.xy) - bent_behind.z + rise;
     // What stands in front of the surface is not seen through it.
     bool straight = bent_depth < 0.0 || bent.z <= 0.0 || length(bent_behind) < distance;
     bed_uv = straight ? uv : bent.xy;
@@ -102,12 +103,13 @@ void main()
     float spread = sqrt(waves.variance);
     vec2 to_eye_flat = to_eye.xy / max(length(to_eye.xy), 1e-4);
     float lean = seen_slope(grazing, spread);
-    vec3 normal = normalize(vec3(-waves.slope + to_eye_flat * lean, 1.0));
+    vec2 slope = waves.slope + tilt;
+    vec3 normal = normalize(vec3(-slope + to_eye_flat * lean, 1.0));
     vec3 back = reflect(-to_eye, normal);
     back.z = max(abs(back.z), 0.012);
-    float cosine = max(dot(normalize(vec3(-waves.slope, 1.0)), to_eye), 0.02);
+    float cosine = max(dot(normalize(vec3(-slope, 1.0)), to_eye), 0.02);
     float share = mirrored_share(cosine, spread);
-    vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, waves.slope, max(spread, 0.03)), 12.0) * sun;
+    vec3 glint = sun_light.rgb * min(glitter(to_eye, to_sun.xyz, slope, max(spread, 0.03)), 12.0) * sun;
     vec3 surface = mix(body, mirrored(position, normalize(back)), share) + through_air(glint, position) - air;
 
     // Foam: streaks that a stream draws out, lines along a shore; both of froth.
@@ -128,7 +130,9 @@ void main()
     float web = textureLod(noise_field, web_at, sized + 1.5).z;
 #endif
     float foam = foam_cover(foam_share(0.7 * grain.z + 0.7 * froth.x, amount, lost), amount, web);
-    surface = mix(surface, through_air(FOAM_ALBEDO / PI * incoming, position), foam);
+    // Bubbles are lit by how they heap up.
+    float heaped = clamp(0.75 + 0.22 * froth.z + 0.3 * web, 0.35, 1.1);
+    surface = mix(surface, through_air(FOAM_ALBEDO / PI * heaped * incoming, position), foam);
 
     radiance = vec4(surface, soft * clamp(edge + 0.5, 0.0, 1.0) * coverage * stream.z);
 }

@@ -36,7 +36,7 @@ float shore_foam(float depth, float beat, float reach)
 //   across   1 at the bank
 float stream_foam(float fall, float across)
 {
-    float steep = smoothstep(0.008, 0.06, fall);
+    float steep = smoothstep(0.015, 0.25, fall);
     float bank = smoothstep(0.72, 0.98, abs(across));
-    return clamp(0.0015 + 0.5 * steep + bank * (0.008 + 0.3 * steep), 0.0, 0.8);
+    return clamp(0.0015 + 0.5 * steep + bank * (0.008 + 0.15 * steep), 0.0, 0.8);
 }

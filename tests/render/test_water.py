@@ -159,11 +159,11 @@ def test_foam_is_where_streams_are_steep_and_at_shores(gl):
     across = np.linspace(-1, 1, 41)
     calm, steep = (
         evaluate(gl, ["render/water_foam.glsl"], f"vec4(stream_foam({fall}, a.x))", rows(across))[:, 0]
-        for fall in (0.001, 0.06)
+        for fall in (0.001, 0.25)
     )
     bank = smoothstep(0.72, 0.98, np.abs(across))
     np.testing.assert_allclose(calm, 0.0015 + 0.008 * bank, atol=1e-6)
-    np.testing.assert_allclose(steep, np.minimum(0.5015 + 0.308 * bank, 0.8), atol=1e-6)
+    np.testing.assert_allclose(steep, np.minimum(0.5015 + 0.158 * bank, 0.8), atol=1e-6)
     depth = np.linspace(0, 1, 101)
     shore = evaluate(gl, ["render/water_foam.glsl"], "vec4(shore_foam(a.x, 0.0, 0.15))", rows(depth))[:, 0]
     assert abs(depth[shore.argmax()] - 0.45 * 0.15) < 0.02

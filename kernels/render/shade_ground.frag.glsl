@@ -26,18 +26,22 @@ layout(location = 0) out vec4 radiance; // w: depth of the sample that was shade
 vec3 position; // of the point that is shaded, m from the eye
 
 const float BED_SPAN = 700.0;  // m of height after which beds repeat
+const float FINER_BEDS = 3.7;  // of them to a bed
 const float BED_BEND = 14.0;   // m up and down that they bend
 const float LEDGE = 2.0;       // m, over which the slope of ledges is taken
 const float LEDGE_SLOPE = 0.5; // of a ledge's edge over its face
 
 // How hard the bed is that a rock face cuts through at a height of the place (m), about -1 to 1: bands, bent a little.
-float bed_at(float height, float bend)
+//   footprint  of a pixel, m: the mipmap is given, for neighbouring pixels may not come here
+float bed_at(float height, float bend, float footprint)
 {
     float at = (height + eye.z + BED_BEND * bend) / BED_SPAN;
 #if MATERIALS == 1
     return sin(40.0 * at) * 0.4 + 0.5 * sin(97.0 * at + 1.0);
 #else
-    return texture(noise_field, vec2(0.37, at)).z + 0.6 * texture(noise_field, vec2(0.71, at * 3.7)).z;
+    float lod = log2(footprint * float(textureSize(noise_field, 0).y) / BED_SPAN);
+    return textureLod(noise_field, vec2(0.37, at), lod).z
+        + 0.6 * textureLod(noise_field, vec2(0.71, at * FINER_BEDS), lod + log2(FINER_BEDS)).z;
 #endif
 }
 
@@ -125,12 +129,12 @@ void main()
         matter.albedo *= variety(layer, wide, middle, small);
         if (layer == ROCK) {
             float bend = wide.w + 0.5 * middle.x;
-            float bed = bed_at(position.z, bend);
+            float bed = bed_at(position.z, bend, footprint);
             vec3 banded = mix(vec3(0.66, 0.65, 0.65), vec3(1.20, 1.17, 1.10), smoothstep(-0.8, 0.8, bed));
             matter.albedo *= mix(vec3(1.0), banded, 0.35 + 0.45 * trees.y);
 #if MATERIALS > 1 && DETAIL
             // Hard beds stand out: their upper edges face the sky, their lower ones the ground.
-            matter.bump.z -= LEDGE_SLOPE * (1.0 - planes.z) * (bed_at(position.z + LEDGE, bend) - bed);
+            matter.bump.z -= LEDGE_SLOPE * (1.0 - planes.z) * (bed_at(position.z + LEDGE, bend, footprint) - bed);
 #endif
         }
         float height = weight + matter.height;

@@ -16,13 +16,13 @@ vec3 sunlit(float depth, float cosine)
         float phase = mix(scattered(cosine, -0.15 * sharp), scattered(cosine, 0.75 * sharp), 0.6);
         sum += share * phase * exp(-thin * depth);
         share *= 0.62;
-        thin *= 0.28;
+        thin *= 0.38;
         sharp *= 0.45;
     }
     return cloud_sun * sum;
 }
 
-const float SUN_GAIN = 2.0;    // over what three orders of scattering give
+const float SUN_GAIN = 1.75;   // over what three orders of scattering give
 const float CLOUD_GREY = 0.45; // of the light around, how much is of other clouds and so of no colour
 
 // Light of sky and ground in a cloud; `rise`: 0 at its base, 1 at its top.

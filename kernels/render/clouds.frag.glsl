@@ -13,13 +13,13 @@ uniform int reduced_width;     // px, of this picture
 in vec2 uv;
 out vec4 seen; // rgb: radiance, premultiplied; a: share of the light behind it that comes through
 
-const float THICK = 1000.0;     // m, of the layer
+const float THICK = 950.0;      // m, of the layer
 const float EXTINCTION = 0.03;  // 1/m, inside
 const float PUFFS = 2300.0;     // m, after which the billows repeat
 const float FAR = 60e3;         // m
-const float TALLEST = 1.9;      // of the field, where a cloud fills the layer
-const float FINEST = 26.0;      // m of a step
-const float FINE = 0.0055;      // of a step, over the distance
+const float TALLEST = 2.3;      // of the field, where a cloud fills the layer
+const float FINEST = 20.0;      // m of a step
+const float FINE = 0.0045;      // of a step, over the distance
 const float CLEAR_RUN = 230.0;  // m of clear air for each 1 that the field is below a cloud's
 
 float billows(vec3 place)

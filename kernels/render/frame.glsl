@@ -96,7 +96,7 @@ vec4 ground_light(vec2 place)
     return light;
 }
 
-const float SHADED_AIR_AT = 0.75; // of a line of sight, where it is asked whether the air is in shadow
+const vec2 SHADED_AIR_AT = vec2(0.5, 0.85); // of a line of sight, where it is asked whether the air is in shadow
 
 // Aerial perspective: what the air between the eye and a point at a relative position takes away and adds.
 // The world ends in air. Air over ground in shadow is dimmer, where there are three maps of light.
@@ -105,7 +105,8 @@ vec3 through_air(vec3 radiance, vec3 position)
     vec3 clear = clear_air(position) * (1.0 - smoothstep(0.75, 0.98, length(position.xy) / reach.x));
     vec3 air = air_light(position * inversesqrt(max(dot(position, position), 1e-6)));
 #if LIGHT_MAPS > 2
-    air *= 1.0 - sun_light.w * (1.0 - ground_light(SHADED_AIR_AT * position.xy).r);
+    float lit = ground_light(SHADED_AIR_AT.x * position.xy).r + ground_light(SHADED_AIR_AT.y * position.xy).r;
+    air *= 1.0 - sun_light.w * (1.0 - 0.5 * lit);
 #endif
     return mix(air, radiance, clear);
 }

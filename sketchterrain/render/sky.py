@@ -36,8 +36,8 @@ HAZE: Final = AEROSOL * (1.0 + AEROSOL_ABSORBED)
 """Extinction by aerosols on a clear day, at the haze's base (1/m)."""
 SMALL_WORLD: Final = 0.25
 """Optical depth of an extent at least: small worlds, which end near, end in haze too."""
-SHADED_AIR: Final = 0.55
-"""Share of the air's light that comes from the sun at once, about."""
+SHADED_AIR: Final = 0.4
+"""Share of the air's light that shadows take: a little less than comes from the sun at once."""
 RISING: Final = (0.0, 3.0)
 """Degrees of elevation in which the sun begins to throw shadows that count."""
 OVERCAST: Final = (0.6, 1.0)

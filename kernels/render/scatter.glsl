@@ -3,7 +3,7 @@
 const float BAND = 0.3;           // as in render/scatter.py
 const uint FIRST_STEP = 3242174889u;  // 2³² over the plastic number …
 const uint SECOND_STEP = 2447445414u; // … and over its square: the sequence R2 (Roberts 2018)
-const float JITTER = 0.45;        // of the distance between neighbours, so that no lattice shows
+const float JITTER = 0.52;            // of the distance between neighbours, so that no lattice shows
 
 // Wellons' lowbias32.
 uint scrambled(uint h)

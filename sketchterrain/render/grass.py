@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 __all__ = ["Grass"]
 
 STREWN: Final = {
-    "meadow": Strewing(salt=101, density=90.0, full=4.8, reach=110.0, cell=3.0, details=(6.0, 30.0)),
-    "tall": Strewing(salt=202, density=7.0, full=14.0, reach=90.0, cell=6.0, details=(10.0, 40.0)),
-    "flower": Strewing(salt=303, density=3.0, full=24.0, reach=80.0, cell=6.0, details=(8.0, 25.0)),
-    "fern": Strewing(salt=404, density=1.6, full=25.0, reach=110.0, cell=8.0, details=(14.0, 45.0)),
+    "meadow": Strewing(salt=101, density=85.0, full=4.2, reach=110.0, cell=3.0, details=(4.5, 18.0)),
+    "tall": Strewing(salt=202, density=7.0, full=12.0, reach=80.0, cell=6.0, details=(6.0, 22.0)),
+    "flower": Strewing(salt=303, density=3.0, full=18.0, reach=80.0, cell=6.0, details=(5.0, 14.0)),
+    "fern": Strewing(salt=404, density=1.6, full=22.0, reach=100.0, cell=8.0, details=(8.0, 26.0)),
 }
 """At the best quality."""
 BEST_REACH: Final = 110.0

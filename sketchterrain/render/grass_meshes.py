@@ -69,7 +69,7 @@ def tuft_mesh(kind: str, detail: int) -> TuftMesh:
     steps = ((0.0, 0.36, 0.7, 1.0), (0.0, 0.55, 1.0), (0.0, 1.0))[detail]
     if kind == "meadow":
         blades = _tuft(rng, count=10) + _low_leaves(rng, count=6)
-        strips = [_strip(blade, steps) for blade in _halved(blades, detail)]
+        strips = [_strip(blade, steps) for blade in _fewer(blades, detail)]
     elif kind == "tall":
         blades = _tuft(rng, count=8, spread=0.16, lean=0.34) + _ears(rng, count=3)
         strips = [_strip(blade, steps) for blade in blades]
@@ -116,11 +116,11 @@ def _low_leaves(rng: np.random.Generator, *, count: int) -> list[_Blade]:
     return leaves
 
 
-def _halved(blades: list[_Blade], detail: int) -> list[_Blade]:
-    """In the coarsest detail every other blade stands for two."""
+def _fewer(blades: list[_Blade], detail: int) -> list[_Blade]:
+    """In the coarsest detail each third blade stands for three."""
     if detail < DETAILS - 1:
         return blades
-    return [blade._replace(width=2.0 * blade.width) for blade in blades[::2]]
+    return [blade._replace(width=3.0 * blade.width) for blade in blades[::3]]
 
 
 def _ears(rng: np.random.Generator, *, count: int) -> list[_Blade]:

@@ -23,7 +23,7 @@ STREWING = Strewing(salt=7, density=20.0, full=6.0, reach=80.0, cell=4.0, detail
 EYES = [(3.2, -7.9, 2.0), (-1e6 + 0.3, 4e6 + 3.1, 55.0)]
 INCLUDES = ["render/scatter.glsl"]
 STEP = (3242174889, 2447445414)
-JITTER = 0.45
+JITTER = 0.52
 
 
 def unit(h):

@@ -40,7 +40,7 @@ __all__ = ["Forest", "shares"]
 
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant in pixels under which the next coarser detail does."""
-HULL: Final = 18.0
+HULL: Final = 20.0
 """px; the coarsest detail does for no higher plants, however low the quality."""
 BAND: Final = 0.08
 """Share of such a height, up and down, over which one detail passes into the next."""

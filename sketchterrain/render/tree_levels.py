@@ -27,7 +27,7 @@ CUT: Final = 2
 """Of them, the finest, whose leaves are cut out of sheets."""
 VARIANTS: Final = 3
 """Of each species."""
-LEAVES: Final = (1000, 560, 150, 30)
+LEAVES: Final = (1000, 560, 150, 26)
 """Sprays in the levels between the finest and the coarsest: two triangles where they are cut, else one."""
 TONE_POINTS: Final = 12_000
 """At which a plant's mean colour is looked at."""
@@ -54,7 +54,7 @@ def level(species: str, variant: int, detail: int) -> Triangles:
         0 … `DETAILS` - 1; the last one is a hull of 12 triangles.
     """
     made = _shaped(species, variant, detail)
-    return made._replace(albedo=made.albedo * _tone(species, detail))
+    return made._replace(albedo=made.albedo * _tone(species, variant, detail))
 
 
 def _shaped(species: str, variant: int, detail: int) -> Triangles:
@@ -66,13 +66,16 @@ def _shaped(species: str, variant: int, detail: int) -> Triangles:
     return _hull(plant, size) if detail == DETAILS - 1 else _fewer(plant, detail, size)
 
 
-@cache
-def _tone(species: str, detail: int) -> Floats:
-    """Return what gives a level the mean colour of the finest one; a species' variants share it."""
+def _tone(species: str, variant: int, detail: int) -> Floats:
+    """Return what gives a level the mean colour of the finest one."""
     if detail == 0:
         return np.ones(3)
-    colours = [seen(_shaped(species, 0, each), points=TONE_POINTS).colour for each in (0, detail)]
-    return np.asarray(colours[0] / colours[1])
+    return np.asarray(_colour(species, variant, 0) / _colour(species, variant, detail))
+
+
+@cache
+def _colour(species: str, variant: int, detail: int) -> Floats:
+    return seen(_shaped(species, variant, detail), points=TONE_POINTS).colour
 
 
 @cache

@@ -104,6 +104,7 @@ class FoliageSampler:
         young = self._undergrowth(x, y, woody & ~own & (masks[:, 2] < _OUTSIDE))
         kept = own | young
         x, y, masks, young = x[kept], y[kept], masks[kept], young[kept]
+        yield
         step = max(round(metre), 1)
         z = self._heights(x, y)
         steepness = np.hypot(self._heights(x + step, y) - z, self._heights(x, y + step) - z) / (step / metre)

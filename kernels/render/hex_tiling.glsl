@@ -5,7 +5,7 @@
 
 const float HEX_RATE = 2.0;     // lattice steps a texture
 const int HEX_PERIOD = 64;      // textures, and lattice points along each side, after which all is the same
-const float HEX_SHARPNESS = 5.0; // power of the weights: little is blended, so contrast stays
+const float HEX_SHARPNESS = 7.0; // power of the weights: little is blended, so contrast stays
 const float HEX_LEAST = 0.02;   // weight below which a hexagon is left out
 
 // The hexagons over a place, heaviest first, and their weights, sum 1; `count` of them are worth reading.

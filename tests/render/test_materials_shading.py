@@ -8,8 +8,18 @@ import numpy as np
 import pytest
 
 from sketchterrain.render import Camera, Quality, Sun, render_picture
+from sketchterrain.render.programs import set_uniforms
+from sketchterrain.render.texture_maker import LAYERS
 from sketchterrain.render.texture_mips import roughened
-from sketchterrain.render.texture_places import PERIOD
+from sketchterrain.render.texture_places import (
+    OCTAVES,
+    PERIOD,
+    texture_phases,
+    texture_uniforms,
+    texture_widths,
+)
+from sketchterrain.render.textures import MaterialTextures
+from sketchterrain.resources import source
 
 from .test_shaders import evaluate, smoothstep
 
@@ -66,10 +76,10 @@ def test_hexagons_over_a_place_are_the_nearest_three(gl):
         assert (np.abs(each - skewed) <= 1.0 + 1e-4).all()
     assert all((np.abs(a - b).max(axis=1) == 1).all() for a, b in zip(ids, [*ids[1:], ids[0]], strict=True))
     # Barycentric: the corners' mean by the weights before they are sharpened is the place.
-    plain = weights ** (1 / 5)
+    plain = weights ** (1 / 7)
     plain /= plain.sum(axis=1, keepdims=True)
     mean = sum(plain[:, k : k + 1] * middle(ids[k]) for k in range(3))
-    # Weights of a tiny part lose their digits in the fifth power.
+    # Weights of a tiny part lose their digits in the seventh power.
     sound = weights.min(axis=1) > 1e-12
     assert np.abs(mean - places)[sound].max() < 2e-3
     assert (np.diff(weights, axis=1) <= 1e-6).all()
@@ -139,3 +149,55 @@ def test_without_detail_the_ground_is_smooth(gl, waves, number):
     # The materials are the same: only their structure is gone.
     means = [picture[-36:].mean(axis=(0, 1)) for picture in pictures]
     assert np.abs(means[0] - means[1]).max() < 12.0
+
+
+LAID = """
+uniform float across; // textures over the picture
+in vec2 uv;
+out vec4 texel;
+void main()
+{
+    float width = laid[LAYER].x;
+    Matter m = at_octave(LAYER, Plane(2, uv * across * width), 0, across * width / SIDE);
+    texel = vec4(m.albedo, m.height);
+}
+"""
+
+
+def laid_out(gl, textures, layer, hexes, *, across=4, side=256):
+    """Draw a plane of one layer from above: (side, side, 4), albedo and height."""
+    defines = {"PLANES": 1, "SIZES": 1, "HEXES": hexes, "DETAIL": 1, "OCTAVES": OCTAVES, "PI": 3.14159265}
+    macros = "".join(f"#define {name} {value}\n" for name, value in defines.items())
+    macros += f"#define LAYER {layer}\n#define SIDE {side}.0\n"
+    program = gl.program(
+        vertex_shader=source("render/screen.vert.glsl"),
+        fragment_shader="#version 430 core\n" + macros + source("render/matter.glsl") + LAID,
+    )
+    widths = texture_widths()
+    phases = [tuple(phase) for phase in texture_phases((0.031, 0.053, 0.0), widths).tolist()]
+    units = {"material_colour": 0, "material_relief": 1, "phases": phases, "across": float(across)}
+    set_uniforms(program, units | texture_uniforms(widths))
+    textures.colour.use(0)
+    textures.relief.use(1)
+    target = gl.texture((side, side), 4, dtype="f4")
+    gl.framebuffer([target]).use()
+    gl.enable_only(gl.NOTHING)
+    gl.vertex_array(program, []).render(vertices=3)
+    return np.frombuffer(target.read(), np.float32).reshape(side, side, 4)
+
+
+@pytest.mark.parametrize("name", ["grass", "scree", "river_bed", "rock", "snow"])
+def test_hexagons_hide_the_repetition_and_keep_mean_and_contrast(gl, name):
+    textures = MaterialTextures(gl, None, size=256, looks={})
+    layer = list(LAYERS).index(name)
+    plain, hidden = (laid_out(gl, textures, layer, hexes) for hexes in (1, 3))
+
+    def likeness(picture, shift):
+        height = picture[..., 3]
+        return np.corrcoef(height[:, :-shift].ravel(), height[:, shift:].ravel())[0, 1]
+
+    # A texture's width is 64 pixels here.
+    assert likeness(plain, 64) > 0.99
+    assert abs(likeness(hidden, 64)) < 0.08
+    assert hidden[..., :3].mean() == pytest.approx(plain[..., :3].mean(), rel=0.01)
+    assert hidden[..., 3].std() > 0.92 * plain[..., 3].std()

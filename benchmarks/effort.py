@@ -74,6 +74,8 @@ class Effort:
         Their qualities, besides the best.
     picture_parts : tuple of str
         Parts that are left out in turn.
+    picture_rounds : int
+        Measured rounds of each.
     picture_size : (int, int)
         Width and height of pictures, px.
     """
@@ -113,6 +115,7 @@ class Effort:
     picture_presets: tuple[str, ...]
     picture_numbers: tuple[float, ...]
     picture_parts: tuple[str, ...]
+    picture_rounds: int
     picture_size: tuple[int, int]
 
 
@@ -152,6 +155,7 @@ QUICK = Effort(
     picture_presets=("valley_river",),
     picture_numbers=(0.1, 0.5),
     picture_parts=PARTS,
+    picture_rounds=2,
     picture_size=(640, 360),
 )
 """Under a minute on two shared cores."""
@@ -189,9 +193,10 @@ FULL = Effort(
     flight_own_pixels=(4.0, 2.0, 1.0),
     flight_factors=(2.0, 4.0, 6.0),
     flight_grid_levels=(2, 3, 4, 5),
-    picture_presets=preset_names(),
+    picture_presets=("desert_mountains", "valley_river"),
     picture_numbers=(0.0, 0.1, 0.25, 0.5, 0.75),
     picture_parts=PARTS,
+    picture_rounds=3,
     picture_size=(1280, 720),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

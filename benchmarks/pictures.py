@@ -155,7 +155,7 @@ def _rounds(
         prepare = perf_counter() - start
         renderer.draw(scene.camera, framebuffer)
         found[name] = _Found(prepare, [], [], read_picture(texture), None, renderer.triangles)
-    for _ in range(effort.rounds):
+    for _ in range(effort.picture_rounds):
         for name, renderer in renderers.items():
             start = perf_counter()
             renderer.draw(scene.camera, framebuffer)
@@ -165,7 +165,7 @@ def _rounds(
         for name, renderer in renderers.items():
             _settle(renderer, scene.camera, framebuffer)
             found[name].in_motion = read_picture(texture)
-        for turn in range(effort.rounds):
+        for turn in range(effort.picture_rounds):
             for name, renderer in renderers.items():
                 start = perf_counter()
                 renderer.frame(_nudged(scene.camera, turn), framebuffer, elapsed=1.0 / RATE)

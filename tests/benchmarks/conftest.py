@@ -43,6 +43,7 @@ TINY = Effort(
     picture_presets=("valley_river",),
     picture_numbers=(0.1,),
     picture_parts=("water",),
+    picture_rounds=2,
     picture_size=(96, 54),
 )
 

@@ -24,8 +24,7 @@ const float THICK = 2.0;        // m, least thickness of what is seen in the pic
 const float THICK_STEPS = 2.0;  // and in steps
 const float FAR_OFF = 1e5;      // m, of the sky
 const float BRIGHTEST = 0.4;    // radiance of clouds over the sun's irradiance
-const vec3 GRASSY = vec3(0.062, 0.070, 0.034); // albedos of ground that is out of the picture
-const vec3 WOODED = vec3(0.022, 0.032, 0.014);
+const vec3 GREEN = vec3(0.045, 0.055, 0.026); // albedos of ground that is out of the picture
 const vec3 STONY = vec3(0.20, 0.185, 0.165);
 
 float relief_at(vec2 place)
@@ -69,11 +68,11 @@ vec3 mirrored_sky(vec3 direction)
     return sky;
 }
 
-// Light from ground that the picture does not show: what covers it is guessed from its slope and its forest.
+// Light from ground that the picture does not show: what covers it is guessed from its slope.
 vec3 guessed_ground(vec3 p)
 {
     vec4 light = ground_light(p.xy);
-    vec3 albedo = mix(GRASSY, WOODED, light.b);
+    vec3 albedo = GREEN;
 #if MATERIALS > 1
     float texel = max(near_map.w, 1.0);
     vec2 ahead = vec2(relief_at(p.xy + vec2(texel, 0.0)), relief_at(p.xy + vec2(0.0, texel)));

@@ -4,7 +4,8 @@ uniform vec3 cloud_sun; // irradiance of the sun at the clouds' height
 // Henyey and Greenstein's phase function, 1/sr.
 float scattered(float cosine, float g)
 {
-    return (1.0 - g * g) / (4.0 * PI * pow(1.0 + g * g - 2.0 * g * cosine, 1.5));
+    float far = 1.0 + g * g - 2.0 * g * cosine;
+    return (1.0 - g * g) / (4.0 * PI * far * sqrt(far));
 }
 
 // Sunlight that a point in a cloud sends to the eye, over its extinction: light scattered more often is less dimmed

@@ -17,8 +17,10 @@ vec3 with_cirrus(vec3 sky, vec3 direction)
 {
     vec2 at = (direction.xy * to_layer(CIRRUS, direction.z) + eye.xy - 2.0 * cloud_drift) / 65536.0;
     at = mat2(0.8, 0.6, -0.6, 0.8) * at;
-    float streaks = texture(noise_field, at * vec2(1.0, 3.0)).w
-        + 0.6 * texture(noise_field, at * vec2(4.0, 10.0) + 0.5).x;
+    float streaks = texture(noise_field, at * vec2(1.0, 3.0)).w;
+#if CLOUDS == 2
+    streaks += 0.6 * texture(noise_field, at * vec2(4.0, 10.0) + 0.5).x;
+#endif
     float veil = VEIL * smoothstep(0.05, 1.5, streaks) * smoothstep(0.02, 0.2, direction.z) * (1.0 - overcast);
     vec3 lit = cloud_sun * (0.6 * scattered(dot(direction, to_sun.xyz), 0.7) + 0.045);
     return mix(sky, lit + sky_irradiance(vec3(0.0, 0.0, 1.0)) * 0.12, veil);

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.render.relief import sample_heights
-from sketchterrain.render.stands import Cover, find_stands, free_ahead
+from sketchterrain.render.stands import Cover, find_stands, free_ahead, height_over
 from sketchterrain.render.view_aim import aim, window
 
 if TYPE_CHECKING:
@@ -36,6 +36,10 @@ TREES: Final = 14.0
 """m that a forest stands in the way."""
 NEAR: Final = 70.0
 """m up to which ground is foreground."""
+RISE: Final = 0.012
+"""Extents over its surroundings that make a good rise …"""
+RISE_WORTH: Final = 2.5
+"""… and what it is worth."""
 HORIZON_AT: Final = 0.36
 MOST_WATER: Final = 0.45
 """Share of the ground in a picture, by its apparent size, that may be water for nothing."""
@@ -80,6 +84,9 @@ def standing_view(terrain: Terrain, light: Light, *, raised: bool) -> Camera:
     bearings = np.linspace(0.0, 2.0 * np.pi, BEARINGS, endpoint=False)
     sight = _look_around(terrain, cover, eyes, bearings)
     score = _score(sight, raised=raised) + light(bearings)
+    if raised:
+        over = height_over(terrain, relief, stands) / (RISE * extent)
+        score += RISE_WORTH * np.tanh(over)[:, None]
     bearing = np.argmax(score, axis=1)
     best = score.max(axis=1)
     # Some stands are behind a tree: the best one that is not, or the one that sees farthest.

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["Cover", "find_stands", "free_ahead"]
+__all__ = ["Cover", "find_stands", "free_ahead", "height_over"]
 
 MOST: Final = 220
 """Stands that are looked from."""
@@ -109,10 +109,7 @@ def find_stands(terrain: Terrain, relief: HeightMap, cover: Cover, *, raised: bo
     along = (np.arange(side) + 0.5) / side
     grid = np.stack([each.ravel() for each in np.meshgrid(along * size[0], along * size[1])], axis=-1)
     if raised:
-        texels = max(round(AROUND * terrain.extent / relief.texel), 3)
-        mean = HeightMap(relief.west, relief.south, relief.width, uniform_filter(relief.heights, texels))
-        over = relief.at(*grid.T) - mean.at(*grid.T)
-        places = grid[np.argsort(-over, kind="stable")]
+        places = grid[np.argsort(-height_over(terrain, relief, grid), kind="stable")]
     else:
         places = np.concatenate([_shores(terrain), grid])
     kept = places[_stands_well(terrain, cover, places)]
@@ -122,6 +119,13 @@ def find_stands(terrain: Terrain, relief: HeightMap, cover: Cover, *, raised: bo
         return np.asarray(kept[:TALL])
     few = np.unique(np.linspace(0, len(kept) - 1, MOST).round().astype(int))
     return np.asarray(kept[few])
+
+
+def height_over(terrain: Terrain, relief: HeightMap, places: Floats) -> Floats:
+    """Return how high places (n, 2) lie over the mean of what surrounds them (m)."""
+    texels = max(round(AROUND * terrain.extent / relief.texel), 3)
+    mean = HeightMap(relief.west, relief.south, relief.width, uniform_filter(relief.heights, texels))
+    return relief.at(*places.T) - mean.at(*places.T)
 
 
 def free_ahead(terrain: Terrain, eye: Floats, bearing: float, *, reach: float) -> float:

@@ -40,6 +40,8 @@ const float LEAST = 0.42;       // px, half the width that a blade is drawn with
 const float LEAST_PART = 0.13;  // px, the same of flowers: a head is four and more of these wide
 const float LIVELY = 1.35;      // brightness of a blade that is seen over the ground's texture, which has the gaps in it
 const float SAME = 0.03;        // of its distance, within which what is seen at a foot is the ground there
+const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
+const vec3 HAY = vec3(0.330, 0.268, 0.128); // albedo of dry bunches
 const float SUN_WARMTH = 0.5;   // of the height, by which a plant's shade is asked above its foot
 
 // Of the ground's texture, so that tufts have the hue of the ground about them.
@@ -88,6 +90,11 @@ void main()
     chance = meadow * (0.05 + 0.95 * smoothstep(0.15, 0.62, 0.6 * small.w + 0.55 * fine.y + 0.35 * middle.x));
     tall = mix(0.38, 0.70, lush) * (0.7 + 0.5 * a);
     colour = mix(colour, colour * vec3(1.18, 1.04, 0.95), b);
+    // In dry lands single bunches stand on sand and soil.
+    float bunch = smoothstep(DRY, VERY_DRY, trees.y) * (high.x + low.y) * 0.09 * smoothstep(-0.2, 0.7, 0.6 * small.w + 0.5 * fine.y);
+    colour = bunch > chance ? HAY * mix(0.75, 1.2, b) : colour;
+    tall = bunch > chance ? mix(0.22, 0.45, a) : tall;
+    chance = max(chance, bunch);
 #elif KIND == FLOWER
     chance = meadow * (0.015 + 0.985 * smoothstep(0.22, 0.65, 0.8 * fine.z + 0.5 * small.x + 0.2 * middle.y));
     tall = mix(0.16, 0.34, lush) * (0.7 + 0.6 * a);

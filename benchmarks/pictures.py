@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from skimage.color import deltaE_ciede2000, rgb2lab
@@ -24,7 +24,6 @@ from sketchterrain.terrain import build
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import moderngl
     import numpy.typing as npt
 
     from sketchterrain.benchmarks.effort import Effort
@@ -141,7 +140,7 @@ def _scene(context: ComputeContext, preset: str) -> _Scene:
 
 
 def _rounds(
-    gl: moderngl.Context, scene: _Scene, settings: Mapping[str, Quality], effort: Effort, *, moving: bool
+    gl: Any, scene: _Scene, settings: Mapping[str, Quality], effort: Effort, *, moving: bool
 ) -> dict[str, _Found]:
     texture = gl.texture(effort.picture_size, 4)
     framebuffer = gl.framebuffer([texture])
@@ -174,7 +173,7 @@ def _rounds(
     return found
 
 
-def _settle(renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer) -> None:
+def _settle(renderer: Renderer, camera: Camera, framebuffer: Any) -> None:
     """Show frames of an eye that all but rests until what is drawn has become what is wanted."""
     frames, elapsed = SETTLING
     for turn in range(frames):
@@ -186,7 +185,7 @@ def _nudged(camera: Camera, turn: int) -> Camera:
     return replace(camera, eye=(x + NUDGE * (turn % 2), y, z))
 
 
-def _quality_row(gl: moderngl.Context, preset: str, number: str, found: _Found, best: _Found) -> Row:
+def _quality_row(gl: Any, preset: str, number: str, found: _Found, best: _Found) -> Row:
     moved = found.picture if found.in_motion is None else found.in_motion
     return {
         "opengl": str(gl.info["GL_RENDERER"]),

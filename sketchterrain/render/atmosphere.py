@@ -40,8 +40,8 @@ TOP: Final = 6460e3
 RAYLEIGH: Final = np.array([5.802e-6, 13.558e-6, 33.1e-6])
 """Scattering by molecules at sea level (1/m), for red, green and blue (680, 550, 440 nm)."""
 RAYLEIGH_HEIGHT: Final = 8000.0
-AEROSOL: Final = 8.5e-5 * (np.array([680.0, 550.0, 440.0]) / 550.0) ** -1.0
-"""Scattering by aerosols of a clear day (1/m): vertical optical depth 0.1, Ångström exponent 1."""
+AEROSOL: Final = 6.8e-5 * (np.array([680.0, 550.0, 440.0]) / 550.0) ** -1.0
+"""Scattering by aerosols of a clear day (1/m): vertical optical depth 0.08, Ångström exponent 1."""
 AEROSOL_ABSORBED: Final = 0.1
 """Of what aerosols scatter, how much they absorb besides."""
 AEROSOL_HEIGHT: Final = 1200.0

@@ -41,7 +41,7 @@ const float LEAST_PART = 0.13;  // px, the same of flowers: a head is four and m
 const float LIVELY = 1.35;      // brightness of a blade that is seen over the ground's texture, which has the gaps in it
 const float SAME = 0.03;        // of its distance, within which what is seen at a foot is the ground there
 const float DRY = 0.45, VERY_DRY = 0.75; // aridity, see the sketch's [climate]
-const vec3 HAY = vec3(0.330, 0.268, 0.128); // albedo of dry bunches
+const vec3 HAY = vec3(0.380, 0.268, 0.125); // albedo of dry bunches
 const float SUN_WARMTH = 0.5;   // of the height, by which a plant's shade is asked above its foot
 
 // Of the ground's texture, so that tufts have the hue of the ground about them.

@@ -162,8 +162,12 @@ def test_a_cover_takes_its_share(make_recipe: Make, context: ComputeContext, str
     np.testing.assert_array_equal(weights[distance > 140], bare[distance > 140])
 
 
-def test_a_lakes_shore_is_sand_and_its_bed_is_not_grass(make_recipe: Make, context: ComputeContext) -> None:
+def test_sand_mud_and_grass_share_a_lakes_shore_and_its_bed_is_not_grass(
+    make_recipe: Make, context: ComputeContext
+) -> None:
     weights, distance = materials(make_recipe(lakes=(lake(120, 10.0),)), context, 200.0)
-    beach = (distance > 121) & (distance < 124)
-    assert weights[beach, MATERIALS.index("sand")].mean() > 0.4
+    shore = (distance > 121) & (distance < 124)
+    for material in ("sand", "soil", "grass"):
+        assert weights[shore, MATERIALS.index(material)].max() > 0.6, material
+        assert weights[shore, MATERIALS.index(material)].mean() < 0.6, material
     assert weights[distance < 118, MATERIALS.index("river_bed")].min() > 0.9

@@ -23,7 +23,7 @@ def optical_depth(air, height, cosine):
 
 
 def photons(air, channel, cosine, count, seed):
-    """Share of sunlight that reaches level ground from the sky, by photons followed through flat layers of air.
+    """Share of sunlight that reaches level ground from the sky, by photons through flat layers of air.
 
     Woodcock's tracking, with all orders of scattering, both phase functions and the ground's albedo.
     """

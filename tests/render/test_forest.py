@@ -74,12 +74,14 @@ def test_feet_stand_on_the_ground_as_it_is_drawn():
         renderer = Renderer(context, terrain, sun=SUN, weather=Weather(wind=0.0), quality=quality)
         renderer.prepare(camera, size)
         renderer.draw(camera, framebuffer)
-        batches = renderer._forest._batches
+        batches = renderer.scenery.forest._batches
         feet = []
         for batch in batches:
             rows = np.frombuffer(batch._instances.read(), np.float32).reshape(-1, 8)[: batch.count]
             ground = np.frombuffer(batch._ground.read(), np.float32).reshape(-1, 8)[: batch.count]
-            feet.append(np.c_[rows[:, :2] + renderer._forest._origin, ground[:, 0] + camera.eye[2] + 0.15])
+            feet.append(
+                np.c_[rows[:, :2] + renderer.scenery.forest._origin, ground[:, 0] + camera.eye[2] + 0.15]
+            )
         feet = np.concatenate(feet)
         # The same ground without plants: its depth at the feet.
         bare = Quality(**{**vars(quality), "without": frozenset((*STILL, "trees"))})

@@ -77,7 +77,7 @@ class Scene:
 
     def plants(self, kind="meadow"):
         """Foot (m in the world), height, rotation and half width of all places of a kind that grow one."""
-        each = self.renderer._cover._parts[1]._kinds[KINDS.index(kind)]
+        each = self.renderer.scenery.cover._parts[1]._kinds[KINDS.index(kind)]
         rows = np.frombuffer(each._captured.read(112 * each.plants), np.float32).reshape(-1, 28)
         rows = rows[rows[:, 3] > 0.0].astype(float)
         return rows[:, :3] + self.camera.eye, rows[:, 3], rows[:, 4:6], rows[:, 6]
@@ -132,7 +132,7 @@ def test_roots_stand_on_the_drawn_ground(scene):
     camera = camera_at(600.0, 300.0)
     scene.see(camera)
     foot, tall, *_ = scene.plants()
-    surface = scene.renderer._surface
+    surface = scene.renderer.scenery.surface
     texels = QUALITY.surface_texels
     drawn = np.frombuffer(surface.textures["surface"].read(), np.float32).reshape(texels, -1, 4)[:, :texels]
     west, south, per_width, base = surface.uniforms(camera.eye)["surface_near"]
@@ -194,10 +194,10 @@ def test_what_is_left_out_is_not_drawn(gl):
     for without in (("rocks",), ("grass", "rocks")):
         scene = Scene(gl, quality=replace(QUALITY, without=frozenset(without)))
         scene.see(camera)
-        triangles.append(scene.renderer._cover.triangles)
+        triangles.append(scene.renderer.scenery.cover.triangles)
     assert triangles[0] > triangles[1] == 0
     assert Quality.of(0.25).grass == 0.0
-    bare = GroundCover(gl, quality=replace(QUALITY, grass=0.0), shading=scene.renderer._shading)
+    bare = GroundCover(gl, quality=replace(QUALITY, grass=0.0), shading=scene.renderer.scenery.shading)
     bare.draw(camera, SIZE, {}, above=1.7)
     assert bare.triangles == 0
 

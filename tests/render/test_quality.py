@@ -53,5 +53,5 @@ def test_parts_are_left_out_by_name():
     quality = Quality.of(0.5, without=["grass"])
     assert not quality.has("grass")
     assert quality.has("trees")
-    with pytest.raises(InputError, match="one of shadows.*got 'gras'"):
+    with pytest.raises(InputError, match=r"one of shadows.*got 'gras'"):
         Quality.of(0.5, without=["gras"])

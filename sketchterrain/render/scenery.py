@@ -1,0 +1,231 @@
+"""All that a picture shows, and the passes that draw it: ground, sky, plants, water."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import moderngl
+import numpy as np
+
+from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
+from sketchterrain.render.clouds import Clouds, cloud_defines
+from sketchterrain.render.forest import Forest
+from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
+from sketchterrain.render.ground_cover import GroundCover
+from sketchterrain.render.ground_stream import GroundStream
+from sketchterrain.render.lit_ground import LitGround
+from sketchterrain.render.shading import Shading
+from sketchterrain.render.sky import Sky
+from sketchterrain.render.surface_map import SurfaceMap
+from sketchterrain.render.targets import Targets
+from sketchterrain.render.textures import MaterialTextures, noise_texture
+from sketchterrain.render.water import Water
+from sketchterrain.tiles import ScreenError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+    from pathlib import Path
+
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.quality import Quality
+    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.sky import Sun
+    from sketchterrain.render.weather import Weather
+
+__all__ = ["Scenery"]
+
+QUAD: Final = 32.0
+"""px that a quad of the ground is wide at most, where its tolerance is up to 2 px; more in proportion."""
+WATER_LIFT: Final = 1.5
+"""Times the ground's tolerance, by which water stands over the ground that may stand too high."""
+
+
+class Scenery:
+    """The ground and all that is upon it and above it.
+
+    Parameters
+    ----------
+    context
+        OpenGL 4.3 core.
+    terrain
+        What to draw.
+    sun
+        Where the sun stands.
+    weather
+        Clouds, wind and haze.
+    textures
+        A folder of pictures that replace the program's own textures, or None.
+    quality
+        What a picture may cost.
+    timed
+        Told what the start is busy with: ``textures``, ``sky``.
+
+    Attributes
+    ----------
+    ground : GroundStream
+        The tiles.
+    lit : LitGround
+        The light on them.
+    surface : SurfaceMap
+        Them as they are drawn, from above.
+    forest : Forest
+        The plants and their shadows.
+    cover : GroundCover
+        Grass and stones near the eye.
+    shading : Shading
+        The passes over the whole picture.
+    """
+
+    def __init__(
+        self,
+        context: moderngl.Context,
+        terrain: Terrain,
+        *,
+        sun: Sun,
+        weather: Weather,
+        textures: Path | None,
+        quality: Quality,
+        timed: Callable[[str], AbstractContextManager[None]],
+    ) -> None:
+        self._context = context
+        self._sun = sun
+        self._weather = weather
+        self._quality = quality
+        self._targets: dict[tuple[int, int], Targets] = {}
+        self._frame_block = FrameBlock(context)
+        self._aridity = float(terrain.sketch.climate.get("aridity", 0.2))
+        with timed("textures"):
+            self._materials = MaterialTextures.of(context, terrain, quality, folder=textures)
+            self._noise = noise_texture(context)
+        with timed("sky"):
+            self._sky = Sky(context, sun, weather, extent=terrain.extent)
+            look, clouds = terrain.sketch.look, cloud_defines(quality, weather)
+            self.shading = Shading(context, quality, aridity=self._aridity, look=look, clouds=clouds)
+            defines = self.shading.defines
+            self._clouds = Clouds(context, weather, self._sky, quality=quality, defines=defines)
+        metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
+        self.ground = GroundStream(context, terrain, quality, metric=metric)
+        self.lit = LitGround(
+            context,
+            terrain,
+            sun,
+            texels=quality.map_texels,
+            close=quality.light_maps > 2,
+            shadows=quality.has("shadows"),
+        )
+        self.forest = Forest(context, terrain, sun, quality=quality, defines=defines)
+        self.surface = SurfaceMap(
+            context, self.ground.pool, texels=quality.surface_texels, reach=self.forest.reach
+        )
+        self.cover = GroundCover(context, quality=quality, shading=self.shading)
+        self._water = Water(context, terrain.features, part=quality.has("water"), defines=defines)
+
+    @property
+    def triangles(self) -> int:
+        """Of the ground and of what stands on it, in the last picture."""
+        return self.ground.pool.triangles + self.forest.triangles + self.cover.triangles
+
+    def draw(
+        self,
+        camera: Camera,
+        framebuffer: moderngl.Framebuffer,
+        *,
+        size: tuple[int, int],
+        draw_distance: float,
+        above: float,
+        clock: float,
+        moving: bool = False,
+    ) -> None:
+        """Draw what is there into a framebuffer.
+
+        Parameters
+        ----------
+        camera
+            With the clipping planes that it needs.
+        framebuffer
+            At least 8 bits a channel.
+        size
+            Of the picture (px); it is enlarged where the framebuffer is larger.
+        draw_distance
+            How far the ground is drawn (m).
+        above
+            Height of the eye above the ground (m).
+        clock
+            Seconds, moves water, plants and clouds.
+        moving
+            Whether tiles, light or plants are still coming.
+        """
+        targets = self._targets.get(size)
+        if targets is None:
+            kept = list(self._targets.items())[-1:]
+            targets = Targets(self._context, size, self._quality.samples)
+            self._targets = {**dict(kept), size: targets}
+        self._set_frame(camera, targets, draw_distance)
+        targets.seen.use()
+        targets.seen.clear(depth=1.0)
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        self.ground.draw(camera.eye)
+        self.surface.update(camera.eye, moving=moving)
+        units = self._bind(targets) | {"clock": clock} | self.surface.uniforms(camera.eye)
+        units |= self._clouds.draw(units, clock)
+        self.shading.light_scene(targets, camera.eye, units)
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        targets.scene.use()
+        if self.cover:
+            targets.copy_scene()
+            targets.scene.use()
+            self.cover.draw(camera, size, units, above=above)
+        self.forest.draw(camera, size, units)
+        if self._water:
+            lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
+            self._water.draw(camera.eye, targets, units | {"lift": lift})
+        self.shading.develop(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
+
+    def _set_frame(self, camera: Camera, targets: Targets, distance: float) -> None:
+        width, height = targets.size
+        eye = camera.eye
+        to_clip = camera.to_clip(width / height)
+        frame, lit = self._frame_block, self.lit
+        self._sky.look_from(eye[2] - lit.haze_base)
+        hazy = float(self._quality.has("haze"))
+        frame["to_clip"] = to_clip
+        frame["from_clip"] = np.linalg.inv(to_clip)
+        frame["eye"] = (eye[0] % NOISE_PERIOD, eye[1] % NOISE_PERIOD, eye[2])
+        frame["to_sun"] = self._sun.direction
+        frame["sun_light"] = (*self._sky.sunlight, self._sky.shaded_air)
+        frame["sky_light"] = self._sky.harmonics
+        frame["haze"] = (*(hazy * self._sky.haze), AEROSOL_HEIGHT)
+        frame["air"] = (*(hazy * RAYLEIGH), RAYLEIGH_HEIGHT)
+        frame["reach"] = (distance, lit.haze_base, *targets.inner)
+        for field, value in lit.uniforms(eye).items():
+            frame[field] = value
+        frame["to_shade"] = self.forest.shade.matrices(eye)
+        frame["shade_share"] = self.forest.shade.shown_share
+        frame["trees"] = (self.forest.reach, self._aridity, _pixel(camera, height))
+        frame.upload()
+
+    def _bind(self, targets: Targets) -> dict[str, object]:
+        """Bind all textures that passes share, each to a unit of its own; return the units by name."""
+        textures: dict[str, moderngl.Texture | moderngl.TextureArray | moderngl.Texture3D] = {
+            "sky_view": self._sky.view,
+            **self.lit.textures,
+            "noise_field": self._noise,
+            "material_colour": self._materials.colour,
+            "material_relief": self._materials.relief,
+            **self.forest.shade.textures,
+            **self.surface.textures,
+            **self._water.textures,
+            **targets.textures,
+            **self._clouds.textures(targets),
+        }
+        units: dict[str, object] = {"wind": self._weather.drift}
+        for unit, (name, texture) in enumerate(textures.items(), start=1):
+            texture.use(unit)
+            units[name] = unit
+        return units
+
+
+def _pixel(camera: Camera, height: int) -> float:
+    """Return the angle (rad) of a pixel in the middle of a picture of a height (px)."""
+    return 2.0 * float(np.tan(np.radians(camera.fov) / 2.0)) / height

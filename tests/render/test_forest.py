@@ -88,8 +88,8 @@ def test_feet_stand_on_the_ground_as_it_is_drawn():
         ground = Renderer(context, terrain, sun=SUN, weather=Weather(wind=0.0), quality=bare)
         ground.prepare(camera, size)
         ground.draw(camera, framebuffer)
-        depth = np.frombuffer(ground._targets[size].depth.read(), np.float32).reshape(size[::-1])
-        matrix = ground._frame_block["to_clip"].T.astype(float)
+        depth = np.frombuffer(ground.scenery._targets[size].depth.read(), np.float32).reshape(size[::-1])
+        matrix = ground.scenery._frame_block["to_clip"].T.astype(float)
     clip = (matrix @ np.c_[feet - camera.eye, np.ones(len(feet))].T).T
     inside = (np.abs(clip[:, :2]) < 0.98 * clip[:, 3:]).all(axis=1)
     assert inside.sum() > 12

@@ -78,19 +78,19 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
         "muddy_bank",
         "soil",
         0.8,
-        (Factor(0.64, 0.72, water=1.0, mottle=-0.06), Factor(0.1, -0.3, mottle=1.0)),
+        (Factor(0.61, 0.69, water=1.0, mottle=-0.06), Factor(0.1, -0.3, mottle=1.0)),
     ),
     MaterialRule(
         "beach",
         "sand",
         0.8,
         (
-            Factor(0.68, 0.74, water=1.0, mottle=0.1),
+            Factor(0.65, 0.71, water=1.0, mottle=0.1),
             Factor(0.12, 0.42, mottle=1.0),
             Factor(0.4, 0.2, steepness=1.0),
         ),
     ),
-    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.7, 0.765, water=1.0, mottle=0.06),)),
+    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.640625, 0.71875, water=1.0, mottle=0.03125),)),
 )
 """The table, in the order in which each lies over those before it; below them all is grass."""
 

@@ -101,12 +101,12 @@ def formulas(c: dict[str, float], s: Site) -> np.ndarray:
     lay_over("sand", s.dune * (1 - rise(s.steepness, 0.9, 4)))
     snow = rise(s.height + 150 * s.mottle + 380 * s.hollow, c["snow_line"], 1 / 150)
     lay_over("snow", snow * (1 - rise(s.steepness + 0.4 * s.mottle - 1.6 * s.hollow, 0.9, 1 / 0.6)))
-    mud = rise(s.water - 0.06 * s.mottle, 0.64, 12.5) * (1 - rise(s.mottle, -0.3, 2.5))
+    mud = rise(s.water - 0.06 * s.mottle, 0.61, 12.5) * (1 - rise(s.mottle, -0.3, 2.5))
     lay_over("soil", 0.8 * mud)
-    sand = rise(s.water + 0.1 * s.mottle, 0.68, 1 / 0.06) * rise(s.mottle, 0.12, 1 / 0.3)
+    sand = rise(s.water + 0.1 * s.mottle, 0.65, 1 / 0.06) * rise(s.mottle, 0.12, 1 / 0.3)
     sand *= 1 - rise(s.steepness, 0.2, 5)
     lay_over("sand", 0.8 * sand)
-    lay_over("river_bed", rise(s.water + 0.06 * s.mottle, 0.7, 1 / 0.065))
+    lay_over("river_bed", rise(s.water + 0.03125 * s.mottle, 0.640625, 12.8))
     return w
 
 
@@ -282,7 +282,7 @@ def material_at(name: str, climate: dict[str, float], **values: float) -> float:
 def test_mud_grass_and_sand_take_turns_along_a_shore() -> None:
     climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.15}
     for material, mottle in (("soil", -0.5), ("grass", 0.15), ("sand", 0.5)):
-        assert material_at(material, climate, water=0.69, mottle=mottle) > 0.5, material
+        assert material_at(material, climate, water=0.65, mottle=mottle) > 0.5, material
 
 
 def test_snow_lies_in_gullies_and_leaves_faces() -> None:

@@ -90,7 +90,13 @@ DEFAULT_RULES: tuple[MaterialRule, ...] = (
             Factor(0.4, 0.2, steepness=1.0),
         ),
     ),
-    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.640625, 0.71875, water=1.0, mottle=0.03125),)),
+    MaterialRule(
+        "gravel_bar",
+        "river_bed",
+        0.9,
+        (Factor(0.640625, 0.71875, water=1.0, mottle=0.03125), Factor(-0.05, 0.25, mottle=1.0)),
+    ),
+    MaterialRule("river_bed", "river_bed", 1.0, (Factor(0.6875, 0.75, water=1.0),)),
 )
 """The table, in the order in which each lies over those before it; below them all is grass."""
 

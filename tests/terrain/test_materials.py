@@ -106,7 +106,9 @@ def formulas(c: dict[str, float], s: Site) -> np.ndarray:
     sand = rise(s.water + 0.1 * s.mottle, 0.65, 1 / 0.06) * rise(s.mottle, 0.12, 1 / 0.3)
     sand *= 1 - rise(s.steepness, 0.2, 5)
     lay_over("sand", 0.8 * sand)
-    lay_over("river_bed", rise(s.water + 0.03125 * s.mottle, 0.640625, 12.8))
+    gravel = rise(s.water + 0.03125 * s.mottle, 0.640625, 12.8) * rise(s.mottle, -0.05, 1 / 0.3)
+    lay_over("river_bed", 0.9 * gravel)
+    lay_over("river_bed", rise(s.water, 0.6875, 16))
     return w
 
 

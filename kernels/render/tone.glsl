@@ -6,7 +6,7 @@ const float DARKEST = -12.47393; // log2 of what becomes black
 const float BRIGHTEST = 4.026069; // and white
 const float ANCHOR = 0.845;       // of light, so that middle grey stays what it is
 const float CONTRAST = 0.6;      // share of an S over the curve, 0 .. 1
-const float SATURATION = 1.22;
+const float SATURATION = 1.12;
 
 float film_curve(float x)
 {

@@ -17,7 +17,7 @@ vec3 variety(int layer, vec4 wide, vec4 middle, vec4 small)
         // Meadows are lush where it is wet, straw where it is dry, and sedge stands dark between.
         float dry = smoothstep(-0.2, 1.1, 0.9 * wide.x + 0.75 * middle.y + 0.45 * small.z);
         float sedge = smoothstep(0.1, 0.9, 0.5 * wide.w + 0.8 * middle.x + 0.6 * small.y);
-        colour *= mix(vec3(0.92, 0.98, 0.90), vec3(1.62, 1.22, 1.16), dry);
+        colour *= mix(vec3(1.04, 0.96, 1.04), vec3(1.62, 1.22, 1.16), dry);
         colour *= mix(vec3(1.0), vec3(0.66, 0.74, 0.76), sedge);
     }
     if (layer == CANOPY) colour *= mix(vec3(0.75, 0.85, 0.85), vec3(1.25, 1.12, 0.9), smoothstep(-0.6, 0.6, middle.x));

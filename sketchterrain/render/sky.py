@@ -82,7 +82,7 @@ class Sun:
         )
 
 
-MIDDLE: Final = 0.1
+MIDDLE: Final = 0.085
 """Albedo of ground that becomes middle grey, 0.18 of white, on a sunny noon."""
 BRIGHT: Final = 17.0
 """Light of a sunny noon, as `exposure_of` takes it."""

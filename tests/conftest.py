@@ -1,6 +1,9 @@
-"""Options of the whole suite."""
+"""Options of the whole suite, and where it keeps what programs cache."""
 
 from __future__ import annotations
+
+import os
+import tempfile
 
 
 def pytest_addoption(parser):
@@ -9,3 +12,12 @@ def pytest_addoption(parser):
         action="store_true",
         help="write the golden pictures anew instead of comparing with them: look at each",
     )
+
+
+def pytest_configure(config):
+    # Nothing is written into the user's own cache. xdist's workers get the environment of the process that
+    # starts them, so all of a session share one folder and textures are made once.
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.TemporaryDirectory(prefix="sketchterrain-cache-", ignore_cleanup_errors=True)
+        os.environ["XDG_CACHE_HOME"] = folder.name
+        config.add_cleanup(folder.cleanup)

@@ -25,6 +25,10 @@ layout(location = 0) out vec4 radiance; // w: depth of the sample that was shade
 
 vec3 position; // of the point that is shaded, m from the eye
 
+#if MATERIALS == 1
+uniform vec3 means[9];         // mean albedo of the layers
+const float SOFT_BORDER = 0.6; // of weight, by which one material leads where the other's colour is gone
+#endif
 const float BED_SPAN = 700.0;  // m of height after which beds repeat
 const float FINER_BEDS = 3.7;  // of them to a bed
 const float BED_BEND = 14.0;   // m up and down that they bend
@@ -148,6 +152,14 @@ void main()
             all.height = mix(below, height, over);
         }
     }
+
+#if MATERIALS == 1
+    // Only one material is read. Where two meet each takes the other's mean colour in, so that no border cuts.
+    ivec2 both = ivec2(chosen.layer.x == FOREST_FLOOR && into_canopy > 0.5 ? CANOPY : chosen.layer.x,
+        chosen.layer.y == FOREST_FLOOR && into_canopy > 0.5 ? CANOPY : chosen.layer.y);
+    vec3 towards = means[both.y] * tints[both.y] / (means[both.x] * tints[both.x]);
+    all.albedo *= mix(vec3(1.0), towards, 0.5 * smoothstep(-SOFT_BORDER, 0.0, chosen.weight.y - chosen.weight.x));
+#endif
 
     vec3 normal = normalize(n + all.bump);
     vec4 light = ground_light(position.xy);

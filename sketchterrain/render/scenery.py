@@ -219,7 +219,7 @@ class Scenery:
             **targets.textures,
             **self._clouds.textures(targets),
         }
-        units: dict[str, object] = {"wind": self._weather.drift}
+        units: dict[str, object] = {"wind": self._weather.drift, "means": self._materials.means}
         for unit, (name, texture) in enumerate(textures.items(), start=1):
             texture.use(unit)
             units[name] = unit

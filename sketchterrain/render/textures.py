@@ -59,6 +59,8 @@ class MaterialTextures:
         RGBA8: √albedo and height.
     relief : moderngl.TextureArray
         RGBA8: normal x and y, roughness, openness; see `texture_mips`.
+    means : list of (float, float, float)
+        Mean albedo of each layer.
     """
 
     def __init__(
@@ -79,6 +81,8 @@ class MaterialTextures:
         # No anisotropic filter: Mesa's software driver hung in one.
         least = moderngl.LINEAR_MIPMAP_LINEAR if smooth else moderngl.LINEAR_MIPMAP_NEAREST
         self.colour, self.relief = (context.texture_array((size, size, len(LAYERS)), 4) for _ in range(2))
+        roots = levels[-1][0].reshape(len(LAYERS), -1)[:, :3] / 255.0
+        self.means = [tuple(mean) for mean in np.maximum(roots**2, 1e-3).tolist()]
         for part, array in enumerate((self.colour, self.relief)):
             array.use(0)
             for level, both in enumerate(levels):

@@ -1,4 +1,4 @@
-"""Functions of OpenGL that moderngl has no words for, called on the context that is current."""
+"""What of OpenGL moderngl has no words for: functions, called on the context that is current; a record."""
 
 from __future__ import annotations
 
@@ -7,9 +7,22 @@ from contextlib import suppress
 from functools import cache
 from typing import Any, Final
 
+import numpy as np
+
 from sketchterrain.errors import DeviceError
 
-__all__ = ["gl_function", "wait_for_gl"]
+__all__ = ["COMMAND", "gl_function", "wait_for_gl"]
+
+COMMAND: Final = np.dtype(
+    [
+        ("count", "<u4"),
+        ("instances", "<u4"),
+        ("first", "<u4"),
+        ("base_vertex", "<i4"),
+        ("base_instance", "<u4"),
+    ]
+)
+"""One draw of indexed vertices in a buffer of commands: DrawElementsIndirectCommand."""
 
 _LIBRARIES: Final = ("libOpenGL.so.0", "libGL.so.1", "opengl32")
 _ASKED: Final = (("libEGL.so.1", "eglGetProcAddress"), ("opengl32", "wglGetProcAddress"))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
 
+from sketchterrain.render.gl_functions import COMMAND
 from sketchterrain.render.grass_meshes import DETAILS, KINDS, VERTEX, tuft_mesh
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
 from sketchterrain.render.scatter import SEED, Strewing, cells_within, in_sight, places_of
@@ -28,14 +28,9 @@ STREWN: Final = {
     "fern": Strewing(salt=404, density=1.6, full=22.0, reach=100.0, cell=8.0, details=(8.0, 26.0)),
 }
 """At the best quality."""
-BEST_REACH: Final = 110.0
-"""m, of the grass at the best quality; all other distances go with it."""
 PLANT: Final = 4 * 4 * 7
 """Bytes of a plant, captured from grass_plant.vert.glsl."""
 _CAPTURED: Final = ("stand", "turn", "albedo", "ground", "sky", "under", "veil")
-_COMMAND: Final = np.dtype(
-    [("count", "<u4"), ("instances", "<u4"), ("first", "<u4"), ("base_vertex", "<i4"), ("base", "<u4")]
-)
 
 
 class Grass:
@@ -95,14 +90,8 @@ class _Kind:
     ) -> None:
         self.triangles = self.plants = 0
         own = {**defines, "KIND": KINDS.index(kind)}
-        best, scale = STREWN[kind], quality.grass / BEST_REACH
         self._spread = 1.0 / quality.blades
-        self._strewing = replace(
-            best,
-            density=best.density * quality.blades,
-            reach=best.reach * scale,
-            details=tuple(scale * each for each in best.details),
-        )
+        self._strewing = STREWN[kind].as_far(quality.grass, share=quality.blades)
         meshes = [tuft_mesh(kind, detail) for detail in range(DETAILS)]
         self._sizes = np.array([mesh.triangles.size for mesh in meshes])
         self._first_index = np.cumsum(self._sizes) - self._sizes
@@ -111,7 +100,7 @@ class _Kind:
         self._context = context
         self._seeds = context.buffer(reserve=SEED.itemsize, dynamic=True)
         self._captured = context.buffer(reserve=PLANT, dynamic=True)
-        self._commands = context.buffer(reserve=_COMMAND.itemsize * DETAILS, dynamic=True)
+        self._commands = context.buffer(reserve=COMMAND.itemsize * DETAILS, dynamic=True)
         self._vertices = context.buffer(np.concatenate([mesh.vertices for mesh in meshes]).tobytes())
         self._indices = context.buffer(np.concatenate([mesh.triangles.ravel() for mesh in meshes]).tobytes())
         self._plant = build_transform(context, "grass_plant.vert.glsl", _CAPTURED, defines=own)
@@ -138,11 +127,11 @@ class _Kind:
             return
         self._find_out(places, uniforms)
         self._context.enable_only(moderngl.DEPTH_TEST)
-        commands = np.zeros(DETAILS, _COMMAND)
+        commands = np.zeros(DETAILS, COMMAND)
         commands["count"], commands["first"] = self._sizes, self._first_index
         commands["base_vertex"] = self._first_vertex
         commands["instances"] = places.counts
-        commands["base"] = np.cumsum(places.counts) - places.counts
+        commands["base_instance"] = np.cumsum(places.counts) - places.counts
         commands = commands[commands["instances"] > 0]
         self._commands.write(commands.tobytes())
         set_uniforms(self._program, uniforms)

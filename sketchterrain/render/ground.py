@@ -13,6 +13,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.render.gl_functions import COMMAND
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import QUADS, borders
@@ -28,9 +29,6 @@ _TILE: Final = np.dtype(
     [("corner", "<i4", 2), ("step", "<i4"), ("centre", "<f4"), ("west", "<f4", 4), ("east", "<f4", 4)]
 )
 _TILE_ATTRIBUTES: Final = ("4i4 4f4 4f4/i", "place_of_tile", "morph_west", "morph_east")
-_COMMAND: Final = np.dtype(
-    [("count", "<u4"), ("instances", "<u4"), ("first", "<u4"), ("base_vertex", "<i4"), ("base_tile", "<u4")]
-)
 _FARTHEST_UNIT: Final = 2**31 - 1
 """From the eye to a tile's vertices."""
 
@@ -98,12 +96,12 @@ class GroundPool:
         self._indices = context.buffer(indices.tobytes())
         room = max(vertices.size // (32 * (quads + 1) ** 2), 1)
         self._tiles = context.buffer(reserve=_TILE.itemsize * room, dynamic=True)
-        self._commands = context.buffer(reserve=_COMMAND.itemsize * room, dynamic=True)
+        self._commands = context.buffer(reserve=COMMAND.itemsize * room, dynamic=True)
         self._fraction = (0.0, 0.0)
         self._draws: Draws | None = None
         self._corners = np.zeros((0, 2), np.int64)
-        self._listed = np.zeros(0, _COMMAND)
-        self._part = context.buffer(reserve=_COMMAND.itemsize * room, dynamic=True)
+        self._listed = np.zeros(0, COMMAND)
+        self._part = context.buffer(reserve=COMMAND.itemsize * room, dynamic=True)
         self._array = self.array(self.build("ground.vert.glsl", "ground.frag.glsl"))
 
     @property
@@ -157,9 +155,9 @@ class GroundPool:
         tiles["west"][:, :3], tiles["west"][:, 3] = draws.morph[:, :, 0], draws.morph[:, 0, 1]
         tiles["east"][:, :3], tiles["east"][:, 3] = draws.morph[:, :, 2], draws.morph[:, 2, 1]
         tiles["centre"] = draws.morph[:, 1, 1]
-        commands = np.empty(count, _COMMAND)
+        commands = np.empty(count, COMMAND)
         commands["count"], commands["first"] = self._count[draws.cases], self._first[draws.cases]
-        commands["instances"], commands["base_tile"] = 1, np.arange(count)
+        commands["instances"], commands["base_instance"] = 1, np.arange(count)
         commands["base_vertex"] = draws.slots * (self._quads + 1) ** 2
         self._draws, self._corners, self._listed = draws, corners, commands
         self.tiles, self.triangles = count, int(commands["count"].sum()) // 3

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
+from sketchterrain.render.gl_functions import COMMAND
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
 from sketchterrain.render.rock_meshes import DETAILS, SHAPES, VERTEX, rock_mesh
 from sketchterrain.render.scatter import SEED, Strewing, cells_within, hashed, in_sight, places_of
@@ -52,14 +53,9 @@ STONES: Final = (
     _Stones(Strewing(33, 0.012, 50.0, 480.0, 40.0, (14.0, 45.0, 130.0)), (0.42, 2.6), 0.6, 0.7),
 )
 """Pebbles, stones, boulders."""
-BEST_REACH: Final = 110.0
-"""m, of the near ground at the best quality; all other distances go with it."""
 STONE: Final = 4 * 4 * 5
 """Bytes of a stone, captured from rock_place.vert.glsl."""
 _CAPTURED: Final = ("stand", "spin", "ground", "kind", "hue")
-_COMMAND: Final = np.dtype(
-    [("count", "<u4"), ("instances", "<u4"), ("first", "<u4"), ("base_vertex", "<i4"), ("base", "<u4")]
-)
 _MESHES: Final = DETAILS * len(SHAPES)
 
 
@@ -86,11 +82,13 @@ class Rocks:
     def __init__(self, context: moderngl.Context, *, quality: Quality, defines: Mapping[str, int]) -> None:
         self.triangles = self.stones = 0
         self._context = context
-        scale = quality.grass / BEST_REACH
-        wanted = quality.grass > 0.0 and quality.has("rocks")
-        self._sorts = [_scaled(stones, quality.blades, scale) for stones in STONES] if wanted else []
-        if not wanted:
+        self._sorts: list[_Stones] = []
+        if quality.grass == 0.0 or not quality.has("rocks"):
             return
+        self._sorts = [
+            replace(stones, strewing=stones.strewing.as_far(quality.grass, share=quality.blades))
+            for stones in STONES
+        ]
         meshes = [rock_mesh(shape, detail) for detail in range(DETAILS) for shape in range(len(SHAPES))]
         self._sizes = np.array([mesh.triangles.size for mesh in meshes])
         self._first_index = np.cumsum(self._sizes) - self._sizes
@@ -98,7 +96,7 @@ class Rocks:
         self._first_vertex = np.cumsum(many) - many
         self._seeds = context.buffer(reserve=SEED.itemsize, dynamic=True)
         self._captured = context.buffer(reserve=STONE, dynamic=True)
-        self._commands = context.buffer(reserve=_COMMAND.itemsize * _MESHES, dynamic=True)
+        self._commands = context.buffer(reserve=COMMAND.itemsize * _MESHES, dynamic=True)
         vertices = context.buffer(np.concatenate([mesh.vertices for mesh in meshes]).tobytes())
         indices = context.buffer(np.concatenate([mesh.triangles.ravel() for mesh in meshes]).tobytes())
         self._place = build_transform(context, "rock_place.vert.glsl", _CAPTURED, defines=defines)
@@ -151,10 +149,10 @@ class Rocks:
         target.depth_mask = True
         context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
         context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        commands = np.zeros(_MESHES, _COMMAND)
+        commands = np.zeros(_MESHES, COMMAND)
         commands["count"], commands["first"] = self._sizes, self._first_index
         commands["base_vertex"], commands["instances"] = self._first_vertex, places.counts
-        commands["base"] = np.cumsum(places.counts) - places.counts
+        commands["base_instance"] = np.cumsum(places.counts) - places.counts
         commands = commands[commands["instances"] > 0]
         self._commands.write(commands.tobytes())
         set_uniforms(self._program, uniforms)
@@ -172,14 +170,3 @@ def by_mesh(places: Places) -> Places:
     mesh = detail * len(SHAPES) + shape
     counts: npt.NDArray[np.int64] = np.bincount(mesh, minlength=_MESHES).astype(np.int64)
     return places._replace(rows=rows[np.argsort(mesh, kind="stable")], counts=counts)
-
-
-def _scaled(stones: _Stones, share: float, scale: float) -> _Stones:
-    best = stones.strewing
-    strewing = replace(
-        best,
-        density=best.density * share,
-        reach=best.reach * scale,
-        details=tuple(scale * each for each in best.details),
-    )
-    return replace(stones, strewing=strewing)

@@ -7,7 +7,7 @@ place lies and what stands there is found out on the GPU: kernels/render/scatter
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -27,6 +27,8 @@ STEEPEST: Final = 1.5
 """Rise over run of the ground between an eye and what stands near it."""
 HIGHEST: Final = 1.0
 """m that what stands in a cell is high."""
+BEST_REACH: Final = 110.0
+"""m, of the grass at the best quality; all other distances go with it."""
 SEED: Final = np.dtype([("corner", "<f4", 2), ("seed", "<u4"), ("rank", "<u4")])
 """A place: its cell's corner from the eye (m), its cell's hash, and its place in the cell's order."""
 
@@ -62,6 +64,16 @@ class Strewing:
     def room(self) -> int:
         """Places a cell has at most."""
         return max(round(self.density * self.cell**2), 1)
+
+    def as_far(self, grass: float, *, share: float) -> Strewing:
+        """Return a share of it, scaled to where grass reaches so far (m) instead of `BEST_REACH`."""
+        scale = grass / BEST_REACH
+        return replace(
+            self,
+            density=self.density * share,
+            reach=self.reach * scale,
+            details=tuple(scale * each for each in self.details),
+        )
 
 
 class Places(NamedTuple):

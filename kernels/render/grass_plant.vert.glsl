@@ -131,7 +131,7 @@ void main()
     colour *= LIVELY * mix(0.75, 1.25, b)
         * mix(vec3(1.14, 1.0, 0.92), vec3(0.92, 1.0, 1.04), a);
     albedo = vec4(colour, bend.x);
-    vec3 normal = vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));
+    vec3 normal = drawn_normal(drawn);
     vec4 light = ground_light(place);
     vec3 middle_of_it = foot + vec3(0.0, 0.0, SUN_WARMTH * tall);
     ground = vec4(normal, light.r * tree_shade(middle_of_it, normal) * cloud_shadow(foot));

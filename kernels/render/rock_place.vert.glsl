@@ -49,7 +49,7 @@ void main()
     float away = length(foot);
     float up = drawn.w > 0.0 ? presence(seed.y, strewing.x, away, strewing.y, strewing.z) : 0.0;
     vec4 low = drawn_weights_low(place), high = drawn_weights_high(place);
-    vec3 normal = vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));
+    vec3 normal = drawn_normal(drawn);
 
     float a = draw_of(scrambled(h + 3u)), b = draw_of(scrambled(h + 4u)), c = draw_of(scrambled(h + 5u));
     float d = draw_of(scrambled(h + 6u)), e = draw_of(scrambled(h + 7u));

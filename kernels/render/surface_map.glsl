@@ -77,11 +77,10 @@ float standing_height(vec3 foot)
     return drawn.w > 0.0 ? drawn.z : foot.z;
 }
 
-// Straight up where nothing is drawn.
-vec3 drawn_normal(vec2 place)
+// The normal in an answer of drawn_surface: straight up where nothing is drawn.
+vec3 drawn_normal(vec4 drawn)
 {
-    vec2 flat_part = drawn_surface(place).xy;
-    return vec3(flat_part, sqrt(max(1.0 - dot(flat_part, flat_part), 0.0)));
+    return vec3(drawn.xy, sqrt(max(1.0 - dot(drawn.xy, drawn.xy), 0.0)));
 }
 
 // Grass, soil, rock, scree; zero where nothing is drawn.

@@ -148,7 +148,7 @@ def test_beyond_the_map_the_true_foot_counts(gl, waves):
     scene = Scene(gl, waves, EYES[0])
     rows = [[0.0, 5000.0, -12.5, 0.0], [-900.0, 3.0, 77.0, 0.0]]
     assert (scene.ask("vec4(standing_height(a.xyz))", rows)[:, 0] == [-12.5, 77.0]).all()
-    assert (scene.ask("vec4(drawn_normal(a.xy), 1.0)", rows)[:, :3] == [0.0, 0.0, 1.0]).all()
+    assert (scene.ask("vec4(drawn_normal(drawn_surface(a.xy)), 1.0)", rows)[:, :3] == [0.0, 0.0, 1.0]).all()
 
 
 def test_weights_are_those_of_the_vertices(gl, waves):

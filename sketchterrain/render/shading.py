@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import moderngl
 import numpy as np
@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from sketchterrain.render.targets import Targets
 
 __all__ = ["Shading"]
+
+STRAW: Final = np.array([1.5, 1.2, 1.0])
+"""Colour of grass where aridity is 1, over its own."""
+RED: Final = np.array([1.35, 0.98, 0.72])
+"""The same of `REDDENED`,"""
+REDDENS: Final = 0.4
+"""which begins at this aridity."""
+REDDENED: Final = ("soil", "rock", "scree")
 
 
 class Shading:
@@ -133,12 +141,11 @@ def _run(array: moderngl.VertexArray, uniforms: dict[str, object]) -> None:
 
 
 def _climate_uniforms(aridity: float, look: Mapping[str, Mapping[str, Any]]) -> dict[str, object]:
+    """Return the colour by which each layer's is multiplied: dry lands have straw and red stone."""
+    red = 1.0 + (RED - 1.0) * max(0.0, aridity - REDDENS) / (1.0 - REDDENS)
+    straw = 1.0 + (STRAW - 1.0) * aridity
     tints = np.ones((len(LAYERS), 3))
-    red = np.array([1.35, 0.98, 0.72])
-    for layer in (1, 2, 3):
-        tints[layer] = 1.0 + (red - 1.0) * max(0.0, aridity - 0.4) / 0.6
-    tints[0] = 1.0 + (np.array([1.5, 1.2, 1.0]) - 1.0) * aridity
     for layer, name in enumerate(LAYERS):
-        if look.get(name, {}).get("colour"):
-            tints[layer] = 1.0
+        if not look.get(name, {}).get("colour"):
+            tints[layer] = straw if name == "grass" else red if name in REDDENED else 1.0
     return {"tints": [tuple(row) for row in tints]}

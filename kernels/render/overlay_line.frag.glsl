@@ -1,4 +1,5 @@
 #version 430 core
+// A line's colour, premultiplied by its opacity.
 in vec4 line_colour;
 
 uniform float opacity;

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["CANOPY", "LAYERS", "SOURCE", "Layer", "embossed", "painted_layer"]
+__all__ = ["LAYERS", "SOURCE", "Layer", "embossed", "painted_layer"]
 
 SOURCE: Final = "material_textures.cl"
 """In `kernels/`."""
@@ -50,7 +50,6 @@ LAYERS: Final[dict[str, Layer]] = {
     "canopy": Layer(8.0, 0.060, 0.95, 0.85),
 }
 """The terrain's materials in their order, then the forest's canopy for the distance."""
-CANOPY: Final = len(LAYERS) - 1
 
 
 def painted_layer(context: ComputeContext, layer: int, size: int) -> npt.NDArray[Any]:

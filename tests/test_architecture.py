@@ -1,8 +1,9 @@
-"""Who may import whom: the table in ARCHITECTURE.md, held against the code."""
+"""Who may import whom, and what stands where: the tables in ARCHITECTURE.md, held against the code."""
 
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -108,3 +109,28 @@ def test_importing_loads_no_driver(module: str) -> None:
     code = f"import sys, {module}; print(*sorted({drivers} & set(sys.modules)))"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == ""
+
+
+def named_by_room() -> dict[str, list[str]]:
+    """What the first cells of tables name, under headings that name a room."""
+    named: dict[str, list[str]] = {}
+    room = None
+    for line in (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").splitlines():
+        if line.startswith("#"):
+            room = re.search(r"`([\w/]+)/`", line)
+        elif room and line.startswith("| `"):
+            named.setdefault(room[1], []).extend(re.findall(r"`([\w.]+)`", line.split("|")[1]))
+    return named
+
+
+@pytest.mark.parametrize(
+    ("room", "files"),
+    [
+        *((room, f"sketchterrain/{room}/*.py") for room in ("terrain", "tiles", "render", "export")),
+        ("kernels", "kernels/*.c*"),
+        ("kernels/render", "kernels/render/*.glsl"),
+    ],
+)
+def test_every_file_of_a_room_is_named_once(room: str, files: str) -> None:
+    there = [path.stem if path.suffix == ".py" else path.name for path in ROOT.glob(files)]
+    assert sorted(named_by_room()[room]) == sorted(name for name in there if name != "__init__")

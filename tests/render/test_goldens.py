@@ -1,0 +1,113 @@
+"""Pictures that were looked at, against what is drawn now.
+
+They are llvmpipe's: other drivers round otherwise. ``pytest tests/render/test_goldens.py
+--regenerate-goldens`` writes them anew. Where one differs, the message says where the new picture and the
+differences, eightfold, lie.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import sketchterrain as st
+from sketchterrain.render import Camera, Quality, Weather, render_picture
+
+pytestmark = [pytest.mark.gl, pytest.mark.slow, pytest.mark.xdist_group("goldens")]
+
+GOLDENS = Path(__file__).with_name("goldens")
+SIZE = (320, 180)
+# One driver gives the same bytes each time, with one thread or two, with vectors of 256 bits or of 128
+# (LP_NATIVE_VECTOR_WIDTH). Other versions may round otherwise, which moves single pixels along edges, shadows and
+# blades: the bounds leave room for that. A material, light or feature that goes wrong moves whole areas.
+MEAN = 1.0
+"""Of 255, by which pixels may differ on average."""
+FAR_OFF = 24
+"""Of 255."""
+SHARE = 0.01
+"""Of the pixels that may differ by more than `FAR_OFF` in a channel."""
+
+
+class Scene(NamedTuple):
+    eye: tuple[float, float, float]
+    target: tuple[float, float, float]
+    fov: float
+    hour: float
+    clouds: float
+    quality: float = 1.0
+
+
+SCENES = {
+    "alpine_range-ground": Scene((10864, 2768, -18.5), (11549, -3750, -770), 44, 7.0, 0.25),
+    "alpine_range-hill": Scene((11264, 614, 14.7), (7412, 5916, -506), 40, 15.0, 0.3),
+    "alpine_range-air": Scene((10123, -176, 1052), (9438, 6342, -124), 40, 10.0, 1.0),
+    "desert_mountains-ground": Scene((5772, 3910, 40.5), (7410, 6748, -305), 44, 7.0, 0.25),
+    "desert_mountains-hill": Scene((2765, 2765, 35.7), (114, 4691, -399), 40, 15.0, 0.3),
+    "desert_mountains-air": Scene((6349, 3131, 596), (5668, 6336, -29), 40, 10.0, 1.0, 0.1),
+    "rolling_hills-ground": Scene((1569, 1023, -9.2), (2069, 2146, -95), 44, 7.0, 0.25),
+    "rolling_hills-hill": Scene((1498, 1267, 3.9), (1877, 99, -96), 40, 15.0, 0.3),
+    "rolling_hills-air": Scene((1415, -33, 244), (801, 1031, 4), 40, 10.0, 1.0, 0.5),
+    "valley_river-ground": Scene((3401, 1926, -17.7), (4401, 4171, -192), 44, 7.0, 0.25),
+    "valley_river-hill": Scene((3763, 1613, 60), (2319, 3601, -222), 40, 15.0, 0.3),
+    "valley_river-air": Scene((2831, 5244, 341), (4819, 3800, -99), 40, 10.0, 1.0, 0.1),
+}
+
+
+@lru_cache(maxsize=1)
+def terrain_of(preset):
+    return st.build(st.load_sketch(preset))
+
+
+def drawn(name):
+    scene = SCENES[name]
+    terrain = terrain_of(name.partition("-")[0])
+    return render_picture(
+        terrain,
+        size=SIZE,
+        camera=Camera(scene.eye, scene.target, fov=scene.fov),
+        weather=Weather.of(terrain.sketch, hour=scene.hour, clouds=scene.clouds),
+        quality=Quality.of(scene.quality),
+    )
+
+
+def compare(golden, picture):
+    """Return by how much two pictures differ: of 255 on average, share of pixels far off, all differences."""
+    apart = np.abs(golden.astype(np.int16) - picture.astype(np.int16))
+    return float(apart.mean()), float((apart.max(axis=-1) > FAR_OFF).mean()), apart
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_picture_is_the_golden_one(name, gl, request, tmp_path):
+    if "llvmpipe" not in gl.info["GL_RENDERER"]:
+        pytest.skip("golden pictures are llvmpipe's")
+    picture = drawn(name)
+    path = GOLDENS / f"{name}.png"
+    if request.config.getoption("--regenerate-goldens"):
+        GOLDENS.mkdir(exist_ok=True)
+        Image.fromarray(picture).save(path, optimize=True)
+        return
+    mean, share, apart = compare(np.asarray(Image.open(path)), picture)
+    if mean > MEAN or share > SHARE:
+        Image.fromarray(picture).save(tmp_path / f"{name}.png")
+        Image.fromarray(np.minimum(apart * 8, 255).astype(np.uint8)).save(tmp_path / f"{name}-difference.png")
+        pytest.fail(
+            f"{name}: {mean:.2f} of 255 on average, {share:.2%} of the pixels far off; see {tmp_path}"
+        )
+
+
+def test_every_golden_picture_has_its_scene():
+    assert {path.stem for path in GOLDENS.glob("*.png")} == set(SCENES)
+
+
+def test_a_change_of_light_or_place_is_found():
+    golden = np.asarray(Image.open(GOLDENS / "valley_river-hill.png"))
+    darker = (golden * 0.97).astype(np.uint8)
+    aside = np.roll(golden, 2, axis=1)
+    for other in (darker, aside):
+        mean, share, _ = compare(golden, other)
+        assert mean > MEAN or share > SHARE

@@ -102,7 +102,9 @@ def test_a_close_map_knows_of_shadows_from_beyond_the_near_one(gl, elevation, li
     close = LightMap(maker, Square(-350, -32, 64, 1.0), behind=near, beyond=widest)
     for light_map in (widest, near, close):
         light_map.finish()
-    assert texels(close)[..., 0].astype(float).mean() == pytest.approx(lit, abs=0.12)  # steps are as wide as the wall
+    assert texels(close)[..., 0].astype(float).mean() == pytest.approx(
+        lit, abs=0.12
+    )  # steps are as wide as the wall
 
 
 @pytest.mark.gl

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
-__all__ = ["NOISE_PERIOD", "FrameBlock"]
+__all__ = ["NOISE_PERIOD", "FrameBlock", "within_period"]
 
 NOISE_PERIOD: Final = 65_536.0
 """m; all noise that is looked up by place repeats after this, so the eye is given modulo it."""
@@ -40,6 +41,15 @@ _FRAME: Final = np.dtype(
         ("trees", "f4", 4),
     ]
 )
+
+
+def within_period(coordinate: float) -> float:
+    """Return a coordinate (m) modulo `NOISE_PERIOD`, as near to 0 as it can be.
+
+    Not all that is looked up by place fits the period, and so jumps where this does: far from any sketch, not
+    at its western and southern border.
+    """
+    return math.remainder(coordinate, NOISE_PERIOD)
 
 
 class FrameBlock:

@@ -10,7 +10,7 @@ import numpy as np
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.forest import Forest
-from sketchterrain.render.frame import NOISE_PERIOD, FrameBlock
+from sketchterrain.render.frame import FrameBlock, within_period
 from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.render.lit_ground import LitGround
@@ -191,7 +191,7 @@ class Scenery:
         hazy = float(self._quality.has("haze"))
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)
-        frame["eye"] = (eye[0] % NOISE_PERIOD, eye[1] % NOISE_PERIOD, eye[2])
+        frame["eye"] = (within_period(eye[0]), within_period(eye[1]), eye[2])
         frame["to_sun"] = self._sun.direction
         frame["sun_light"] = (*self._sky.sunlight, self._sky.shaded_air)
         frame["sky_light"] = self._sky.harmonics

@@ -8,6 +8,7 @@ import pytest
 
 from sketchterrain.render import Camera, Quality, Renderer, Sun
 from sketchterrain.render.draw_distance import FARTHEST
+from sketchterrain.render.frame import NOISE_PERIOD, within_period
 
 SIZE = (160, 90)
 SUN = Sun(250.0, 35.0)
@@ -54,6 +55,12 @@ def streamed(renderer, camera, framebuffer, *, frames=200):
         if stats[-1].settled:
             return stats
     raise AssertionError(f"not settled after {frames} frames: {stats[-1]}")
+
+
+def test_places_repeat_and_do_not_jump_near_the_origin():
+    near = np.linspace(-0.49, 0.49, 99) * NOISE_PERIOD
+    assert [within_period(x) for x in near] == near.tolist()
+    assert np.allclose([within_period(x + 3.0 * NOISE_PERIOD) for x in near], near, atol=1e-9)
 
 
 def test_a_streamed_picture_ends_as_the_prepared_one(gl, waves):

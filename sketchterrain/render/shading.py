@@ -79,6 +79,7 @@ class Shading:
         self.tints = _climate_uniforms(aridity, look)
         self._widths = texture_widths(look)
         self._ground = fill_screen(context, "shade_ground.frag.glsl", defines=self.defines)
+        set_uniforms(self._ground.program, self.tints | texture_uniforms(self._widths))
         self._sky = fill_screen(context, "sky.frag.glsl", defines=self.defines)
         self._spread = (
             fill_screen(context, "spread.frag.glsl", defines=self.defines) if quality.samples > 1 else None
@@ -91,7 +92,7 @@ class Shading:
     ) -> None:
         """Turn what is seen of the ground into light, put the sky behind it: into ``targets.scene``."""
         phases = [tuple(phase) for phase in texture_phases(eye, self._widths).tolist()]
-        ground = units | self.tints | texture_uniforms(self._widths) | {"phases": phases}
+        ground = units | {"phases": phases}
         if self._spread is None:
             self._light_once(targets, ground, units)
             return

@@ -131,7 +131,7 @@ def _wood(plant: _Plant, *, detail: int) -> list[Triangles]:
 
 def _hull(plant: _Plant, size: float) -> Triangles:
     """Return a cap and a belt about the crown, and three blades for the trunk: 12 triangles."""
-    place = (plant.leaves.root + 0.5 * plant.leaves.along) * [1.0, 1.0, 1.0]
+    place = plant.leaves.root + 0.5 * plant.leaves.along
     z, away = place[:, 2], np.linalg.norm(place[:, :2], axis=1)
     low, high = np.quantile(z, [0.01, 1.0])
     rings = []

@@ -41,7 +41,7 @@ class Triangles(NamedTuple):
     albedo: Floats  # (n, 3, 3)
     open: Floats  # (n, 3) openness to sky and sun, 0..1
     sprig: Floats  # (n, 3, 2) across -1..1 and along 0..1
-    kind: Floats  # (n,) what is cut out: `SOLID`, `BROAD` or `NEEDLES`
+    kind: Floats  # (n,) what is cut out: `SOLID`, `BANDED`, `BROAD` or `NEEDLES`
     leafy: Floats  # (n,) 0 wood … 1 leaf: lets light through and flutters
     phase: Floats  # (n,) 0..1
 

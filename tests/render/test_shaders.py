@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import BuildError
-from sketchterrain.render.programs import build_program
+from sketchterrain.render import Quality, Weather
+from sketchterrain.render.clouds import cloud_defines
+from sketchterrain.render.programs import build_program, build_transform
+from sketchterrain.render.shading import Shading
 from sketchterrain.resources import source
 
 pytestmark = pytest.mark.gl
 
 HEADER = "#version 430 core\n"
+SAMPLERS = {0x8B5E, 0x8B5F, 0x8B60, 0x8B62, 0x8DC1}  # 2D, 3D, cube, 2D shadow, 2D array
+MOST_SAMPLERS = 16  # in a stage, that every OpenGL 4.3 has room for
 WEIGHTS = "vec4(triplanar_weights(a.xyz), 0.0)"
 
 
@@ -82,3 +87,19 @@ def test_a_broken_program_names_its_files(gl, monkeypatch):
     )
     with pytest.raises(BuildError, match=r"screen\.vert\.glsl and sky\.frag\.glsl.*nonsense"):
         build_program(gl, "screen.vert.glsl", "sky.frag.glsl")
+
+
+def test_no_stage_reads_more_textures_than_every_driver_has_room_for(gl):
+    quality = Quality()
+    clouds = cloud_defines(quality, Weather(clouds=0.8))
+    defines = Shading(gl, quality, aridity=0.2, look={}, clouds=clouds).defines
+    programs = [
+        build_program(gl, "screen.vert.glsl", "shade_ground.frag.glsl", defines=defines),
+        build_program(gl, "rock.vert.glsl", "rock.frag.glsl", defines=defines),
+        build_program(gl, "water.vert.glsl", "water.frag.glsl", defines=defines),
+        build_transform(gl, "grass_plant.vert.glsl", ["stand"], defines={**defines, "KIND": 1}),
+        build_transform(gl, "rock_place.vert.glsl", ["stand"], defines=defines),
+    ]
+    for program in programs:
+        read = [name for name in program if getattr(program[name], "gl_type", None) in SAMPLERS]
+        assert 2 < len(read) <= MOST_SAMPLERS

@@ -214,10 +214,9 @@ class LightMap:
         self._end()
 
     @cached_property
-    def haze(self) -> tuple[float, float]:
-        """Heights (m) that one in twenty of the texels lies below, and one in a hundred above."""
-        lowest, highest = np.percentile(self.relief.heights, [5, 99]).tolist()
-        return lowest, highest
+    def haze_base(self) -> float:
+        """Height (m) that one in twenty of the texels lies below."""
+        return float(np.percentile(self.relief.heights, 5))
 
     def _end(self) -> None:
         self.ready = True

@@ -25,8 +25,8 @@ FAR: Final = 5.0
 CLOSE: Final = 0.2
 AHEAD: Final = 0.32
 """Of their widths, by which the middles of the near and the close map lie before the eye."""
-EASE: Final = 2.0
-"""s in which the haze follows to other heights."""
+EASE: Final = 150.0
+"""m/s by which the haze follows to other heights."""
 
 
 class LitGround:
@@ -49,8 +49,8 @@ class LitGround:
 
     Attributes
     ----------
-    haze_base, haze_height : float
-        Height at which the haze lies, and over which it thins out (m); they follow the far map's heights.
+    haze_base : float
+        Height at which the haze lies (m); it follows the far map's heights.
     """
 
     def __init__(
@@ -68,13 +68,13 @@ class LitGround:
         self._texels = texels
         self._near, self._far = Layer(context), Layer(context)
         self._close = Layer(context) if close else None
-        self.haze_base, self.haze_height = 0.0, 300.0
+        self.haze_base = 0.0
         self._haze_known = False
 
     @property
     def settled(self) -> bool:
         """Whether all is made and shown for the last camera."""
-        eased = (self.haze_base, self.haze_height) == self._haze_goal()
+        eased = self.haze_base == self._haze_goal()
         return all(layer.settled for _, layer in self._layers) and eased
 
     @property
@@ -132,7 +132,7 @@ class LitGround:
         self._show(self._near, near, self._far.shown)
         if self._close is not None:
             self._show(self._close, close, self._near.shown, beyond=self._far.shown)
-        self.haze_base, self.haze_height = self._haze_goal()
+        self.haze_base = self._haze_goal()
         self._haze_known = True
 
     def _show(
@@ -176,21 +176,16 @@ class LitGround:
         known = _alike(layer.shown, square)
         layer.coming = LightMap(self._maker, square, behind=behind, beyond=beyond, known=known)
 
-    def _haze_goal(self) -> tuple[float, float]:
-        if self._far.shown is None:
-            return self.haze_base, self.haze_height
-        lowest, highest = self._far.shown.haze
-        return lowest, max(1.5 * (highest - lowest), 300.0)
+    def _haze_goal(self) -> float:
+        return self.haze_base if self._far.shown is None else self._far.shown.haze_base
 
     def _ease(self, elapsed: float) -> None:
-        base, height = self._haze_goal()
+        goal = self._haze_goal()
         if not self._haze_known:
             self._haze_known = self._far.shown is not None
-            self.haze_base, self.haze_height = base, height
+            self.haze_base = goal
             return
-        step = elapsed / EASE * 300.0
-        self.haze_base = _approach(self.haze_base, base, step)
-        self.haze_height = _approach(self.haze_height, height, step)
+        self.haze_base = _approach(self.haze_base, goal, elapsed * EASE)
 
 
 def _approach(value: float, goal: float, step: float) -> float:

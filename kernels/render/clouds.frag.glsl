@@ -2,6 +2,8 @@
 // Cumulus along lines of sight through their layer: radiance, the air before them counted in, and what comes through.
 // A cloud stands as high over its base as its place is inside the field's cloud; noise in space frays it
 // (A. Schneider 2015). Rays are shifted by a pattern whose 2x2 pixels even out when the picture is enlarged.
+//   STEPS      along a line of sight, at most
+//   SUN_STEPS  from each towards the sun
 #include "render/frame.glsl"
 #include "render/clouds.glsl"
 #include "render/cloud_light.glsl"

@@ -31,7 +31,7 @@ HEIGHT: Final = 2500.0
 REDUCED: Final = 2
 """Pixels of the picture for one of the clouds', along each axis."""
 SUN_STEPS: Final = 4
-"""Steps towards the sun, each twice as long as the last."""
+"""Steps towards the sun, each about twice as long as the last."""
 WITH_DEPTH: Final = 2
 
 

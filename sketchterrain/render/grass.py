@@ -113,7 +113,6 @@ class _Kind:
                 (self._captured, "4f4 4f4 4f4 4f4 4f4 4f4 4f4/i", *_CAPTURED),
             ],
             index_buffer=self._indices,
-            skip_errors=True,
         )
 
     def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], above: float) -> None:

@@ -108,9 +108,9 @@ class Rocks:
             self._program,
             [(vertices, "3f4 3f4", *(VERTEX.names or ())), captured],
             index_buffer=indices,
-            skip_errors=True,
         )
-        self._patches = context.vertex_array(self._shade, [captured], skip_errors=True)
+        darkening = (self._captured, "4f4 16x 4f4 4f4 16x/i", "stand", "ground", "kind")
+        self._patches = context.vertex_array(self._shade, [darkening])
 
     def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], *, above: float) -> None:
         """Draw what a camera sees; see `Grass.draw`."""

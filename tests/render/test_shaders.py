@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from sketchterrain.errors import BuildError
-from sketchterrain.render import Quality, Weather
+from sketchterrain.render import Quality, Weather, clouds, plant_cells, scatter, texture_places
+from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.programs import build_program, build_transform
 from sketchterrain.render.shading import Shading
+from sketchterrain.render.texture_maker import LAYERS
 from sketchterrain.resources import source
 
 pytestmark = pytest.mark.gl
@@ -103,3 +107,29 @@ def test_no_stage_reads_more_textures_than_every_driver_has_room_for(gl):
     for program in programs:
         read = [name for name in program if getattr(program[name], "gl_type", None) in SAMPLERS]
         assert 2 < len(read) <= MOST_SAMPLERS
+
+
+@pytest.mark.parametrize(
+    ("file", "name", "value"),
+    [
+        ("clouds.glsl", "CLOUD_PERIOD", clouds.PERIOD),
+        ("clouds.glsl", "EARTH", GROUND),
+        ("hex_tiling.glsl", "HEX_PERIOD", texture_places.PERIOD),
+        ("matter.glsl", "RATIO", texture_places.RATIO),
+        ("scatter.glsl", "BAND", scatter.BAND),
+        ("tree_stand.vert.glsl", "SINK", plant_cells.SINK),
+    ],
+)
+def test_a_number_said_twice_is_one(file, name, value):
+    (said,) = re.findall(rf"const \w+ {name} = ([\d.e]+);", source(f"render/{file}"))
+    assert float(said) == value
+
+
+@pytest.mark.parametrize("file", ["matter.glsl", "rock.frag.glsl", "rock_place.vert.glsl", "variety.glsl"])
+def test_shaders_count_the_materials_as_they_are_made(file):
+    text = source(f"render/{file}")
+    numbers = dict(re.findall(r"#define (\w+) (\d)$", text, re.MULTILINE))
+    own = {name: int(numbers[name.upper()]) for name in LAYERS if name.upper() in numbers}
+    assert own
+    assert own == {name: list(LAYERS).index(name) for name in own}
+    assert all(int(size) == len(LAYERS) for size in re.findall(r"uniform \w+ \w+\[(\d+)", text))

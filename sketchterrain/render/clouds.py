@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
+from sketchterrain.render.frame import within_period
 from sketchterrain.render.programs import fill_screen, set_uniforms
 from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
 
@@ -62,7 +63,7 @@ class Clouds:
         defines: dict[str, int],
     ) -> None:
         self._context = context
-        self._drift = np.array(weather.drift)
+        self._drift = weather.drift
         lit = sky.air.sunlight(np.array(HEIGHT), np.array(sky.sun.direction[2])) * SUN_IRRADIANCE
         self._uniforms: dict[str, object] = {
             "overcast": sky.veil,
@@ -112,8 +113,8 @@ class Clouds:
         dict
             Uniforms for all passes after this one.
         """
-        drift = (self._drift * clock) % PERIOD
-        uniforms = self._uniforms | {"cloud_drift": tuple(drift.tolist())}
+        drift = tuple(within_period(speed * clock) for speed in self._drift)
+        uniforms = self._uniforms | {"cloud_drift": drift}
         if self._march is not None and self._view is not None:
             self._target.use()
             self._context.enable_only(moderngl.NOTHING)

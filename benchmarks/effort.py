@@ -68,8 +68,8 @@ class Effort:
         T of the thesis's metric at which errors are measured, and those that are flown with.
     flight_grid_levels : tuple of int
         Levels of the uniform grids.
-    picture_presets : tuple of str
-        Presets of which pictures are taken.
+    picture_views : tuple of (str, str)
+        Preset and kind of view of the pictures; in the last one parts are left out.
     picture_numbers : tuple of float
         Their qualities, besides the best.
     picture_parts : tuple of str
@@ -112,7 +112,7 @@ class Effort:
     flight_own_pixels: tuple[float, ...]
     flight_factors: tuple[float, ...]
     flight_grid_levels: tuple[int, ...]
-    picture_presets: tuple[str, ...]
+    picture_views: tuple[tuple[str, str], ...]
     picture_numbers: tuple[float, ...]
     picture_parts: tuple[str, ...]
     picture_rounds: int
@@ -152,7 +152,7 @@ QUICK = Effort(
     flight_own_pixels=(8.0, 4.0),
     flight_factors=(2.0,),
     flight_grid_levels=(3, 4),
-    picture_presets=("valley_river",),
+    picture_views=(("valley_river", "ground"),),
     picture_numbers=(0.1, 0.5),
     picture_parts=PARTS,
     picture_rounds=2,
@@ -193,7 +193,7 @@ FULL = Effort(
     flight_own_pixels=(4.0, 2.0, 1.0),
     flight_factors=(2.0, 4.0, 6.0),
     flight_grid_levels=(2, 3, 4, 5),
-    picture_presets=("desert_mountains", "valley_river"),
+    picture_views=(("valley_river", "auto"), ("valley_river", "ground")),
     picture_numbers=(0.0, 0.1, 0.25, 0.5, 0.75),
     picture_parts=PARTS,
     picture_rounds=3,

@@ -69,12 +69,12 @@ _WITHOUT = (
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Time pictures at several qualities, and compare each with the best.
 
-    The cameras are those that `render` chooses. Milliseconds a picture by the clock, until OpenGL has
+    The cameras are those that `render --view` chooses. Milliseconds a picture by the clock, until OpenGL has
     finished: of a whole picture whose tiles, light and plants are there, and of a frame in motion, which is a
     smaller picture, enlarged, at low numbers; medians of rounds in which the qualities take turns. From
     nothing: all that has to be made once for the first picture, start of the renderer included. Difference:
     the mean over all pixels of CIEDE2000 to the whole picture of quality 1 of the same size; about 1 is just
-    noticeable side by side. Parts: the picture of quality 1 without one part, the same way.
+    noticeable side by side. Parts: the last view at quality 1 without one part, the same way.
     """
     qualities: list[Row] = []
     parts: list[Row] = []
@@ -84,16 +84,16 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         qualities.append({"opengl": "absent", "note": str(error)})
         return _outcome(qualities, parts, effort)
     try:
-        for preset in effort.picture_presets:
-            scene = _scene(context, preset)
+        for preset, kind in effort.picture_views:
+            scene, view = _scene(context, preset, kind), f"{preset}, {kind}"
             numbers = {str(number): Quality.of(number) for number in (*effort.picture_numbers, BEST)}
             found = _rounds(gl, scene, numbers, effort, moving=True)
             best = found[str(BEST)]
-            qualities += [_quality_row(gl, preset, number, each, best) for number, each in found.items()]
-            whole = Quality.of(BEST)
-            lacking = {part: replace(whole, without=frozenset([part])) for part in effort.picture_parts}
-            each_part = _rounds(gl, scene, {"": whole, **lacking}, effort, moving=False)
-            parts += [_part_row(preset, part, each_part) for part in effort.picture_parts]
+            qualities += [_quality_row(gl, view, number, each, best) for number, each in found.items()]
+        whole = Quality.of(BEST)
+        lacking = {part: replace(whole, without=frozenset([part])) for part in effort.picture_parts}
+        each_part = _rounds(gl, scene, {"": whole, **lacking}, effort, moving=False)
+        parts += [_part_row(view, part, each_part) for part in effort.picture_parts]
     finally:
         close_context(gl)
     return _outcome(qualities, parts, effort)
@@ -133,9 +133,9 @@ def difference(a: Pixels, b: Pixels) -> float:
     return float(np.mean(deltaE_ciede2000(rgb2lab(a), rgb2lab(b))))
 
 
-def _scene(context: ComputeContext, preset: str) -> _Scene:
+def _scene(context: ComputeContext, preset: str, kind: str) -> _Scene:
     terrain = build(load_sketch(preset), device=context)
-    camera = find_view(terrain)
+    camera = find_view(terrain, kind)
     return _Scene(terrain, camera, find_sun(terrain, camera))
 
 
@@ -185,11 +185,11 @@ def _nudged(camera: Camera, turn: int) -> Camera:
     return replace(camera, eye=(x + NUDGE * (turn % 2), y, z))
 
 
-def _quality_row(gl: Any, preset: str, number: str, found: _Found, best: _Found) -> Row:
+def _quality_row(gl: Any, view: str, number: str, found: _Found, best: _Found) -> Row:
     moved = found.picture if found.in_motion is None else found.in_motion
     return {
         "opengl": str(gl.info["GL_RENDERER"]),
-        "view": preset,
+        "view": view,
         "number": float(number),
         "still_ms": 1e3 * statistics.median(found.still),
         "still_difference": difference(found.picture, best.picture),
@@ -203,12 +203,12 @@ def _quality_row(gl: Any, preset: str, number: str, found: _Found, best: _Found)
     }
 
 
-def _part_row(preset: str, part: str, found: Mapping[str, _Found]) -> Row:
+def _part_row(view: str, part: str, found: Mapping[str, _Found]) -> Row:
     whole, without = found[""], found[part]
     spared = statistics.median(whole.still) - statistics.median(without.still)
     return {
         "part": part,
-        "view": preset,
+        "view": view,
         "spared_ms": 1e3 * spared,
         "share": 100.0 * spared / statistics.median(whole.still),
         "difference": difference(whole.picture, without.picture),

@@ -41,6 +41,9 @@ def draw_qualities(rows: Sequence[Row]) -> Any:
         left.set(title=f"{title}: time", xlabel="quality", ylabel="ms", yscale="log")
         right.set(title=f"{title}: difference from the best", xlabel="ms", ylabel="ΔE 2000", xscale="log")
         right.set_ylim(bottom=0.0)
+        for axis in (left.yaxis, right.xaxis):
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+            axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:g}"[0] in "25" else "")
     figure.legend(
         *panels[0][0].get_legend_handles_labels(),
         loc="outside lower center",

@@ -98,7 +98,9 @@ BENCHMARKS = {
             "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
         ),
         Benchmark("flight", "valley_river over 4096 m, and a round over it", _OWN, flight.measure),
-        Benchmark("pictures", "valley_river; full run: desert_mountains too", _OWN, pictures.measure),
+        Benchmark(
+            "pictures", "valley_river, from the ground; full run: from high above too", _OWN, pictures.measure
+        ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark(
             "accuracy",

@@ -163,6 +163,7 @@ def test_a_failure_in_the_preview_starts_all_again_too(
         return np.zeros((4, 4, 3), np.uint8)
 
     monkeypatch.setattr(sketchterrain.render, "render_picture", picture)
+    monkeypatch.setattr("sketchterrain.still.render_picture", picture)
     size = ["--size", 9, "--device", DEVICES[0].index]
     assert call("generate", tiny, "-o", tmp_path, *size).code == 0
     told = report(tmp_path)

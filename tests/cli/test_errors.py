@@ -278,10 +278,15 @@ def test_control_c_in_the_middle_of_the_work(
     real = sketchterrain.generate.build
 
     def build(*given: Any, **options: Any) -> Any:
-        signal.raise_signal(signal.SIGINT)  # to this thread, at once: drivers have threads that could take it
+        signal.raise_signal(signal.SIGINT)
         return real(*given, **options)
 
     monkeypatch.setattr(sketchterrain.generate, "build", build)
-    done = call("generate", sketch, "-o", tmp_path, "--size", 9)
+    # A job in the background is started with the signal ignored, and would not be interrupted by it.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        done = call("generate", sketch, "-o", tmp_path, "--size", 9)
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert (done.code, done.error) == (130, "interrupted")
     assert not list(tmp_path.glob(".*"))

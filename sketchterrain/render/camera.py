@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -137,11 +138,18 @@ class Camera:
 
         Returns
         -------
-        (6, 4) float64
+        (6, 4) float64, read-only
             a·x + b·y + c·z + d ≥ 0 inside, with unit normals: left, right, bottom, top, near, far.
         """
-        rows = self.to_clip(aspect)
-        planes = np.concatenate([rows[3] + rows[:3], rows[3] - rows[:3]])[[0, 3, 1, 4, 2, 5]]
-        planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
-        planes[:, 3] -= planes[:, :3] @ np.asarray(self.eye)
-        return planes
+        return _frustum(self, aspect)
+
+
+@lru_cache(maxsize=8)
+def _frustum(camera: Camera, aspect: float) -> Floats:
+    """See `Camera.frustum`: all that is drawn in a frame asks for the same planes."""
+    rows = camera.to_clip(aspect)
+    planes = np.concatenate([rows[3] + rows[:3], rows[3] - rows[:3]])[[0, 3, 1, 4, 2, 5]]
+    planes /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    planes[:, 3] -= planes[:, :3] @ np.asarray(camera.eye)
+    planes.flags.writeable = False
+    return planes

@@ -5,19 +5,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import moderngl
-import numpy as np
 
-from sketchterrain.render.gl_functions import COMMAND
-from sketchterrain.render.grass_meshes import DETAILS, KINDS, VERTEX, tuft_mesh
-from sketchterrain.render.programs import build_program, build_transform, set_uniforms
-from sketchterrain.render.scatter import SEED, Strewing, cells_within, in_sight, places_of
+from sketchterrain.render.grass_meshes import DETAILS, KINDS, tuft_mesh
+from sketchterrain.render.programs import build_program, build_transform
+from sketchterrain.render.scatter import Nearby, Strewing
+from sketchterrain.render.strewn import Strewn
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scatter import Places
 
 __all__ = ["Grass"]
 
@@ -28,9 +26,8 @@ STREWN: Final = {
     "fern": Strewing(salt=404, density=1.6, full=22.0, reach=100.0, cell=8.0, details=(8.0, 26.0)),
 }
 """At the best quality."""
-PLANT: Final = 4 * 4 * 7
-"""Bytes of a plant, captured from grass_plant.vert.glsl."""
-_CAPTURED: Final = ("stand", "turn", "albedo", "ground", "sky", "under", "veil")
+FOUND: Final = ("stand", "turn", "albedo", "ground", "sky", "under", "veil")
+"""What grass_plant.vert.glsl says of a plant."""
 
 
 class Grass:
@@ -92,61 +89,22 @@ class _Kind:
         own = {**defines, "KIND": KINDS.index(kind)}
         self._spread = 1.0 / quality.blades
         self._strewing = STREWN[kind].as_far(quality.grass, share=quality.blades)
-        meshes = [tuft_mesh(kind, detail) for detail in range(DETAILS)]
-        self._sizes = np.array([mesh.triangles.size for mesh in meshes])
-        self._first_index = np.cumsum(self._sizes) - self._sizes
-        many = np.array([len(mesh.vertices) for mesh in meshes])
-        self._first_vertex = np.cumsum(many) - many
+        self._nearby = Nearby(self._strewing)
         self._context = context
-        self._seeds = context.buffer(reserve=SEED.itemsize, dynamic=True)
-        self._captured = context.buffer(reserve=PLANT, dynamic=True)
-        self._commands = context.buffer(reserve=COMMAND.itemsize * DETAILS, dynamic=True)
-        self._vertices = context.buffer(np.concatenate([mesh.vertices for mesh in meshes]).tobytes())
-        self._indices = context.buffer(np.concatenate([mesh.triangles.ravel() for mesh in meshes]).tobytes())
-        self._plant = build_transform(context, "grass_plant.vert.glsl", _CAPTURED, defines=own)
-        self._program = build_program(context, "grass.vert.glsl", "grass.frag.glsl", defines=own)
-        self._planting = context.vertex_array(self._plant, [(self._seeds, "2f4 2u4", "corner", "seed")])
-        self._array = context.vertex_array(
-            self._program,
-            [
-                (self._vertices, _format(VERTEX), *(VERTEX.names or ())),
-                (self._captured, "4f4 4f4 4f4 4f4 4f4 4f4 4f4/i", *_CAPTURED),
-            ],
-            index_buffer=self._indices,
+        self.tufts = Strewn(
+            context,
+            [tuft_mesh(kind, detail) for detail in range(DETAILS)],
+            finding=build_transform(context, "grass_plant.vert.glsl", FOUND, defines=own),
+            found=FOUND,
+            drawing=build_program(context, "grass.vert.glsl", "grass.frag.glsl", defines=own),
         )
 
     def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], above: float) -> None:
-        strewing = self._strewing
-        cells = cells_within(camera.eye, strewing.reach, strewing.cell)
-        cells = cells[in_sight(camera.frustum(aspect), cells, strewing.cell, camera.eye, above)]
-        places = places_of(strewing, cells, camera.eye, above)
-        self.plants = len(places.rows)
-        self.triangles = int((places.counts * self._sizes).sum()) // 3
+        strewing, places = self._strewing, self._nearby.seen(camera, aspect, above)
+        self.plants, self.triangles = len(places.rows), self.tufts.triangles(places)
         if not self.plants:
             return
-        self._find_out(places, uniforms)
-        self._context.enable_only(moderngl.DEPTH_TEST)
-        commands = np.zeros(DETAILS, COMMAND)
-        commands["count"], commands["first"] = self._sizes, self._first_index
-        commands["base_vertex"] = self._first_vertex
-        commands["instances"] = places.counts
-        commands["base_instance"] = np.cumsum(places.counts) - places.counts
-        commands = commands[commands["instances"] > 0]
-        self._commands.write(commands.tobytes())
-        set_uniforms(self._program, uniforms)
-        self._array.render_indirect(self._commands, moderngl.TRIANGLES, count=len(commands))
-
-    def _find_out(self, places: Places, uniforms: Mapping[str, object]) -> None:
-        strewing = self._strewing
-        for buffer, size in ((self._seeds, SEED.itemsize), (self._captured, PLANT)):
-            if buffer.size < size * self.plants:
-                buffer.orphan(size * max(self.plants, 2 * (buffer.size // size)))
-        self._seeds.write(places.rows.tobytes())
         numbers = (float(strewing.room), strewing.full, strewing.reach, strewing.cell)
-        set_uniforms(self._plant, {**uniforms, "strewing": numbers, "spread": self._spread})
-        self._planting.transform(self._captured, moderngl.POINTS, vertices=self.plants)
-
-
-def _format(dtype: np.dtype[np.void]) -> str:
-    """Return what a vertex array wants to know of a vertex of float32 vectors."""
-    return " ".join(f"{dtype[name].shape[0]}f4" for name in dtype.names or ())
+        self.tufts.find_out(places, {**uniforms, "strewing": numbers, "spread": self._spread})
+        self._context.enable_only(moderngl.DEPTH_TEST)
+        self.tufts.draw(places, uniforms)

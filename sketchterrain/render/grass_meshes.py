@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.render.strewn import Mesh
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["DETAILS", "KINDS", "LEAF", "PETAL", "STALK", "TuftMesh", "tuft_mesh"]
+__all__ = ["DETAILS", "KINDS", "LEAF", "PETAL", "STALK", "tuft_mesh"]
 
 KINDS: Final = ("meadow", "tall", "flower", "fern")
 DETAILS: Final = 3
@@ -26,19 +28,6 @@ LEAF, PETAL, STALK = 0.0, 1.0, 2.0
 VERTEX: Final = np.dtype([("place", "<f4", 3), ("side", "<f4", 3), ("manner", "<f4", 3)])
 """Place on a blade's middle line (heights); what a half width moves it by; share of the way up it, the
 blade's own number 0..1, what it is painted as."""
-
-
-class TuftMesh(NamedTuple):
-    """Vertices and triangles of a tuft.
-
-    Attributes
-    ----------
-    vertices : (n,) of VERTEX
-    triangles : (m, 3) uint32
-    """
-
-    vertices: npt.NDArray[np.void]
-    triangles: npt.NDArray[np.uint32]
 
 
 class _Blade(NamedTuple):
@@ -55,7 +44,7 @@ class _Blade(NamedTuple):
     low: float = 0.0  # heights at which it starts
 
 
-def tuft_mesh(kind: str, detail: int) -> TuftMesh:
+def tuft_mesh(kind: str, detail: int) -> Mesh:
     """Make a plant of the ground.
 
     Parameters
@@ -242,11 +231,11 @@ def _arch(t: Floats, out: Floats, reach: float, tall: float) -> Floats:
     return np.asarray(np.outer(reach * t, out) + np.outer(up, [0.0, 0.0, 1.0]))
 
 
-def _joined(strips: list[_Strip]) -> TuftMesh:
+def _joined(strips: list[_Strip]) -> Mesh:
     starts = np.cumsum([0] + [len(strip.place) for strip in strips])
     vertices = np.empty(starts[-1], VERTEX)
     for start, strip in zip(starts, strips, strict=False):
         part = vertices[start : start + len(strip.place)]
         part["place"], part["side"], part["manner"] = strip.place, strip.side, strip.manner
     triangles = [strip.triangles + start for start, strip in zip(starts, strips, strict=False)]
-    return TuftMesh(vertices, np.concatenate(triangles).astype(np.uint32))
+    return Mesh(vertices, np.concatenate(triangles).astype(np.uint32))

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.render.strewn import Mesh
+
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     Floats = npt.NDArray[np.float64]
     Triangles = npt.NDArray[np.int64]
 
-__all__ = ["DETAILS", "SHAPES", "VERTEX", "RockMesh", "rock_mesh"]
+__all__ = ["DETAILS", "SHAPES", "VERTEX", "rock_mesh"]
 
 VERTEX: Final = np.dtype([("place", "<f4", 3), ("outward", "<f4", 3)])
 """In radii of the stone; a unit normal."""
@@ -43,20 +45,7 @@ _SPLITS: Final = (4, 3, 2, 1)
 """Times that each triangle of an icosahedron is split into four."""
 
 
-class RockMesh(NamedTuple):
-    """Vertices and triangles of a stone.
-
-    Attributes
-    ----------
-    vertices : (n,) of VERTEX
-    triangles : (m, 3) uint32
-    """
-
-    vertices: npt.NDArray[np.void]
-    triangles: npt.NDArray[np.uint32]
-
-
-def rock_mesh(shape: int, detail: int) -> RockMesh:
+def rock_mesh(shape: int, detail: int) -> Mesh:
     """Make a stone, one of `SHAPES`; all details are samples of the same surface."""
     directions, triangles = _ball(_SPLITS[detail])
     place = directions * _radius(directions, shape)[:, None] * np.array(SHAPES[shape].axes)
@@ -68,7 +57,7 @@ def rock_mesh(shape: int, detail: int) -> RockMesh:
     vertices = np.empty(len(place), VERTEX)
     vertices["place"] = place
     vertices["outward"] = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    return RockMesh(vertices, triangles.astype(np.uint32))
+    return Mesh(vertices, triangles.astype(np.uint32))
 
 
 def _radius(directions: Floats, shape: int) -> Floats:

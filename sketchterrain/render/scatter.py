@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
+    from sketchterrain.render.camera import Camera
+
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["BAND", "SEED", "Places", "Strewing", "cells_within", "hashed", "in_sight", "places_of"]
+__all__ = ["BAND", "SEED", "Nearby", "Places", "Strewing", "cells_within", "hashed", "in_sight", "places_of"]
 
 BAND: Final = 0.3
 """Over this share of the number of places shown at a distance the last ones come up; as in scatter.glsl."""
@@ -171,3 +173,31 @@ def places_of(strewing: Strewing, cells: npt.NDArray[np.int64], eye: Sequence[fl
     rows["seed"] = np.repeat(seeds, many)
     rows["rank"] = np.arange(len(rows)) - np.repeat(ends - many, many)
     return Places(rows, counts)
+
+
+class Nearby:
+    """The places of a strewing that a view needs: found anew only where it is not the view before.
+
+    Parameters
+    ----------
+    strewing
+        What is strewn.
+    sort
+        Puts its places into the order in which they are drawn.
+    """
+
+    def __init__(self, strewing: Strewing, *, sort: Callable[[Places], Places] | None = None) -> None:
+        self._strewing, self._sort = strewing, sort
+        self._view: tuple[Camera, float, float] | None = None
+        self._places = Places(np.zeros(0, SEED), np.zeros(len(strewing.details) + 1, np.int64))
+
+    def seen(self, camera: Camera, aspect: float, above: float) -> Places:
+        """Return the places in a picture of this width over height, by an eye so high (m) over the ground."""
+        if self._view != (camera, aspect, above):
+            self._view = (camera, aspect, above)
+            strewing, eye = self._strewing, camera.eye
+            cells = cells_within(eye, strewing.reach, strewing.cell)
+            cells = cells[in_sight(camera.frustum(aspect), cells, strewing.cell, eye, above)]
+            places = places_of(strewing, cells, eye, above)
+            self._places = self._sort(places) if self._sort else places
+        return self._places

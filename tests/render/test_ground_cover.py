@@ -78,7 +78,7 @@ class Scene:
     def plants(self, kind="meadow"):
         """Foot (m in the world), height, rotation and half width of all places of a kind that grow one."""
         each = self.renderer.scenery.cover._parts[1]._kinds[KINDS.index(kind)]
-        rows = np.frombuffer(each._captured.read(112 * each.plants), np.float32).reshape(-1, 28)
+        rows = np.frombuffer(each.tufts.found.read(112 * each.plants), np.float32).reshape(-1, 28)
         rows = rows[rows[:, 3] > 0.0].astype(float)
         return rows[:, :3] + self.camera.eye, rows[:, 3], rows[:, 4:6], rows[:, 6]
 
@@ -155,7 +155,7 @@ def test_grass_grows_on_grass_and_stones_lie_on_scree(scene, monkeypatch):
     stones = []
 
     def note(self, places, uniforms):
-        rows = np.frombuffer(self._captured.read(80 * len(places.rows)), np.float32).reshape(-1, 20)
+        rows = np.frombuffer(self.pool.found.read(80 * len(places.rows)), np.float32).reshape(-1, 20)
         stones.append(int((rows[:, 3] > 0.0).sum()))
 
     monkeypatch.setattr(Rocks, "_draw", note)

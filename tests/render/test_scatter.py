@@ -8,6 +8,7 @@ import pytest
 from sketchterrain.render import Camera
 from sketchterrain.render.scatter import (
     BAND,
+    Nearby,
     Strewing,
     away_from,
     cells_within,
@@ -148,6 +149,20 @@ def test_cells_in_sight_are_never_left_out():
     cells_of = np.floor(places[visible] / 4.0).astype(int)
     assert {tuple(cell) for cell in cells_of.tolist()} <= seen
     assert len(seen) < 0.5 * len(cells)
+
+
+def test_places_are_found_anew_only_for_another_view():
+    nearby, again = Nearby(STREWING), Nearby(STREWING)
+    camera, other = (
+        Camera((10.0, 20.0, 31.7), (40.0, 45.0, 30.0)),
+        Camera((10.0, 20.1, 31.7), (40.0, 45.0, 30.0)),
+    )
+    places = nearby.seen(camera, 1.5, 1.7)
+    assert nearby.seen(camera, 1.5, 1.7) is places
+    for view in ((other, 1.5, 1.7), (camera, 1.2, 1.7), (camera, 1.5, 9.0)):
+        moved = nearby.seen(*view)
+        assert moved is not places
+        assert moved.rows.tobytes() == again.seen(*view).rows.tobytes()
 
 
 def test_source_names_the_same_band():

@@ -19,7 +19,7 @@ from sketchterrain.render import Camera, Quality, Sun, Weather
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, read_picture
 from sketchterrain.render.trees import HEIGHTS, SPECIES
-from sketchterrain.terrain.foliage import PLANT
+from sketchterrain.terrain.plant import PLANT
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:

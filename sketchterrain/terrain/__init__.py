@@ -4,9 +4,9 @@ from sketchterrain.terrain.adherence import Adherence, measure_adherence
 from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
 from sketchterrain.terrain.changes import changed_areas, touches
 from sketchterrain.terrain.device_verdict import Verdict, self_test
-from sketchterrain.terrain.foliage import SPECIES
 from sketchterrain.terrain.from_sketch import build, make_recipe, rebuild
 from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.plant import SPECIES
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.terrain import Terrain

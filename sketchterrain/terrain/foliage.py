@@ -14,6 +14,7 @@ from sketchterrain.features.hashing import smooth_noise, unit
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import support_radii
+from sketchterrain.terrain.plant import PLANT, STOREYS
 from sketchterrain.terrain.poisson import poisson_disk_steps
 
 if TYPE_CHECKING:
@@ -25,20 +26,12 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["PLANT", "SPACING", "SPECIES", "FoliageSampler"]
-
-SPECIES = ("spruce", "pine", "oak", "birch", "shrub")
-"""Names of the species, in the order of the ``species`` field."""
-
-PLANT = np.dtype(
-    [("x", "f8"), ("y", "f8"), ("z", "f4"), ("species", "u1"), ("scale", "f4"), ("rotation", "f4")]
-)
-"""One plant: position (m), ground height (m), index into ``SPECIES``, size (1 is grown), radians."""
+__all__ = ["SPACING", "FoliageSampler"]
 
 SPACING = 5.0
 """Metres between plants, at least."""
 
-_SPRUCE, _PINE, _OAK, _BIRCH, _SHRUB = range(len(SPECIES))
+_SPRUCE, _PINE, _OAK, _BIRCH, _SHRUB = range(len(STOREYS["woody"]))
 
 _LONE_PLANTS = 0.016  # share of places outside forests that bear a plant where it is not dry, on the mean
 _GROUPS = (190.0, 55.0)  # m, from group to group of those, and from thicket to thicket in a group
@@ -107,10 +100,11 @@ class FoliageSampler:
         yield
         step = max(round(metre), 1)
         z = self._heights(x, y)
-        steepness = np.hypot(self._heights(x + step, y) - z, self._heights(x, y + step) - z) / (step / metre)
+        slope = np.stack([self._heights(x + step, y) - z, self._heights(x, y + step) - z], axis=-1)
+        slope /= step / metre
         yield
-        kept = self._draw("hold", x, y) < self._hold(z, steepness, masks)
-        return self._plants(x[kept], y[kept], z[kept], steepness[kept], masks[kept], young[kept])
+        kept = self._draw("hold", x, y) < self._hold(z, np.hypot(*slope.T), masks)
+        return self._plants(x[kept], y[kept], z[kept], slope[kept], masks[kept], young[kept])
 
     def _heights(self, x: npt.NDArray[np.int64], y: npt.NDArray[np.int64]) -> Reals:
         height, _ = self._evaluator.points(x, y, cell_size=0.0)
@@ -159,11 +153,11 @@ class FoliageSampler:
         x: npt.NDArray[np.int64],
         y: npt.NDArray[np.int64],
         z: Reals,
-        steepness: Reals,
+        slope: Reals,
         masks: npt.NDArray[Any],
         young: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.void]:
-        climate = self._recipe.climate
+        climate, steepness = self._recipe.climate, np.hypot(*slope.T)
         forest, water = masks[:, 2].astype(np.float64), masks[:, 3].astype(np.float64)
         belt = _ramp(z, climate["tree_line"] - 2 * _CONIFER_BELT, climate["tree_line"] - 0.3 * _CONIFER_BELT)
         conifers = self._conifers(x, y, 0.22 + 0.78 * belt)
@@ -184,6 +178,9 @@ class FoliageSampler:
         plants["species"] = np.where(self._draw("shrub", x, y) < shrubs, _SHRUB, tree)
         plants["scale"] = self._scale(x, y, forest, young, plants["species"] == _SHRUB)
         plants["rotation"] = 2 * np.pi * self._draw("rotation", x, y)
+        plants["tint"] = self._draw("tint", x, y)
+        upward = 1 / np.sqrt(1 + steepness**2)
+        plants["normal"] = np.stack([-slope[:, 0] * upward, -slope[:, 1] * upward, upward], axis=-1)
         return plants
 
     def _scale(

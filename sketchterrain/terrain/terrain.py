@@ -9,9 +9,10 @@ import numpy as np
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
 from sketchterrain.terrain.evaluation import Evaluator
-from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
+from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.plant import SPECIES
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.vertices import VertexStore
 
@@ -261,8 +262,7 @@ class Terrain:
         Returns
         -------
         structured ndarray
-            ``x``, ``y`` (float64, m), ``z`` (float32, m), ``species`` (uint8, index into ``SPECIES``),
-            ``scale`` (float32, 1 is a grown plant), ``rotation`` (float32, radians), sorted by position.
+            Of dtype :data:`sketchterrain.terrain.plant.PLANT`, sorted by position.
 
         Raises
         ------

@@ -9,7 +9,7 @@ from sketchterrain.render.tree_levels import level
 from sketchterrain.render.tree_measure import seen, sprig
 from sketchterrain.render.tree_shape import BROAD, NEEDLES, SOLID
 from sketchterrain.render.trees import DETAILS, HEIGHTS, SPECIES, VARIANTS, plant_mesh
-from sketchterrain.terrain import SPECIES as TERRAINS_SPECIES
+from sketchterrain.terrain.plant import STOREYS
 
 from .test_shaders import evaluate
 
@@ -17,7 +17,7 @@ EVERY = [(species, variant) for species in SPECIES for variant in range(VARIANTS
 
 
 def test_species_are_those_of_the_terrain():
-    assert SPECIES == TERRAINS_SPECIES
+    assert STOREYS["woody"] == SPECIES
     assert len(HEIGHTS) == len(SPECIES)
 
 

@@ -12,8 +12,9 @@ from sketchterrain.errors import InputError
 from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
 from sketchterrain.features.catalogue import conifer_code
 from sketchterrain.terrain.evaluation import Evaluator
-from sketchterrain.terrain.foliage import SPECIES, FoliageSampler
+from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import to_lattice
+from sketchterrain.terrain.plant import SPECIES
 from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
 
 if TYPE_CHECKING:

@@ -1,0 +1,104 @@
+"""The measure of blue noise is right where the answer is known; the program's points are as good as darts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
+from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
+from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.benchmarks.timing import TimedContext
+
+IDEAL = -10.0 * np.log10(SETS)
+RADIUS = 1 << 14  # lattice units
+
+
+def white(count: int) -> list[npt.NDArray[np.float64]]:
+    rng = np.random.default_rng(5)
+    return [rng.random((count, 2)) * SIDE for _ in range(SETS)]
+
+
+def test_points_by_chance_have_power_1_and_the_anisotropy_of_chance() -> None:
+    found = spectrum_of(white(2800))
+    middle, power, anisotropy = found.bands()
+    assert len(middle) == 30
+    assert middle[0] == LOWEST + 1 / 16
+    assert middle[-1] == HIGHEST - 1 / 16
+    np.testing.assert_allclose(power, 1.0, atol=0.03)
+    np.testing.assert_allclose(anisotropy, IDEAL, atol=0.7)
+    assert found.points == 2800
+
+
+def test_one_point_has_power_1_everywhere() -> None:
+    # Its anisotropy is none: the logarithm's floor is what float32 leaves.
+    found = spectrum_of([[[10.3, 20.7]]])
+    np.testing.assert_allclose(found.power, 1.0, atol=1e-4)
+    assert found.anisotropy.max() < 1e-8
+
+
+def test_a_jittered_grid_is_found_out() -> None:
+    rng = np.random.default_rng(6)
+    corner = np.stack(np.mgrid[0:SIDE, 0:SIDE], axis=-1).reshape(-1, 2)
+    found = spectrum_of([corner + 0.5 * rng.random(corner.shape) for _ in range(SETS)])
+    assert found.worst > 10.0
+    # The tallest peaks stand at one wave a cell, along both axes.
+    assert found.worst_frequency == pytest.approx(1.0, abs=0.1)
+    middle = found.plane.shape[0] // 2
+    peaks = {(0, SIDE), (0, -SIDE), (SIDE, 0), (-SIDE, 0)}
+    largest = np.argsort(found.plane.ravel())[-4:]
+    places = zip(*np.unravel_index(largest, found.plane.shape), strict=True)
+    assert {(int(row) - middle, int(column) - middle) for row, column in places} == peaks
+
+
+def test_the_distance_is_the_unit() -> None:
+    sets = white(300)
+    small, large = spectrum_of(sets), spectrum_of([points * 8.0 for points in sets], 8.0)
+    np.testing.assert_allclose(small.power, large.power, rtol=1e-6)
+
+
+def test_points_outside_the_square_do_not_count() -> None:
+    sets = white(300)
+    more = [np.concatenate([points, points + SIDE, points - SIDE]) for points in sets]
+    assert spectrum_of(more).points == 300
+
+
+@pytest.mark.parametrize("side", [3.0, 17.3])
+def test_darts_keep_their_distance_and_leave_no_room(side: float) -> None:
+    darts = throw_darts(side, seed=11)
+    tree = cKDTree(darts, boxsize=np.full(2, side))
+    assert ((darts >= 0.0) & (darts < side)).all()
+    assert tree.query(darts, k=2)[0][:, 1].min() >= 1.0
+    places = np.random.default_rng(12).random((100_000, 2)) * side
+    assert tree.query(places)[0].max() < 1.0
+    np.testing.assert_array_equal(darts, throw_darts(side, seed=11))
+
+
+@pytest.fixture(scope="module")
+def darts() -> list[npt.NDArray[np.float64]]:
+    return [throw_darts(SIDE + 8.0, seed=seed) for seed in range(SETS)]
+
+
+def test_darts_are_as_dense_as_is_known(darts: list[npt.NDArray[np.float64]]) -> None:
+    density = np.mean([len(points) for points in darts]) / (SIDE + 8.0) ** 2
+    assert density == pytest.approx(GREATEST_DENSITY, rel=3e-3)
+
+
+def test_the_programs_points_have_the_spectrum_of_darts(
+    context: TimedContext, darts: list[npt.NDArray[np.float64]]
+) -> None:
+    area = (0, 0, SIDE * RADIUS, SIDE * RADIUS)
+    own = spectrum_of([poisson_disk(context, area, RADIUS, seed=seed) for seed in range(SETS)], RADIUS)
+    # A thrower that stops when it has as many.
+    count = round(own.points * (SIDE + 8.0) ** 2 / SIDE**2)
+    reference = spectrum_of([points[:count] for points in darts])
+    assert reference.worst < IDEAL + 0.7
+    assert own.worst < -11.0
+    assert own.power_difference(reference) < 0.05

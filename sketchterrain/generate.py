@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    import numpy as np
+    import numpy.typing as npt
+
     from sketchterrain.compute import ComputeContext
     from sketchterrain.progress import Stages
     from sketchterrain.render import Weather
@@ -189,7 +192,7 @@ def _generate(
         writer.add("features.json", export.write_features, folder, features)
         with stages.stage("plants", "Plants"):
             plants = terrain.foliage(0.0, 0.0, *terrain.size)
-        writer.add("foliage.csv", export.write_foliage, folder, plants, terrain.species_names)
+        writer.add("foliage.csv", _write_plants, folder / "foliage.csv", plants, terrain.species_names)
         with stages.stage("adherence", "Comparing with the sketch"):
             adherence = measure_adherence(terrain)
         problem, rendering = None, dict[str, float]()
@@ -210,6 +213,12 @@ def _generate(
     told["peak_memory"] = peak_memory()
     told["files"] = [path.name for path in files] + ["report.json"]
     return Generated(told, files, problem)
+
+
+def _write_plants(path: Path, plants: npt.NDArray[np.void], species: tuple[str, ...]) -> tuple[Path, ...]:
+    with export.plant_table(path, species) as add:
+        add(plants)
+    return (path,)
 
 
 class _Writer:

@@ -12,8 +12,9 @@ from sketchterrain.errors import SketchterrainError, one_line
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+    from typing import BinaryIO
 
-__all__ = ["telling_failure", "write_whole"]
+__all__ = ["telling_failure", "whole_file", "write_whole"]
 
 
 @contextmanager
@@ -32,6 +33,30 @@ def telling_failure(path: Path) -> Iterator[None]:
         raise SketchterrainError(f"{one_line(path)}: cannot be written ({reason})") from error
 
 
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield a stream to write a file with in pieces; the file is there once the context has ended well.
+
+    Whoever reads it, even after a crash, finds the old content or the new. After an error or Ctrl-C the old
+    file, if any, is as it was.
+
+    Raises
+    ------
+    SketchterrainError
+        If the system cannot write it, and in place of any other OSError in the context.
+    """
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    with telling_failure(path):
+        try:
+            with temporary.open("xb") as stream:
+                yield stream
+                stream.flush()
+                os.fsync(stream.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
 def write_whole(path: Path, content: bytes) -> Path:
     """Write a file so that whoever reads it, even after a crash, finds the old content or the new.
 
@@ -45,14 +70,6 @@ def write_whole(path: Path, content: bytes) -> Path:
     SketchterrainError
         If the system cannot write it; the old file, if any, is as it was.
     """
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    with telling_failure(path):
-        try:
-            with temporary.open("xb") as stream:
-                stream.write(content)
-                stream.flush()
-                os.fsync(stream.fileno())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+    with whole_file(path) as stream:
+        stream.write(content)
     return path

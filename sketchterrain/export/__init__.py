@@ -13,7 +13,7 @@ from sketchterrain.export.geotiff import write_height_tif
 from sketchterrain.export.images import write_height_png, write_normals
 from sketchterrain.export.map import MAP_WIDTH, map_sheet, write_map, write_sheet
 from sketchterrain.export.picture import write_picture
-from sketchterrain.export.plants import write_foliage
+from sketchterrain.export.plants import plant_table
 from sketchterrain.export.weights import quantised_weights, write_materials
 
 __all__ = [
@@ -23,12 +23,12 @@ __all__ = [
     "film",
     "map_sheet",
     "move_into",
+    "plant_table",
     "prepare_folder",
     "quantised_weights",
     "staging",
     "write_agreement",
     "write_features",
-    "write_foliage",
     "write_height_png",
     "write_height_tif",
     "write_json",

@@ -9,6 +9,7 @@ import pytest
 
 import sketchterrain as st
 from sketchterrain.terrain import Raster
+from sketchterrain.terrain.plant import PLANT, SPECIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,5 +50,25 @@ def ground() -> Callable[[object], Raster]:
         up = np.broadcast_to(np.float32([0, 0, 1]), (*heights.shape, 3))
         grass = np.broadcast_to(np.float32([1, 0, 0, 0]), (*heights.shape, 4))
         return Raster((2.0, 3.0), heights, up, grass)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def plants() -> Callable[[int], np.ndarray]:
+    """So many plants of all species on rough ground, from south to north, the same every time."""
+
+    def make(count: int) -> np.ndarray:
+        random = np.random.default_rng(count)
+        some = np.zeros(count, PLANT)
+        some["x"], some["y"] = 4096.0 * random.random(count), np.sort(4096.0 * random.random(count))
+        some["z"] = random.normal(100.0, 300.0, count)
+        upward = np.stack([*random.normal(0.0, 0.3, (2, count)), np.ones(count)], axis=-1)
+        some["normal"] = upward / np.linalg.norm(upward, axis=-1, keepdims=True)
+        some["species"], some["level"] = random.integers(0, [[len(SPECIES)], [6]], (2, count))
+        some["scale"] = random.uniform(0.2, 1.3, count)
+        some["rotation"] = random.uniform(0.0, 2 * np.pi, count)
+        some["tint"] = random.random(count)
+        return some
 
     return make

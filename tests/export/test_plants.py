@@ -7,16 +7,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sketchterrain.export import write_foliage
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.export import plant_table
+from sketchterrain.export.plants import ROW_BYTES
+from sketchterrain.terrain.plant import PLANT, SPECIES
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     import sketchterrain as st
 
-PLANT = np.dtype(
-    [("x", "f8"), ("y", "f8"), ("z", "f4"), ("species", "u1"), ("scale", "f4"), ("rotation", "f4")]
-)
+COLUMNS = ["x", "y", "z", "species", "scale", "rotation", "tint", "normal_x", "normal_y", "normal_z"]
+
+
+def written(folder: Path, plants: np.ndarray, species: Sequence[str] = SPECIES) -> Path:
+    with plant_table(folder / "foliage.csv", species) as add:
+        add(plants)
+    return folder / "foliage.csv"
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -27,17 +35,19 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 def test_each_plant_is_a_line_in_order(tmp_path: Path, terrain: st.Terrain) -> None:
     plants = terrain.foliage(0.0, 0.0, *terrain.size)
     assert len(plants) > 100
-    rows = rows_of(write_foliage(tmp_path, plants, terrain.species_names)[0])
-    assert list(rows[0]) == ["x", "y", "z", "species", "scale", "rotation"]
+    rows = rows_of(written(tmp_path, plants))
+    assert list(rows[0]) == COLUMNS
     assert [row["species"] for row in rows] == [terrain.species_names[i] for i in plants["species"]]
-    for name, half in {"x": 0.0005, "y": 0.0005, "z": 0.0005, "scale": 0.0005, "rotation": 0.00005}.items():
+    fields = {name: plants[name] for name in ("x", "y", "z", "scale", "rotation", "tint")}
+    fields |= {name: plants["normal"][:, axis] for axis, name in enumerate(COLUMNS[-3:])}
+    for name, field in fields.items():
+        half = 0.00005 if name == "rotation" or name.startswith("normal") else 0.0005
         read = np.array([float(row[name]) for row in rows])
-        np.testing.assert_allclose(read, plants[name], rtol=1e-7, atol=1.001 * half)
+        np.testing.assert_allclose(read, field, rtol=1e-7, atol=1.001 * half)
 
 
 def test_plants_stand_on_the_ground_inside_the_sketch(tmp_path: Path, terrain: st.Terrain) -> None:
-    plants = terrain.foliage(0.0, 0.0, *terrain.size)
-    rows = rows_of(write_foliage(tmp_path, plants, terrain.species_names)[0])
+    rows = rows_of(written(tmp_path, terrain.foliage(0.0, 0.0, *terrain.size)))
     x, y, z = (np.array([float(row[name]) for row in rows]) for name in "xyz")
     east, north = terrain.size
     assert ((x >= 0) & (x <= east) & (y >= 0) & (y <= north)).all()
@@ -46,20 +56,67 @@ def test_plants_stand_on_the_ground_inside_the_sketch(tmp_path: Path, terrain: s
 
 
 def test_no_plants_are_a_table_without_rows(tmp_path: Path) -> None:
-    (path,) = write_foliage(tmp_path, np.zeros(0, PLANT), ("fir",))
-    assert path.read_bytes() == b"x,y,z,species,scale,rotation\n"
+    path = written(tmp_path, np.zeros(0, PLANT), ("fir",))
+    assert path.read_text(encoding="ascii") == ",".join(COLUMNS) + "\n"
 
 
 def test_numbers_have_fixed_decimals_and_no_negative_zero(tmp_path: Path) -> None:
-    plants = np.array([(1e6 + 1 / 3, 2.0, -1e-5, 1, 1.25, 6.28318)], PLANT)
-    (path,) = write_foliage(tmp_path, plants, ("fir", "oak"))
-    assert path.read_text(encoding="ascii").splitlines()[1] == "1000000.333,2.000,0.000,oak,1.250,6.2832"
+    plant = (1e6 + 1 / 3, 2.0, -1e-5, (0.6, -0.0, 0.8), 1, 3, 1.25, 6.28318, 0.5)
+    path = written(tmp_path, np.array([plant], PLANT), ("fir", "oak"))
+    line = "1000000.333,2.000,0.000,oak,1.250,6.2832,0.500,0.6000,0.0000,0.8000"
+    assert path.read_text(encoding="ascii").splitlines()[1] == line
+
+
+def test_no_line_is_longer_than_what_is_reckoned_with(tmp_path: Path) -> None:
+    plant = (-999999.999, -999999.999, -9999.9999, (-1, -1, 1), 0, 0, 1.25, 6.28318, 1.0)
+    path = written(tmp_path, np.array([plant], PLANT))
+    assert len(path.read_bytes().splitlines(keepends=True)[1]) <= ROW_BYTES
+
+
+def test_pieces_join(tmp_path: Path, plants: Callable[[int], np.ndarray]) -> None:
+    some = plants(70_000)
+    whole = written(tmp_path, some).read_bytes()
+    with plant_table(tmp_path / "pieces.csv", SPECIES) as add:
+        for piece in np.split(some, [0, 1, 999, 40_000]):
+            add(piece)
+    assert (tmp_path / "pieces.csv").read_bytes() == whole
+    assert whole.count(b"\n") == 70_001
+
+
+def test_a_plant_that_is_no_number_leaves_no_table(
+    tmp_path: Path, plants: Callable[[int], np.ndarray]
+) -> None:
+    some = plants(10)
+    some["tint"][3] = np.nan
+    with pytest.raises(InputError, match=r"finite numbers .*, got nan"):
+        written(tmp_path, some)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_amid_the_rows_leaves_the_old_table_whole(
+    tmp_path: Path, plants: Callable[[int], np.ndarray]
+) -> None:
+    old = written(tmp_path, plants(3)).read_bytes()
+
+    def interrupted() -> None:
+        with plant_table(tmp_path / "foliage.csv", SPECIES) as add:
+            add(plants(50_000))
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["foliage.csv"]
+    assert (tmp_path / "foliage.csv").read_bytes() == old
+
+
+def test_a_missing_folder_is_told_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(SketchterrainError, match=r"no.foliage\.csv: cannot be written \(No such file"):
+        written(tmp_path / "no", np.zeros(0, PLANT))
 
 
 @pytest.mark.slow
-def test_a_million_plants_take_seconds(tmp_path: Path) -> None:
-    plants = np.zeros(1_000_000, PLANT)
-    plants["x"] = np.random.default_rng(1).random(len(plants)) * 4096
+def test_a_million_plants_take_seconds(tmp_path: Path, plants: Callable[[int], np.ndarray]) -> None:
+    some = plants(1_000_000)
     start = time.perf_counter()
-    write_foliage(tmp_path, plants, ("fir",))
-    assert time.perf_counter() - start < 15
+    written(tmp_path, some)
+    assert time.perf_counter() - start < 5

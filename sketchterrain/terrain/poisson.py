@@ -1,50 +1,211 @@
-"""Poisson-disk points as a function of the world (``kernels/foliage.cl``)."""
+"""Poisson-disk points with one distance, as a function of the world (``kernels/poisson.cl``)."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.compute.scratch import Scratch
 from sketchterrain.errors import InputError
-from sketchterrain.features.hashing import hashed
+from sketchterrain.terrain.poisson_cells import (
+    GROUP,
+    SIDE,
+    WINDOW,
+    Area,
+    Cells,
+    Grid,
+    Points,
+    bands,
+    collect,
+    joined,
+    merged,
+    rounded_up,
+    salt_of,
+    schedule,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Generator
+    from collections.abc import Generator, Iterator
 
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
+    from sketchterrain.compute.scratch import Room
 
-__all__ = ["GREATEST_DENSITY", "ROUNDS", "poisson_disk", "poisson_disk_steps"]
+__all__ = ["GREATEST_DENSITY", "TRIALS", "PoissonDisk", "poisson_disk", "poisson_disk_steps"]
 
-ROUNDS = 14
-"""Rounds of candidates: about nine tenths of the points a maximal set would have."""
+TRIALS = 24
+"""Darts a cell throws: over nine tenths of the points a maximal set would have."""
 GREATEST_DENSITY = 0.6966
 """Points a square unit of a maximal set at distance 1, by dart throwing (Wei 2008)."""
 
+_FILE = "poisson.cl"
+_STREAM = "poisson disk"
 _REACH = 2  # cells, as in the kernels
-_HALO = 2 * _REACH * ROUNDS + _REACH
-_ROUND_SALT = 0x9E3779B9
-_WINDOW = 1024
-_GROUP = 64
+_MOST_RADIUS = 1 << 44  # a cell's side times SIDE stays below 2^63
+_MOST_TRIALS = 255
+_MOST_LEVELS = 12
 _MOST_POINTS = 40_000_000
-_EMPTY = -1
+_BYTES_A_POINT = 17
+_ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
+_THROWS = {1: "throw_one", 2: "throw_two"}
+
+
+class PoissonDisk:
+    """The world's Poisson-disk set at one distance.
+
+    Parameters
+    ----------
+    context
+        Where it is sampled; any device gives the same points.
+    radius
+        No two points are nearer than so many lattice units, ≥ 2; from about 1000 on, rounding costs nothing.
+    seed
+    trials
+        Darts a cell of side radius/√2 throws, 1 … 255: the more, the fuller, see docs/kernels/poisson.md.
+    levels
+        Coarser sets that it holds, 0 … 12: the points of level j and above are no nearer than radius · 2^j.
+
+    Raises
+    ------
+    InputError
+        If one of them is out of its range.
+    """
+
+    def __init__(
+        self, context: ComputeContext, radius: int, *, seed: int, trials: int = TRIALS, levels: int = 0
+    ) -> None:
+        if not 2 <= radius <= _MOST_RADIUS:
+            raise InputError(
+                f"the distance between points must be 2 … {_MOST_RADIUS} lattice units, not {radius}"
+            )
+        if not 1 <= trials <= _MOST_TRIALS:
+            raise InputError(f"trials must be 1 … {_MOST_TRIALS}, not {trials}")
+        if not 0 <= levels <= _MOST_LEVELS:
+            raise InputError(f"levels must be 0 … {_MOST_LEVELS}, not {levels}")
+        self.context = context
+        self.radius = radius
+        self._salts = [salt_of(seed, _STREAM, level) for level in range(levels + 1)]
+        self._rounds = schedule(trials)
+        self._rim = 2 * _REACH * len(self._rounds)
+        # A cell's side, lattice units, and the distance in shares of it: no two points fit into one cell.
+        self._side = math.ceil((radius + _ROUNDING) / math.sqrt(2.0))
+        r2 = math.ceil(((radius + _ROUNDING) * SIDE / self._side) ** 2)
+        self._r2 = np.int32(min(r2, 2 * SIDE**2))
+        self._scratch = Scratch(context)
+
+    def within(self, area: Area) -> Points:
+        """Return the points of a rectangle, as far as they fit into memory.
+
+        Raises
+        ------
+        InputError
+            If it would hold over forty million points; :meth:`pieces` has no such bound.
+        """
+        steps = self.steps(area)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                points: Points = end.value
+                return points
+
+    def steps(self, area: Area) -> Generator[None, None, Points]:
+        """Do the same in steps: the device works while others go on; the last one returns the points."""
+        most = self.expected(area)
+        if most > _MOST_POINTS:
+            needed = most * _BYTES_A_POINT / 2**30
+            raise InputError(
+                f"the rectangle would hold about {most:.3g} points ({needed:.1f} GiB); "
+                f"at most {_MOST_POINTS} fit"
+            )
+        found = []
+        for band in bands(area, self._side, window=WINDOW):
+            parts = []
+            for part in band:
+                with self._scratch.lent() as room:
+                    grid = self._sampled(room, part)
+                    yield
+                    parts.append(collect(self.context, room, _FILE, grid, part))
+            found.append(merged(parts))
+        return joined(found)
+
+    def pieces(self, area: Area) -> Iterator[Points]:
+        """Return the points of a rectangle of any size band by band, from south to north.
+
+        Joined, they are what :meth:`within` returns.
+        """
+        for band in bands(area, self._side, window=WINDOW):
+            parts = []
+            for part in band:
+                with self._scratch.lent() as room:
+                    parts.append(collect(self.context, room, _FILE, self._sampled(room, part), part))
+            yield merged(parts)
+
+    def expected(self, area: Area) -> float:
+        """Return how many points a rectangle holds, a little too many."""
+        west, south, east, north = area
+        return GREATEST_DENSITY * max(east - west, 0) * max(north - south, 0) / self.radius**2
+
+    def _sampled(self, room: Room, area: Area) -> Grid:
+        """Enqueue the sampling of an area's cells, the coarsest level first."""
+        windows = [Cells.over(area, self._side).wider(self._rim)]
+        for _ in self._salts[1:]:
+            windows.append(windows[-1].coarser().wider(self._rim))
+        coarsest = len(windows) - 1
+        grid = self._begun(room, windows[coarsest], coarsest, None)
+        self._fill(room, grid, coarsest)
+        for level in reversed(range(coarsest)):
+            grid = self._begun(room, windows[level], level, grid)
+            self._fill(room, grid, level)
+        return grid
+
+    def _begun(self, room: Room, cells: Cells, level: int, coarse: Grid | None) -> Grid:
+        """Start a window: empty, or with the points of a coarser one that covers it."""
+        # Two sets of buffers are enough: a level reads but the one before it.
+        kinds = (("x", np.int16), ("y", np.int16), ("level", np.uint8))
+        x, y, of = (room.buffer(f"{name} {level % 2}", cells.shape, kind) for name, kind in kinds)
+        grid = Grid(cells, self._side << level, self._rim, x, y, of)
+        parent = coarse or grid
+        width = parent.width if coarse else np.int32(0)
+        given = (parent.x, parent.y, parent.level, width, *parent.corner)
+        size = (rounded_up(cells.width), cells.height)
+        self._launch("inherit", size, x, y, of, grid.width, *grid.corner, *given)
+        return grid
+
+    def _fill(self, room: Room, grid: Grid, level: int) -> None:
+        """Enqueue a level's rounds; each leaves a wider rim that is not right."""
+        kinds = (("candidate x", np.int16), ("candidate y", np.int16), ("time", np.uint32))
+        candidate = [room.buffer(name, grid.cells.shape, kind) for name, kind in kinds]
+        darts = (*grid.corner, self._salts[level], self._r2)
+        for number, (start, tries) in enumerate(self._rounds):
+            rim = (2 * number + 1) * _REACH
+            kernel = _THROWS.get(tries, "throw_four" if tries % 4 == 0 else "throw_two")
+            window = (grid.width, np.int32(rim))
+            thrown = (np.int32(start), np.int32(tries))
+            self._launch(kernel, _inner(grid, rim), grid.x, grid.y, *candidate, *window, *darts, *thrown)
+            rim += _REACH
+            window = (grid.width, np.int32(rim))
+            kept = (grid.x, grid.y, grid.level)
+            self._launch("accept", _inner(grid, rim), *kept, *candidate, *window, self._r2, np.int32(level))
+
+    def _launch(self, kernel: str, size: tuple[int, int], *arguments: Any) -> None:
+        self.context.launch(_FILE, kernel, size, *arguments, group=(GROUP, 1))
 
 
 def poisson_disk(
-    context: ComputeContext, area: tuple[int, int, int, int], radius: int, *, seed: int
+    context: ComputeContext, area: Area, radius: int, *, seed: int, trials: int = TRIALS, levels: int = 0
 ) -> npt.NDArray[np.int64]:
     """Return the points of the world's Poisson-disk set that lie in a rectangle.
 
     Parameters
     ----------
-    context
+    context, radius, seed, trials, levels
+        See :class:`PoissonDisk`.
     area
         West, south, east, north in lattice units; west and south inclusive, east and north exclusive.
-    radius
-        No two points are nearer than so many lattice units, ≥ 2.
-    seed
 
     Returns
     -------
@@ -55,80 +216,18 @@ def poisson_disk(
     Raises
     ------
     InputError
-        If the radius is below 2 units, or the rectangle would hold over forty million points.
+        See :class:`PoissonDisk` and :meth:`PoissonDisk.within`.
     """
-    steps = poisson_disk_steps(context, area, radius, seed=seed)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            points: npt.NDArray[np.int64] = end.value
-            return points
+    return PoissonDisk(context, radius, seed=seed, trials=trials, levels=levels).within(area).position
 
 
 def poisson_disk_steps(
-    context: ComputeContext, area: tuple[int, int, int, int], radius: int, *, seed: int
+    context: ComputeContext, area: Area, radius: int, *, seed: int, trials: int = TRIALS, levels: int = 0
 ) -> Generator[None, None, npt.NDArray[np.int64]]:
-    """Do what :func:`poisson_disk` does in steps: the device works while others go on."""
-    west, south, east, north = area
-    if radius < 2:
-        raise InputError(f"the distance between plants must be at least 2 lattice units, not {radius}")
-    if west >= east or south >= north:
-        return np.zeros((0, 2), np.int64)
-    expected = GREATEST_DENSITY * (east - west) * (north - south) / radius**2
-    if expected > _MOST_POINTS:
-        raise InputError(f"the rectangle would hold about {expected:.2g} plants; at most {_MOST_POINTS} fit")
-    cell = int(radius / np.sqrt(2))
-    salt = int(hashed(seed, "poisson disk") & np.uint64(0xFFFFFFFF))
-    first, last = (west // cell, south // cell), ((east - 1) // cell + 1, (north - 1) // cell + 1)
-    bands = []
-    for bottom in range(first[1], last[1], _WINDOW):
-        top = min(bottom + _WINDOW, last[1])
-        found = []
-        for left in range(first[0], last[0], _WINDOW):
-            cells = (left, bottom, min(left + _WINDOW, last[0]), top)
-            accepted = _accepted(context, cells, cell, radius, salt)
-            yield
-            found.append(_points(context, accepted, cells, cell))
-        points = np.concatenate(found)
-        bands.append(points[np.lexsort((points[:, 0] // cell, points[:, 1] // cell))])
-    points = np.concatenate(bands)
-    inside = (points >= (west, south)).all(axis=1) & (points < (east, north)).all(axis=1)
-    return points[inside]
+    """Do what :func:`poisson_disk` does in steps."""
+    points = yield from PoissonDisk(context, radius, seed=seed, trials=trials, levels=levels).steps(area)
+    return points.position
 
 
-def _with_halo(cells: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
-    """Return a window's first cell, its width and its height."""
-    left, bottom = cells[0] - _HALO, cells[1] - _HALO
-    return left, bottom, cells[2] + _HALO - left, cells[3] + _HALO - bottom
-
-
-def _accepted(
-    context: ComputeContext, cells: tuple[int, int, int, int], cell: int, radius: int, salt: int
-) -> Any:
-    """Start to look for the points of the cells from (left, bottom) up to (right, top) with their halo."""
-    left, bottom, width, height = _with_halo(cells)
-    # The rim stays empty: it only spares the kernels a test for the window's end.
-    nothing = np.full((height, width, 2), _EMPTY, np.int32)
-    accepted, candidate = (context.upload(nothing, writable=True) for _ in range(2))
-    priority = context.upload(np.zeros((height, width), np.uint32), writable=True)
-    size = (-(-(width - 2 * _REACH) // _GROUP) * _GROUP, height - 2 * _REACH)
-    r2 = np.int64(radius) ** 2
-    for turn in range(ROUNDS):
-        salted = np.uint32((salt + turn * _ROUND_SALT) & 0xFFFFFFFF)
-        window = (accepted, candidate, priority, np.int32(width))
-        place = (np.int64(left), np.int64(bottom), np.int32(cell), r2, salted)
-        context.launch("foliage.cl", "propose", size, *window, *place, group=(_GROUP, 1))
-        context.launch("foliage.cl", "resolve", size, *window, np.int32(cell), r2, group=(_GROUP, 1))
-    return accepted
-
-
-def _points(
-    context: ComputeContext, accepted: Any, cells: tuple[int, int, int, int], cell: int
-) -> npt.NDArray[np.int64]:
-    """Return the points of the cells without their halo."""
-    _, _, width, height = _with_halo(cells)
-    offset = context.download(accepted, (height, width, 2), np.int32)[_HALO:-_HALO, _HALO:-_HALO]
-    row, column = np.nonzero(offset[..., 0] != _EMPTY)
-    corner = np.stack([(column + cells[0]) * cell, (row + cells[1]) * cell], axis=-1)
-    return np.asarray(corner + offset[row, column], dtype=np.int64)
+def _inner(grid: Grid, rim: int) -> tuple[int, int]:
+    return rounded_up(grid.cells.width - 2 * rim), grid.cells.height - 2 * rim

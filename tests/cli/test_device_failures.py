@@ -96,7 +96,7 @@ def test_a_failure_at_any_call_starts_all_again_elsewhere(
     failing = Failing(monkeypatch, first)
     assert generate(call, tiny, tmp_path / "whole", "--device", first.index).code == 0
     expected, calls = files(tmp_path / "whole"), list(failing.calls)
-    assert {"opening", "uploading", "downloading", "launching patches", "launching propose"} <= set(calls)
+    assert {"opening", "uploading", "downloading", "launching patches", "launching accept"} <= set(calls)
     chosen = [
         number for number, doing in enumerate(calls) if number % SHARE == 0 or calls[:number].count(doing) < 2
     ]

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
 from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
@@ -15,7 +14,6 @@ from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.plant import SPECIES
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,52 +21,6 @@ if TYPE_CHECKING:
     import sketchterrain as st
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import TerrainRecipe
-
-RADIUS = 900
-FAR = 1 << 42
-
-
-def sample(context: ComputeContext, *area: int, radius: int = RADIUS, seed: int = 1) -> np.ndarray:
-    return poisson_disk(context, area, radius, seed=seed)
-
-
-@pytest.mark.parametrize("origin", [0, -RADIUS * 77, FAR])
-def test_points_keep_their_distance(context: ComputeContext, origin: int) -> None:
-    side = 120 * RADIUS
-    points = sample(context, origin, -origin, origin + side, -origin + side)
-    near = cKDTree((points - (origin, -origin)).astype(np.float64)).query_pairs(RADIUS - 1e-6)
-    assert near == set()
-    assert len(points) * RADIUS**2 / side**2 > 0.88 * GREATEST_DENSITY
-
-
-@pytest.mark.parametrize("origin", [0, -RADIUS * 1000 - 7, FAR])
-def test_points_are_a_function_of_the_world(context: ComputeContext, origin: int) -> None:
-    """One rectangle, or sixteen in shuffled order: the same points."""
-    side = 64 * RADIUS + 13
-    whole = sample(context, origin, origin, origin + side, origin + side)
-    cuts = origin + np.linspace(0, side, 5).astype(np.int64)
-    pieces = [(i, j) for i in range(4) for j in range(4)]
-    np.random.default_rng(0).shuffle(pieces)
-    parts = [sample(context, *map(int, (cuts[i], cuts[j], cuts[i + 1], cuts[j + 1]))) for i, j in pieces]
-    together = np.concatenate(parts)
-    assert {tuple(p) for p in together} == {tuple(p) for p in whole}
-    assert len(together) == len(whole)
-
-
-def test_windows_join_without_a_seam(context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
-    area = (0, 0, 90 * RADIUS, 70 * RADIUS)
-    whole = sample(context, *area)
-    monkeypatch.setattr("sketchterrain.terrain.poisson._WINDOW", 37)
-    np.testing.assert_array_equal(sample(context, *area), whole)
-
-
-def test_degenerate_rectangles(context: ComputeContext) -> None:
-    assert sample(context, 5, 5, 5, 9).shape == (0, 2)
-    assert len(sample(context, 0, 0, 10, 10)) <= 1
-    with pytest.raises(InputError, match="at least 2 lattice units"):
-        sample(context, 0, 0, 10, 10, radius=1)
-    with pytest.raises(InputError, match="would hold about"):
-        sample(context, 0, 0, 1 << 30, 1 << 30)
 
 
 def test_plants_stand_on_the_ground_inside_the_rectangle(valley: st.Terrain) -> None:

@@ -140,3 +140,19 @@ __kernel void inherit(__global short *x, __global short *y, __global uchar *leve
 }
 
 #include "poisson_collect.clh"
+
+// The points and their levels, from where each piece starts.
+//   start   int a piece: how many points all before it have
+//   point   long2 a point, written: lattice units
+//   of      uchar a point, written: its level
+__kernel void write_points(__global const short *x, __global const short *y, __global const uchar *level, int width,
+                           int rim, long west, long south, long cell, long4 area, int length,
+                           __global const int *start, __global long2 *point, __global uchar *of)
+{
+    int next = start[get_global_id(1) * get_global_size(0) + get_global_id(0)];
+    FOR_POINTS_OF_PIECE
+        point[next] = p;
+        of[next] = level[at];
+        ++next;
+    }
+}

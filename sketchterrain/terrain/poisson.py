@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from sketchterrain.terrain.poisson_cells import (
     Grid,
     Points,
     bands,
-    collect,
+    counted,
     joined,
     merged,
     rounded_up,
@@ -51,6 +52,13 @@ _MOST_POINTS = 40_000_000
 _BYTES_A_POINT = 17
 _ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 _THROWS = {1: "throw_one", 2: "throw_two"}
+
+
+@dataclass(frozen=True)
+class _Levelled(Grid):
+    """A grid whose points have levels, a byte a cell."""
+
+    level: Any
 
 
 class PoissonDisk:
@@ -126,9 +134,9 @@ class PoissonDisk:
             parts = []
             for part in band:
                 with self._scratch.lent() as room:
-                    grid = self._sampled(room, part)
+                    sampled = self._sampled(room, part)
                     yield
-                    parts.append(collect(self.context, room, _FILE, grid, part))
+                    parts.append(self._collected(room, sampled, part))
             found.append(merged(parts))
         return joined(found)
 
@@ -141,7 +149,7 @@ class PoissonDisk:
             parts = []
             for part in band:
                 with self._scratch.lent() as room:
-                    parts.append(collect(self.context, room, _FILE, self._sampled(room, part), part))
+                    parts.append(self._collected(room, self._sampled(room, part), part))
             yield merged(parts)
 
     def expected(self, area: Area) -> float:
@@ -149,7 +157,7 @@ class PoissonDisk:
         west, south, east, north = area
         return GREATEST_DENSITY * max(east - west, 0) * max(north - south, 0) / self.radius**2
 
-    def _sampled(self, room: Room, area: Area) -> Grid:
+    def _sampled(self, room: Room, area: Area) -> _Levelled:
         """Enqueue the sampling of an area's cells, the coarsest level first."""
         windows = [Cells.over(area, self._side).wider(self._rim)]
         for _ in self._salts[1:]:
@@ -162,12 +170,12 @@ class PoissonDisk:
             self._fill(room, grid, level)
         return grid
 
-    def _begun(self, room: Room, cells: Cells, level: int, coarse: Grid | None) -> Grid:
+    def _begun(self, room: Room, cells: Cells, level: int, coarse: _Levelled | None) -> _Levelled:
         """Start a window: empty, or with the points of a coarser one that covers it."""
         # Two sets of buffers are enough: a level reads but the one before it.
         kinds = (("x", np.int16), ("y", np.int16), ("level", np.uint8))
         x, y, of = (room.buffer(f"{name} {level % 2}", cells.shape, kind) for name, kind in kinds)
-        grid = Grid(cells, self._side << level, self._rim, x, y, of)
+        grid = _Levelled(cells, self._side << level, self._rim, x, y, of)
         parent = coarse or grid
         width = parent.width if coarse else np.int32(0)
         given = (parent.x, parent.y, parent.level, width, *parent.corner)
@@ -175,7 +183,7 @@ class PoissonDisk:
         self._launch("inherit", size, x, y, of, grid.width, *grid.corner, *given)
         return grid
 
-    def _fill(self, room: Room, grid: Grid, level: int) -> None:
+    def _fill(self, room: Room, grid: _Levelled, level: int) -> None:
         """Enqueue a level's rounds; each leaves a wider rim that is not right."""
         kinds = (("candidate x", np.int16), ("candidate y", np.int16), ("time", np.uint32))
         candidate = [room.buffer(name, grid.cells.shape, kind) for name, kind in kinds]
@@ -190,6 +198,15 @@ class PoissonDisk:
             window = (grid.width, np.int32(rim))
             kept = (grid.x, grid.y, grid.level)
             self._launch("accept", _inner(grid, rim), *kept, *candidate, *window, self._r2, np.int32(level))
+
+    def _collected(self, room: Room, grid: _Levelled, area: Area) -> Points:
+        size, where, start, a_row = counted(self.context, room, _FILE, grid, area)
+        total = int(a_row.sum())
+        point, of = room.buffer("point", (total, 2), np.int64), room.buffer("of", total, np.uint8)
+        found = (start, point, of)
+        self.context.launch(_FILE, "write_points", size, grid.x, grid.y, grid.level, *where, *found)
+        position = self.context.download(point, (total, 2), np.int64)
+        return Points(position, self.context.download(of, total, np.uint8), a_row)
 
     def _launch(self, kernel: str, size: tuple[int, int], *arguments: Any) -> None:
         self.context.launch(_FILE, kernel, size, *arguments, group=(GROUP, 1))

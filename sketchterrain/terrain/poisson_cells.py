@@ -27,7 +27,7 @@ __all__ = [
     "Points",
     "Round",
     "bands",
-    "collect",
+    "counted",
     "joined",
     "merged",
     "rounded_up",
@@ -96,7 +96,7 @@ class Grid:
         Of a cell, lattice units.
     rim : int
         Cells at its border that are not sampled to the end.
-    x, y, level : Buffer
+    x, y : Buffer
         See kernels/poisson.cl.
     """
 
@@ -105,7 +105,6 @@ class Grid:
     rim: int
     x: Any
     y: Any
-    level: Any
 
     @property
     def width(self) -> np.int32:
@@ -182,36 +181,31 @@ def bands(area: Area, side: int, *, window: int) -> Iterator[list[Area]]:
         ]
 
 
-def collect(context: ComputeContext, room: Room, file: str, grid: Grid, area: Area) -> Points:
-    """Return the points of a grid that lie within an area, in the order of their cells.
+def counted(
+    context: ComputeContext, room: Room, file: str, grid: Grid, area: Area
+) -> tuple[tuple[int, int], tuple[Any, ...], Any, npt.NDArray[np.int64]]:
+    """Count the points of a grid, from its rim on, that lie within an area (lattice units).
 
-    Parameters
-    ----------
-    context
-    room
-        For what is on the way.
-    file
-        The kernels' file.
-    grid
-        From whose rim on points count.
-    area
-        Lattice units.
+    Returns
+    -------
+    size
+        Of the launch that writes them.
+    where : tuple
+        What that wants to know of the window, the area and the pieces.
+    start : Buffer
+        Where each piece starts.
+    a_row : (rows,) int64
+        Points in each row of cells.
     """
     inner = grid.cells.wider(-grid.rim)
     size = (-(-inner.width // _PIECE), inner.height)
-    where = (grid.width, np.int32(grid.rim), *grid.corner, np.int64(grid.side), np.array(area, np.int64))
+    bounds = (np.int64(grid.side), np.array(area, np.int64), np.int32(_PIECE))
+    where = (grid.width, np.int32(grid.rim), *grid.corner, *bounds)
     count = room.buffer("count", size, np.int32)
-    context.launch(file, "count_points", size, grid.x, grid.y, *where, np.int32(_PIECE), count)
+    context.launch(file, "count_points", size, grid.x, grid.y, *where, count)
     many = context.download(count, size[::-1], np.int32)
-    ends = np.cumsum(many, dtype=np.int32)
-    start = context.upload(ends - many.ravel())
-    total = int(ends[-1])
-    point = room.buffer("point", (total, 2), np.int64)
-    of = room.buffer("of", total, np.uint8)
-    found = (start, point, of)
-    context.launch(file, "write_points", size, grid.x, grid.y, grid.level, *where, np.int32(_PIECE), *found)
-    position = context.download(point, (total, 2), np.int64)
-    return Points(position, context.download(of, total, np.uint8), many.sum(axis=1, dtype=np.int64))
+    start = np.cumsum(many, dtype=np.int32) - many.ravel()
+    return size, where, context.upload(start), many.sum(axis=1, dtype=np.int64)
 
 
 def merged(parts: list[Points]) -> Points:

@@ -16,7 +16,7 @@ in vec4 sprig_at;  // xy: place on its spray, 0..1; z: what is cut out; w: phase
 in vec4 stand;     // xyz: foot, m from the anchor; w: height, m
 in vec4 ground;    // see tree_stand.vert.glsl
 in vec4 sway;
-in vec4 manner;    // xy: cosine and sine of its rotation; z: temper; w: share of its triangles that is drawn
+in vec4 manner;    // xy: cosine and sine of its rotation, times as wide as it is drawn; z: temper; w: share of its triangles that is drawn
 
 out vec3 position;
 out vec4 leaf_normal; // w: 1 leaf, 0 wood
@@ -43,7 +43,7 @@ void main()
     vec3 at = vec3(turn * place.xy, place.z);
     position = foot + stand.w * at + swayed(at, stand.w, sway, sprig_at.w, outward.w, clock);
     vec3 normal = outward.xyz * 2.0 - 1.0;
-    leaf_normal = vec4(turn * normal.xy, normal.z, outward.w);
+    leaf_normal = vec4(turn * normal.xy / dot(manner.xy, manner.xy), normal.z, outward.w);
     float tint = fract(manner.z) * 2.0 - 1.0, crowded = floor(manner.z) / 15.0;
     float bough = outward.w * WARM_BOUGH * sin(6.2831853 * (sprig_at.w * 3.0 + manner.z));
     vec3 warm = mix(vec3(0.80, 0.90, 0.94), vec3(1.24, 1.10, 0.82), 0.5 + 0.5 * clamp(tint + bough, -1.0, 1.0));

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from sketchterrain.render.plant_cells import (
+    CELL,
     ROOM,
+    Cell,
     Place,
     PlantCells,
     Stand,
@@ -19,6 +22,7 @@ from sketchterrain.render.plant_cells import (
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade
 from sketchterrain.render.programs import build_program, build_transform
+from sketchterrain.render.thinning import Thinning, share_of, width_of
 from sketchterrain.render.trees import CUT, DETAILS
 
 if TYPE_CHECKING:
@@ -74,6 +78,8 @@ class Forest:
         Distance at which the last plants stand (m).
     shade : PlantShade
         The shadows that they throw.
+    thinning : Thinning
+        From what angle on they go.
     """
 
     def __init__(
@@ -100,15 +106,20 @@ class Forest:
         self._planted = quality.has("trees")
         self._asked = False
         self._seen: list[Place] = []
-        self._shown: tuple[object, ...] = ()
+        self._wanted: tuple[object, ...] = ()
+        self._chosen: tuple[object, ...] = ()
+        self._grown = False
+        self._height = 1
+        self._elapsed: float | None = None
+        self._thin = quality.thin
+        self.thinning = Thinning(quality.plants)
         self._origin = np.zeros(2)
-        self._stand: Stand | None = None
 
     @property
     def settled(self) -> bool:
         """Whether all plants and shadows that the last camera needs are there, fully grown."""
         grown = self._cells.complete and self._cells.youngest >= GROW
-        return self._asked and grown and self.shade.settled
+        return self._asked and grown and self.thinning.settled and self.shade.settled
 
     @property
     def triangles(self) -> int:
@@ -121,29 +132,49 @@ class Forest:
         return sum(batch.count for batch in self._batches)
 
     def update(
-        self, camera: Camera, aspect: float, lit: LitGround, elapsed: float, allowance: Allowance
+        self, camera: Camera, size: tuple[int, int], lit: LitGround, elapsed: float, allowance: Allowance
     ) -> None:
-        """Go on by a frame: make a part of the plants and of the shadows that are missing."""
-        self._want(camera, aspect, lit)
+        """Go on by a frame: make a part of the plants and of the shadows that are missing.
+
+        Parameters
+        ----------
+        camera
+            From where.
+        size
+            Of the whole picture (px), even where a smaller one is drawn and enlarged.
+        lit
+            The ground.
+        elapsed
+            Since the last frame (s).
+        allowance
+            What may be spent.
+        """
+        self._elapsed = elapsed
+        self._want(camera, size, lit)
         self._cells.grow(elapsed)
         self.shade.go_on(camera.eye, elapsed, allowance.part(0.5))
         self._cells.go_on(allowance)
 
-    def settle(self, camera: Camera, aspect: float, lit: LitGround) -> None:
-        """Make all that a camera's picture needs."""
-        self._want(camera, aspect, lit)
+    def settle(self, camera: Camera, size: tuple[int, int], lit: LitGround) -> None:
+        """Make all that a camera's picture of a size (px) needs."""
+        self._elapsed = None
+        self._want(camera, size, lit)
         self._cells.finish()
-        self._want(camera, aspect, lit)  # what stands in a cell says whether it is seen
+        self._want(camera, size, lit)  # what stands in a cell says whether it is seen
+        if self._planted:
+            self._choose(camera, size)
         self.shade.finish(camera.eye)
 
-    def _want(self, camera: Camera, aspect: float, lit: LitGround) -> None:
-        self._asked = True
-        if not self._planted:
+    def _want(self, camera: Camera, size: tuple[int, int], lit: LitGround) -> None:
+        self._asked, self._height = True, size[1]
+        view = (camera, size, self._cells.changes)
+        if not self._planted or (view == self._wanted and lit.settled):
             return
+        self._wanted = view
         near = cells_near(camera.eye[0], camera.eye[1], self.reach)
         cells = [self._cells[place] for place in near]
         bounds = np.array([UNKNOWN if cell is None else (cell.low, cell.high) for cell in cells])
-        seen = in_view(camera.frustum(aspect), near, bounds)
+        seen = in_view(camera.frustum(size[0] / size[1]), near, bounds)
         self._seen = [place for place, is_seen in zip(near, seen.tolist(), strict=True) if is_seen]
         shading = [place for place in self.shade.places(camera, lit) if place not in set(self._seen)]
         self._cells.want(self._seen + shading)
@@ -152,28 +183,40 @@ class Forest:
         """Draw the plants that a camera sees in a picture of a size (px)."""
         if not self._planted:
             return
-        self._choose(camera, size[0] / size[1], size[1])
+        self._choose(camera, size)
         anchor = (*(self._origin - camera.eye[:2]).tolist(), -camera.eye[2])
         for batch in self._batches:
             batch.draw_all({**uniforms, "anchor": anchor})
 
-    def _choose(self, camera: Camera, aspect: float, height: int) -> None:
+    def _choose(self, camera: Camera, size: tuple[int, int]) -> None:
+        """Choose the plants that are drawn, and how; nothing changes for an eye at rest."""
         cells = [cell for cell in (self._cells[place] for place in self._seen) if cell is not None]
-        shown = (tuple(id(cell) for cell in cells), self._cells.changes)
-        if shown != self._shown or self._stand is None:
-            self._shown = shown
-            self._origin = cells[0].corner if cells else np.zeros(2)
-            self._stand = joined(cells, self._origin)
-        stand = self._stand
-        age = np.repeat([cell.age for cell in cells], [len(cell.stand.tall) for cell in cells])
+        view = (camera, size, tuple(self._seen), self._cells.changes)
+        grown = all(cell.age >= GROW for cell in cells)
+        if view == self._chosen and self._grown and self.thinning.settled:
+            return
+        self._chosen, self._grown = view, grown
+        self._origin = cells[0].corner if cells else np.zeros(2)
+        tangent = 2.0 * np.tan(np.radians(camera.fov) / 2.0)
+        least = self._thin * tangent / self._height
+        floor = self.thinning.floor(least, still=self._elapsed is None)
+        counts = [_held(cell, camera.eye, floor) for cell in cells]
+        stand = joined(cells, self._origin, counts)
         eye = np.asarray(camera.eye, dtype=np.float64) - [*self._origin, 0.0]
-        place = stand.place.astype(np.float64)
-        away = np.hypot(place[:, 0] - eye[0], place[:, 1] - eye[1])
-        scale = height / (2.0 * np.tan(np.radians(camera.fov) / 2.0))
-        pixels = stand.tall * scale / np.maximum(away, 1.0)
-        share = _present(stand.whim, away, age, self.reach)
-        share *= _beside(camera.frustum(aspect), place - eye)
-        drawn = shares(pixels, stand.whim, self._pixels) * share[:, None]
+        place = stand.place.astype(np.float64) - eye
+        level = np.hypot(place[:, 0], place[:, 1])
+        away = np.hypot(level, place[:, 2])
+        age = np.repeat([cell.age for cell in cells], counts)
+        there = _present(stand.whim, level, age, self.reach)
+        there *= _beside(camera.frustum(size[0] / size[1]), place)
+        drawn = shares(stand.tall * (size[1] / tangent) / np.maximum(away, 1.0), stand.whim, self._pixels)
+        held = np.where(there > 0.0, stand.hold / np.maximum(away, 1.0), 0.0)
+        seen = np.flatnonzero(held > floor)
+        copies = np.count_nonzero(drawn[seen], axis=1)
+        self.thinning.follow(held[seen], copies, least=least, elapsed=self._elapsed)
+        self.shade.angle = angle = self.thinning.angle
+        drawn *= (there * share_of(stand.hold, away, angle))[:, None]
+        stand.rows[:, 4:6] *= width_of(stand.bulk, away, angle)[:, None]
         # Only fine leaves are cut out: what may be cut hides nothing before it is shaded.
         for batch, details in zip(self._batches, (range(CUT), range(CUT, DETAILS)), strict=True):
             batch.put(_grouped(stand, drawn, details))
@@ -207,13 +250,21 @@ def shares(
 def _present(whim: npt.NDArray[np.float32], away: Floats, age: Floats, reach: float) -> Floats:
     """How much of each plant is there: it goes at its own distance and comes at its own time."""
     gone = (reach_of(whim, reach) - away) / (VANISH * reach)
-    come = 2.0 * age / GROW - whim
+    come = 2.0 * age / GROW - (1.0 - whim)
     return np.asarray(np.clip(np.minimum(gone, come), 0.0, 1.0), dtype=np.float64)
 
 
 def _beside(planes: Floats, place: Floats) -> npt.NDArray[np.bool_]:
     """Tell which places relative to the eye lie between the left and the right border of a view."""
     return np.asarray((place @ planes[:2, :3].T > -ROOM).all(axis=1))
+
+
+def _held(cell: Cell, eye: tuple[float, float, float], floor: float) -> int:
+    """Return how many of a cell's first plants may be above an angle (rad) for an eye."""
+    x, y = np.maximum(np.abs(cell.corner + 0.5 * CELL - eye[:2]) - 0.5 * CELL, 0.0).tolist()
+    z = max(eye[2] - cell.high, cell.low - eye[2], 0.0)
+    nearest = max(math.hypot(x, y, z), 1.0)
+    return int(np.searchsorted(-cell.stand.hold, -floor * nearest, side="right"))
 
 
 def _grouped(stand: Stand, share: Floats, details: range) -> Instances:
@@ -223,8 +274,7 @@ def _grouped(stand: Stand, share: Floats, details: range) -> Instances:
     group = stand.kind[plant].astype(np.int64) * DETAILS + detail
     order = np.argsort(group, kind="stable")
     plant, detail = plant[order], detail[order]
-    rows = np.empty((len(plant), 8), np.float32)
-    rows[:, :3], rows[:, 3] = stand.place[plant], stand.tall[plant]
-    rows[:, 4:7], rows[:, 7] = stand.manner[plant], share[plant, detail]
+    rows = stand.rows[plant]
+    rows[:, 7] = share[plant, detail]
     counts = np.bincount(group, minlength=KINDS * DETAILS)
     return Instances(rows, counts.reshape(KINDS, DETAILS))

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from sketchterrain.render.allowance import Pace
-from sketchterrain.render.trees import HEIGHTS, VARIANTS
+from sketchterrain.render.plant_stand import CELL, Stand, joined_stands, stand_of
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Iterable, Sequence
+    from collections.abc import Generator, Sequence
 
     import numpy.typing as npt
 
@@ -33,36 +33,14 @@ __all__ = [
     "reach_of",
 ]
 
-CELL: Final = 256.0
-"""m. Smaller ones take as long, larger ones longer than a frame can spare."""
 KEPT: Final = 640
 """Cells that are held at most."""
-SINK: Final = 0.15
-"""m; feet go so far into the ground."""
 ROOM: Final = 12.0
 """m about a plant's foot that its crown may take."""
-PATCH: Final = 32.0
-"""m; side of the squares in which neighbours are counted."""
-DENSE: Final = 0.02
-"""Trees on a square metre of dense forest."""
-LOW: Final = 3.5
-"""m; lower plants shade no others."""
 FADE: Final = 0.55
 """Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
 
 Place = tuple[int, int]
-
-
-class Stand(NamedTuple):
-    """Plants as arrays, x and y from the cell's south-west corner, all in m."""
-
-    place: npt.NDArray[np.float32]  # (n, 3)
-    tall: npt.NDArray[np.float32]  # (n,)
-    manner: npt.NDArray[
-        np.float32
-    ]  # (n, 3) cosine and sine of the rotation, temper: crowding 0..15 + tint 0..1
-    whim: npt.NDArray[np.float32]  # (n,) 0..1, says when a plant comes and goes
-    kind: npt.NDArray[np.uint8]  # (n,) species · variants + variant
 
 
 @dataclass
@@ -181,7 +159,7 @@ class PlantCells:
 
     def _put(self, place: Place, plants: npt.NDArray[np.void]) -> None:
         corner = CELL * np.array(place, dtype=np.float64)
-        stand = _stand(plants, corner)
+        stand = stand_of(plants, corner)
         top = stand.place[:, 2] + stand.tall
         low, high = (float(stand.place[:, 2].min()), float(top.max())) if len(top) else (0.0, 0.0)
         self._made[place] = Cell(corner, stand, low, high)
@@ -229,53 +207,10 @@ def reach_of(whim: npt.NDArray[np.float32], reach: float) -> Floats:
     return np.asarray(reach * (FADE + (1.0 - FADE) * whim), dtype=np.float64)
 
 
-def joined(cells: Iterable[Cell], origin: Floats) -> Stand:
-    """Join the plants of cells: x and y from `origin` (m) instead of from each cell's corner."""
-    parts = []
-    for cell in cells:
-        place = cell.stand.place.copy()
-        place[:, :2] += (cell.corner - origin).astype(np.float32)
-        parts.append(cell.stand._replace(place=place))
-    return Stand(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True))) if parts else _EMPTY
+def joined(cells: Sequence[Cell], origin: Floats, counts: Sequence[int] | None = None) -> Stand:
+    """Join the plants of cells: x and y from `origin` (m) instead of from each cell's corner.
 
-
-def _stand(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
-    place = np.stack([plants["x"] - corner[0], plants["y"] - corner[1], plants["z"] - SINK], axis=1)
-    tint, whim, variant = _whims(plants)
-    tall = np.asarray(HEIGHTS)[plants["species"]] * plants["scale"]
-    temper = np.floor(15.0 * _crowding(place, tall)) + 0.998 * tint
-    manner = np.stack([np.cos(plants["rotation"]), np.sin(plants["rotation"]), temper], axis=1)
-    single = [array.astype(np.float32) for array in (place, tall, manner, whim)]
-    kind = (plants["species"] * VARIANTS + np.minimum(variant * VARIANTS, VARIANTS - 1)).astype(np.uint8)
-    return Stand(single[0], single[1], single[2], single[3], kind)
-
-
-def _crowding(place: Floats, tall: Floats) -> Floats:
-    """Tell how much other trees shade each plant, 0 alone … 1 in a dense forest."""
-    trees = np.where(tall > LOW, 1.0, 0.0)
-    at = np.clip(np.floor(place[:, :2] / PATCH), 0, CELL // PATCH - 1).astype(np.int64) @ [
-        1,
-        int(CELL / PATCH),
-    ]
-    many = np.bincount(at, trees, minlength=int(CELL / PATCH) ** 2)
-    return np.asarray(np.clip((many[at] - 1.0) / (DENSE * PATCH**2), 0.0, 1.0))
-
-
-def _whims(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats, Floats]:
-    """Return three numbers in 0..1 for each plant from its place alone."""
-    x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
-    seed = x * 73_856_093 ^ y * 19_349_663
-    bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)
-    first = (bits & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
-    second = ((bits >> np.uint64(16)) & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
-    third = ((bits >> np.uint64(32)) & np.uint64(0xFF)).astype(np.float64) / 0xFF
-    return first, second, third
-
-
-_EMPTY: Final = Stand(
-    np.zeros((0, 3), np.float32),
-    np.zeros(0, np.float32),
-    np.zeros((0, 3), np.float32),
-    np.zeros(0, np.float32),
-    np.zeros(0, np.uint8),
-)
+    With `counts`, only so many of each, the first ones.
+    """
+    offsets = np.array([cell.corner - origin for cell in cells])
+    return joined_stands([cell.stand for cell in cells], offsets, counts)

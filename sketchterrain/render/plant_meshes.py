@@ -27,8 +27,8 @@ class Instances(NamedTuple):
     Attributes
     ----------
     rows : (n, 8) float32
-        Foot from an anchor and height (m); cosine, sine, temper (see `Stand`), and the share of its triangles
-        that is drawn.
+        Foot from an anchor and height (m); cosine and sine, times as wide as it is drawn; temper (see
+        `Stand`), and the share of its triangles that is drawn.
     counts : (kinds, details) int64
         How many of each mesh; rows follow in this order.
     """

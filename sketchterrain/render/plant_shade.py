@@ -11,6 +11,7 @@ from sketchterrain.render.allowance import Pace
 from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.thinning import share_of, width_of
 from sketchterrain.render.trees import DETAILS
 
 if TYPE_CHECKING:
@@ -38,6 +39,8 @@ STEPS: Final = 8
 HALF_DEPTH: Final = 3000.0
 """m along the light, up and down from the ground in the middle."""
 DEPTH_STEP: Final = 500.0
+LEAST_ANGLE: Final = 1e-6
+"""rad; before it is known how plants are thinned out, all throw shadows."""
 ROOM: Final = 30.0
 """m beyond a map's border from where a plant's shadow may fall into it."""
 
@@ -92,6 +95,11 @@ class PlantShade:
         How many maps, and their side.
     reach
         Distance at which the last plants stand (m).
+
+    Attributes
+    ----------
+    angle : float
+        rad, from which on plants are thinned out, see `Thinning`.
     """
 
     def __init__(
@@ -105,6 +113,7 @@ class PlantShade:
         reach: float,
     ) -> None:
         self._cells, self._sun, self._reach = cells, sun, reach
+        self.angle = LEAST_ANGLE
         self._axes = sun_axes(sun)
         self._context = context
         count = quality.shade_maps if quality.has("shadows") else 0
@@ -204,13 +213,14 @@ class PlantShade:
         stand = joined(cells, origin)
         place = _Place((0.0, 0.0, 0.0), 1.0) if each.coming is None else each.coming
         world = stand.place + np.array([*origin, 0.0])
-        away = np.hypot(world[:, 0] - eye[0], world[:, 1] - eye[1])
+        level = np.hypot(world[:, 0] - eye[0], world[:, 1] - eye[1])
+        away = np.hypot(level, world[:, 2] - eye[2])
         aside = np.abs(world @ self._axes[:2].T - place.centre[:2]).max(axis=1, initial=0.0)
-        chosen = np.flatnonzero((away < reach_of(stand.whim, self._reach)) & (aside < place.half + ROOM))
+        stays = (level < reach_of(stand.whim, self._reach)) & (share_of(stand.hold, away, self.angle) > 0.0)
+        chosen = np.flatnonzero(stays & (aside < place.half + ROOM))
         chosen = chosen[np.argsort(stand.kind[chosen], kind="stable")]
-        rows = np.empty((len(chosen), 8), np.float32)
-        rows[:, :3], rows[:, 3] = stand.place[chosen], stand.tall[chosen]
-        rows[:, 4:7], rows[:, 7] = stand.manner[chosen], 1.0
+        rows = stand.rows[chosen]
+        rows[:, 4:6] *= width_of(stand.bulk[chosen], away[chosen], self.angle)[:, None]
         counts = np.zeros((KINDS, DETAILS), np.int64)
         counts[:, self._details[index]] = np.bincount(stand.kind[chosen], minlength=KINDS)
         self._batches[index].put(Instances(rows, counts))

@@ -110,7 +110,7 @@ class Renderer:
         with self._timed("tiles"):
             self.ground.settle(view, size, draw_distance=distance)
         with self._timed("foliage"):
-            self.scenery.forest.settle(view, size[0] / size[1], self.scenery.lit)
+            self.scenery.forest.settle(view, size, self.scenery.lit)
 
     def draw(self, camera: Camera, framebuffer: moderngl.Framebuffer, *, clock: float = 0.0) -> None:
         """Draw what `camera` sees, as far as it was prepared, into a framebuffer.
@@ -176,7 +176,7 @@ class Renderer:
         allowance = Allowance(left, timer=self._timer)
         self.scenery.lit.update(view, elapsed, allowance.part(0.5))
         lit = allowance.spent
-        self.scenery.forest.update(view, size[0] / size[1], self.scenery.lit, elapsed, allowance)
+        self.scenery.forest.update(view, size, self.scenery.lit, elapsed, allowance)
         grown = allowance.spent
         complete = tiles.settled and self.scenery.lit.settled and self.scenery.forest.settled
         inner = self._inner_size(size, rests=complete and self._still >= REST)

@@ -9,13 +9,10 @@ import pytest
 from sketchterrain.errors import DeviceError
 from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render import open_context
+from sketchterrain.terrain.plant import PLANT
 from sketchterrain.terrain.vertices import VertexStore
 
 from .ground_model import HostContext, write_tiles
-
-PLANT = np.dtype(
-    [("x", "f8"), ("y", "f8"), ("z", "f4"), ("species", "u1"), ("scale", "f4"), ("rotation", "f4")]
-)
 
 
 @dataclass
@@ -74,7 +71,7 @@ class Waves:
         plants = np.zeros(n, PLANT)
         plants["x"], plants["y"] = np.linspace(0.0, 1000.0, n), 300.0
         plants["z"] = self.heights(plants["x"], plants["y"])
-        plants["scale"], plants["species"] = 1.0, np.arange(n) % 5
+        plants["scale"], plants["species"], plants["tint"] = 1.0, np.arange(n) % 5, 0.5
         inside = (plants["x"] >= west) & (plants["x"] < east) & (plants["y"] >= south) & (plants["y"] < north)
         return plants[inside]
 

@@ -7,14 +7,15 @@ from sketchterrain.render import Camera, Quality, Sun
 from sketchterrain.render.allowance import Allowance
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares
 from sketchterrain.render.lit_ground import LitGround
-from sketchterrain.render.plant_cells import CELL, KEPT, SINK, PlantCells, cells_near, joined
+from sketchterrain.render.plant_cells import CELL, KEPT, PlantCells, cells_near, joined
 from sketchterrain.render.plant_meshes import KINDS, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade, shade_matrix, sun_axes
+from sketchterrain.render.plant_stand import SINK
 from sketchterrain.render.trees import DETAILS
-
-from .conftest import PLANT
+from sketchterrain.terrain.plant import PLANT
 
 SUN = Sun(200.0, 35.0)
+SIZE = (640, 360)
 CAMERA = Camera((500.0, 60.0, 120.0), (500.0, 700.0, 60.0))
 
 
@@ -49,8 +50,7 @@ class Meadow:
 
 
 def in_order(stand):
-    columns = [stand.place, stand.tall[:, None], stand.manner, stand.whim[:, None], stand.kind[:, None]]
-    rows = np.concatenate(columns, axis=1)
+    rows = np.column_stack(stand)
     return rows[np.lexsort((rows[:, 0], rows[:, 1]))]
 
 
@@ -212,8 +212,8 @@ def test_plants_grow_in_and_the_forest_settles(gl):
     triangles, shown = [], []
     frames = 0
     while not forest.settled:
-        forest.update(CAMERA, 16 / 9, lit, 0.05, Allowance(0.02))
-        forest._choose(CAMERA, 16 / 9, 360)
+        forest.update(CAMERA, SIZE, lit, 0.05, Allowance(0.02))
+        forest._choose(CAMERA, SIZE)
         triangles.append(forest.triangles)
         shown.append(forest.count)
         frames += 1
@@ -221,8 +221,7 @@ def test_plants_grow_in_and_the_forest_settles(gl):
     assert triangles[0] == 0
     assert shown[-1] > 100
     settled = Forest(gl, meadow, SUN, quality=quality, defines={})
-    settled.settle(CAMERA, 16 / 9, lit)
-    settled._choose(CAMERA, 16 / 9, 360)
+    settled.settle(CAMERA, SIZE, lit)
     assert settled.count == shown[-1]
     assert settled.settled
     assert 0.05 * frames >= GROW

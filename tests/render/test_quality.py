@@ -8,7 +8,7 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.render import Quality
 
-CHEAPER_WHEN_GREATER = {"tolerance", "steep"}
+CHEAPER_WHEN_GREATER = {"tolerance", "steep", "thin"}
 FIXED = {"split"}
 
 

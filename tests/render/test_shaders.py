@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import BuildError
-from sketchterrain.render import Quality, Weather, clouds, plant_cells, scatter, texture_places
+from sketchterrain.render import Quality, Weather, clouds, plant_stand, scatter, texture_places
 from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.programs import build_program, build_transform
@@ -117,7 +117,7 @@ def test_no_stage_reads_more_textures_than_every_driver_has_room_for(gl):
         ("hex_tiling.glsl", "HEX_PERIOD", texture_places.PERIOD),
         ("matter.glsl", "RATIO", texture_places.RATIO),
         ("scatter.glsl", "BAND", scatter.BAND),
-        ("tree_stand.vert.glsl", "SINK", plant_cells.SINK),
+        ("tree_stand.vert.glsl", "SINK", plant_stand.SINK),
     ],
 )
 def test_a_number_said_twice_is_one(file, name, value):

@@ -6,18 +6,18 @@
 // Grids of cells with sides s, 2 s, 4 s ... are filled one after the other, the coarsest first. At a place of distance
 // r the points of one grid have the one level a for which r 2^a lies within [s sqrt(2), 2 s sqrt(2)), so that a cell
 // holds at most one of them and points of one grid conflict over at most REACH cells. Points of coarser grids that can
-// conflict with anything a cell may throw are listed for the cell beforehand: some of those of its parent cell, and some
-// of the parent's neighbours. Rounds of darts are as in poisson.cl. Only + - * and conversions touch distances, so every
+// conflict with anything thrown into a cell are listed for the cell beforehand: some of its own list when it was of the
+// finer grid, and some of its neighbours. Rounds of darts are as in poisson.cl. Only + - * and conversions touch distances, so every
 // device gives the same points.
 //
 // Lengths are in shares of a cell's side, 1 / SIDE, of the grid at hand: they double from a grid to the next finer one.
 
 #include "poisson.clh"
-#pragma OPENCL FP_CONTRACT OFF
+#include "real.clh"
 
 #define REACH 3  // cells: points of one grid farther apart can't conflict, nor can those of cells 3 away both ways
-#define AT_ONCE 4
-#define LISTED 16                // points of coarser grids that a cell's list holds
+#define MOST_AT_ONCE 4
+#define LISTED 24                // points of coarser grids that a list holds
 #define OVERFLOW 255             // a list that would need more: nothing may be thrown here
 #define LEAST 5792.6187f         // SIDE sqrt(2): the least distance of a grid's points at their level
 #define GREATEST 11585.2375f     // twice that, which is more than any
@@ -62,13 +62,12 @@ inline float2 grade_of(Raster raster, long x, long y, float scale, int levels)
     const float distance = (spacing + ROUNDING) * scale;
     float reached = distance;
     float times = 1.0f;
-    int level = 0;
-    while (reached < LEAST) {
-        reached *= 2.0f;
-        times *= 2.0f;
-        ++level;
+    for (int level = 0; level < levels; ++level) {
+        const float factor = reached < LEAST ? 2.0f : 1.0f;
+        reached *= factor;
+        times *= factor;
     }
-    const bool here = reached < GREATEST && level <= levels && spacing <= raster.most;
+    const bool here = reached >= LEAST && reached < GREATEST && spacing <= raster.most;
     return (float2)(0.5f * distance, here ? times : 0.0f);
 }
 
@@ -82,99 +81,138 @@ inline int conflict(float dx, float dy, float half_p, float times_p, float half_
 #define POINT_ARGUMENTS \
     __global short *x, __global short *y, __global float *half_distance, __global float *times
 
-// Starts a window empty and lists what coarser grids hold near each cell; nothing where `coarse_width` is 0.
-//   near         float4 a cell and place in its list: where from its south-west corner, half its distance, 2^level
-//   listed       uchar a cell: how many, or OVERFLOW
-//   coarse_*     the next coarser window, whose first cell is (coarse_west, coarse_south)
-// Global size: (width rounded up, height).
-__kernel void list_coarser(POINT_ARGUMENTS, __global float4 *near, __global uchar *listed, int width, int height,
-                           long west, long south, __global const short *coarse_x, __global const short *coarse_y,
-                           __global const float *coarse_half, __global const float *coarse_times,
-                           __global const float4 *coarse_near, __global const uchar *coarse_listed, int coarse_width,
-                           int coarse_height, long coarse_west, long coarse_south)
+// Lists of a grid's coarser points: one for every four of its cells that are one of the next coarser grid's.
+//   near      LISTED times four planes of a float a coarse cell: where a point lies from the cell's south-west corner,
+//             half its distance, 2^level; lengths as in the finer grid
+//   listed    uchar a coarse cell: how many, or OVERFLOW
+//   width, height, west, south  of the coarser window, 0 where there is none
+typedef struct {
+    __global const float *near;
+    __global const uchar *listed;
+    int width, height;
+    long west, south;
+} Lists;
+
+#define LIST_ARGUMENTS(prefix)                                                                             \
+    __global const float *prefix##near, __global const uchar *prefix##listed, int prefix##list_width,      \
+        int prefix##list_height, long prefix##list_west, long prefix##list_south
+#define COLLECT_LISTS(prefix)                                                                              \
+    const Lists lists = {prefix##near, prefix##listed, prefix##list_width, prefix##list_height,            \
+                         prefix##list_west, prefix##list_south};
+
+// Whose list is that of a cell.
+inline int list_of(Lists lists, long column, long row)
 {
-    const int i = get_global_id(0);
-    const int j = get_global_id(1);
-    if (i >= width) return;
-    const int at = j * width + i;
-    const int cells = width * height;
-    x[at] = EMPTY;
-    y[at] = 0;
-    int many = 0;
-    if (coarse_width > 0) {
-        const long column = west + i;
-        const long row = south + j;
-        const int parent_i = (int)((column >> 1) - coarse_west);
-        const int parent_j = (int)((row >> 1) - coarse_south);
-        const int parent = parent_j * coarse_width + parent_i;
-        const int coarse_cells = coarse_width * coarse_height;
-        // From the parent's corner to this cell's.
-        const float off_x = (float)((int)(column & 1) * SIDE);
-        const float off_y = (float)((int)(row & 1) * SIDE);
-        const int inherited = coarse_listed[parent];
-        const int neighbours = (2 * REACH + 1) * (2 * REACH + 1);
-        const int candidates = inherited == OVERFLOW ? 0 : inherited + neighbours;
-        many = inherited == OVERFLOW ? OVERFLOW : 0;
-        for (int k = 0; k < candidates; ++k) {
-            float4 q;
-            if (k < inherited) {
-                q = coarse_near[k * coarse_cells + parent];
-            } else {
-                const int di = (k - inherited) % (2 * REACH + 1) - REACH;
-                const int dj = (k - inherited) / (2 * REACH + 1) - REACH;
-                const int there = (parent_j + dj) * coarse_width + parent_i + di;
-                if (coarse_x[there] == EMPTY) continue;
-                q = (float4)((float)(di * SIDE + coarse_x[there]), (float)(dj * SIDE + coarse_y[there]),
-                             coarse_half[there], coarse_times[there]);
-            }
-            q.s012 *= 2.0f;
-            q.s0 -= off_x;
-            q.s1 -= off_y;
-            // From the cell to the point, and the most that the two may have to keep.
-            const float dx = fmax(fmax(-q.s0, q.s0 - SIDE), 0.0f);
-            const float dy = fmax(fmax(-q.s1, q.s1 - SIDE), 0.0f);
-            const float most = (LEAST + q.s2 * q.s3) * MARGIN;
-            if (dx * dx + dy * dy >= most * most) continue;
-            if (many < LISTED) near[many * cells + at] = q;
-            many = many < LISTED ? many + 1 : OVERFLOW;
-            if (many == OVERFLOW) break;
-        }
-    }
-    listed[at] = (uchar)many;
+    return (int)((row >> 1) - lists.south) * lists.width + (int)((column >> 1) - lists.west);
 }
 
-// The candidate of a cell: its first dart, of `tries` (a multiple of AT_ONCE) from number `start` on, that is free.
-//   candidate_*  as the points, written; time  uint a cell, written: when it was thrown, NEVER without one
-//   side         of a cell, lattice units
-// Global size: (width - 2 rim rounded up, height - 2 rim).
-__kernel void throw_graded(POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y,
-                           __global float *candidate_half, __global float *candidate_times, __global uint *time,
-                           __global const float4 *near, __global const uchar *listed, RASTER_ARGUMENTS, int width,
-                           int height, int rim, long west, long south, uint salt, long side, float scale, int levels,
-                           int start, int tries)
+inline float4 listed_point(Lists lists, int list, int n)
 {
-    COLLECT_RASTER
+    const size_t plane = lists.width * lists.height;
+    __global const float *first = lists.near + 4 * n * plane + list;
+    return (float4)(first[0], first[plane], first[2 * plane], first[3 * plane]);
+}
+
+// Puts a point on a list if something thrown into the list's cell can conflict with it: if it is nearer to the cell than
+// the most that two may have to keep. Returns how many are listed now, more than LISTED if there was no room.
+inline int list(__global float *near, size_t plane, int at, int many, float4 q)
+{
+    const float side = 2 * SIDE;
+    const float dx = real_max(real_max(-q.s0, q.s0 - side), 0.0f);
+    const float dy = real_max(real_max(-q.s1, q.s1 - side), 0.0f);
+    const float most = LEAST + q.s2 * q.s3;
+    if (dx * dx + dy * dy >= most * most * MARGIN) return many;
+    if (many < LISTED) {
+        __global float *first = near + 4 * many * plane + at;
+        first[0] = q.s0;
+        first[plane] = q.s1;
+        first[2 * plane] = q.s2;
+        first[3 * plane] = q.s3;
+    }
+    return many + 1;
+}
+
+// Lists for a finer grid, from this grid's points and this grid's own lists.
+//   finer_near, finer_listed   a list for each cell of this grid, written
+// Global size: (width - 2 REACH rounded up, height - 2 REACH).
+__kernel void list_for_finer(POINT_ARGUMENTS, LIST_ARGUMENTS(), __global float *finer_near,
+                             __global uchar *finer_listed, int width, int height, long west, long south)
+{
+    COLLECT_LISTS()
+    const int i = get_global_id(0) + REACH;
+    const int j = get_global_id(1) + REACH;
+    if (i >= width - REACH) return;
+    const int at = j * width + i;
+    const size_t plane = width * height;
+    int many = 0;
+    if (lists.width > 0) {
+        const long column = west + i;
+        const long row = south + j;
+        const int own = list_of(lists, column, row);
+        const int known = lists.listed[own];
+        many = known == OVERFLOW ? LISTED + 1 : 0;
+        for (int n = 0; n < (known == OVERFLOW ? 0 : known); ++n) {
+            float4 q = listed_point(lists, own, n);
+            q.s0 -= (float)((int)(column & 1) * SIDE);
+            q.s1 -= (float)((int)(row & 1) * SIDE);
+            q.s012 *= 2.0f;
+            many = list(finer_near, plane, at, many, q);
+        }
+    }
+    for (int dj = -REACH; dj <= REACH; ++dj) {
+        // The finer grid's points conflict with this one's over less than 1.5 LEAST, 2.13 cells.
+        const int span = REACH - (dj * dj > 1) - (dj * dj > 4);
+        for (int di = -span; di <= span; ++di) {
+            const int there = at + dj * width + di;
+            if (x[there] != EMPTY) {
+                const float4 q = {2.0f * (float)(di * SIDE + x[there]), 2.0f * (float)(dj * SIDE + y[there]),
+                                  2.0f * half_distance[there], times[there]};
+                many = list(finer_near, plane, at, many, q);
+            }
+        }
+    }
+    finer_listed[at] = (uchar)(many > LISTED ? OVERFLOW : many);
+}
+
+// Starts a window empty. Global size: (width rounded up, height).
+__kernel void clear(__global short *x, __global short *y, int width)
+{
+    const int i = get_global_id(0);
+    if (i >= width) return;
+    const int at = get_global_id(1) * width + i;
+    x[at] = EMPTY;
+    y[at] = 0;
+}
+
+// The candidate of a cell: its first dart, of `tries` from number `start` on, that is free. `at_once`, a literal,
+// of them are held against each point while that is at hand.
+__attribute__((always_inline)) inline void throw_darts(
+    POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y, __global float *candidate_half,
+    __global float *candidate_times, __global uint *time, Lists lists, Raster raster, int width, int rim, Window w, long side, float scale, int levels, int start, int tries,
+    const int at_once)
+{
     const int i = get_global_id(0) + rim;
     const int j = get_global_id(1) + rim;
     if (i >= width - rim) return;
     const int at = j * width + i;
-    const int cells = width * height;
-    const Window w = {west, south, salt};
     const uint cell = cell_hash(w, i, j);
-    const long corner_x = (west + i) * side;
-    const long corner_y = (south + j) * side;
-    const int many = listed[at];
-    const int taken = x[at] != EMPTY || many == OVERFLOW;
+    const long corner_x = (w.west + i) * side;
+    const long corner_y = (w.south + j) * side;
+    const float off_x = (float)((int)((w.west + i) & 1) * SIDE);
+    const float off_y = (float)((int)((w.south + j) & 1) * SIDE);
+    const int list = lists.width > 0 ? list_of(lists, w.west + i, w.south + j) : 0;
+    const int known = lists.width > 0 ? lists.listed[list] : 0;
+    const int many = known == OVERFLOW ? 0 : known;
+    const int taken = x[at] != EMPTY || known == OVERFLOW;
     int found_x = EMPTY, found_y = 0;
     float found_half = 0.0f, found_times = 0.0f;
     uint found = NEVER;
-    for (int number = start; number < start + tries; number += AT_ONCE) {
-        uint bits[AT_ONCE];
-        float px[AT_ONCE], py[AT_ONCE], half_p[AT_ONCE], times_p[AT_ONCE];
-        int blocked[AT_ONCE];
-        int open = 0;
+    for (int number = start; number < start + tries; number += at_once) {
+        uint bits[MOST_AT_ONCE];
+        float px[MOST_AT_ONCE], py[MOST_AT_ONCE], half_p[MOST_AT_ONCE], times_p[MOST_AT_ONCE];
+        int blocked[MOST_AT_ONCE];
         #pragma unroll
-        for (int k = 0; k < AT_ONCE; ++k) {
+        for (int k = 0; k < at_once; ++k) {
             bits[k] = dart(cell, number + k);
             const long across = (dart_x(bits[k]) * side) >> SIDE_BITS;
             const long along = (dart_y(bits[k]) * side) >> SIDE_BITS;
@@ -183,17 +221,18 @@ __kernel void throw_graded(POINT_ARGUMENTS, __global short *candidate_x, __globa
             py[k] = (float)dart_y(bits[k]);
             half_p[k] = grade.s0;
             times_p[k] = grade.s1;
-            blocked[k] = taken | (times_p[k] == 0.0f) | (number + k >= start + tries) | (found != NEVER);
-            open |= !blocked[k];
+            blocked[k] = taken | (times_p[k] == 0.0f);
         }
-        if (open) {
-            for (int n = 0; n < many; ++n) {
-                const float4 q = near[n * cells + at];
-                #pragma unroll
-                for (int k = 0; k < AT_ONCE; ++k) {
-                    blocked[k] |= conflict(q.s0 - px[k], q.s1 - py[k], half_p[k], times_p[k], q.s2, q.s3);
-                }
+        for (int n = 0; n < many; ++n) {
+            const float4 q = listed_point(lists, list, n);
+            const float qx = q.s0 - off_x;
+            const float qy = q.s1 - off_y;
+            #pragma unroll
+            for (int k = 0; k < at_once; ++k) {
+                blocked[k] |= conflict(qx - px[k], qy - py[k], half_p[k], times_p[k], q.s2, q.s3);
             }
+        }
+        if (start > 0) {  // before that the grid is empty
             #pragma unroll
             for (int dj = -REACH; dj <= REACH; ++dj) {
                 #pragma unroll
@@ -204,20 +243,20 @@ __kernel void throw_graded(POINT_ARGUMENTS, __global short *candidate_x, __globa
                     const float half_q = half_distance[there];
                     const float times_q = times[there];
                     #pragma unroll
-                    for (int k = 0; k < AT_ONCE; ++k) {
+                    for (int k = 0; k < at_once; ++k) {
                         blocked[k] |= conflict(qx - px[k], qy - py[k], half_p[k], times_p[k], half_q, times_q);
                     }
                 }
             }
-            #pragma unroll
-            for (int k = 0; k < AT_ONCE; ++k) {
-                const int first = !blocked[k] & (found == NEVER);
-                found_x = first ? dart_x(bits[k]) : found_x;
-                found_y = first ? dart_y(bits[k]) : found_y;
-                found_half = first ? half_p[k] : found_half;
-                found_times = first ? times_p[k] : found_times;
-                found = first ? dart_time(bits[k], number + k) : found;
-            }
+        }
+        #pragma unroll
+        for (int k = 0; k < at_once; ++k) {
+            const int first = !blocked[k] & (found == NEVER);
+            found_x = first ? dart_x(bits[k]) : found_x;
+            found_y = first ? dart_y(bits[k]) : found_y;
+            found_half = first ? half_p[k] : found_half;
+            found_times = first ? times_p[k] : found_times;
+            found = first ? dart_time(bits[k], number + k) : found;
         }
     }
     candidate_x[at] = (short)found_x;
@@ -227,8 +266,28 @@ __kernel void throw_graded(POINT_ARGUMENTS, __global short *candidate_x, __globa
     time[at] = found;
 }
 
+#define THROW_ARGUMENTS                                                                                              \
+    POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y, __global float *candidate_half,       \
+        __global float *candidate_times, __global uint *time, LIST_ARGUMENTS(), RASTER_ARGUMENTS, int width, int rim, \
+        long west, long south, uint salt, long side, float scale, int levels, int start, int tries
+#define THROW(at_once)                                                                                               \
+    COLLECT_RASTER                                                                                                   \
+    const Window w = {west, south, salt};                                                                            \
+    COLLECT_LISTS()                                                                                                  \
+    throw_darts(x, y, half_distance, times, candidate_x, candidate_y, candidate_half, candidate_times, time, lists,  \
+                raster, width, rim, w, side, scale, levels, start, tries, at_once);
+
+//   candidate_*  as the points, written
+//   time         uint a cell, written: when the candidate was thrown, NEVER without one
+//   side         of a cell, lattice units
+//   start, tries first dart and number of darts; a multiple of those thrown at once
+// Global size: (width - 2 rim rounded up, height - 2 rim).
+__kernel void throw_one_graded(THROW_ARGUMENTS) { THROW(1) }
+__kernel void throw_two_graded(THROW_ARGUMENTS) { THROW(2) }
+__kernel void throw_four_graded(THROW_ARGUMENTS) { THROW(4) }
+
 // Accepts each candidate that is the earliest among those it conflicts with.
-// Global size: as `throw_graded`, with a rim wider by REACH.
+// Global size: as when darts are thrown, with a rim wider by REACH.
 __kernel void accept_graded(POINT_ARGUMENTS, __global const short *candidate_x, __global const short *candidate_y,
                             __global const float *candidate_half, __global const float *candidate_times,
                             __global const uint *time, int width, int rim)

@@ -24,6 +24,7 @@ from sketchterrain.terrain.poisson_cells import (
     rounded_up,
     salt_of,
     schedule,
+    thrown_by,
 )
 
 if TYPE_CHECKING:
@@ -42,10 +43,10 @@ GRADED: Final = np.dtype([("x", "i8"), ("y", "i8"), ("spacing", "f4"), ("level",
 _FILE = "graded_poisson.cl"
 _STREAM = "graded poisson disk"
 _REACH = 3  # cells, as in the kernels
-_LISTED = 16  # as in the kernels
+_LISTED = 24  # as in the kernels
 _COARSE_TRIALS = 8  # darts a cell of all grids but the finest throws
 _FINE_TRIALS = 16
-_WINDOW = 512  # cells: those lists take 256 bytes each
+_WINDOW = 768  # cells: lists take 96 bytes for each
 _ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 _MOST_GRIDS = 16
 
@@ -71,12 +72,11 @@ class SpacingRaster(NamedTuple):
 
 @dataclass(frozen=True)
 class _Graded(Grid):
-    """A grid whose points have half a distance and 2^level, and whose cells list points of coarser grids."""
+    """A grid whose points have half a distance and 2^level; and lists of coarser points, with their place."""
 
     half: Any
     times: Any
-    near: Any
-    listed: Any
+    lists: tuple[Any, ...]
 
     @property
     def points(self) -> tuple[Any, ...]:
@@ -97,12 +97,12 @@ class GradedPoisson:
     context
         Where it is sampled; any device gives the same points.
     raster_of
-        Returns the distance between points over a rectangle (west, south, east, north, lattice units): vertices
-        around all of it. What it says of a place must not depend on the rectangle.
+        Returns the distance between points over a rectangle (west, south, east, north, lattice units), with
+        vertices around all of it. What it says of a place must not depend on the rectangle.
     least, most
         Range of the distance, lattice units; nothing stands where it is more.
     levels
-        Coarser sets within it; where points are far apart there are fewer, as far as the coarsest grid reaches.
+        Coarser sets within it; fewer where points are far apart, as far as the coarsest grid reaches.
     seed
 
     Raises
@@ -160,23 +160,21 @@ class GradedPoisson:
         points = np.concatenate(found)
         return points[np.lexsort((points["x"], points["y"]))]
 
-    def _window_steps(
-        self, room: Room, area: Area
-    ) -> Generator[None, None, list[npt.NDArray[np.void]]]:
+    def _window_steps(self, room: Room, area: Area) -> Generator[None, None, list[npt.NDArray[np.void]]]:
         """Sample the grids over an area, the coarsest first, and collect the points of each."""
         windows = [Cells.over(area, self._side).wider(self._rim(0))]
         for grid in range(1, len(self._salts)):
             windows.append(windows[-1].coarser().wider(_REACH + self._rim(grid)))
         raster = self._uploaded(_ground(windows[-1], self._side << len(windows) - 1))
         yield
-        coarser: _Graded | None = None
+        lists = (raster[0], raster[0], np.int32(0), np.int32(0), np.int64(0), np.int64(0))  # none
         found = []
         for number in reversed(range(len(windows))):
-            grid = self._begun(room, windows[number], number, coarser)
+            grid = self._begun(room, windows[number], number, lists)
             self._fill(room, grid, number, raster)
             yield
             found.append(self._collected(room, grid, area, raster))
-            coarser = grid
+            lists = self._listed(room, grid, number) if number else lists
         return found
 
     def _rim(self, grid: int) -> int:
@@ -193,23 +191,25 @@ class GradedPoisson:
         spacing = self._context.upload(np.asarray(raster.spacing, np.float32))
         return spacing, width, np.int32(bits), *corner, np.float32(self._most)
 
-    def _begun(self, room: Room, cells: Cells, number: int, coarser: _Graded | None) -> _Graded:
-        """Start a grid's window: empty, with lists of what a coarser one that covers it holds."""
+    def _begun(self, room: Room, cells: Cells, number: int, lists: tuple[Any, ...]) -> _Graded:
+        """Start a grid's window: empty."""
         kinds = (("x", np.int16), ("y", np.int16), ("half", np.float32), ("times", np.float32))
-        # Two sets of buffers are enough: a grid reads but the one before it.
-        turn = number % 2
-        points = [room.buffer(f"{name} {turn}", cells.shape, kind) for name, kind in kinds]
-        near = room.buffer(f"near {turn}", (*cells.shape, _LISTED, 4), np.float32)
-        listed = room.buffer(f"listed {turn}", cells.shape, np.uint8)
+        points = [room.buffer(name, cells.shape, kind) for name, kind in kinds]
         side = self._side << number
-        grid = _Graded(cells, side, self._rim(number), points[0], points[1], points[2], points[3], near, listed)
-        parent = coarser or grid
-        shape = (parent.width, parent.height) if coarser else (np.int32(0), np.int32(0))
-        given = (*parent.points, parent.near, parent.listed, *shape, *parent.corner)
-        size = (rounded_up(cells.width), cells.height)
-        own = (*grid.points, near, listed, grid.width, grid.height, *grid.corner)
-        self._launch("list_coarser", size, *own, *given)
+        grid = _Graded(cells, side, self._rim(number), points[0], points[1], points[2], points[3], lists)
+        self._launch("clear", (rounded_up(cells.width), cells.height), *points[:2], grid.width)
         return grid
+
+    def _listed(self, room: Room, grid: _Graded, number: int) -> tuple[Any, ...]:
+        """Enqueue the lists of what a grid and those before it hold, for the next finer one."""
+        # Two sets of buffers are enough: lists are made of but those before them.
+        turn = number % 2
+        near = room.buffer(f"near {turn}", (*grid.cells.shape, _LISTED, 4), np.float32)
+        listed = room.buffer(f"listed {turn}", grid.cells.shape, np.uint8)
+        window = (grid.width, grid.height, *grid.corner)
+        size = _inner(grid, _REACH)
+        self._launch("list_for_finer", size, *grid.points, *grid.lists, near, listed, *window)
+        return near, listed, *window
 
     def _fill(self, room: Room, grid: _Graded, number: int, raster: tuple[Any, ...]) -> None:
         """Enqueue a grid's rounds; each leaves a wider rim that is not right."""
@@ -219,11 +219,12 @@ class GradedPoisson:
         darts = (*grid.corner, self._salts[number], np.int64(grid.side), scale, np.int32(self._levels))
         for turn, (start, tries) in enumerate(self._rounds[number]):
             rim = (2 * turn + 1) * _REACH
-            window = (grid.width, grid.height, np.int32(rim))
+            window = (grid.width, np.int32(rim))
             thrown = (np.int32(start), np.int32(tries))
-            lists = (grid.near, grid.listed, *raster)
+            ground = (*grid.lists, *raster)
             size = _inner(grid, rim)
-            self._launch("throw_graded", size, *grid.points, *candidate, *lists, *window, *darts, *thrown)
+            kernel = f"{thrown_by(tries)}_graded"
+            self._launch(kernel, size, *grid.points, *candidate, *ground, *window, *darts, *thrown)
             rim += _REACH
             size = _inner(grid, rim)
             self._launch("accept_graded", size, *grid.points, *candidate, grid.width, np.int32(rim))

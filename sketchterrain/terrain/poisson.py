@@ -25,6 +25,7 @@ from sketchterrain.terrain.poisson_cells import (
     rounded_up,
     salt_of,
     schedule,
+    thrown_by,
 )
 
 if TYPE_CHECKING:
@@ -51,7 +52,6 @@ _MOST_LEVELS = 12
 _MOST_POINTS = 40_000_000
 _BYTES_A_POINT = 17
 _ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
-_THROWS = {1: "throw_one", 2: "throw_two"}
 
 
 @dataclass(frozen=True)
@@ -190,7 +190,7 @@ class PoissonDisk:
         darts = (*grid.corner, self._salts[level], self._r2)
         for number, (start, tries) in enumerate(self._rounds):
             rim = (2 * number + 1) * _REACH
-            kernel = _THROWS.get(tries, "throw_four" if tries % 4 == 0 else "throw_two")
+            kernel = thrown_by(tries)
             window = (grid.width, np.int32(rim))
             thrown = (np.int32(start), np.int32(tries))
             self._launch(kernel, _inner(grid, rim), grid.x, grid.y, *candidate, *window, *darts, *thrown)

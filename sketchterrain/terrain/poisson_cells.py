@@ -33,6 +33,7 @@ __all__ = [
     "rounded_up",
     "salt_of",
     "schedule",
+    "thrown_by",
 ]
 
 SIDE: Final = 4096
@@ -155,6 +156,11 @@ def schedule(trials: int) -> tuple[Round, ...]:
         rounds.append(Round(thrown, tries))
         thrown += tries
     return tuple(rounds)
+
+
+def thrown_by(tries: int) -> str:
+    """Return the kernel that throws as many darts at once as go into so many."""
+    return "throw_one" if tries == 1 else "throw_two" if tries % 4 else "throw_four"
 
 
 def salt_of(seed: int, stream: str, level: int) -> np.uint32:

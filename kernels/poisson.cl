@@ -15,10 +15,10 @@
 #define SPAN(j) ((j) == -REACH || (j) == REACH ? REACH - 1 : REACH)
 
 // The candidate of a cell: its first dart, of `tries` from number `start` on, that is free. `at_once`, a literal,
-// of them are held against each cell's point while that is at hand.
+// of them are held against each cell's point while that is at hand; `bare`, too, if the window has no point yet.
 __attribute__((always_inline)) inline void throw_darts(__global const short *x, __global const short *y, __global short *candidate_x,
                         __global short *candidate_y, __global uint *time, int width, int rim, Window w, int r2,
-                        int start, int tries, const int at_once)
+                        int start, int tries, const int at_once, const int bare)
 {
     const int i = get_global_id(0) + rim;
     const int j = get_global_id(1) + rim;
@@ -39,7 +39,7 @@ __attribute__((always_inline)) inline void throw_darts(__global const short *x, 
             blocked[k] = taken;
         }
         #pragma unroll
-        for (int dj = -REACH; dj <= REACH; ++dj) {
+        for (int dj = -REACH; dj <= (bare ? -REACH - 1 : REACH); ++dj) {
             #pragma unroll
             for (int di = -SPAN(dj); di <= SPAN(dj); ++di) {
                 const int there = at + dj * width + di;
@@ -69,9 +69,9 @@ __attribute__((always_inline)) inline void throw_darts(__global const short *x, 
 #define THROW_ARGUMENTS                                                                                          \
     __global const short *x, __global const short *y, __global short *candidate_x, __global short *candidate_y, \
         __global uint *time, int width, int rim, long west, long south, uint salt, int r2, int start, int tries
-#define THROW(at_once)                                                                                          \
+#define THROW(at_once, bare)                                                                                          \
     const Window w = {west, south, salt};                                                                       \
-    throw_darts(x, y, candidate_x, candidate_y, time, width, rim, w, r2, start, tries, at_once);
+    throw_darts(x, y, candidate_x, candidate_y, time, width, rim, w, r2, start, tries, at_once, bare);
 
 // All kernels work on cells no nearer than `rim` to the window's border.
 // Global size: (width - 2 rim rounded up, height - 2 rim), but for `inherit` and those that collect.
@@ -81,9 +81,10 @@ __attribute__((always_inline)) inline void throw_darts(__global const short *x, 
 //   west, south  column and row of the window's first cell
 //   r2           squared distance in shares of a cell's side, at most 2 SIDE^2
 //   start, tries first dart and number of darts; a multiple of those thrown at once
-__kernel void throw_one(THROW_ARGUMENTS) { THROW(1) }
-__kernel void throw_two(THROW_ARGUMENTS) { THROW(2) }
-__kernel void throw_four(THROW_ARGUMENTS) { THROW(4) }
+__kernel void throw_first(THROW_ARGUMENTS) { THROW(1, 1) }
+__kernel void throw_one(THROW_ARGUMENTS) { THROW(1, 0) }
+__kernel void throw_two(THROW_ARGUMENTS) { THROW(2, 0) }
+__kernel void throw_four(THROW_ARGUMENTS) { THROW(4, 0) }
 
 // Accepts each candidate that is the earliest among those it conflicts with.
 //   level     uchar a cell, written: the level at which its point was accepted

@@ -163,8 +163,8 @@ class GradedPoisson:
     def _window_steps(self, room: Room, area: Area) -> Generator[None, None, list[npt.NDArray[np.void]]]:
         """Sample the grids over an area, the coarsest first, and collect the points of each."""
         windows = [Cells.over(area, self._side).wider(self._rim(0))]
-        for grid in range(1, len(self._salts)):
-            windows.append(windows[-1].coarser().wider(_REACH + self._rim(grid)))
+        for number in range(1, len(self._salts)):
+            windows.append(windows[-1].coarser().wider(_REACH + self._rim(number)))
         raster = self._uploaded(_ground(windows[-1], self._side << len(windows) - 1))
         yield
         lists = (raster[0], raster[0], np.int32(0), np.int32(0), np.int64(0), np.int64(0))  # none

@@ -190,7 +190,8 @@ class PoissonDisk:
         darts = (*grid.corner, self._salts[level], self._r2)
         for number, (start, tries) in enumerate(self._rounds):
             rim = (2 * number + 1) * _REACH
-            kernel = thrown_by(tries)
+            bare = not start and level == len(self._salts) - 1
+            kernel = "throw_first" if bare else thrown_by(tries)
             window = (grid.width, np.int32(rim))
             thrown = (np.int32(start), np.int32(tries))
             self._launch(kernel, _inner(grid, rim), grid.x, grid.y, *candidate, *window, *darts, *thrown)

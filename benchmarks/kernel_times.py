@@ -16,8 +16,10 @@ from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
 from sketchterrain.render.texture_maker import LAYERS, embossed, painted_layer
+from sketchterrain.terrain.graded_poisson import GradedPoisson, SpacingRaster
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_places import sample_stride
+from sketchterrain.terrain.poisson import PoissonDisk
 from sketchterrain.terrain.vertices import VERTEX
 
 if TYPE_CHECKING:
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 __all__ = ["WRITTEN", "measure"]
 
 _REAL = 4
+_POINT_RADIUS = 1 << 14  # lattice units
+_POINT_STEP = 1 << 15
 
 WRITTEN: Mapping[str, float] = {
     "patches": 6 * _REAL,  # height, four masks and the mottle
@@ -41,10 +45,18 @@ WRITTEN: Mapping[str, float] = {
     / (QUADS // 2 + 1) ** 2,  # height and normal of nearly four children
     "vertices": VERTEX.itemsize,
     "facts": 4 * _REAL + _REAL * QUADS / sample_stride(QUADS),  # low, high, whether finite; a strip of errors
-    "propose": 12,  # candidate and priority
+    **dict.fromkeys(("throw_first", "throw_one", "throw_two", "throw_four"), 8),  # candidate and time
+    "accept": 5,  # point and level
+    "inherit": 5,
+    "write_points": 17 * 80,  # a piece's points and levels
+    **dict.fromkeys(("throw_one_graded", "throw_two_graded", "throw_four_graded"), 16),
+    "accept_graded": 12 * 0.04,  # an accepted point
+    "list_for_finer": 1 + 16 * 4,  # four points or so
+    "clear": 4,
+    "count_points": 4,
+    "write_graded": 24 * 80,
     "material_paint": 4 * _REAL,
     "material_relief": 4 * _REAL,
-    "resolve": 0.18,  # 8 bytes for an accepted point: 0.31 of the cells over 14 rounds
     "bench_fbm": _REAL,
     "bench_write": 4 * _REAL,
     "bench_fbm_slope": 3 * _REAL,
@@ -72,11 +84,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
     `patches` has a border of one around each tile), `parents` what they keep of their parents, `vertices` the
     same tiles as they are drawn and `facts` how high they are and how far from full detail (an item is a
-    strip of quads), `points` a square grid over the same ground at the same cell size, `propose` and
-    `resolve` the places of plants (an item is a cell of the window), `bench_fbm` 8 octaves of noise on a
-    grid, `bench_fbm_slope` with slopes, `material_paint` and `material_relief` the materials' textures (an
-    item is a texel), `spline_…_distances` the distance to a spline of six control points,
-    flattened for cells of 1 m.
+    strip of quads), `points` a square grid over the same ground at the same cell size, `throw_…`, `accept_…`
+    and `inherit` the rounds of Poisson-disk points, `clear` and `list_for_finer` what graded ones need
+    besides (an item is a cell of the window), `count_points` and `write_…` their lists (an item is 256 cells
+    of a row), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes, `material_paint` and
+    `material_relief` the materials' textures (an item is a texel), `spline_…_distances` the distance to a
+    spline of six control points, flattened for cells of 1 m.
     Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
     they write, over the median. Launches of `patches` are padded to whole groups of 256 items; the padding,
     under 3 %, counts as items.
@@ -114,8 +127,7 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
                 _drawn(context, terrain, level, effort.kernel_tiles),
             )
             yield _Case(("points",), name, level), _points(context, terrain, level, effort)
-    bare, side = grounds[BARE], effort.foliage_side
-    yield (_Case(("propose", "resolve")), partial(context.lap, partial(bare.foliage, 0.0, 0.0, side, side)))
+    yield from _point_works(context, round(effort.foliage_side * _POINT_RADIUS))
     grid = NoiseGrid(context, effort.noise_side)
     yield _Case(("bench_fbm",)), partial(context.lap, grid.launch)
     yield _Case(("bench_fbm_slope",)), partial(context.lap, grid.launch_slope)
@@ -133,6 +145,25 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
     queries = SplineQueries(context, *drawn)
     for method, kernel in KERNELS.items():
         yield _Case((kernel,)), partial(context.lap, queries.work(method, 1.0))
+
+
+def _point_works(context: TimedContext, side: int) -> Iterator[tuple[_Case, Callable[[], Lap]]]:
+    area = (0, 0, side, side)
+    one = PoissonDisk(context, _POINT_RADIUS, seed=1)
+    kernels = ("inherit", "throw_first", "throw_one", "throw_two", "throw_four", "accept", "write_points")
+    yield _Case(kernels), partial(context.lap, partial(one.within, area))
+    graded = GradedPoisson(context, _even, least=_POINT_RADIUS, most=2 * _POINT_RADIUS, levels=1, seed=1)
+    thrown = ("throw_one_graded", "throw_two_graded", "throw_four_graded")
+    kernels = ("clear", *thrown, "accept_graded", "list_for_finer", "count_points", "write_graded")
+    yield _Case(kernels), partial(context.lap, partial(graded.within, area))
+
+
+def _even(west: int, south: int, east: int, north: int) -> SpacingRaster:
+    """Return one distance all over a rectangle."""
+    step = _POINT_STEP
+    column, row = west // step, south // step
+    shape = (-(-north // step) - row + 1, -(-east // step) - column + 1)
+    return SpacingRaster(column * step, row * step, step, np.full(shape, 1.2 * _POINT_RADIUS, np.float32))
 
 
 def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.adherence_chart import draw_adherence
+from sketchterrain.benchmarks.blue_noise_chart import draw_room, draw_spectra, draw_table_6_1
 from sketchterrain.benchmarks.choices_chart import draw_choices
 from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
@@ -265,10 +266,8 @@ def _tiles(rows: Sequence[Row]) -> Any:
     batches = sorted({int(value_of(row, "batch")) for row in rows})
     axes.set_xscale("log", base=2)
     axes.set_xticks(batches, [str(batch) for batch in batches])
-    axes.set(
-        xlim=(batches[0] / 1.3, batches[-1] * 7), xlabel="tiles a launch", ylabel="million vertices a second"
-    )
-    axes.set_ylim(bottom=0)
+    axes.set(xlim=(batches[0] / 1.3, batches[-1] * 7), ylim=(0, None))
+    axes.set(xlabel="tiles a launch", ylabel="million vertices a second")
     figure.suptitle("Tiles of 64 quads with normals and materials", x=0.01, ha="left")
     return figure
 
@@ -281,6 +280,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "flight": draw_errors,
     "kernels": _kernels,
     "pictures": draw_qualities,
+    "points": draw_table_6_1,
     "sketch": draw_scaling,
     "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
     "splines": draw_splines,
@@ -293,6 +293,7 @@ MORE: dict[str, dict[str, Callable[[Sequence[Row]], Any]]] = {
     "erosion": {"normals": draw_normals},
     "flight": {"generation": draw_generation, "frames": draw_frames},
     "pictures": {"parts": draw_parts},
+    "points": {"room": draw_room, "spectra": draw_spectra},
     "speed": {"tiles": lambda rows: draw_thesis(_figure(12.0, 4.2), rows)},
 }
 """Charts of its second table and so on, by how their files' names end."""

@@ -40,6 +40,18 @@ class Effort:
         Side of the square that is planted, m.
     poisson_cells : int
         Cells, each with room for one point, along the side of the square of Poisson-disk points.
+    point_side : float
+        Side of the square on which points are scattered, in the unit of the distances.
+    point_distances, point_trials : tuple of int
+        r and k of table 6.1 of the thesis.
+    room_trials, peer_trials : tuple of int
+        k at which the room that is left is measured: of this program and the thesis's way, of libraries.
+    room_places : int
+        Places drawn to see whether another point would fit there.
+    scipy_side : float
+        Side of scipy's square, in distances.
+    spectrum_sets : int
+        Sets of points whose spectra are averaged.
     sketch_sides, sketch_shapes : tuple of int
         Sides (px) and numbers of shapes of the sketches on which placement's growth is measured.
     sketch_rounds : int
@@ -93,6 +105,14 @@ class Effort:
     culling_features: tuple[int, ...]
     foliage_side: float
     poisson_cells: int
+    point_side: float
+    point_distances: tuple[int, ...]
+    point_trials: tuple[int, ...]
+    room_trials: tuple[int, ...]
+    peer_trials: tuple[int, ...]
+    room_places: int
+    scipy_side: float
+    spectrum_sets: int
     sketch_sides: tuple[int, ...]
     sketch_shapes: tuple[int, ...]
     sketch_rounds: int
@@ -133,6 +153,14 @@ QUICK = Effort(
     culling_features=(100, 1_000, 10_000, 100_000),
     foliage_side=400.0,
     poisson_cells=400,
+    point_side=128.0,
+    point_distances=(1, 2, 4, 8),
+    point_trials=(4, 8, 12),
+    room_trials=(1, 4, 12),
+    peer_trials=(4, 30),
+    room_places=100_000,
+    scipy_side=16.0,
+    spectrum_sets=5,
     sketch_sides=(256, 512, 1024),
     sketch_shapes=(5, 50, 500),
     sketch_rounds=2,
@@ -174,6 +202,14 @@ FULL = Effort(
     culling_features=(100, 1_000, 10_000, 100_000, 1_000_000),
     foliage_side=2000.0,
     poisson_cells=1024,
+    point_side=512.0,
+    point_distances=(1, 2, 4, 8),
+    point_trials=(4, 8, 12),
+    room_trials=(1, 2, 4, 8, 12, 16, 32, 48, 64),
+    peer_trials=(4, 12, 30),
+    room_places=2_000_000,
+    scipy_side=32.0,
+    spectrum_sets=20,
     sketch_sides=(256, 512, 1024, 2048, 4096),
     sketch_shapes=(5, 50, 500, 5000),
     sketch_rounds=1,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sketchterrain.benchmarks import (
     accuracy,
     adherence,
+    blue_noise,
     culling,
     erosion,
     flight,
@@ -94,6 +95,12 @@ BENCHMARKS = {
         Benchmark("adherence", f"the sketches of {_PRESETS}", _OWN, adherence.measure),
         Benchmark("sketch", "blobs and a river", str(sketch_scaling.SEED), sketch_scaling.measure),
         Benchmark("foliage", f"the middle of {_PRESETS}", f"{_OWN}; points: 7", planting.measure),
+        Benchmark(
+            "points",
+            "a square, and its middle for spectra",
+            f"0, spectra 0 … 19; places: {blue_noise.SEED}",
+            blue_noise.measure,
+        ),
         Benchmark(
             "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
         ),

@@ -28,6 +28,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "adherence",
         "sketch",
         "foliage",
+        "points",
         "splines",
         "flight",
         "pictures",

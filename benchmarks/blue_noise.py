@@ -1,0 +1,236 @@
+"""Poisson-disk points: table 6.1 of the thesis, what other ways take, the room that is left, the spectrum."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table, value_of
+from sketchterrain.benchmarks.point_ways import OURS, THESIS, fill_of, own, peers, room_of, thesis
+from sketchterrain.benchmarks.spectrum import SIDE, spectrum_of
+from sketchterrain.benchmarks.timing import alternate, spread
+from sketchterrain.terrain.poisson import GREATEST_DENSITY, TRIALS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.point_ways import Way
+    from sketchterrain.benchmarks.spectrum import Spectrum
+    from sketchterrain.benchmarks.timing import Lap, TimedContext
+
+Key = TypeVar("Key")
+
+__all__ = ["ASKED", "DARTS", "GTX_580", "SEED", "measure"]
+
+SEED = 7
+GTX_580: Final[Mapping[tuple[int, int], float]] = {
+    (1, 4): 8.03,
+    (2, 4): 6.31,
+    (4, 4): 2.00,
+    (8, 4): 0.57,
+    (1, 8): 5.51,
+    (2, 8): 4.72,
+    (4, 8): 1.40,
+    (8, 8): 0.40,
+    (1, 12): 4.29,
+    (2, 12): 3.86,
+    (4, 12): 1.09,
+    (8, 12): 0.32,
+}
+"""Million points a second in table 6.1 of the thesis, by r and k, on 512 × 512."""
+ASKED: Final[Mapping[str, float]] = {"Bridson, numba": 10.0, "scipy": 1000.0}
+"""How many times as fast as each the program shall be at the same density."""
+DARTS = "darts one by one, float64"
+
+_QUICK = 0.1  # s a lap
+_MORE = 2  # times as many rounds of quick laps
+_AROUND = 8.0  # distances more than the spectrum's square: its middle is taken
+
+_THESIS_COLUMNS = (
+    Column("distance", "r"),
+    Column("trials", "k"),
+    Column("points", "points"),
+    Column("rounds", "rounds"),
+    Column("million_per_s", "this program, M points/s"),
+    Column("p95_ms", "95 %, ms"),
+    Column("fill", "fill"),
+    Column("thesis_million_per_s", "the thesis's way here, M points/s"),
+    Column("thesis_fill", "its fill"),
+    Column("gtx_million_per_s", "the thesis's on a GTX 580, M points/s"),
+    Column("over_thesis", "this program is so many times as fast: here"),
+    Column("over_gtx", "as the GTX 580"),
+)
+_ROOM_COLUMNS = (
+    Column("way", "way"),
+    Column("trials", "k"),
+    Column("side", "side, r"),
+    Column("points", "points"),
+    Column("rounds", "rounds"),
+    Column("median_ms", "median, ms"),
+    Column("p95_ms", "95 %, ms"),
+    Column("million_per_s", "M points/s"),
+    Column("fill", "fill"),
+    Column("room", "room left, %"),
+    Column("equal_trials", "this program as full: k"),
+    Column("ours_over_it", "so many times as fast"),
+    Column("asked", "asked"),
+    Column("note", "note"),
+)
+_SPECTRUM_COLUMNS = (
+    Column("way", "way"),
+    Column("trials", "k"),
+    Column("sets", "sets"),
+    Column("points", "points a set"),
+    Column("fill", "fill"),
+    Column("worst", "worst band's anisotropy, dB"),
+    Column("worst_frequency", "at, waves a distance"),
+    Column("power_difference", "power: largest difference from as many darts"),
+)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Points a second, how full they fill the ground, what room they leave, and their spectrum.
+
+    Time is by the clock, from call to points in memory; rounds alternate between all ways of a table, and
+    those below 0.1 s have twice as many again. Fill is the density by that of a maximal set, 0.6966 points a
+    squared distance, two distances away from the border, where points lie denser in all ways but this
+    program's. Room is the share of the ground where another point would still fit, by places drawn at random.
+
+    First, table 6.1 of the thesis: r, k darts a cell, the thesis's way made anew (phase groups, three levels,
+    all darts of a cell in one turn) on the same device, and the thesis's own figures for a GTX 580.
+
+    Second, r = 1: fill and room against k and time, beside libraries in one thread, as they come; scipy on a
+    smaller square, for it is slow. What is not on the machine is named. A library is compared with this
+    program at the fewest darts that fill as much; where none of those measured does, at the most darts.
+
+    Third, the spectrum, see benchmarks/spectrum.py: power averaged over the angle, and anisotropy; the best
+    that n sets can have is -10 log n dB, -13.0 for the twenty of a full run. The power is held against that
+    of as many darts that were thrown one after another, or of a maximal set where a way fills more.
+    """
+    return Outcome((_table_6_1(context, effort), _room(context, effort), _spectra(context, effort)))
+
+
+def _table_6_1(context: TimedContext, effort: Effort) -> Table:
+    cells = [(r, k) for r in effort.point_distances for k in effort.point_trials]
+    ways = {(*cell, OURS): own(context, effort.point_side / cell[0], cell[1]) for cell in cells}
+    ways |= {(*cell, THESIS): thesis(context, effort.point_side / cell[0], cell[1]) for cell in cells}
+    laps = _laps(ways, effort.rounds)
+    rows = []
+    for r, k in cells:
+        row, there = (_rate(ways[r, k, name], laps[r, k, name]) for name in (OURS, THESIS))
+        # On a square of another size the figures are those for the same r, k and way.
+        known = GTX_580.get((r, k))
+        rows.append(
+            {
+                "distance": r,
+                **row,
+                "thesis_points": there["points"],
+                "thesis_million_per_s": there["million_per_s"],
+                "thesis_fill": there["fill"],
+                "thesis_seconds": there["seconds"],
+                "gtx_million_per_s": known,
+                "over_thesis": value_of(row, "million_per_s") / value_of(there, "million_per_s"),
+                "over_gtx": value_of(row, "million_per_s") / known if known else None,
+            }
+        )
+    return Table(f"Table 6.1 of the thesis on {effort.point_side:g}²", _THESIS_COLUMNS, tuple(rows))
+
+
+def _room(context: TimedContext, effort: Effort) -> Table:
+    side = effort.point_side
+    ladder = sorted({*effort.room_trials, TRIALS})
+    libraries, absent = peers(side, effort.peer_trials, scipy_side=effort.scipy_side)
+    ways = [
+        *(own(context, side, k) for k in ladder),
+        *(thesis(context, side, k) for k in effort.room_trials),
+        *libraries,
+    ]
+    laps = _laps({(way.name, way.trials): way for way in ways}, effort.rounds)
+    rows: list[Row] = []
+    for way in ways:
+        _, points = way.run(0)
+        room = room_of(points, way.side, places=effort.room_places, seed=SEED)
+        rate = _rate(way, laps[way.name, way.trials])
+        rows.append({"way": way.name, "side": way.side, **rate, "room": room * 100.0})
+    ours, others = rows[: len(ladder)], rows[len(ladder) :]
+    rows = [{**row, "note": "the default" if row["trials"] == TRIALS else None} for row in ours]
+    rows += [{**row, **_compared(row, ours)} for row in others]
+    rows += [{"way": one.name, "note": f"absent: {one.reason}"} for one in absent]
+    return Table(f"Room left on {side:g} × {side:g} distances", _ROOM_COLUMNS, tuple(rows))
+
+
+def _compared(row: Row, ours: Sequence[Row]) -> Row:
+    """Return how this program compares at the fewest darts that fill as much."""
+    as_full = [one for one in ours if value_of(one, "fill") >= value_of(row, "fill")]
+    equal = as_full[0] if as_full else ours[-1]
+    asked = next((times for name, times in ASKED.items() if str(row["way"]).startswith(name)), None)
+    return {
+        "equal_trials": equal["trials"],
+        "ours_over_it": value_of(equal, "million_per_s") / value_of(row, "million_per_s"),
+        "asked": asked,
+        "note": None if as_full else "fills more than darts that fall anywhere can",
+    }
+
+
+def _spectra(context: TimedContext, effort: Effort) -> Table:
+    seeds = range(effort.spectrum_sets)
+    side = SIDE + _AROUND
+    darts = [throw_darts(side, seed=seed) for seed in seeds]
+    libraries, _ = peers(side, effort.peer_trials[-1:])
+    ways = [
+        own(context, side, TRIALS),
+        *(thesis(context, side, effort.point_trials[0], turns=turns) for turns in (False, True)),
+        *libraries,
+    ]
+    maximal = spectrum_of(darts)
+    rows = [_spectrum_row(DARTS, None, maximal, maximal, effort)]
+    for way in ways:
+        # Seen from a place away from the border.
+        found = spectrum_of([way.run(seed)[1] - 0.5 * _AROUND for seed in seeds])
+        count = round(found.points / SIDE**2 * side**2)
+        as_many = spectrum_of([thrown[:count] for thrown in darts])
+        rows.append(_spectrum_row(way.name, way.trials, found, as_many, effort))
+    return Table(f"Spectrum of {len(seeds)} sets", _SPECTRUM_COLUMNS, tuple(rows))
+
+
+def _spectrum_row(name: str, trials: int | None, found: Spectrum, darts: Spectrum, effort: Effort) -> Row:
+    middle, power, anisotropy = found.bands()
+    return {
+        "way": name,
+        "trials": trials,
+        "sets": effort.spectrum_sets,
+        "points": found.points,
+        "fill": found.points / (GREATEST_DENSITY * SIDE**2),
+        "worst": found.worst,
+        "worst_frequency": found.worst_frequency,
+        "power_difference": found.power_difference(darts),
+        "frequency": middle.tolist(),
+        "power": power.tolist(),
+        "anisotropy": anisotropy.tolist(),
+    }
+
+
+def _laps(ways: Mapping[Key, Way], rounds: int) -> dict[Key, list[Lap]]:
+    laps = alternate({key: way.lap for key, way in ways.items()}, rounds=rounds)
+    # Laps of milliseconds are disturbed most, and cost least to have more of.
+    quick = {key: way.lap for key, way in ways.items() if laps[key][0].wall < _QUICK}
+    for key, more in alternate(quick, rounds=_MORE * rounds).items():
+        laps[key] += more
+    return laps
+
+
+def _rate(way: Way, laps: Sequence[Lap]) -> Row:
+    _, points = way.run(0)
+    samples = [lap.wall for lap in laps]
+    times = spread(samples)
+    return {
+        "trials": way.trials,
+        "points": len(points),
+        "rounds": times.count,
+        "median_ms": times.median * 1e3,
+        "p95_ms": times.p95 * 1e3,
+        "million_per_s": len(points) / times.median * 1e-6,
+        "fill": fill_of(points, way.side),
+        "seconds": samples,
+    }

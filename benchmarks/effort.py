@@ -38,8 +38,6 @@ class Effort:
         Features in the worlds in which culling is measured.
     foliage_side : float
         Side of the square that is planted, m.
-    poisson_cells : int
-        Cells, each with room for one point, along the side of the square of Poisson-disk points.
     point_side : float
         Side of the square on which points are scattered, in the unit of the distances.
     point_distances, point_trials : tuple of int
@@ -104,7 +102,6 @@ class Effort:
     spline_count: int
     culling_features: tuple[int, ...]
     foliage_side: float
-    poisson_cells: int
     point_side: float
     point_distances: tuple[int, ...]
     point_trials: tuple[int, ...]
@@ -152,7 +149,6 @@ QUICK = Effort(
     spline_count=24,
     culling_features=(100, 1_000, 10_000, 100_000),
     foliage_side=400.0,
-    poisson_cells=400,
     point_side=128.0,
     point_distances=(1, 2, 4, 8),
     point_trials=(4, 8, 12),
@@ -201,7 +197,6 @@ FULL = Effort(
     spline_count=1737,
     culling_features=(100, 1_000, 10_000, 100_000, 1_000_000),
     foliage_side=2000.0,
-    poisson_cells=1024,
     point_side=512.0,
     point_distances=(1, 2, 4, 8),
     point_trials=(4, 8, 12),

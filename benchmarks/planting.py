@@ -1,15 +1,13 @@
-"""Foliage: plants and Poisson-disk points a second."""
+"""Foliage: plants a second."""
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import TYPE_CHECKING
 
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, spread
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,9 +17,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Terrain
 
 __all__ = ["measure"]
-
-_RADIUS = 1 << 14  # lattice units; the points' number, not their distance in metres, is what costs
-_POINT_SEED = 7
 
 _PLANT_COLUMNS = (
     Column("preset", "preset"),
@@ -33,24 +28,13 @@ _PLANT_COLUMNS = (
     Column("thousand_plants_per_s", "thousand plants/s"),
     Column("hectares_per_s", "ha/s"),
 )
-_POINT_COLUMNS = (
-    Column("points", "points"),
-    Column("density", "of the greatest density"),
-    Column("rounds", "rounds"),
-    Column("median_ms", "median, ms"),
-    Column("p95_ms", "95 %, ms"),
-    Column("total_rate", "M points/s"),
-    Column("launch_rate", "launches alone, M points/s"),
-)
 
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
-    """Plants a second in the middle of each preset, and Poisson-disk points a second by themselves.
+    """Plants a second in the middle of each preset.
 
-    From call to array by the clock, and the launches alone by profiling events. Plants are fewer than points,
-    since most points of open ground bear none: hectares a second say what a scene costs. The density is the
-    share of what a maximal set would hold (0.6966 points a squared distance). Rounds alternate between the
-    presets.
+    From call to array by the clock, and the launches alone by profiling events. Hectares a second say what a
+    scene costs, whatever stands on it. Rounds alternate between the presets.
     """
     works: dict[str, Callable[[], Lap]] = {}
     plants: dict[str, int] = {}
@@ -59,18 +43,10 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         area = _square(terrain, effort.foliage_side)
         works[name] = partial(context.lap, partial(terrain.foliage, *area))
         plants[name] = len(terrain.foliage(*area))
-    side = int(effort.poisson_cells * _RADIUS / math.sqrt(2))
-    points = partial(poisson_disk, context, (0, 0, side, side), _RADIUS, seed=_POINT_SEED)
-    works[""] = partial(context.lap, points)
     laps = alternate(works, rounds=effort.rounds)
     rows = tuple(_plant_row(name, plants[name], effort.foliage_side, laps[name]) for name in effort.presets)
-    point_row = _point_row(len(points()), side, laps[""])
-    return Outcome(
-        (
-            Table(f"Plants on {effort.foliage_side:g} × {effort.foliage_side:g} m", _PLANT_COLUMNS, rows),
-            Table(f"Poisson-disk points, seed {_POINT_SEED}", _POINT_COLUMNS, (point_row,)),
-        )
-    )
+    title = f"Plants on {effort.foliage_side:g} × {effort.foliage_side:g} m"
+    return Outcome((Table(title, _PLANT_COLUMNS, rows),))
 
 
 def _square(terrain: Terrain, side: float) -> tuple[float, float, float, float]:
@@ -91,20 +67,5 @@ def _plant_row(name: str, plants: int, side: float, laps: list[Lap]) -> Row:
         "device_ms": device.median * 1e3,
         "thousand_plants_per_s": plants / times.median * 1e-3,
         "hectares_per_s": side * side * 1e-4 / times.median,
-        "seconds": samples,
-    }
-
-
-def _point_row(points: int, side: int, laps: list[Lap]) -> Row:
-    samples = [lap.wall for lap in laps]
-    times, device = spread(samples), spread([lap.device for lap in laps])
-    return {
-        "points": points,
-        "density": points / (GREATEST_DENSITY * (side / _RADIUS) ** 2),
-        "rounds": times.count,
-        "median_ms": times.median * 1e3,
-        "p95_ms": times.p95 * 1e3,
-        "total_rate": points / times.median * 1e-6,
-        "launch_rate": points / device.median * 1e-6,
         "seconds": samples,
     }

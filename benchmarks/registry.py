@@ -94,7 +94,7 @@ BENCHMARKS = {
         Benchmark("features", f"the sketches of {_PRESETS}", _OWN, placement.measure),
         Benchmark("adherence", f"the sketches of {_PRESETS}", _OWN, adherence.measure),
         Benchmark("sketch", "blobs and a river", str(sketch_scaling.SEED), sketch_scaling.measure),
-        Benchmark("foliage", f"the middle of {_PRESETS}", f"{_OWN}; points: 7", planting.measure),
+        Benchmark("foliage", f"the middle of {_PRESETS}", _OWN, planting.measure),
         Benchmark(
             "points",
             "a square, and its middle for spectra",

@@ -20,7 +20,6 @@ TINY = Effort(
     spline_count=2,
     culling_features=(30, 300),
     foliage_side=60.0,
-    poisson_cells=32,
     point_side=24.0,
     point_distances=(1, 2),
     point_trials=(4,),

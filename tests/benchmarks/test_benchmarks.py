@@ -75,9 +75,11 @@ def test_features_report_each_stage(outcomes: dict[str, Outcome]) -> None:
     assert found["darts"] == found["place"] >= found["shapes"] > 0
 
 
-def test_points_are_nearly_maximal(outcomes: dict[str, Outcome]) -> None:
-    (points,) = rows(outcomes["foliage"], 1)
-    assert 0.8 < points["density"] <= 1.0
+def test_plants_are_counted_by_the_hectare(outcomes: dict[str, Outcome], tiny: Effort) -> None:
+    for row in rows(outcomes["foliage"]):
+        assert row["plants"] > 0
+        hectares = (tiny.foliage_side / 100.0) ** 2
+        assert row["hectares_per_s"] == pytest.approx(hectares / row["median_ms"] * 1e3)
 
 
 def test_errors_of_float_exceed_those_of_double(outcomes: dict[str, Outcome]) -> None:

@@ -19,7 +19,7 @@ from sketchterrain.render.plant_cells import (
     joined,
     reach_of,
 )
-from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
+from sketchterrain.render.plant_meshes import KINDS, Instances, PlantBatch, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade
 from sketchterrain.render.programs import build_program, build_transform
 from sketchterrain.render.thinning import Thinning, share_of, width_of
@@ -46,6 +46,11 @@ PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant in pixels under which the next coarser detail does."""
 HULL: Final = 20.0
 """px; the coarsest detail does for no higher plants, however low the quality."""
+LIT: Final = 4
+"""Detail from which on plants are lit at their vertices, by what is found once for each."""
+DRAWN: Final = (range(CUT), range(CUT, LIT), range(LIT, DETAILS))
+"""Details that are drawn together. Only fine leaves are cut out: what may be cut hides nothing before it is
+shaded."""
 BAND: Final = 0.08
 """Share of such a height, up and down, over which one detail passes into the next."""
 VANISH: Final = 0.05
@@ -96,12 +101,7 @@ class Forest:
         self._pixels[-1] = min(self._pixels[-1], HULL)
         self._cells = PlantCells(terrain)
         meshes = PlantMeshes(context)
-        standing = build_transform(context, "tree_stand.vert.glsl", ["ground", "sway"], defines=defines)
-        programs = [
-            build_program(context, "tree.vert.glsl", "tree.frag.glsl", defines={**defines, "SPRIGS": sprigs})
-            for sprigs in (1, 0)
-        ]
-        self._batches = [meshes.drawn_by(program, standing=standing) for program in programs]
+        self._batches = [_batch(context, meshes, details, defines) for details in DRAWN]
         self.shade = PlantShade(context, meshes, self._cells, sun, quality=quality, reach=self.reach)
         self._planted = quality.has("trees")
         self._asked = False
@@ -217,9 +217,21 @@ class Forest:
         self.shade.angle = angle = self.thinning.angle
         drawn *= (there * share_of(stand.hold, away, angle))[:, None]
         stand.rows[:, 4:6] *= width_of(stand.bulk, away, angle)[:, None]
-        # Only fine leaves are cut out: what may be cut hides nothing before it is shaded.
-        for batch, details in zip(self._batches, (range(CUT), range(CUT, DETAILS)), strict=True):
+        for batch, details in zip(self._batches, DRAWN, strict=True):
             batch.put(_grouped(stand, drawn, details))
+
+
+def _batch(
+    context: moderngl.Context, meshes: PlantMeshes, details: range, defines: Mapping[str, int]
+) -> PlantBatch:
+    far = details.start >= LIT
+    own = {**defines, "SPRIGS": int(details.start < CUT), "FAR": int(far)}
+    found = ("ground", "sway", "veil", "clear") if far else ("ground", "sway")
+    return meshes.drawn_by(
+        build_program(context, "tree.vert.glsl", "lit.frag.glsl" if far else "tree.frag.glsl", defines=own),
+        standing=build_transform(context, "tree_stand.vert.glsl", found, defines=own),
+        found=found,
+    )
 
 
 def shares(

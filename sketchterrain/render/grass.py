@@ -96,7 +96,7 @@ class _Kind:
             [tuft_mesh(kind, detail) for detail in range(DETAILS)],
             finding=build_transform(context, "grass_plant.vert.glsl", FOUND, defines=own),
             found=FOUND,
-            drawing=build_program(context, "grass.vert.glsl", "grass.frag.glsl", defines=own),
+            drawing=build_program(context, "grass.vert.glsl", "lit.frag.glsl", defines=own),
         )
 
     def draw(self, camera: Camera, aspect: float, uniforms: Mapping[str, object], above: float) -> None:

@@ -11,7 +11,7 @@ from sketchterrain.render.programs import set_uniforms
 from sketchterrain.render.trees import DETAILS, SPECIES, VARIANTS, plant_mesh
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -19,6 +19,10 @@ __all__ = ["KINDS", "Instances", "PlantMeshes"]
 
 KINDS: Final = len(SPECIES) * VARIANTS
 """Of plants: every species' first variant, second, … follow each other."""
+
+
+VECTOR: Final = 4 * 4
+"""Bytes of each vector that is found of a plant."""
 
 
 class Instances(NamedTuple):
@@ -59,7 +63,13 @@ class PlantMeshes:
         self._context = context
         self._buffer = context.buffer(np.concatenate(meshes).tobytes())
 
-    def drawn_by(self, program: moderngl.Program, *, standing: moderngl.Program | None = None) -> PlantBatch:
+    def drawn_by(
+        self,
+        program: moderngl.Program,
+        *,
+        standing: moderngl.Program | None = None,
+        found: Sequence[str] = (),
+    ) -> PlantBatch:
         """Return what draws plants by a program.
 
         Parameters
@@ -68,11 +78,13 @@ class PlantMeshes:
             Of tree.vert.glsl, or of tree_shadow.vert.glsl.
         standing
             For the first, of tree_stand.vert.glsl.
+        found
+            Names of what that finds of a plant, four floats each.
         """
         form: tuple[str, ...] = ("3f4 12x", "place")
         if standing is not None:
             form = ("3f4 4f1 4f1 4f1", "place", "outward", "colour", "sprig_at")
-        return PlantBatch(self._context, self, program, (self._buffer, *form), standing)
+        return PlantBatch(self._context, self, program, (self._buffer, *form), standing, found)
 
     def commands(self, counts: npt.NDArray[np.int64], start: int, stop: int) -> npt.NDArray[np.uint32]:
         """Return indirect draws of the instances from `start` to `stop`: one row a mesh."""
@@ -97,6 +109,7 @@ class PlantBatch:
         program: moderngl.Program,
         vertices: tuple[object, ...],
         standing: moderngl.Program | None,
+        found: Sequence[str],
     ) -> None:
         self._program, self._standing = program, standing
         self._meshes = meshes
@@ -107,7 +120,8 @@ class PlantBatch:
         parts = [vertices, (self._instances, "4f4 4f4/i", "stand", "manner")]
         self._stands = None
         if standing is not None:
-            parts.append((self._ground, "4f4 4f4/i", "ground", "sway"))
+            self._found = VECTOR * len(found)
+            parts.append((self._ground, " ".join(["4f4"] * len(found)) + "/i", *found))
             self._stands = context.vertex_array(standing, [(self._instances, "4f4 16x", "stand")])
         self._array = context.vertex_array(program, parts)
 
@@ -116,7 +130,7 @@ class PlantBatch:
         if self.count:
             if self._standing is not None and self._stands is not None:
                 set_uniforms(self._standing, uniforms)
-                self._ground.orphan(max(32 * self.count, self._ground.size))
+                self._ground.orphan(max(self._found * self.count, self._ground.size))
                 self._stands.transform(self._ground, vertices=self.count)
             set_uniforms(self._program, uniforms)
             self.draw()

@@ -8,6 +8,7 @@ import pytest
 from sketchterrain.render import Camera, Quality, Sun
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, read_picture
+from sketchterrain.render.trees import DETAILS
 from sketchterrain.render.weather import Weather
 
 from .conftest import Waves
@@ -35,8 +36,8 @@ class Woods(Waves):
         return plants[inside]
 
 
-def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, coarse=1.0):
-    quality = Quality(without=frozenset(without), map_texels=128, shade_texels=512, tolerance=coarse)
+def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
+    quality = Quality(without=frozenset(without), map_texels=128, shade_texels=512, **changes)
     with canvas(SIZE) as (context, texture, framebuffer):
         weather = Weather(wind=wind, clouds=0.0)
         renderer = Renderer(context, Woods(rivers=False), sun=SUN, weather=weather, quality=quality)
@@ -64,6 +65,21 @@ def test_the_clock_moves_plants_only_in_the_wind():
     assert not (moved & ~plants).any()
 
 
+@pytest.mark.parametrize("maps", [0, 2])
+def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel(monkeypatch, maps):
+    bare = picture(without=(*STILL, "trees"), shade_maps=maps)
+    coarse = {"leaves": 0.03, "shade_maps": maps}  # all of them coarse
+    at_vertices = picture(**coarse)
+    monkeypatch.setattr("sketchterrain.render.forest.LIT", DETAILS)
+    at_pixels = picture(**coarse)
+    changed = [np.abs(each - bare).max(axis=2) > 20 for each in (at_vertices, at_pixels)]
+    both = changed[0] & changed[1]
+    assert both.sum() > 200
+    assert both.sum() > 0.8 * max(each.sum() for each in changed)
+    light, exact = (((each[both] / 255.0) ** 2.2).mean(axis=0) for each in (at_vertices, at_pixels))
+    assert light == pytest.approx(exact, rel=0.25)
+
+
 def test_feet_stand_on_the_ground_as_it_is_drawn():
     """With coarse tiles the drawn ground is off the true one; feet follow it."""
     quality = Quality(without=frozenset(STILL), map_texels=128, shade_maps=0, tolerance=12.0, samples=1)
@@ -78,7 +94,9 @@ def test_feet_stand_on_the_ground_as_it_is_drawn():
         feet = []
         for batch in batches:
             rows = np.frombuffer(batch._instances.read(), np.float32).reshape(-1, 8)[: batch.count]
-            ground = np.frombuffer(batch._ground.read(), np.float32).reshape(-1, 8)[: batch.count]
+            ground = np.frombuffer(batch._ground.read(), np.float32)
+            ground = ground[: ground.size // (batch._found // 4) * (batch._found // 4)]
+            ground = ground.reshape(-1, batch._found // 4)[: batch.count]
             feet.append(
                 np.c_[rows[:, :2] + renderer.scenery.forest._origin, ground[:, 0] + camera.eye[2] + 0.15]
             )

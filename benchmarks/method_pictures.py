@@ -52,7 +52,7 @@ _BLUE, _ORANGE, _INK = "#0072B2", "#D55E00", "#333333"
 _SUN = np.array([-0.5, 0.5, 0.7]) / np.linalg.norm([-0.5, 0.5, 0.7])
 _SIDE = 513
 _PICTURED_LAKE = 0  # of valley_river
-_PLOT = 60.0  # m: side of the square whose plants are shown with their distances
+_EDGE, _PLOT = (3350.0, 4350.0), 400.0  # m: corner and side of the square whose plants are shown
 _STYLE = {"font.size": 9.0, "axes.spines.top": False, "axes.spines.right": False, "savefig.dpi": 95}
 
 
@@ -117,32 +117,47 @@ def draw_lakes(context: ComputeContext) -> Any:
 
 
 def draw_foliage(context: ComputeContext) -> Any:
-    """Draw Poisson-disk places with their distance, and the plants that stand at a forest's edge."""
-    from matplotlib.patches import Circle
+    """Draw how far apart plants are to stand at a forest's edge, and those that do."""
+    from matplotlib.colors import LogNorm
 
-    from sketchterrain.terrain.foliage import SPACING
+    from sketchterrain.terrain.evaluation import Evaluator
     from sketchterrain.terrain.lattice import metres_per_unit
-    from sketchterrain.terrain.poisson import poisson_disk
+    from sketchterrain.terrain.plant_spacing import SpacingBlocks
+    from sketchterrain.terrain.woods import LEAST, MOST, Woods
 
     terrain = build(load_sketch("valley_river"), device=context)
-    figure = _figure(9.0, 4.6)
-    places, edge = figure.subplots(1, 2)
+    figure = _figure(9.0, 4.9)
+    apart, stand = figure.subplots(1, 2)
     unit = metres_per_unit(terrain.extent)
-    area = (0, 0, round(_PLOT / unit), round(_PLOT / unit))
-    points = unit * poisson_disk(context, area, round(SPACING / unit), seed=terrain.recipe.seed)
-    for point in points:
-        places.add_patch(Circle(tuple(point), SPACING / 2, facecolor="#DCE8D2", edgecolor="#9BB98A"))
-    places.plot(*points.T, ".", color=_INK, markersize=3)
-    places.set(title=f"places at least {SPACING:g} m apart", xlabel="m east", ylabel="m north")
-    places.set(xlim=(0.0, _PLOT), ylim=(0.0, _PLOT), aspect="equal")
-    west, south = 3350.0, 4350.0
-    plants = terrain.foliage(west, south, west + 5 * _PLOT, south + 5 * _PLOT)
+    west, south = _EDGE
+    area = (west, south, west + _PLOT, south + _PLOT)
+    woods = Woods(Evaluator(terrain.recipe, context))
+    raster = SpacingBlocks(woods, terrain.extent).raster(*(round(each / unit) for each in area))
+    spacing = np.ma.masked_greater(raster.spacing * unit, MOST)
+    # A pixel lies about its vertex.
+    left, low = ((at - raster.step / 2) * unit - start for at, start in zip(raster[:2], _EDGE, strict=True))
+    rows, columns = (raster.step * unit * count for count in spacing.shape)
+    image = apart.imshow(
+        spacing,
+        norm=LogNorm(LEAST, MOST),
+        cmap="viridis",
+        origin="lower",
+        extent=(left, left + columns, low, low + rows),
+    )
+    ticks = [4, 8, 16, 32, 64]
+    bar = figure.colorbar(
+        image, ax=apart, shrink=0.8, ticks=ticks, format="%g", label="m from plant to plant"
+    )
+    bar.minorticks_off()
+    apart.set(title="the spacing at a forest's edge", xlabel="m east", ylabel="m north")
+    plants = terrain.foliage(*area)
     for number, (name, (colour, marker)) in enumerate(_SPECIES.items()):
         own = plants[plants["species"] == number]
         style = {"marker": marker, "label": name, "linewidths": 0.0}
-        edge.scatter(own["x"] - west, own["y"] - south, 12.0 * own["scale"], colour, **style)
-    edge.set(title="what stands at a forest's edge", xlabel="m east", aspect="equal")
-    edge.set(xlim=(0.0, 5 * _PLOT), ylim=(0.0, 5 * _PLOT))
+        stand.scatter(own["x"] - west, own["y"] - south, 9.0 * own["scale"], colour, **style)
+    stand.set(title="what stands there", xlabel="m east")
+    for axes in (apart, stand):
+        axes.set(xlim=(0.0, _PLOT), ylim=(0.0, _PLOT), aspect="equal")
     figure.legend(loc="outside lower center", ncols=len(_SPECIES), frameon=False)
     return figure
 

@@ -115,6 +115,37 @@ class Evaluator:
         self._patches_at_once.run(count, evaluate, smaller=self._give_back)
         return surface
 
+    def masked(
+        self, axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64], *, cell_size: float
+    ) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+        """Evaluate heights and masks of patches, with no border.
+
+        Parameters
+        ----------
+        axis_x, axis_y, cell_size
+            As in :meth:`surface`; every vertex comes back.
+
+        Returns
+        -------
+        height : ndarray, shape (patches, n, n)
+            Metres; row 0 northernmost.
+        masks : ndarray, shape (patches, 4, n, n)
+            In the order of :data:`MASKS`.
+        """
+        count, side = axis_x.shape
+        height = np.empty((count, side, side), self.context.real_dtype)
+        masks = np.empty((count, len(MASKS), side, side), self.context.real_dtype)
+
+        def evaluate(part: slice) -> None:
+            buffers = self._launcher.masked(Patches(axis_x[part], axis_y[part], cell_size))
+            for buffer, array in zip(buffers, (height, masks), strict=True):
+                self.context.download_into(buffer, array[part])
+
+        self._patches_at_once.run(count, evaluate, smaller=self._give_back)
+        require_finite(height, "heights", self.context.device)
+        require_finite(masks, "masks", self.context.device)
+        return height, masks
+
     def tiles(self, keys: Sequence[tuple[int, int]], level: int) -> tuple[Surface, npt.NDArray[np.float64]]:
         """Evaluate tiles of one level, what their parents hold at their vertices, and their detail's bounds.
 

@@ -143,6 +143,19 @@ class PatchLauncher:
             group=self._rows(_ANYWHERE, "parents", patches.side - 2),
         )
 
+    def masked(self, patches: Patches) -> tuple[Any, Any]:
+        """Enqueue heights and masks, their border included; return their buffers, which later ones reuse.
+
+        Returns
+        -------
+        height
+            m, (patches, side, side).
+        masks
+            (patches, 4, side, side), in the order of ``MASKS``.
+        """
+        height, masks, _ = self._heights(patches, {}, bare=False).results
+        return height, masks
+
     def heights(self, patches: Patches) -> Any:
         """Enqueue heights alone; return their buffer, m, (patches, side, side), which later ones reuse."""
         return self._heights(patches, {}, bare=True).results[0]

@@ -17,7 +17,7 @@ from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.vertices import VertexStore
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -256,26 +256,49 @@ class Terrain:
         parts = (surface.height, surface.normal, surface.materials)
         return Raster(spacing, *(_joined(part, shape, rows, columns) for part in parts))
 
-    def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
-        """Return the trees and shrubs in a rectangle: a function of the world, whatever is asked for.
+    def foliage(
+        self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
+    ) -> npt.NDArray[np.void]:
+        """Return the plants in a rectangle: a function of the world, whatever is asked for.
+
+        Parameters
+        ----------
+        west, south, east, north
+            Metres; west and south inclusive, east and north exclusive.
+        storey
+            ``"woody"``: trees and shrubs; ``"grass"``: tufts, flowers and ferns, which ignore the trees.
 
         Returns
         -------
         structured ndarray
-            Of dtype :data:`sketchterrain.terrain.plant.PLANT`, sorted by position.
+            Of dtype :data:`sketchterrain.terrain.plant.PLANT`, sorted by position: by squares of the world,
+            row after row from the south-west, and within each from south to north.
 
         Raises
         ------
         InputError
-            If the rectangle is not finite, or holds more plants than fit in memory.
+            If the rectangle is not finite or the wrong way round, there is no such storey, or it holds more
+            plants than are given back at once.
         """
-        return self._foliage.within(west, south, east, north)
+        return self._foliage.within(west, south, east, north, storey)
 
     def foliage_steps(
-        self, west: float, south: float, east: float, north: float
+        self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
     ) -> Generator[None, None, npt.NDArray[np.void]]:
         """Find the plants of :meth:`foliage` in steps of a few ms each; the last one returns them."""
-        return self._foliage.steps(west, south, east, north)
+        return self._foliage.steps(west, south, east, north, storey)
+
+    def foliage_pieces(
+        self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
+    ) -> Iterator[npt.NDArray[np.void]]:
+        """Return any number of plants in pieces of bounded size; joined they are those of :meth:`foliage`."""
+        return self._foliage.pieces(west, south, east, north, storey)
+
+    def foliage_estimate(
+        self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
+    ) -> tuple[int, int]:
+        """Return about how many plants :meth:`foliage` holds at most, and their bytes."""
+        return self._foliage.estimate(west, south, east, north, storey)
 
     @property
     def material_names(self) -> tuple[str, ...]:

@@ -1,0 +1,78 @@
+"""Draws and smooth noise that plants depend on, at single places and over whole grids."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.features.hashing import smooth_noise, unit
+from sketchterrain.terrain.lattice import metres_per_unit
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.recipe import TerrainRecipe
+
+    Lattice = npt.NDArray[np.int64]
+    Reals = npt.NDArray[np.float64]
+
+__all__ = ["PlantNoise", "ramp"]
+
+
+class PlantNoise:
+    """The noise of a recipe's plants: functions of the place and of what they are for.
+
+    Parameters
+    ----------
+    recipe : TerrainRecipe
+    """
+
+    def __init__(self, recipe: TerrainRecipe) -> None:
+        self._seed = recipe.seed
+        self._unit = metres_per_unit(recipe.extent)
+
+    def draw(self, stream: str, x: Lattice, y: Lattice) -> Reals:
+        """Return one number in [0, 1) for each place (lattice units)."""
+        return unit(self._seed, f"plant {stream}", x, y)
+
+    def at(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
+        """Return smooth noise, 0 … 1, one swing in about two widths (m), at places (lattice units)."""
+        return smooth_noise(self._seed, _stream(name, width), self._steps(x, width), self._steps(y, width))
+
+    def over(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
+        """Return the same bits at all places of a grid: y runs over rows, x over columns, both ascending.
+
+        The corners between which it swings are hashed once.
+        """
+        columns, east, u = _between(self._steps(x, width))
+        rows, north, v = _between(self._steps(y, width))
+        corner = unit(self._seed, _stream(name, width), columns[None, :], rows[:, None])
+        across = (1.0 - u) * corner[:, east] + u * corner[:, east + 1]
+        return np.asarray((1.0 - v[:, None]) * across[north] + v[:, None] * across[north + 1])
+
+    def _steps(self, along: Lattice, width: float) -> Reals:
+        return np.asarray(self._unit / width * along.astype(np.float64))
+
+
+def ramp(x: npt.NDArray[np.floating], low: float, high: float) -> npt.NDArray[np.floating]:
+    """Return 0 up to ``low``, 1 from ``high`` on, a straight line between."""
+    return np.asarray(np.clip((x - low) / (high - low), 0, 1))
+
+
+def _stream(name: str, width: float) -> str:
+    return f"plant {name} {width:g}"
+
+
+def _between(at: Reals) -> tuple[Lattice, Lattice, Reals]:
+    """Return whole steps around places, which of them is below each, and how far beyond it, smoothed.
+
+    The one above it comes next.
+    """
+    below = np.floor(at).astype(np.int64)
+    u = at - below
+    u = u * u * (3.0 - 2.0 * u)
+    steps = int(below[-1] - below[0]) + 2
+    if steps <= 2 * below.size:
+        return below[0] + np.arange(steps), below - below[0], u
+    return np.stack([below, below + 1], axis=-1).ravel(), 2 * np.arange(below.size), u

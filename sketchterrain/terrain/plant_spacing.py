@@ -1,0 +1,137 @@
+"""How far plants stand apart, over the ground: a raster of the world, made and kept in blocks."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from sketchterrain.terrain.graded_poisson import SpacingRaster
+from sketchterrain.terrain.lattice import metres_per_unit
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Lattice = npt.NDArray[np.int64]
+
+__all__ = ["BLOCK", "FILL", "SpacingBlocks", "SpacingRule", "density_of", "spacing_of", "whole_step"]
+
+BLOCK = 64
+"""Vertices along a block's side."""
+FILL = 0.65
+"""Points on a square whose side is the distance between them, as the sampler leaves them."""
+
+_AT_ONCE = 32  # blocks of one evaluation
+_KEPT = 4096  # blocks: 64 MiB
+_BEYOND = 1.2  # times the greatest spacing, where nothing stands; no more, or woods would end a vertex early
+
+
+class SpacingRule(Protocol):
+    """What decides about the spacing of a storey's plants.
+
+    Attributes
+    ----------
+    step : int
+        Lattice units between vertices of the raster.
+    least, most : int
+        Range of spacing, lattice units.
+    """
+
+    step: int
+    least: int
+    most: int
+
+    def densities(self, x: Lattice, y: Lattice) -> npt.NDArray[np.floating]:
+        """Return plants on a square metre at the vertices of blocks.
+
+        Parameters
+        ----------
+        x, y
+            Lattice coordinates along the blocks' axes, shapes (blocks, n), ascending, ``step`` apart.
+
+        Returns
+        -------
+        ndarray, shape (blocks, n, n)
+            Row 0 southernmost. A value depends on its vertex alone, not on what else is asked for.
+        """
+        ...
+
+
+class SpacingBlocks:
+    """The spacing of a storey's plants, a function of the world.
+
+    Parameters
+    ----------
+    rule
+    extent
+        Metres along the sketch's longer side.
+    """
+
+    def __init__(self, rule: SpacingRule, extent: float) -> None:
+        self._rule = rule
+        self._unit = metres_per_unit(extent)
+        self._kept: OrderedDict[tuple[int, int], npt.NDArray[np.float32]] = OrderedDict()
+
+    def raster(self, west: int, south: int, east: int, north: int) -> SpacingRaster:
+        """Return the vertices in and around a rectangle (lattice units), a row or column beyond each border.
+
+        Values are lattice units; more than the rule's greatest where nothing stands.
+        """
+        step = self._rule.step
+        first, end = _vertices(west, east, step), _vertices(south, north, step)
+        columns = range(first[0] // BLOCK, (first[1] - 1) // BLOCK + 1)
+        rows = range(end[0] // BLOCK, (end[1] - 1) // BLOCK + 1)
+        blocks = self.blocks([(column, row) for row in rows for column in columns])
+        whole = np.empty((len(rows) * BLOCK, len(columns) * BLOCK), np.float32)
+        for number, block in enumerate(blocks):
+            row, column = (BLOCK * each for each in divmod(number, len(columns)))
+            whole[row : row + BLOCK, column : column + BLOCK] = block
+        left, low = BLOCK * columns[0], BLOCK * rows[0]
+        part = whole[end[0] - low : end[1] - low, first[0] - left : first[1] - left]
+        return SpacingRaster(first[0] * step, end[0] * step, step, np.ascontiguousarray(part))
+
+    def blocks(self, keys: list[tuple[int, int]]) -> list[npt.NDArray[np.float32]]:
+        """Return blocks of BLOCK² vertices by their columns and rows, counted from the world's origin."""
+        missing = [key for key in keys if key not in self._kept]
+        made: dict[tuple[int, int], npt.NDArray[np.float32]] = {}
+        for start in range(0, len(missing), _AT_ONCE):
+            part = missing[start : start + _AT_ONCE]
+            made.update(zip(part, self._made(part), strict=True))
+        blocks = []
+        for key in keys:
+            block = made[key] if key in made else self._kept[key]
+            blocks.append(block)
+            self._kept[key] = block
+            self._kept.move_to_end(key)
+        while len(self._kept) > _KEPT:
+            self._kept.popitem(last=False)
+        return blocks
+
+    def _made(self, keys: list[tuple[int, int]]) -> npt.NDArray[np.float32]:
+        rule = self._rule
+        along = np.arange(BLOCK, dtype=np.int64)
+        x, y = (rule.step * (BLOCK * each[:, None] + along) for each in np.array(keys, np.int64).T)
+        spacing = spacing_of(rule.densities(x, y)) / self._unit
+        return np.clip(spacing, rule.least, _BEYOND * rule.most).astype(np.float32)
+
+
+def spacing_of(density: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
+    """Return the distance between plants (m) that so many on a square metre keep."""
+    return np.asarray(np.sqrt(FILL / np.maximum(density, 1e-12)), np.float64)
+
+
+def density_of(spacing: npt.NDArray[np.floating] | float) -> npt.NDArray[np.float64]:
+    """Return how many plants there are on a square metre where they keep a distance (m)."""
+    return np.asarray(FILL / np.square(np.asarray(spacing, np.float64)))
+
+
+def whole_step(metres: float, extent: float) -> int:
+    """Return the power of two of lattice units that is nearest to a length: what kernels evaluate fastest."""
+    return 1 << max(round(math.log2(metres / metres_per_unit(extent))), 0)
+
+
+def _vertices(low: int, high: int, step: int) -> tuple[int, int]:
+    """Return the first of the vertices that a stretch lies between, and one past the last."""
+    return low // step, -(-high // step) + 1

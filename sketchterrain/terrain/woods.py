@@ -1,0 +1,181 @@
+"""The storey of trees and shrubs: how thick they stand, and which, how tall."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.plant_noise import PlantNoise, ramp
+from sketchterrain.terrain.plant_spacing import density_of, whole_step
+from sketchterrain.terrain.woody_species import (
+    OUTSIDE,
+    SHRUB,
+    Site,
+    species_mix,
+    tree_size,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.evaluation import Evaluator
+    from sketchterrain.terrain.plant_footing import Footing
+
+    Lattice = npt.NDArray[np.int64]
+    Reals = npt.NDArray[np.floating]
+
+__all__ = ["Woods"]
+
+LEAST: Final = 3.5
+"""m between trees or shrubs where they stand thickest."""
+MOST: Final = 64.0
+"""m between lone ones; where they would stand thinner none does."""
+CELL: Final = 8.0
+"""m between the raster's vertices, about."""
+
+_LONE = 0.00040  # plants on a square metre outside forests where it is not dry, on the mean
+_GROUPS = (190.0, 55.0)  # m, from group to group of those, and from thicket to thicket in a group
+_BETWEEN, _IN_GROUP = (
+    0.25,
+    7.0,
+)  # times as many as on the mean stand between the groups, and in the midst of one
+_THIN, _THICK = 0.42, 0.86  # noise from which on a group gets thicker, and where it is thickest
+_DRY_GAPS = 0.21  # how much more of that noise the gaps take where it is dry: few groups, but groups
+_RIPARIAN = 1.5  # times as many more of those on a bank
+_BANK = (0.05, 0.5)  # water mask from which on it is one, and where it is one through and through
+_STEEPEST = 1.0  # rise over run on which trees hold
+_LESS_STEEP = 0.75  # rise over run from which on fewer do
+_TREE_LINE = 60.0  # m about the tree line in which they get fewer
+_WATERSIDE = 0.7  # water mask from which on it is too wet
+_FRINGE = 0.02  # plants on a bare square metre amid a full forest that have seeded themselves from it
+_SEED_FLIES = 22.0  # m: how far
+
+
+class Woods:
+    """Trees and shrubs of a recipe.
+
+    Parameters
+    ----------
+    evaluator
+
+    Attributes
+    ----------
+    step, least, most : int
+        See :class:`SpacingRule`.
+    """
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        recipe = evaluator.recipe
+        self._evaluator = evaluator
+        self._recipe = recipe
+        self._noise = PlantNoise(recipe)
+        unit = metres_per_unit(recipe.extent)
+        self.step = whole_step(CELL, recipe.extent)
+        self.least, self.most = round(LEAST / unit), round(MOST / unit)
+        self._cell = self.step * unit
+        # Vertices that seeds reach the next ones from.
+        self._rim = int(_SEED_FLIES / self._cell)
+
+    def densities(self, x: Lattice, y: Lattice) -> Reals:
+        """Return plants on a square metre; see :class:`SpacingRule`."""
+        rim = self._rim
+        wide_x, wide_y = (_widened(each, rim, self.step) for each in (x, y))
+        height, mask = self._evaluator.masked(wide_x, wide_y[:, ::-1], cell_size=self._cell)
+        height, mask = height[:, ::-1], mask[:, :, ::-1]
+        inner = (slice(None), slice(rim, -rim), slice(rim, -rim))
+        _, dune, forest, water = (mask[:, kind][inner] for kind in range(4))
+        z, steepness = height[inner], self._steepness(height)
+        wide, narrow = (self._over(x, y, "group", width) for width in _GROUPS)
+        lone = self._lone(wide, narrow, dune, water)
+        beside = _FRINGE * np.maximum(self._around(mask[:, 2]) - forest, 0)
+        young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
+        density = lone + beside
+        some = forest.any(axis=(1, 2))
+        if some.any():
+            over = partial(self._over, x[some], y[some])
+            ground = (part[some] for part in (z, steepness, forest, water, young))
+            site = Site(x[some, None, :], y[some, :, None], over, *ground)
+            wood = forest[some] * species_mix(self._recipe, site).full_density
+            density[some] = np.maximum(wood, lone[some]) + beside[some]
+        return np.asarray(density * self._hold(z, steepness))
+
+    def kept(self, foot: Footing) -> npt.NDArray[np.bool_]:
+        """Tell which plants the exact place lets stand."""
+        too_high = foot.z >= self._recipe.climate["tree_line"] + _TREE_LINE
+        return np.asarray((foot.steepness < _STEEPEST) & ~too_high & (foot.water < _WATERSIDE))
+
+    def fill(self, plants: npt.NDArray[Any], foot: Footing, spacing: Reals) -> None:
+        """Give plants their species and scale.
+
+        Parameters
+        ----------
+        plants
+            Of dtype ``PLANT``, written.
+        foot
+            Where they stand.
+        spacing
+            m to the next ones.
+        """
+        draw = partial(self._draw, foot.x, foot.y)
+        wide, narrow = (self._at(foot.x, foot.y, "group", width) for width in _GROUPS)
+        lone = self._lone(wide, narrow, foot.dune, foot.water)
+        # Thicker than lone ones stand outside a forest, they have seeded themselves from it.
+        young = (foot.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))
+        ground = (foot.z, foot.steepness, foot.forest, foot.water, young.astype(np.float64))
+        site = Site(foot.x, foot.y, partial(self._at, foot.x, foot.y), *ground)
+        plants["species"] = species_mix(self._recipe, site).chosen(draw)
+        plants["scale"] = tree_size(draw, foot.forest, young, plants["species"] == SHRUB)
+
+    def _lone(self, wide: Reals, narrow: Reals, dune: Reals, water: Reals) -> Reals:
+        """Plants on a square metre outside forests: in loose groups, few between them; more beside water."""
+        dry = self._recipe.climate["aridity"]
+        thick = ramp(0.65 * wide + 0.35 * narrow, _THIN + _DRY_GAPS * dry, _THICK) ** 2
+        between = _BETWEEN * (1 - dry)
+        share = np.sqrt(1 - dry) * (between + (_IN_GROUP - between) * thick)
+        return np.asarray(_LONE * share * (1 - dune) * (1 + _RIPARIAN * ramp(water, *_BANK)))
+
+    def _hold(self, z: Reals, steepness: Reals) -> Reals:
+        """Share of plants, 0 … 1, that the slope and the height leave."""
+        tree_line = self._recipe.climate["tree_line"]
+        warm = 1 - ramp(z, tree_line - _TREE_LINE, tree_line + _TREE_LINE)
+        return np.asarray(warm * (1 - ramp(steepness, _LESS_STEEP, _STEEPEST)))
+
+    def _steepness(self, height: Reals) -> Reals:
+        """Rise over run within the rim, by central differences."""
+        rim = self._rim
+        near = height[:, rim - 1 : height.shape[1] - rim + 1, rim - 1 : height.shape[2] - rim + 1]
+        east = near[:, 1:-1, 2:] - near[:, 1:-1, :-2]
+        north = near[:, 2:, 1:-1] - near[:, :-2, 1:-1]
+        return np.asarray(np.sqrt(east * east + north * north) / np.float32(2 * self._cell))
+
+    def _around(self, forest: Reals) -> Reals:
+        """Mean of a mask over the disc that seeds fly from, within the rim."""
+        rim = self._rim
+        side = forest.shape[-1] - 2 * rim
+        total = np.zeros((len(forest), side, side), forest.dtype)
+        if not forest.any():
+            return total
+        reach = (_SEED_FLIES / self._cell) ** 2
+        shifts = [(i, j) for i, j in product(range(-rim, rim + 1), repeat=2) if i * i + j * j <= reach]
+        for i, j in shifts:
+            total += forest[:, rim + i : rim + i + side, rim + j : rim + j + side]
+        return np.asarray(total / np.float32(len(shifts)))
+
+    def _over(self, x: Lattice, y: Lattice, name: str, width: float) -> Reals:
+        return np.stack([self._noise.over(name, width, *axes) for axes in zip(x, y, strict=True)])
+
+    def _at(self, x: Lattice, y: Lattice, name: str, width: float) -> Reals:
+        return self._noise.at(name, width, x, y)
+
+    def _draw(self, x: Lattice, y: Lattice, stream: str) -> Reals:
+        return self._noise.draw(stream, x, y)
+
+
+def _widened(axis: Lattice, rim: int, step: int) -> Lattice:
+    """Return blocks' axes with so many more vertices beyond each end."""
+    count = axis.shape[1] + 2 * rim
+    return np.asarray(axis[:, :1] + step * (np.arange(count, dtype=np.int64) - rim))

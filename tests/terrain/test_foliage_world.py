@@ -1,0 +1,226 @@
+"""Plants of both storeys: the same whatever is asked for, and as far apart as the ground says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from sketchterrain.errors import InputError
+from sketchterrain.features.catalogue import conifer_code
+from sketchterrain.terrain import foliage
+from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.terrain.foliage import FoliageSampler
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.plant import PLANT, SPECIES, STOREYS
+from sketchterrain.terrain.storey import LEVELS
+
+from .conftest import feature
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import sketchterrain as st
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain import TerrainRecipe
+
+FAR = 1_000_000.0  # m
+SIDES = {"woody": 700.0, "grass": 60.0}  # m of a rectangle with some thousand plants
+PLACES = [(2100.0, 1500.0), (-700.0, 5200.0), (FAR, -FAR), (-3 * FAR, 2 * FAR)]
+
+
+def square(place: tuple[float, float], storey: str) -> tuple[float, float, float, float]:
+    west, south = place
+    return west, south, west + SIDES[storey], south + SIDES[storey]
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+@pytest.mark.parametrize("place", PLACES)
+def test_plants_are_a_function_of_the_world(
+    valley: st.Terrain, place: tuple[float, float], storey: str
+) -> None:
+    """One rectangle, or sixteen in shuffled order from a terrain that knows of nothing: the same bits."""
+    west, south, east, north = square(place, storey)
+    whole = valley.foliage(west, south, east, north, storey=storey)
+    assert len(whole) > 50
+    fresh = FoliageSampler(Evaluator(valley.recipe, valley.context))
+    cuts_x, cuts_y = (np.linspace(low, high, 5) for low, high in ((west, east), (south, north)))
+    tiles = [(i, j) for i in range(4) for j in range(4)]
+    np.random.default_rng(1).shuffle(tiles)
+    for i, j in tiles:
+        x0, y0, x1, y1 = cuts_x[i], cuts_y[j], cuts_x[i + 1], cuts_y[j + 1]
+        inside = (whole["x"] >= x0) & (whole["x"] < x1) & (whole["y"] >= y0) & (whole["y"] < y1)
+        np.testing.assert_array_equal(fresh.within(x0, y0, x1, y1, storey), whole[inside])
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+@pytest.mark.parametrize("place", PLACES[::2])
+def test_plants_keep_the_distance_that_the_ground_says(
+    valley: st.Terrain, place: tuple[float, float], storey: str
+) -> None:
+    """At every level, by a tree of all pairs that could be too near."""
+    plants = valley.foliage(*square(place, storey), storey=storey)
+    unit = metres_per_unit(valley.extent)
+    spacing = unit * spacing_at(valley, plants, storey)
+    for level in range(LEVELS + 1):
+        kept = plants["level"] >= level
+        if not kept.any():
+            continue
+        at = np.stack([plants["x"] - place[0], plants["y"] - place[1]], axis=-1)[kept]
+        own = spacing[kept] * 2**level
+        # All within the greatest distance would be most pairs: sorted by distance, near ones first.
+        for reach in np.unique(np.minimum(2.0 ** np.ceil(np.log2(own)), own.max())):
+            some = own <= reach
+            pairs = cKDTree(at[some]).query_pairs(reach, output_type="ndarray")
+            away = np.linalg.norm(at[some][pairs[:, 0]] - at[some][pairs[:, 1]], axis=1)
+            needed = own[some][pairs].mean(axis=1)
+            assert (away >= needed * (1 - 1e-5) - 2 * unit).all()
+
+
+def spacing_at(terrain: st.Terrain, plants: np.ndarray, storey: str) -> np.ndarray:
+    """What the raster says at plants, lattice units, in float64."""
+    x, y = to_lattice(np.stack([plants["x"], plants["y"]]), terrain.extent)
+    blocks = terrain._foliage._storeys[storey]._spacing
+    raster = blocks.raster(int(x.min()), int(y.min()), int(x.max()) + 1, int(y.max()) + 1)
+    u, v = (x - raster.west) / raster.step, (y - raster.south) / raster.step
+    i, j = np.floor(u).astype(int), np.floor(v).astype(int)
+    u, v, corner = u - i, v - j, raster.spacing.astype(np.float64)
+    south = (1 - u) * corner[j, i] + u * corner[j, i + 1]
+    north = (1 - u) * corner[j + 1, i] + u * corner[j + 1, i + 1]
+    return (1 - v) * south + v * north
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+def test_all_of_a_plant_is_there(valley: st.Terrain, storey: str) -> None:
+    plants = valley.foliage(*square(PLACES[0], storey), storey=storey)
+    assert plants.dtype == PLANT
+    names = {SPECIES[number] for number in np.unique(plants["species"])}
+    assert names <= set(STOREYS[storey])
+    assert len(names) > 1
+    np.testing.assert_allclose(np.linalg.norm(plants["normal"], axis=1), 1.0, atol=1e-6)
+    assert (plants["normal"][:, 2] > 0.5).all()
+    np.testing.assert_array_equal(plants["z"], valley.heights(plants["x"], plants["y"]))
+    for name, low, high in (("tint", 0, 1), ("rotation", 0, 2 * np.pi)):
+        assert low <= plants[name].min() < low + 0.1 * high
+        assert 0.9 * high < plants[name].max() <= high
+    assert set(np.unique(plants["level"])) <= set(range(LEVELS + 1))
+    # A level holds about a quarter of the one below it.
+    share = (plants["level"] >= 1).mean()
+    assert 0.1 < share < 0.45
+
+
+def test_the_ground_under_a_plant_is_as_its_normal_says(valley: st.Terrain) -> None:
+    plants = valley.foliage(*square(PLACES[0], "woody"))
+    x, y, d = plants["x"], plants["y"], 0.5
+    east = (valley.heights(x + d, y) - valley.heights(x - d, y)) / (2 * d)
+    north = (valley.heights(x, y + d) - valley.heights(x, y - d)) / (2 * d)
+    normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    assert np.sum(normal * plants["normal"], axis=1).min() > 0.99
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+def test_pieces_are_the_whole(valley: st.Terrain, storey: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    west, south, east, north = square(PLACES[0], storey)
+    width = {"woody": 3000.0, "grass": 300.0}[storey]
+    area = (west - width, south - 100.0, east, north)
+    whole = valley.foliage(*area, storey=storey)
+    monkeypatch.setattr(foliage, "_A_PIECE", 1)
+    pieces = list(valley.foliage_pieces(*area, storey=storey))
+    assert len(pieces) > 3
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+def test_an_estimate_is_no_less_and_not_much_more(valley: st.Terrain, storey: str) -> None:
+    for place in PLACES[:3]:
+        area = square(place, storey)
+        most, size = valley.foliage_estimate(*area, storey=storey)
+        there = len(valley.foliage(*area, storey=storey))
+        assert there <= most <= 2 * there + 100
+        assert size == most * PLANT.itemsize
+    assert valley.foliage_estimate(0, 0, 0, 500, storey=storey) == (0, 0)
+
+
+def test_an_estimate_of_much_ground_is_quick_and_right(valley: st.Terrain) -> None:
+    most, _ = valley.foliage_estimate(0, 0, *valley.size)
+    there = len(valley.foliage(0, 0, *valley.size))
+    assert there <= most <= 2 * there
+
+
+def test_too_many_are_refused_with_the_figure(valley: st.Terrain) -> None:
+    with pytest.raises(InputError, match=r"may hold .*e\+0\d plants \(\d+\.\d GiB\); at most 20000000"):
+        valley.foliage(0, 0, *valley.size, storey="grass")
+    pieces = valley.foliage_pieces(0, 0, *valley.size, storey="grass")
+    assert len(next(pieces)) > 1000
+
+
+@pytest.mark.parametrize(
+    ("area", "told"),
+    [
+        ((10, 0, 0, 10), "west ≤ east and south ≤ north, got 10, 0, 0, 10"),
+        ((0, 10, 10, 0), "west ≤ east and south ≤ north"),
+        ((0, 0, np.nan, 10), "coordinates must be finite"),
+        ((-np.inf, 0, 10, 10), "coordinates must be finite"),
+        ((0, 0, 1e300, 10), "coordinates must be finite and within"),
+    ],
+)
+def test_bad_rectangles_get_one_line(valley: st.Terrain, area: tuple[float, ...], told: str) -> None:
+    for ask in (valley.foliage, valley.foliage_pieces, valley.foliage_estimate):
+        with pytest.raises(InputError, match=told) as error:
+            ask(*area)
+        assert "\n" not in str(error.value)
+    with pytest.raises(InputError, match=told):
+        next(valley.foliage_steps(*area))
+
+
+def test_there_is_no_third_storey(valley: st.Terrain) -> None:
+    with pytest.raises(InputError, match="expected a storey, woody or grass, got 'moss'"):
+        valley.foliage(0, 0, 1, 1, storey="moss")
+
+
+def test_a_thin_forest_is_as_even_as_a_thick_one(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    """Not a thick one with trees left out at random, of which some would stand side by side."""
+
+    def inside(strength: float) -> np.ndarray:
+        forest = feature("forest", 2000, 2000, 900, strength, peakiness=conifer_code(0.5))
+        sampler = FoliageSampler(Evaluator(make_recipe(forest), context))
+        plants = sampler.within(1750, 1750, 2250, 2250)
+        return np.stack([plants["x"], plants["y"]], axis=-1)
+
+    full, thin = inside(1.0), inside(0.25)
+    assert len(thin) / len(full) == pytest.approx(0.25, rel=0.12)
+    apart = [cKDTree(at).query(at, k=2)[0][:, 1] for at in (full, thin)]
+    assert apart[1].min() > 1.9 * apart[0].min()
+
+
+def test_ferns_grow_in_forests_and_flowers_outside(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    forest = feature("forest", 2000, 2000, 400, 1.0)
+    sampler = FoliageSampler(Evaluator(make_recipe(forest), context))
+
+    def shares(x: float, y: float) -> dict[str, float]:
+        plants = sampler.within(x - 40, y - 40, x + 40, y + 40, "grass")
+        return {name: float(np.mean(plants["species"] == SPECIES.index(name))) for name in STOREYS["grass"]}
+
+    inside, outside = shares(2000, 2000), shares(3200, 3200)
+    assert inside["fern"] > 0.4
+    assert outside["fern"] == 0.0
+    assert outside["grass"] > 0.5
+    assert outside["flower"] > inside["flower"]
+
+
+def test_grass_ignores_the_trees(valley: st.Terrain) -> None:
+    """They stand as near to trees as chance has it."""
+    area = (3350.0, 4350.0, 3550.0, 4550.0)  # at a forest's edge
+    tufts, trees = (valley.foliage(*area, storey=storey) for storey in ("grass", "woody"))
+    assert np.intersect1d(tufts["species"], trees["species"]).size == 0
+    tree = cKDTree(np.stack([tufts["x"], tufts["y"]], axis=-1))
+    away, _ = tree.query(np.stack([trees["x"], trees["y"]], axis=-1))
+    assert len(trees) > 100
+    assert away.min() < 0.25

@@ -1,0 +1,174 @@
+"""The spacing of plants: a function of the world that follows what the ground is like."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.features.catalogue import conifer_code
+from sketchterrain.terrain import plant_spacing
+from sketchterrain.terrain.evaluation import Evaluator
+from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.meadow import Meadow
+from sketchterrain.terrain.plant_noise import PlantNoise
+from sketchterrain.terrain.plant_spacing import FILL, SpacingBlocks, density_of, spacing_of, whole_step
+from sketchterrain.terrain.woods import Woods
+
+from .conftest import cover, feature, lake
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import sketchterrain as st
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain import TerrainRecipe
+
+RULES = [Woods, Meadow]
+FAR = 1_000_000.0  # m
+
+
+def spacing_at(
+    recipe: TerrainRecipe, context: ComputeContext, rule: type[Woods | Meadow], *area: float
+) -> np.ndarray:
+    """The raster of a rectangle (m), in metres, not a number where nothing stands."""
+    unit = metres_per_unit(recipe.extent)
+    chosen = rule(Evaluator(recipe, context))
+    raster = SpacingBlocks(chosen, recipe.extent).raster(*(round(each / unit) for each in area))
+    return np.where(raster.spacing > chosen.most, np.nan, raster.spacing * unit)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("origin", [(0.0, 0.0), (-FAR, FAR)])
+def test_it_is_a_function_of_the_world(
+    valley: st.Terrain,
+    rule: type[Woods | Meadow],
+    origin: tuple[float, float],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    chosen = rule(valley._evaluator)
+    side = 4 * plant_spacing.BLOCK * chosen.step
+    unit = metres_per_unit(valley.extent)
+    west, south = (round(each / unit) // chosen.step * chosen.step for each in origin)
+    whole = SpacingBlocks(chosen, valley.extent).raster(west, south, west + side, south + side)
+    assert (whole.west, whole.south, whole.step) == (west, south, chosen.step)
+    assert whole.spacing.shape == (side // chosen.step + 1,) * 2
+    monkeypatch.setattr(plant_spacing, "_KEPT", 3)  # so that blocks are made again
+    blocks = SpacingBlocks(chosen, valley.extent)
+    for u, v in np.random.default_rng(0).integers(0, side - 7 * chosen.step, (12, 2)).tolist():
+        part = blocks.raster(west + u, south + v, west + u + 7 * chosen.step, south + v + 5 * chosen.step)
+        column, row = u // chosen.step, v // chosen.step
+        rows, columns = part.spacing.shape
+        assert (part.west, part.south) == (west + column * chosen.step, south + row * chosen.step)
+        assert part.west + (columns - 1) * part.step >= west + u + 7 * chosen.step
+        assert part.south + (rows - 1) * part.step >= south + v + 5 * chosen.step
+        np.testing.assert_array_equal(
+            part.spacing, whole.spacing[row : row + rows, column : column + columns]
+        )
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_it_stays_in_its_range(valley: st.Terrain, rule: type[Woods | Meadow]) -> None:
+    chosen = rule(valley._evaluator)
+    unit = metres_per_unit(valley.extent)
+    area = (round(each / unit) for each in (2000, 1500, 2600, 2100))
+    spacing = SpacingBlocks(chosen, valley.extent).raster(*area).spacing
+    assert spacing.dtype == np.float32
+    assert spacing.min() >= chosen.least
+    assert spacing.max() < 1.3 * chosen.most
+    assert (spacing <= chosen.most).mean() > 0.2
+
+
+def test_noise_over_a_grid_is_that_at_its_places(make_recipe: Callable[..., TerrainRecipe]) -> None:
+    noise = PlantNoise(make_recipe())
+    x = np.arange(-300, 500, 7, dtype=np.int64) * 1024
+    y = np.arange(90_000, 90_300, 11, dtype=np.int64) * 1024
+    x_at, y_at = (each.ravel() for each in np.meshgrid(x, y))
+    for width in (6.0, 55.0, 420.0):
+        at = noise.at("group", width, x_at, y_at).reshape(y.size, x.size)
+        np.testing.assert_array_equal(noise.over("group", width, x, y), at)
+
+
+def test_density_and_spacing_are_each_others_inverse() -> None:
+    spacing = np.array([0.5, 3.5, 64.0])
+    np.testing.assert_allclose(spacing_of(density_of(spacing)), spacing)
+    assert float(density_of(1.0)) == FILL
+
+
+@pytest.mark.parametrize("extent", [1.0, 3072.0, 4096.0, 1e6])
+def test_vertices_lie_powers_of_two_apart(extent: float) -> None:
+    step = whole_step(8.0, extent)
+    assert step & (step - 1) == 0
+    assert 2**-0.5 <= step * metres_per_unit(extent) / 8.0 <= 2**0.5
+
+
+def test_half_a_forest_stands_at_root_two_times_the_distance(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    def middle(strength: float) -> np.ndarray:
+        forest = feature("forest", 2000, 2000, 900, strength, peakiness=conifer_code(1.0))
+        return spacing_at(make_recipe(forest), context, Woods, 1850, 1850, 2150, 2150)
+
+    full, half = middle(1.0), middle(0.5)
+    assert full.min() > 3.6
+    assert np.median(full) < 6.4
+    # But for clearings, where lone plants and seedlings stand.
+    assert np.isclose(half / full, np.sqrt(2.0), rtol=1e-3)[full < 6.4].mean() > 0.98
+
+
+def test_trees_end_at_the_tree_line_and_at_walls(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    mountain = feature("mountain", 2000, 2000, 1200, 1100, peakiness=0.6)
+    forest = feature("forest", 2000, 2000, 1500, 1.0)
+    recipe = make_recipe(mountain, forest)
+    unit = metres_per_unit(recipe.extent)
+    woods = Woods(Evaluator(recipe, context))
+    raster = SpacingBlocks(woods, recipe.extent).raster(*(round(v / unit) for v in (800, 800, 3200, 3200)))
+    stands = raster.spacing <= woods.most
+    rows, columns = raster.spacing.shape
+    at = np.meshgrid(
+        raster.west + raster.step * np.arange(columns), raster.south + raster.step * np.arange(rows)
+    )
+    x, y = (each.ravel().astype(np.int64) for each in at)
+    height, _ = Evaluator(recipe, context).points(x, y, cell_size=raster.step * unit)
+    height = height.reshape(rows, columns)
+    north, east = np.gradient(height.astype(np.float64), raster.step * unit)
+    steep = np.hypot(east, north)[1:-1, 1:-1]
+    low, walls = (height < 340)[1:-1, 1:-1], steep > 1.0
+    assert not stands[height > 460].any()
+    assert not stands[1:-1, 1:-1][walls].any()
+    assert stands[1:-1, 1:-1][low & (steep < 0.7)].mean() > 0.8
+
+
+def test_grass_grows_where_the_ground_lets_it(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    sand, soil = 4, 1  # of MATERIALS
+    sandy, soiled = cover(1500, 2000, 200, sand), cover(2500, 2000, 200, soil)
+    forest = feature("forest", 2000, 1000, 300, 1.0)
+    recipe = make_recipe(
+        forest, covers=(sandy, soiled), climate={"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.0}
+    )
+    around = {
+        name: np.nanmedian(spacing_at(recipe, context, Meadow, x - 60, y - 60, x + 60, y + 60))
+        for name, (x, y) in {
+            "meadow": (2000, 2000),
+            "sand": (1500, 2000),
+            "soil": (2500, 2000),
+            "forest": (2000, 1000),
+        }.items()
+    }
+    assert 0.45 < around["meadow"] < 1.0
+    assert around["meadow"] < around["forest"] < around["soil"] < around["sand"]
+
+
+def test_a_lakes_bed_does_not_thin_the_trees_ashore(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    forest = feature("forest", 2000, 2000, 900, 1.0, peakiness=conifer_code(1.0))
+    dry = spacing_at(make_recipe(forest), context, Woods, 1700, 1700, 2300, 2300)
+    recipe = make_recipe(forest, lakes=(lake(2000, 2000, 150, 4.0),))
+    wet = spacing_at(recipe, context, Woods, 1700, 1700, 2300, 2300)
+    assert np.nanmax(wet / dry) < 1.5

@@ -77,6 +77,19 @@ inline int conflict(float dx, float dy, float half_p, float times_p, float half_
     return dx * dx + dy * dy < distance * distance * MARGIN;
 }
 
+// Only blocks of a window are worked on, those where the raster leaves something to do: BLOCK_COLUMNS by BLOCK_ROWS cells
+// from the cell blocks[n] on. Global size: (BLOCK_COLUMNS, number of blocks times BLOCK_ROWS).
+//   rim   cells at the window's border that are left out
+#define BLOCK_COLUMNS 64
+#define BLOCK_ROWS 16
+#define BLOCK_ARGUMENTS __global const int2 *blocks, int width, int height, int rim
+#define CELL_OF_BLOCK                                                                                      \
+    const int2 block = blocks[(uint)get_global_id(1) / BLOCK_ROWS];                                             \
+    const int i = block.s0 + (int)get_global_id(0);                                                        \
+    const int j = block.s1 + (int)((uint)get_global_id(1) % BLOCK_ROWS);                                           \
+    if (j < rim || j >= height - rim) return; if (i < rim || i >= width - rim) return;                               \
+    const int at = j * width + i;
+
 // A window's points: where they lie in their cells (x EMPTY: none), half their distance, and 2^level.
 #define POINT_ARGUMENTS \
     __global short *x, __global short *y, __global float *half_distance, __global float *times
@@ -115,7 +128,7 @@ inline float4 listed_point(Lists lists, int list, int n)
 
 // Puts a point on a list if something thrown into the list's cell can conflict with it: if it is nearer to the cell than
 // the most that two may have to keep. Returns how many are listed now, more than LISTED if there was no room.
-inline int list(__global float *near, size_t plane, int at, int many, float4 q)
+__attribute__((always_inline)) inline int list(__global float *near, size_t plane, int at, int many, float4 q)
 {
     const float side = 2 * SIDE;
     const float dx = real_max(real_max(-q.s0, q.s0 - side), 0.0f);
@@ -134,15 +147,11 @@ inline int list(__global float *near, size_t plane, int at, int many, float4 q)
 
 // Lists for a finer grid, from this grid's points and this grid's own lists.
 //   finer_near, finer_listed   a list for each cell of this grid, written
-// Global size: (width - 2 REACH rounded up, height - 2 REACH).
-__kernel void list_for_finer(POINT_ARGUMENTS, LIST_ARGUMENTS(), __global float *finer_near,
-                             __global uchar *finer_listed, int width, int height, long west, long south)
+__kernel void list_for_finer(BLOCK_ARGUMENTS, POINT_ARGUMENTS, LIST_ARGUMENTS(), __global float *finer_near,
+                             __global uchar *finer_listed, long west, long south)
 {
     COLLECT_LISTS()
-    const int i = get_global_id(0) + REACH;
-    const int j = get_global_id(1) + REACH;
-    if (i >= width - REACH) return;
-    const int at = j * width + i;
+    CELL_OF_BLOCK
     const size_t plane = width * height;
     int many = 0;
     if (lists.width > 0) {
@@ -163,38 +172,42 @@ __kernel void list_for_finer(POINT_ARGUMENTS, LIST_ARGUMENTS(), __global float *
         // The finer grid's points conflict with this one's over less than 1.5 LEAST, 2.13 cells.
         const int span = REACH - (dj * dj > 1) - (dj * dj > 4);
         for (int di = -span; di <= span; ++di) {
+            // An empty cell's point is farther away than any may reach.
             const int there = at + dj * width + di;
-            if (x[there] != EMPTY) {
-                const float4 q = {2.0f * (float)(di * SIDE + x[there]), 2.0f * (float)(dj * SIDE + y[there]),
-                                  2.0f * half_distance[there], times[there]};
-                many = list(finer_near, plane, at, many, q);
-            }
+            const float4 q = {2.0f * (float)(di * SIDE + x[there]), 2.0f * (float)(dj * SIDE + y[there]),
+                              2.0f * half_distance[there], times[there]};
+            many = list(finer_near, plane, at, many, q);
         }
     }
     finer_listed[at] = (uchar)(many > LISTED ? OVERFLOW : many);
 }
 
-// Starts a window empty. Global size: (width rounded up, height).
-__kernel void clear(__global short *x, __global short *y, int width)
+// Starts a window without points, candidates and lists. What has the level 0 conflicts with nothing; the halves are
+// cleared for speed: whatever stood there could be denormal. Global size: (width rounded up, height).
+__kernel void clear(__global short *x, __global float *half_distance, __global float *times,
+                    __global short *candidate_x, __global float *candidate_half, __global float *candidate_times,
+                    __global uchar *finer_listed, int width)
 {
     const int i = get_global_id(0);
     if (i >= width) return;
     const int at = get_global_id(1) * width + i;
     x[at] = EMPTY;
-    y[at] = 0;
+    half_distance[at] = 0.0f;
+    times[at] = 0.0f;
+    candidate_x[at] = EMPTY;
+    candidate_half[at] = 0.0f;
+    candidate_times[at] = 0.0f;
+    finer_listed[at] = 0;
 }
 
 // The candidate of a cell: its first dart, of `tries` from number `start` on, that is free. `at_once`, a literal,
 // of them are held against each point while that is at hand.
 __attribute__((always_inline)) inline void throw_darts(
     POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y, __global float *candidate_half,
-    __global float *candidate_times, __global uint *time, Lists lists, Raster raster, int width, int rim, Window w, long side, float scale, int levels, int start, int tries,
+    __global float *candidate_times, __global uint *time, Lists lists, Raster raster, __global const int2 *blocks, int width, int height, int rim, Window w, long side, float scale, int levels, int start, int tries,
     const int at_once)
 {
-    const int i = get_global_id(0) + rim;
-    const int j = get_global_id(1) + rim;
-    if (i >= width - rim) return;
-    const int at = j * width + i;
+    CELL_OF_BLOCK
     const uint cell = cell_hash(w, i, j);
     const long corner_x = (w.west + i) * side;
     const long corner_y = (w.south + j) * side;
@@ -268,41 +281,35 @@ __attribute__((always_inline)) inline void throw_darts(
 
 #define THROW_ARGUMENTS                                                                                              \
     POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y, __global float *candidate_half,       \
-        __global float *candidate_times, __global uint *time, LIST_ARGUMENTS(), RASTER_ARGUMENTS, int width, int rim, \
+        __global float *candidate_times, __global uint *time, LIST_ARGUMENTS(), RASTER_ARGUMENTS, BLOCK_ARGUMENTS,  \
         long west, long south, uint salt, long side, float scale, int levels, int start, int tries
 #define THROW(at_once)                                                                                               \
     COLLECT_RASTER                                                                                                   \
     const Window w = {west, south, salt};                                                                            \
     COLLECT_LISTS()                                                                                                  \
     throw_darts(x, y, half_distance, times, candidate_x, candidate_y, candidate_half, candidate_times, time, lists,  \
-                raster, width, rim, w, side, scale, levels, start, tries, at_once);
+                raster, blocks, width, height, rim, w, side, scale, levels, start, tries, at_once);
 
 //   candidate_*  as the points, written
 //   time         uint a cell, written: when the candidate was thrown, NEVER without one
 //   side         of a cell, lattice units
 //   start, tries first dart and number of darts; a multiple of those thrown at once
-// Global size: (width - 2 rim rounded up, height - 2 rim).
 __kernel void throw_one_graded(THROW_ARGUMENTS) { THROW(1) }
 __kernel void throw_two_graded(THROW_ARGUMENTS) { THROW(2) }
 __kernel void throw_four_graded(THROW_ARGUMENTS) { THROW(4) }
 
 // Accepts each candidate that is the earliest among those it conflicts with.
-// Global size: as when darts are thrown, with a rim wider by REACH.
-__kernel void accept_graded(POINT_ARGUMENTS, __global const short *candidate_x, __global const short *candidate_y,
+__kernel void accept_graded(BLOCK_ARGUMENTS, POINT_ARGUMENTS, __global const short *candidate_x, __global const short *candidate_y,
                             __global const float *candidate_half, __global const float *candidate_times,
-                            __global const uint *time, int width, int rim)
+                            __global const uint *time)
 {
-    const int i = get_global_id(0) + rim;
-    const int j = get_global_id(1) + rim;
-    if (i >= width - rim) return;
-    const int at = j * width + i;
-    if (candidate_x[at] == EMPTY) return;
+    CELL_OF_BLOCK
     const float px = (float)candidate_x[at];
     const float py = (float)candidate_y[at];
     const float half_p = candidate_half[at];
     const float times_p = candidate_times[at];
     const uint own = time[at];
-    int beaten = 0;
+    int beaten = candidate_x[at] == EMPTY;
     #pragma unroll
     for (int dj = -REACH; dj <= REACH; ++dj) {
         #pragma unroll
@@ -314,11 +321,10 @@ __kernel void accept_graded(POINT_ARGUMENTS, __global const short *candidate_x, 
                       & conflict(dx, dy, half_p, times_p, candidate_half[there], candidate_times[there]);
         }
     }
-    if (beaten) return;
-    x[at] = candidate_x[at];
-    y[at] = candidate_y[at];
-    half_distance[at] = half_p;
-    times[at] = times_p;
+    x[at] = beaten ? x[at] : candidate_x[at];
+    y[at] = beaten ? y[at] : candidate_y[at];
+    half_distance[at] = beaten ? half_distance[at] : half_p;
+    times[at] = beaten ? times[at] : times_p;
 }
 
 #include "poisson_collect.clh"

@@ -46,6 +46,19 @@ _REACH = 3  # cells, as in the kernels
 _LISTED = 24  # as in the kernels
 _COARSE_TRIALS = 8  # darts a cell of all grids but the finest throws
 _FINE_TRIALS = 16
+_BLOCK = (16, 64)  # rows and columns of cells, as in the kernels
+_SPARE = 1.0001  # of distances, when it is asked where there is something to do
+_KINDS: Final = {
+    "x": np.int16,
+    "y": np.int16,
+    "half": np.float32,
+    "times": np.float32,
+    "candidate x": np.int16,
+    "candidate y": np.int16,
+    "candidate half": np.float32,
+    "candidate times": np.float32,
+    "time": np.uint32,
+}
 _WINDOW = 768  # cells: lists take 96 bytes for each
 _ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 _MOST_GRIDS = 16
@@ -72,19 +85,27 @@ class SpacingRaster(NamedTuple):
 
 @dataclass(frozen=True)
 class _Graded(Grid):
-    """A grid whose points have half a distance and 2^level; and lists of coarser points, with their place."""
+    """A grid whose points have half a distance and 2^level.
 
-    half: Any
-    times: Any
+    Attributes
+    ----------
+    points, candidate : tuple of Buffer
+        x, y, half the distance and 2^level; of candidates the time too.
+    lists : tuple
+        Of points of coarser grids, and the window that they are for.
+    finer : tuple of Buffer
+        Lists for the next finer grid: points, how many.
+    """
+
+    points: tuple[Any, ...]
+    candidate: tuple[Any, ...]
     lists: tuple[Any, ...]
+    finer: tuple[Any, ...]
 
     @property
-    def points(self) -> tuple[Any, ...]:
-        return self.x, self.y, self.half, self.times
-
-    @property
-    def height(self) -> np.int32:
-        return np.int32(self.cells.height)
+    def size(self) -> tuple[np.int32, np.int32]:
+        """Columns and rows, as kernels want them."""
+        return np.int32(self.cells.width), np.int32(self.cells.height)
 
 
 class GradedPoisson:
@@ -165,69 +186,97 @@ class GradedPoisson:
         windows = [Cells.over(area, self._side).wider(self._rim(0))]
         for number in range(1, len(self._salts)):
             windows.append(windows[-1].coarser().wider(_REACH + self._rim(number)))
-        raster = self._uploaded(_ground(windows[-1], self._side << len(windows) - 1))
+        raster = self._raster(_ground(windows[-1], self._side << len(windows) - 1))
+        ground = self._uploaded(raster)
         yield
-        lists = (raster[0], raster[0], np.int32(0), np.int32(0), np.int64(0), np.int64(0))  # none
+        lists = (ground[0], ground[0], np.int32(0), np.int32(0), np.int64(0), np.int64(0))  # none
         found = []
         for number in reversed(range(len(windows))):
             grid = self._begun(room, windows[number], number, lists)
-            self._fill(room, grid, number, raster)
-            yield
-            found.append(self._collected(room, grid, area, raster))
-            lists = self._listed(room, grid, number) if number else lists
+            blocks = self._blocks(raster, grid, number)
+            if len(blocks):
+                self._fill(grid, number, ground, blocks)
+                yield
+                found.append(self._collected(room, grid, area, ground))
+            if number:
+                lists = self._listed(grid, self._blocks(raster, grid, number - 1))
         return found
 
     def _rim(self, grid: int) -> int:
         return 2 * _REACH * len(self._rounds[grid])
 
-    def _uploaded(self, area: Area) -> tuple[Any, ...]:
-        """Return the distances over an area, as kernels want them."""
+    def _raster(self, area: Area) -> SpacingRaster:
         raster = self._raster_of(*area)
-        bits = raster.step.bit_length() - 1
-        if raster.step != 1 << bits:
+        if raster.step & (raster.step - 1):
             raise InputError(f"a raster's step must be a power of two, not {raster.step}")
+        return raster
+
+    def _uploaded(self, raster: SpacingRaster) -> tuple[Any, ...]:
+        """Return the distances over an area, as kernels want them."""
         corner = (np.int64(raster.west), np.int64(raster.south))
-        width = np.int32(raster.spacing.shape[1])
+        shape = (np.int32(raster.spacing.shape[1]), np.int32(raster.step.bit_length() - 1))
         spacing = self._context.upload(np.asarray(raster.spacing, np.float32))
-        return spacing, width, np.int32(bits), *corner, np.float32(self._most)
+        return spacing, *shape, *corner, np.float32(self._most)
+
+    def _blocks(self, raster: SpacingRaster, grid: Grid, number: int) -> npt.NDArray[np.int32]:
+        """Return the first cells (n, 2) of a window's blocks where there is something to do for a grid."""
+        first = [np.arange(0, many, size) for many, size in zip(grid.cells.shape, _BLOCK, strict=True)]
+        corner = (grid.cells.south, raster.south), (grid.cells.west, raster.west)
+        spans = [
+            _span(raster.step, (start + from_) * grid.side - origin, size * grid.side, length)
+            for start, (from_, origin), size, length in zip(
+                first, corner, _BLOCK, raster.spacing.shape, strict=True
+            )
+        ]
+        low, high = (_reduced(each, raster.spacing, spans) for each in (np.minimum, np.maximum))
+        # What is between vertices is between their values; rounding is far below the margin.
+        reach = math.sqrt(2.0) * (self._side << number)
+        busy = (low < 2.0 * _SPARE * reach) & (low <= self._most) & (high > reach / 2**self._levels / _SPARE)
+        row, column = np.nonzero(busy)
+        return np.stack([first[1][column], first[0][row]], axis=-1).astype(np.int32)
 
     def _begun(self, room: Room, cells: Cells, number: int, lists: tuple[Any, ...]) -> _Graded:
         """Start a grid's window: empty."""
-        kinds = (("x", np.int16), ("y", np.int16), ("half", np.float32), ("times", np.float32))
-        points = [room.buffer(name, cells.shape, kind) for name, kind in kinds]
-        side = self._side << number
-        grid = _Graded(cells, side, self._rim(number), points[0], points[1], points[2], points[3], lists)
-        self._launch("clear", (rounded_up(cells.width), cells.height), *points[:2], grid.width)
+        own = [room.buffer(name, cells.shape, kind) for name, kind in _KINDS.items()]
+        # Two sets of lists are enough: they are made of but those before them.
+        near = room.buffer(f"near {number % 2}", (*cells.shape, _LISTED, 4) if number else 1, np.float32)
+        listed = room.buffer(f"listed {number % 2}", cells.shape, np.uint8)
+        grid = _Graded(
+            cells,
+            self._side << number,
+            self._rim(number),
+            *own[:2],
+            points=tuple(own[:4]),
+            candidate=tuple(own[4:]),
+            lists=lists,
+            finer=(near, listed),
+        )
+        size = (rounded_up(cells.width), cells.height)
+        self._launch("clear", size, own[0], *own[2:5], *own[6:8], listed, grid.width)
         return grid
 
-    def _listed(self, room: Room, grid: _Graded, number: int) -> tuple[Any, ...]:
+    def _listed(self, grid: _Graded, blocks: npt.NDArray[np.int32]) -> tuple[Any, ...]:
         """Enqueue the lists of what a grid and those before it hold, for the next finer one."""
-        # Two sets of buffers are enough: lists are made of but those before them.
-        turn = number % 2
-        near = room.buffer(f"near {turn}", (*grid.cells.shape, _LISTED, 4), np.float32)
-        listed = room.buffer(f"listed {turn}", grid.cells.shape, np.uint8)
-        window = (grid.width, grid.height, *grid.corner)
-        size = _inner(grid, _REACH)
-        self._launch("list_for_finer", size, *grid.points, *grid.lists, near, listed, *window)
-        return near, listed, *window
+        if len(blocks):
+            given = (np.int32(_REACH), *grid.points, *grid.lists, *grid.finer, *grid.corner)
+            self._launch("list_for_finer", _items(blocks), self._context.upload(blocks), *grid.size, *given)
+        return *grid.finer, *grid.size, *grid.corner
 
-    def _fill(self, room: Room, grid: _Graded, number: int, raster: tuple[Any, ...]) -> None:
+    def _fill(
+        self, grid: _Graded, number: int, ground: tuple[Any, ...], blocks: npt.NDArray[np.int32]
+    ) -> None:
         """Enqueue a grid's rounds; each leaves a wider rim that is not right."""
-        kinds = {"x": np.int16, "y": np.int16, "half": np.float32, "times": np.float32, "time": np.uint32}
-        candidate = [room.buffer(f"candidate {name}", grid.cells.shape, kinds[name]) for name in kinds]
+        where, size = self._context.upload(blocks), _items(blocks)
         scale = np.float32(SIDE / grid.side)
         darts = (*grid.corner, self._salts[number], np.int64(grid.side), scale, np.int32(self._levels))
         for turn, (start, tries) in enumerate(self._rounds[number]):
             rim = (2 * turn + 1) * _REACH
-            window = (grid.width, np.int32(rim))
+            window = (where, *grid.size, np.int32(rim))
             thrown = (np.int32(start), np.int32(tries))
-            ground = (*grid.lists, *raster)
-            size = _inner(grid, rim)
-            kernel = f"{thrown_by(tries)}_graded"
-            self._launch(kernel, size, *grid.points, *candidate, *ground, *window, *darts, *thrown)
-            rim += _REACH
-            size = _inner(grid, rim)
-            self._launch("accept_graded", size, *grid.points, *candidate, grid.width, np.int32(rim))
+            given = (*grid.points, *grid.candidate, *grid.lists, *ground)
+            self._launch(f"{thrown_by(tries)}_graded", size, *given, *window, *darts, *thrown)
+            window = (where, *grid.size, np.int32(rim + _REACH))
+            self._launch("accept_graded", size, *window, *grid.points, *grid.candidate)
 
     def _collected(
         self, room: Room, grid: _Graded, area: Area, raster: tuple[Any, ...]
@@ -249,8 +298,24 @@ class GradedPoisson:
         self._context.launch(_FILE, kernel, size, *arguments, group=(GROUP, 1))
 
 
-def _inner(grid: Grid, rim: int) -> tuple[int, int]:
-    return rounded_up(grid.cells.width - 2 * rim), grid.cells.height - 2 * rim
+def _items(blocks: npt.NDArray[np.int32]) -> tuple[int, int]:
+    return _BLOCK[1], _BLOCK[0] * len(blocks)
+
+
+def _span(step: int, start: npt.NDArray[np.int64], width: int, length: int) -> npt.NDArray[np.int64]:
+    """Return the first vertex of stretches and one past the last, alternating, of so many that there are."""
+    first, last = start // step, -(-(start + width) // step) + 1
+    return np.stack([first, last], axis=-1).clip(0, length).ravel()
+
+
+def _reduced(
+    best: np.ufunc, values: npt.NDArray[np.float32], spans: list[npt.NDArray[np.int64]]
+) -> npt.NDArray[np.float32]:
+    """Reduce the values in spans of rows and columns."""
+    for axis, span in enumerate(spans):
+        values = np.concatenate([values, values.take([-1], axis)], axis)  # a span may end after the last
+        values = best.reduceat(values, span, axis).take(range(0, len(span), 2), axis)
+    return values
 
 
 def _ground(cells: Cells, side: int) -> Area:

@@ -48,6 +48,8 @@ class Effort:
         Places drawn to see whether another point would fit there.
     scipy_side : float
         Side of scipy's square, in distances.
+    point_sides : tuple of float
+        Sides of squares with many points, in distances.
     spectrum_sets : int
         Sets of points whose spectra are averaged.
     sketch_sides, sketch_shapes : tuple of int
@@ -109,6 +111,7 @@ class Effort:
     peer_trials: tuple[int, ...]
     room_places: int
     scipy_side: float
+    point_sides: tuple[float, ...]
     spectrum_sets: int
     sketch_sides: tuple[int, ...]
     sketch_shapes: tuple[int, ...]
@@ -156,6 +159,7 @@ QUICK = Effort(
     peer_trials=(4, 30),
     room_places=100_000,
     scipy_side=16.0,
+    point_sides=(512.0,),
     spectrum_sets=5,
     sketch_sides=(256, 512, 1024),
     sketch_shapes=(5, 50, 500),
@@ -200,10 +204,11 @@ FULL = Effort(
     point_side=512.0,
     point_distances=(1, 2, 4, 8),
     point_trials=(4, 8, 12),
-    room_trials=(1, 2, 4, 8, 12, 16, 32, 48, 64),
+    room_trials=(1, 2, 3, 4, 6, 8, 12, 16, 32, 64),
     peer_trials=(4, 12, 30),
     room_places=2_000_000,
     scipy_side=32.0,
+    point_sides=(1024.0, 4096.0),
     spectrum_sets=20,
     sketch_sides=(256, 512, 1024, 2048, 4096),
     sketch_shapes=(5, 50, 500, 5000),

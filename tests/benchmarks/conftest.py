@@ -27,6 +27,7 @@ TINY = Effort(
     peer_trials=(4,),
     room_places=2_000,
     scipy_side=8.0,
+    point_sides=(32.0,),
     spectrum_sets=2,
     sketch_sides=(64, 96),
     sketch_shapes=(3, 9),

@@ -12,6 +12,7 @@ from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
 from sketchterrain.benchmarks.kernel_times import WRITTEN
+from sketchterrain.terrain.plant import STOREYS
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
@@ -75,11 +76,13 @@ def test_features_report_each_stage(outcomes: dict[str, Outcome]) -> None:
     assert found["darts"] == found["place"] >= found["shapes"] > 0
 
 
-def test_plants_are_counted_by_the_hectare(outcomes: dict[str, Outcome], tiny: Effort) -> None:
-    for row in rows(outcomes["foliage"]):
+def test_plants_are_counted_by_storey(outcomes: dict[str, Outcome], tiny: Effort) -> None:
+    found = rows(outcomes["foliage"])
+    assert [row["storey"] for row in found] == list(STOREYS) * len(tiny.presets)
+    assert any(row["plants"] > 0 for row in found)
+    for row in found:
         assert row["thousand_plants_per_s"] == pytest.approx(row["plants"] / row["median_ms"])
-        hectares = (tiny.foliage_side / 100.0) ** 2
-        assert row["hectares_per_s"] == pytest.approx(hectares / row["median_ms"] * 1e3)
+        assert row["hectares_per_s"] == pytest.approx((row["side"] / 100.0) ** 2 / row["median_ms"] * 1e3)
 
 
 def test_errors_of_float_exceed_those_of_double(outcomes: dict[str, Outcome]) -> None:

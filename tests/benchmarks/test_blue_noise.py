@@ -113,6 +113,14 @@ def test_spectra_begin_with_the_reference(outcome: Outcome, tiny: Effort) -> Non
         assert row["worst"] == max(row["anisotropy"])
 
 
+def test_many_points_are_timed_whole_and_by_launches(outcome: Outcome, tiny: Effort) -> None:
+    found = rows(outcome, 3)
+    assert [row["side"] for row in found[::2]] == list(tiny.point_sides)
+    for row in found:
+        assert row["points"] > 0.6 * GREATEST_DENSITY * row["side"] ** 2
+        assert row["launch_million_per_s"] > row["million_per_s"] > 0.0
+
+
 def test_charts_show_what_was_asked(outcome: Outcome) -> None:
     pytest.importorskip("matplotlib")
     drawn = charts.draw("points", outcome)

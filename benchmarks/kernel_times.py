@@ -16,10 +16,11 @@ from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
 from sketchterrain.render.texture_maker import LAYERS, embossed, painted_layer
-from sketchterrain.terrain.graded_poisson import GradedPoisson, SpacingRaster
+from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_places import sample_stride
 from sketchterrain.terrain.poisson import PoissonDisk
+from sketchterrain.terrain.spacing_raster import SpacingRaster
 from sketchterrain.terrain.vertices import VERTEX
 
 if TYPE_CHECKING:

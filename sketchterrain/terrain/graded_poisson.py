@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from sketchterrain.terrain.poisson_cells import (
     schedule,
     thrown_by,
 )
+from sketchterrain.terrain.spacing_raster import SpacingRanges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -34,8 +35,9 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.compute.scratch import Room
+    from sketchterrain.terrain.spacing_raster import SpacingRaster
 
-__all__ = ["GRADED", "GradedPoisson", "SpacingRaster"]
+__all__ = ["GRADED", "GradedPoisson"]
 
 GRADED: Final = np.dtype([("x", "i8"), ("y", "i8"), ("spacing", "f4"), ("level", "u1")])
 """A point: lattice position, distance to others (lattice units), level."""
@@ -62,25 +64,6 @@ _KINDS: Final = {
 _WINDOW = 768  # cells: lists take 96 bytes for each
 _ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 _MOST_GRIDS = 16
-
-
-class SpacingRaster(NamedTuple):
-    """The distance between points, bilinear between the vertices of a raster of the world.
-
-    Attributes
-    ----------
-    west, south : int
-        Of the first vertex, lattice units; multiples of ``step``.
-    step : int
-        Lattice units between vertices, a power of two.
-    spacing : float32 (rows, columns)
-        Lattice units, row 0 southernmost; over the greatest distance where nothing stands.
-    """
-
-    west: int
-    south: int
-    step: int
-    spacing: npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -187,19 +170,19 @@ class GradedPoisson:
         for number in range(1, len(self._salts)):
             windows.append(windows[-1].coarser().wider(_REACH + self._rim(number)))
         raster = self._raster(_ground(windows[-1], self._side << len(windows) - 1))
-        ground = self._uploaded(raster)
+        ground, ranges = self._uploaded(raster), SpacingRanges.of(raster)
         yield
         lists = (ground[0], ground[0], np.int32(0), np.int32(0), np.int64(0), np.int64(0))  # none
         found = []
         for number in reversed(range(len(windows))):
             grid = self._begun(room, windows[number], number, lists)
-            blocks = self._blocks(raster, grid, number)
+            blocks = self._blocks(ranges, grid, number)
             if len(blocks):
                 self._fill(grid, number, ground, blocks)
                 yield
                 found.append(self._collected(room, grid, area, ground))
             if number:
-                lists = self._listed(grid, self._blocks(raster, grid, number - 1))
+                lists = self._listed(grid, self._blocks(ranges, grid, number - 1))
         return found
 
     def _rim(self, grid: int) -> int:
@@ -218,17 +201,14 @@ class GradedPoisson:
         spacing = self._context.upload(np.asarray(raster.spacing, np.float32))
         return spacing, *shape, *corner, np.float32(self._most)
 
-    def _blocks(self, raster: SpacingRaster, grid: Grid, number: int) -> npt.NDArray[np.int32]:
+    def _blocks(self, ranges: SpacingRanges, grid: Grid, number: int) -> npt.NDArray[np.int32]:
         """Return the first cells (n, 2) of a window's blocks where there is something to do for a grid."""
         first = [np.arange(0, many, size) for many, size in zip(grid.cells.shape, _BLOCK, strict=True)]
-        corner = (grid.cells.south, raster.south), (grid.cells.west, raster.west)
-        spans = [
-            _span(raster.step, (start + from_) * grid.side - origin, size * grid.side, length)
-            for start, (from_, origin), size, length in zip(
-                first, corner, _BLOCK, raster.spacing.shape, strict=True
-            )
+        start = [
+            (at + cell) * grid.side
+            for at, cell in zip(first, (grid.cells.south, grid.cells.west), strict=True)
         ]
-        low, high = (_reduced(each, raster.spacing, spans) for each in (np.minimum, np.maximum))
+        low, high = ranges.over(start, [size * grid.side for size in _BLOCK])
         # What is between vertices is between their values; rounding is far below the margin.
         reach = math.sqrt(2.0) * (self._side << number)
         busy = (low < 2.0 * _SPARE * reach) & (low <= self._most) & (high > reach / 2**self._levels / _SPARE)
@@ -245,7 +225,8 @@ class GradedPoisson:
             cells,
             self._side << number,
             self._rim(number),
-            *own[:2],
+            own[0],
+            own[1],
             points=tuple(own[:4]),
             candidate=tuple(own[4:]),
             lists=lists,
@@ -302,40 +283,7 @@ def _items(blocks: npt.NDArray[np.int32]) -> tuple[int, int]:
     return _BLOCK[1], _BLOCK[0] * len(blocks)
 
 
-def _span(step: int, start: npt.NDArray[np.int64], width: int, length: int) -> npt.NDArray[np.int64]:
-    """Return the first vertex of stretches and one past the last, alternating, of so many that there are."""
-    first, last = start // step, -(-(start + width) // step) + 1
-    return np.stack([first, last], axis=-1).clip(0, length).ravel()
-
-
-def _reduced(
-    best: np.ufunc, values: npt.NDArray[np.float32], spans: list[npt.NDArray[np.int64]]
-) -> npt.NDArray[np.float32]:
-    """Reduce the values in spans of rows and columns."""
-    for axis, span in enumerate(spans):
-        values = np.concatenate([values, values.take([-1], axis)], axis)  # a span may end after the last
-        values = best.reduceat(values, span, axis).take(range(0, len(span), 2), axis)
-    return values
-
-
 def _ground(cells: Cells, side: int) -> Area:
     """Return the lattice units that cells of a side cover."""
     west, south, east, north = (each * side for each in cells)
     return west, south, east, north
-
-
-def graded_points_steps(
-    context: ComputeContext,
-    area: Area,
-    raster_of: Callable[[int, int, int, int], SpacingRaster],
-    *,
-    least: int,
-    most: int,
-    levels: int,
-    seed: int,
-) -> Generator[None, None, npt.NDArray[np.void]]:
-    """Do what :meth:`GradedPoisson.steps` does."""
-    points = yield from GradedPoisson(
-        context, raster_of, least=least, most=most, levels=levels, seed=seed
-    ).steps(area)
-    return points

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from sketchterrain.terrain.graded_poisson import SpacingRaster
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.spacing_raster import SpacingRaster
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.compute.scratch import Room
 
-__all__ = ["GREATEST_DENSITY", "TRIALS", "PoissonDisk", "poisson_disk", "poisson_disk_steps"]
+__all__ = ["GREATEST_DENSITY", "TRIALS", "PoissonDisk", "poisson_disk"]
 
 TRIALS = 24
 """Darts a cell throws: over nine tenths of the points a maximal set would have."""
@@ -237,14 +237,6 @@ def poisson_disk(
         See :class:`PoissonDisk` and :meth:`PoissonDisk.within`.
     """
     return PoissonDisk(context, radius, seed=seed, trials=trials, levels=levels).within(area).position
-
-
-def poisson_disk_steps(
-    context: ComputeContext, area: Area, radius: int, *, seed: int, trials: int = TRIALS, levels: int = 0
-) -> Generator[None, None, npt.NDArray[np.int64]]:
-    """Do what :func:`poisson_disk` does in steps."""
-    points = yield from PoissonDisk(context, radius, seed=seed, trials=trials, levels=levels).steps(area)
-    return points.position
 
 
 def _inner(grid: Grid, rim: int) -> tuple[int, int]:

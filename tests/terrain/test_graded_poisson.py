@@ -10,8 +10,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
-from sketchterrain.terrain.graded_poisson import GradedPoisson, SpacingRaster
+from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.poisson import GREATEST_DENSITY
+from sketchterrain.terrain.spacing_raster import SpacingRaster
 
 if TYPE_CHECKING:
     from collections.abc import Callable

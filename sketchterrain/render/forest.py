@@ -202,18 +202,17 @@ class Forest:
         floor = self.thinning.floor(least, still=self._elapsed is None)
         counts = [_held(cell, camera.eye, floor) for cell in cells]
         stand = joined(cells, self._origin, counts)
-        eye = np.asarray(camera.eye, dtype=np.float64) - [*self._origin, 0.0]
-        place = stand.place.astype(np.float64) - eye
+        place = stand.place - (np.asarray(camera.eye) - [*self._origin, 0.0]).astype(np.float32)
         level = np.hypot(place[:, 0], place[:, 1])
-        away = np.hypot(level, place[:, 2])
-        age = np.repeat([cell.age for cell in cells], counts)
+        away = np.maximum(np.hypot(level, place[:, 2]), 1.0)
+        age = np.repeat(np.array([cell.age for cell in cells], np.float32), counts)
         there = _present(stand.whim, level, age, self.reach)
         there *= _beside(camera.frustum(size[0] / size[1]), place)
-        drawn = shares(stand.tall * (size[1] / tangent) / np.maximum(away, 1.0), stand.whim, self._pixels)
-        held = np.where(there > 0.0, stand.hold / np.maximum(away, 1.0), 0.0)
-        seen = np.flatnonzero(held > floor)
-        copies = np.count_nonzero(drawn[seen], axis=1)
-        self.thinning.follow(held[seen], copies, least=least, elapsed=self._elapsed)
+        held = stand.hold / away
+        seen = np.flatnonzero((held > floor) & (there > 0.0))
+        stand, away, there, held = stand.some(seen), away[seen], there[seen], held[seen]
+        drawn = shares(stand.tall * (size[1] / tangent) / away, stand.whim, self._pixels)
+        self.thinning.follow(held, np.count_nonzero(drawn, axis=1), least=least, elapsed=self._elapsed)
         self.shade.angle = angle = self.thinning.angle
         drawn *= (there * share_of(stand.hold, away, angle))[:, None]
         stand.rows[:, 4:6] *= width_of(stand.bulk, away, angle)[:, None]
@@ -253,22 +252,24 @@ def shares(
     (n, details) float64
         0..1, sum 1; more than one of them is above 0 only near a step.
     """
-    at = steps * (0.85 + 0.3 * np.asarray(whim, np.float64)[:, None])
-    finer = np.clip((np.asarray(pixels, np.float64)[:, None] / at - (1.0 - BAND)) / (2.0 * BAND), 0.0, 1.0)
+    height = np.asarray(pixels, np.float64) / (0.85 + 0.3 * np.asarray(whim, np.float64))
+    finer = np.clip((height[:, None] / steps - (1.0 - BAND)) / (2.0 * BAND), 0.0, 1.0)
     edges = np.concatenate([np.zeros((len(finer), 1)), finer, np.ones((len(finer), 1))], axis=1)
     return np.diff(edges, axis=1)
 
 
-def _present(whim: npt.NDArray[np.float32], away: Floats, age: Floats, reach: float) -> Floats:
+def _present(
+    whim: npt.NDArray[np.float32], away: npt.NDArray[np.floating], age: npt.NDArray[np.floating], reach: float
+) -> npt.NDArray[np.floating]:
     """How much of each plant is there: it goes at its own distance and comes at its own time."""
     gone = (reach_of(whim, reach) - away) / (VANISH * reach)
     come = 2.0 * age / GROW - (1.0 - whim)
-    return np.asarray(np.clip(np.minimum(gone, come), 0.0, 1.0), dtype=np.float64)
+    return np.asarray(np.clip(np.minimum(gone, come), 0.0, 1.0))
 
 
-def _beside(planes: Floats, place: Floats) -> npt.NDArray[np.bool_]:
+def _beside(planes: Floats, place: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
     """Tell which places relative to the eye lie between the left and the right border of a view."""
-    return np.asarray((place @ planes[:2, :3].T > -ROOM).all(axis=1))
+    return np.asarray((place @ planes[:2, :3].T.astype(place.dtype) > -ROOM).all(axis=1))
 
 
 def _held(cell: Cell, eye: tuple[float, float, float], floor: float) -> int:
@@ -283,8 +284,10 @@ def _grouped(stand: Stand, share: Floats, details: range) -> Instances:
     """Put plants in the order of kind and detail, those that are drawn in two of the details twice."""
     detail, plant = np.nonzero(share.T[details.start : details.stop] > 1.0 / 512.0)
     detail += details.start
-    group = stand.kind[plant].astype(np.int64) * DETAILS + detail
-    order = np.argsort(group, kind="stable")
+    group = stand.kind[plant] * DETAILS + detail
+    order = np.argsort(
+        group.astype(np.uint8), kind="stable"
+    )  # of a byte: sorted by its digits, thrice as fast
     plant, detail = plant[order], detail[order]
     rows = stand.rows[plant]
     rows[:, 7] = share[plant, detail]

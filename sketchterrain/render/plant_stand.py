@@ -52,6 +52,11 @@ class Stand(NamedTuple):
     hold: npt.NDArray[np.float32]
     kind: npt.NDArray[np.uint8]
 
+    def some(self, index: npt.NDArray[np.intp]) -> Stand:
+        """Return some of them."""
+        rows, whim, bulk, hold, kind = self
+        return Stand(rows[index], whim[index], bulk[index], hold[index], kind[index])
+
     @property
     def place(self) -> npt.NDArray[np.float32]:
         """(n, 3) feet (m)."""
@@ -67,10 +72,7 @@ def stand_of(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
     """Return the plants (`PLANT`) of the cell with a south-west corner (m)."""
     place = np.stack([plants["x"] - corner[0], plants["y"] - corner[1], plants["z"] - SINK], axis=1)
     chance, variant = _chances(plants)
-    level = plants["level"]
-    if not level.any():  # the terrain's sampler does not tell levels yet
-        level, chance = np.zeros_like(level), np.clip(4.0 / 3.0 * chance, 0.0, 4.0 / 3.0)
-    whim = whim_of(level, chance)
+    whim = whim_of(plants["level"], chance)
     tall = np.asarray(HEIGHTS)[plants["species"]] * plants["scale"]
     crowding = _crowding(place, tall)
     bulk = bulk_of(tall, crowding)

@@ -29,7 +29,7 @@ _TOLERANCES: Final = (12.0, 7.0, 2.0, 1.4, 1.0)
 _STEEPS: Final = (64.0, 16.0, 4.0, 2.8, 2.0)
 _WOODS: Final = (250.0, 400.0, 1000.0, 1550.0, 2400.0)
 _LEAVES: Final = (0.15, 0.25, 0.6, 0.77, 1.0)
-_THIN: Final = (40.0, 30.0, 12.0, 8.0, 6.0)
+_THIN: Final = (30.0, 22.0, 10.0, 6.0, 4.0)
 _PLANTS: Final = (3e3, 6e3, 3e4, 6e4, 1.2e5)
 _COVERED: Final = (0.3, 0.5, 1.0)
 """Numbers of `_GRASS` and `_BLADES`: below the first the ground is bare."""
@@ -64,7 +64,7 @@ class Quality:
     surface_texels        256        256      512      1024      side of the maps of the drawn ground
     woods                 250        400      1000     2400      distance up to which plants stand, m
     leaves                0.15       0.25     0.6      1         plants' height in pixels for a finer mesh
-    thin                  40         30       12       6         height in pixels below which they thin out
+    thin                  30         22       10       4         height in pixels below which they thin out
     plants                3000       6000     30000    120000    plants that are drawn at most
     grass                 0          0        60       110       distance up to which grass stands, m
     blades                0.3        0.3      0.55     1         grass and stones, over what there are at 1
@@ -149,7 +149,7 @@ class Quality:
     surface_texels: int = 1024
     woods: float = 2400.0
     leaves: float = 1.0
-    thin: float = 6.0
+    thin: float = 4.0
     plants: int = 120_000
     grass: float = 110.0
     blades: float = 1.0

@@ -32,7 +32,7 @@ FILL: Final = 0.85
 """Of the budget, what is aimed at: the rest is for what comes while the scale follows."""
 PACE: Final = 0.8
 """s in which the scale covers two thirds of its way."""
-STEP: Final = 0.6
+STEP: Final = 0.8
 """The scale falls to no less of itself in a frame: plants that come then are looked for only so far."""
 NEAR: Final = 1e-3
 """Share by which the scale may be off when it has arrived."""
@@ -116,23 +116,26 @@ class Thinning:
         """
         still = elapsed is None or self.angle == 0.0
         floor = self.floor(least, still=still)
-        wanted = max(_fitting(held, copies, FILL * self._most), floor)
+        aimed, allowed = _fitting(held, copies, [FILL * self._most, self._most])
+        wanted = max(aimed, floor)
         if elapsed is None or still:
             self.angle, self.settled = wanted, True
             return
         angle = wanted + (self.angle - wanted) * float(np.exp(-elapsed / PACE))
         arrived = abs(angle - wanted) < NEAR * wanted
         self.settled = arrived and (wanted > floor or floor == least)
-        self.angle = max(wanted if arrived else angle, _fitting(held, copies, self._most))
+        self.angle = max(wanted if arrived else angle, allowed)
 
 
-def _fitting(held: Floats, copies: npt.NDArray[np.integer], most: float) -> float:
-    """Return the angle above which no more instances are than may be; 0 if all may."""
-    many = int(most)
-    if copies.sum() <= many:
-        return 0.0
-    if len(held) > many + 1:  # each plant is an instance at least
-        first = np.argpartition(-held, many)[: many + 1]
+def _fitting(held: Floats, copies: npt.NDArray[np.integer], budgets: list[float]) -> list[float]:
+    """Return the angles above which no more instances are than budgets, rising ones, allow; 0 for all."""
+    most = int(budgets[-1])
+    if copies.sum() <= budgets[0]:
+        return [0.0] * len(budgets)
+    if len(held) > most + 1:  # each plant is an instance at least
+        first = np.argpartition(-held, most)[: most + 1]
         held, copies = held[first], copies[first]
     order = np.argsort(-held, kind="stable")
-    return float(held[order][np.searchsorted(np.cumsum(copies[order]), many, side="right")])
+    kept = np.searchsorted(np.cumsum(copies[order]), np.floor(budgets), side="right")
+    angles = np.append(held[order], 0.0)[kept]
+    return [float(angle) for angle in angles]

@@ -151,7 +151,7 @@ def test_the_scale_follows_softly_and_comes_to_where_a_still_has_it():
     thinning.follow(crowd, np.ones(20_000, int), least=1e-3, elapsed=0.05)
     assert not thinning.settled
     steps = []
-    for _ in range(200):  # out of the crowd again
+    for _ in range(400):  # out of the crowd again
         before = thinning.angle
         seen = few[few > thinning.floor(1e-3, still=False)]
         thinning.follow(seen, np.ones(len(seen), int), least=1e-3, elapsed=0.05)

@@ -19,8 +19,10 @@ __all__ = [
     "FilmSize",
     "FlightFile",
     "Folder",
+    "FoliageKind",
     "Fps",
     "FrameQuality",
+    "Grass",
     "OptionalPictureFile",
     "PictureFile",
     "PictureSize",
@@ -35,6 +37,7 @@ __all__ = [
 _PIXELS = range(16, 8193)  # what the renderer can draw
 _LONGEST = 3600.0  # s, of a flight
 _FILMS = (".mp4", ".webp", ".gif")  # what is no folder of frames
+_FOLIAGE = ("csv", "ply", "both", "none")
 
 
 def _parse_picture_size(text: str) -> tuple[int, int]:
@@ -60,6 +63,12 @@ def _check_film_place(path: Path | None) -> Path | None:
     raise typer.BadParameter(
         f"expected a folder, or the name of a file that ends in {', '.join(_FILMS)}, got {str(path)!r}"
     )
+
+
+def _check_foliage(kind: str) -> str:
+    if kind not in _FOLIAGE:
+        raise typer.BadParameter(f"expected {', '.join(_FOLIAGE[:-1])} or {_FOLIAGE[-1]}, got {kind!r}")
+    return kind
 
 
 def _check_seconds(seconds: float | None) -> float | None:
@@ -90,6 +99,15 @@ FlightFile = Annotated[
     typer.Option("--path", metavar="FILE", help="A recorded path; by default a round over the sketch."),
 ]
 Folder = Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="Folder to write into.")]
+FoliageKind = Annotated[
+    str,
+    typer.Option(
+        "--foliage",
+        metavar="|".join(_FOLIAGE),
+        callback=_check_foliage,
+        help="Trees and shrubs as foliage.csv, as foliage.ply (binary, for millions), both, or none.",
+    ),
+]
 FrameQuality = Annotated[
     float | None,
     typer.Option(
@@ -101,6 +119,7 @@ FrameQuality = Annotated[
     ),
 ]
 Fps = Annotated[int, typer.Option("--fps", metavar="N", min=1, max=240, help="Frames a second.")]
+Grass = Annotated[bool, typer.Option("--grass", help="Grass, flowers and ferns too, in foliage.ply.")]
 PictureFile = Annotated[
     Path,
     typer.Option(

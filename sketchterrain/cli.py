@@ -100,6 +100,8 @@ def generate(
     size: given.Vertices = 1025,
     device: given.DeviceName = None,
     fast: given.Fast = False,
+    foliage: given.FoliageKind = "csv",
+    grass: given.Grass = False,
     preview: Annotated[bool, typer.Option("--preview/--no-preview", help="Render preview.png too.")] = True,
     view: pictured.ViewKind = None,
     time: pictured.Hour = None,
@@ -108,6 +110,8 @@ def generate(
     as_json: given.AsJson = False,
 ) -> None:
     """Write a terrain: heights, normals, materials, plants, features, a preview and a report."""
+    if grass and foliage not in ("ply", "both"):
+        raise USAGE_ERROR(f"--grass with --foliage {foliage}: only foliage.ply holds it, take ply or both")
     if not preview:
         given = {"--view": view, "--time": time, "--clouds": clouds}
         pictured.refuse_together("--no-preview", given, "it is the preview's")
@@ -119,7 +123,14 @@ def generate(
             whole.check_size(document, size)
             extras = whole.Extras(preview, view or "auto", time, clouds, map_kind)
         done = whole.generate(
-            document, output, device=device, fast=fast, size=size, extras=extras, stages=stages
+            document,
+            output,
+            device=device,
+            fast=fast,
+            size=size,
+            foliage=whole.FoliageFiles(foliage, grass),
+            extras=extras,
+            stages=stages,
         )
     if as_json:
         say_json(done.report | {"folder": str(output)})

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sketchterrain import export
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
+from sketchterrain.export import FoliageFiles
 from sketchterrain.jobs import run_job
 from sketchterrain.render import check_view
 from sketchterrain.report import peak_memory, report_of, rounded
@@ -20,16 +21,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    import numpy as np
-    import numpy.typing as npt
-
     from sketchterrain.compute import ComputeContext
     from sketchterrain.progress import Stages
     from sketchterrain.render import Weather
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
 
-__all__ = ["LARGEST_SIZE", "Extras", "Generated", "check_size", "generate"]
+__all__ = ["LARGEST_SIZE", "Extras", "FoliageFiles", "Generated", "check_size", "generate"]
 
 LARGEST_SIZE = 16385
 """The most vertices along the longer side."""
@@ -117,6 +115,7 @@ def generate(
     device: str | None,
     fast: bool,
     size: int,
+    foliage: FoliageFiles | None = None,
     extras: Extras,
     stages: Stages,
 ) -> Generated:
@@ -137,6 +136,8 @@ def generate(
         Whether the kernels may trade bits for speed.
     size
         Vertices along the longer side.
+    foliage
+        Which plants are written, and as what; by default trees and shrubs as ``foliage.csv``.
     extras
         What pictures there shall be besides.
     stages
@@ -146,7 +147,7 @@ def generate(
     Raises
     ------
     InputError
-        If there is no such view, or the sun stands too low.
+        If there is no such view, the sun stands too low, or the disk may have no room for the plants.
     DeviceError
         If there is no such device, or none that did not fail.
     SketchterrainError
@@ -159,7 +160,14 @@ def generate(
         export.prepare_folder(folder)
         with export.staging(folder) as hidden:
             done = _generate(
-                sketch, hidden, context=context, size=size, extras=extras, weather=weather, stages=stages
+                sketch,
+                hidden,
+                context=context,
+                size=size,
+                foliage=foliage or FoliageFiles(),
+                extras=extras,
+                weather=weather,
+                stages=stages,
             )
             done.report["restarts"] = list(restarts)
             report = export.write_json(hidden / "report.json", done.report)
@@ -174,6 +182,7 @@ def _generate(
     *,
     context: ComputeContext,
     size: int,
+    foliage: FoliageFiles,
     extras: Extras,
     weather: Weather,
     stages: Stages,
@@ -183,6 +192,8 @@ def _generate(
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
             features = terrain.features
+        area = (0.0, 0.0, *terrain.size)
+        export.check_room(folder, terrain, area, foliage)
         with stages.stage("ground", "Heights and materials") as tell:
             raster = terrain.raster(size, progress=tell)
         writer.add("height.tif", export.write_height_tif, folder, raster)
@@ -190,9 +201,8 @@ def _generate(
         writer.add("normal.png", export.write_normals, folder, raster)
         writer.add("materials", export.write_materials, folder, raster, terrain.material_names)
         writer.add("features.json", export.write_features, folder, features)
-        with stages.stage("plants", "Plants"):
-            plants = terrain.foliage(0.0, 0.0, *terrain.size)
-        writer.add("foliage.csv", _write_plants, folder / "foliage.csv", plants, terrain.species_names)
+        with stages.stage("plants", "Plants") as tell:
+            plants = export.write_foliage(folder, terrain, area, foliage, progress=tell)
         with stages.stage("adherence", "Comparing with the sketch"):
             adherence = measure_adherence(terrain)
         problem, rendering = None, dict[str, float]()
@@ -204,7 +214,7 @@ def _generate(
             with stages.stage("preview", "Preview"):
                 problem = _add_preview(writer, folder, terrain, extras.view, weather, rendering)
         with stages.stage("files", "Writing files"):
-            files = writer.finish()
+            files = writer.finish() + plants.files
     told = report_of(terrain, raster, plants)
     told["adherence"] = adherence.as_dict()
     told["timings"] = rounded(stages.seconds | {"total": stages.elapsed})
@@ -213,12 +223,6 @@ def _generate(
     told["peak_memory"] = peak_memory()
     told["files"] = [path.name for path in files] + ["report.json"]
     return Generated(told, files, problem)
-
-
-def _write_plants(path: Path, plants: npt.NDArray[np.void], species: tuple[str, ...]) -> tuple[Path, ...]:
-    with export.plant_table(path, species) as add:
-        add(plants)
-    return (path,)
 
 
 class _Writer:

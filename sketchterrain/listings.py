@@ -119,8 +119,8 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
         f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
         f"{_counted(sum(counts['features'].values()), 'feature')}, {_counted(counts['rivers'], 'river')}, "
-        f"{_counted(counts['lakes'], 'lake')}, "
-        f"{_counted(sum(counts['plants'].values()), 'plant')}",
+        f"{_counted(counts['lakes'], 'lake')}"
+        + (f", {_counted(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
         f"in {seconds:.1f} s on {device['name']} ({device['platform']})"
         f"{', with --fast: other bits than without' if report['fast'] else ''}",
         f"files: {folder}: {' '.join(report['files'])}",

@@ -9,25 +9,21 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.listings import device_entry, undescribed_labels
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
+    from sketchterrain.export import WrittenFoliage
     from sketchterrain.terrain import Raster, Terrain
 
 __all__ = ["peak_memory", "report_of", "rounded"]
 
 
-def report_of(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) -> dict[str, Any]:
+def report_of(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[str, Any]:
     """Return what a terrain is and what was counted in its files."""
     rows, columns = raster.height.shape
     features = terrain.features
     kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
-    species = np.bincount(plants["species"], minlength=len(terrain.species_names)).tolist()
     return {
         "format": 1,
         "version": version("sketchterrain"),
@@ -43,7 +39,13 @@ def report_of(terrain: Terrain, raster: Raster, plants: npt.NDArray[np.void]) ->
             "features": {name: kinds[name] for name in FEATURE_TYPES},
             "rivers": len(features.rivers),
             "lakes": len(features.lakes),
-            "plants": dict(zip(terrain.species_names, species, strict=True)),
+            "plants": plants.counts,
+        },
+        "foliage": {
+            "files": [path.name for path in plants.files],
+            "plants": sum(plants.counts.values()),
+            "seconds": round(plants.seconds, 4),
+            "plants_per_second": round(sum(plants.counts.values()) / plants.seconds),
         },
         "notes": undescribed_labels(terrain.sketch),
         "resolutions": list(terrain.recipe.resolutions),

@@ -9,26 +9,29 @@ from sketchterrain.export.agreement import agreement_picture, write_agreement
 from sketchterrain.export.features import write_features
 from sketchterrain.export.files import move_into, prepare_folder, staging, write_json
 from sketchterrain.export.film import check_film, film
+from sketchterrain.export.foliage_files import FoliageFiles, WrittenFoliage, check_room, write_foliage
 from sketchterrain.export.geotiff import write_height_tif
 from sketchterrain.export.images import write_height_png, write_normals
 from sketchterrain.export.map import MAP_WIDTH, map_sheet, write_map, write_sheet
 from sketchterrain.export.picture import write_picture
-from sketchterrain.export.plants import plant_table
 from sketchterrain.export.weights import quantised_weights, write_materials
 
 __all__ = [
     "MAP_WIDTH",
+    "FoliageFiles",
+    "WrittenFoliage",
     "agreement_picture",
     "check_film",
+    "check_room",
     "film",
     "map_sheet",
     "move_into",
-    "plant_table",
     "prepare_folder",
     "quantised_weights",
     "staging",
     "write_agreement",
     "write_features",
+    "write_foliage",
     "write_height_png",
     "write_height_tif",
     "write_json",

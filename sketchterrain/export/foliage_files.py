@@ -43,7 +43,7 @@ class Planted(Protocol):
     def foliage_pieces(
         self, west: float, south: float, east: float, north: float, *, storey: str
     ) -> Iterator[npt.NDArray[np.void]]:
-        """Return the plants of a rectangle in pieces, from south to north."""
+        """Return the plants of a rectangle in pieces of bounded size, in rows from south to north."""
 
     def foliage_estimate(
         self, west: float, south: float, east: float, north: float, *, storey: str
@@ -185,10 +185,12 @@ def _told(
     before, total = 0, max(sum(most.values()), 1)
     _, south, _, north = area
     for storey, points in most.items():
+        share = 0.0
         for plants in terrain.foliage_pieces(*area, storey=storey):
             yield storey, plants
             if progress is not None and len(plants):
-                share = (plants["y"][-1] - south) / (north - south)  # they come from south to north
+                # They come in rows from south to north: so far as one of them stands, so far is it done.
+                share = max(share, float(plants["y"].max() - south) / (north - south))
                 progress((before + share * points) / total)
         before += points
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +15,10 @@ import sketchterrain.generate
 import sketchterrain.render
 from sketchterrain.cli import main
 from sketchterrain.errors import DeviceError
+from sketchterrain.export.plant_cloud import VERTEX
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -88,6 +90,12 @@ def test_the_report_says_what_was_made_with_what(generated: Path, sketch: Path) 
     assert told["device"]["driver"] == terrain.context.device.driver
     assert sum(told["counts"]["plants"].values()) == plants > 0
     assert sum(told["counts"]["features"].values()) == len(terrain.features.points)
+    assert told["foliage"]["files"] == ["foliage.csv"]
+    assert told["foliage"]["plants"] == plants
+    assert 0 < told["foliage"]["seconds"] <= told["timings"]["plants"]
+    assert told["foliage"]["plants_per_second"] == pytest.approx(
+        plants / told["foliage"]["seconds"], rel=0.01
+    )
     assert told["counts"]["rivers"] == len(terrain.features.rivers) > 0
     assert told["resolutions"] == list(terrain.recipe.resolutions)
     assert told["edits"] == {"count": 0, "orphans": []}
@@ -187,6 +195,121 @@ def test_a_failing_writer_stops_the_rest_and_leaves_old_files_whole(
     assert not list(tmp_path.glob(".*"))
 
 
+def cloud(folder: Path) -> NDArray[np.void]:
+    content = (folder / "foliage.ply").read_bytes()
+    return np.frombuffer(content.split(b"end_header\n", 1)[1], VERTEX)
+
+
+@pytest.mark.parametrize("kind", ["ply", "both", "none"])
+def test_plants_come_as_what_is_asked_for(
+    call: Callable[..., Any], generated: Path, sketch: Path, tmp_path: Path, kind: str
+) -> None:
+    done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview", "--foliage", kind)
+    assert done.code == 0, done.err
+    added = {"ply": {"foliage.ply"}, "both": {"foliage.ply", "foliage.csv"}, "none": set[str]()}[kind]
+    assert names(tmp_path) == (FILES - {"foliage.csv"}) | added
+    told = report(tmp_path)
+    assert set(told["files"]) == names(tmp_path)
+    assert (" plants" in done.out.splitlines()[0]) == (kind != "none")
+    if kind == "none":
+        assert told["counts"]["plants"] == {}
+        return
+    assert told["counts"]["plants"] == report(generated)["counts"]["plants"]
+    plants = cloud(tmp_path)
+    assert len(plants) == sum(told["counts"]["plants"].values()) > 0
+    if kind == "both":
+        assert (tmp_path / "foliage.csv").read_bytes() == (generated / "foliage.csv").read_bytes()
+    terrain = st.build(st.load_sketch(sketch))
+    np.testing.assert_array_equal(plants["z"], terrain.heights(plants["x"], plants["y"]))
+    np.testing.assert_allclose(
+        np.linalg.norm([plants[axis] for axis in ("nx", "ny", "nz")], axis=0), 1.0, rtol=1e-5
+    )
+
+
+def test_grass_is_added_to_the_cloud(
+    call: Callable[..., Any], generated: Path, sketch: Path, tmp_path: Path
+) -> None:
+    look = ["--size", 9, "--no-preview", "--foliage", "ply", "--grass"]
+    done = call("generate", sketch, "-o", tmp_path, *look)
+    assert done.code == 0, done.err
+    counts, woody = report(tmp_path)["counts"]["plants"], report(generated)["counts"]["plants"]
+    assert counts | woody == counts
+    assert set(counts) == set(st.SPECIES)
+    assert counts["grass"] > sum(woody.values())
+    plants = cloud(tmp_path)
+    found = np.bincount(plants["species"], minlength=len(st.SPECIES)).tolist()
+    assert dict(zip(st.SPECIES, found, strict=True)) == counts
+
+
+def dry_sketch(folder: Path, **layers: NDArray[np.uint8]) -> Path:
+    dry = st.Sketch(extent=300.0, climate={"aridity": 1.0}, density={"hill": 0.0}, layers=layers)
+    st.save_sketch(dry, folder)
+    return folder
+
+
+def test_where_nothing_grows_the_files_of_plants_are_valid_and_empty(
+    call: Callable[..., Any], tmp_path: Path
+) -> None:
+    desert = dry_sketch(tmp_path / "desert")
+    look = ["--size", 9, "--no-preview", "--foliage", "both"]
+    done = call("generate", desert, "-o", tmp_path / "out", *look)
+    assert done.code == 0, done.err
+    assert len(cloud(tmp_path / "out")) == 0
+    assert (tmp_path / "out" / "foliage.csv").read_text(encoding="ascii").count("\n") == 1
+    told = report(tmp_path / "out")
+    assert set(told["counts"]["plants"].values()) == {0}
+    assert told["foliage"]["plants"] == told["foliage"]["plants_per_second"] == 0
+
+
+def test_a_forest_of_one_pixel_is_a_forest(call: Callable[..., Any], tmp_path: Path) -> None:
+    forest = np.zeros((30, 30), np.uint8)
+    forest[10, 20] = 1  # 10 m wide, its middle 205 m east and 195 m north
+    sketch = dry_sketch(tmp_path / "sketch", forest=forest)
+    done = call("generate", sketch, "-o", tmp_path / "out", "--size", 9, "--no-preview", "--foliage", "ply")
+    assert done.code == 0, done.err
+    plants = cloud(tmp_path / "out")
+    assert 1 <= len(plants) < 100
+    assert np.hypot(plants["x"] - 205.0, plants["y"] - 195.0).max() < 60.0
+
+
+def test_ctrl_c_amid_the_plants_leaves_nothing_half_written(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = st.Terrain.foliage_pieces
+    seen: list[set[str]] = []
+
+    def pieces(terrain: st.Terrain, *area: float, storey: str) -> Iterator[NDArray[np.void]]:
+        if storey == "grass":  # the trees and shrubs are written by then
+            (hidden,) = tmp_path.iterdir()
+            seen.append({entry.name.split(".")[2] for entry in hidden.glob(".foliage.*.tmp")})
+            raise KeyboardInterrupt
+        yield from real(terrain, *area, storey=storey)
+
+    monkeypatch.setattr(st.Terrain, "foliage_pieces", pieces)
+    look = ["--size", 9, "--no-preview", "--foliage", "both", "--grass"]
+    done = call("generate", sketch, "-o", tmp_path, *look)
+    assert (done.code, done.error) == (130, "interrupted")
+    assert seen == [{"csv", "ply"}]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_more_plants_than_the_disk_has_room_for_are_refused_before_they_are_looked_for(
+    call: Callable[..., Any], tmp_path: Path
+) -> None:
+    (tmp_path / "wide").mkdir()
+    (tmp_path / "wide" / "sketch.toml").write_text("format = 1\nextent = 1e6\n[density]\nhill = 0.0\n")
+    (tmp_path / "out").mkdir()
+    done = call(
+        *("generate", tmp_path / "wide", "-o", tmp_path / "out", "--size", 9, "--no-preview"),
+        *("--foliage", "ply", "--grass"),
+    )
+    assert done.code == 3
+    assert re.fullmatch(
+        r"foliage\.ply: up to [\d.e+]+ plants need up to [\d.]+ GiB, \S+ has [\d.]+ GiB left", done.error
+    )
+    assert names(tmp_path / "out") == set()
+
+
 @pytest.mark.gl
 def test_the_preview_is_a_picture(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
     done = call("generate", sketch, "-o", tmp_path, "--size", 9)
@@ -223,6 +346,9 @@ def test_generate_draws_a_map_and_the_view_that_is_asked_for(
 @pytest.mark.parametrize(
     ("options", "code", "line"),
     [
+        (["--foliage", "obj"], 2, "expected csv, ply, both or none, got 'obj'"),
+        (["--grass"], 2, "--grass with --foliage csv: only foliage.ply holds it, take ply or both"),
+        (["--foliage", "none", "--grass"], 2, "--grass with --foliage none"),
         (["--map", "pdf"], 2, "expected png or svg, got 'pdf'"),
         (["--no-preview", "--time", "12"], 2, "--time with --no-preview: it is the preview's"),
         (["--no-preview", "--view", "air"], 2, "--view with --no-preview"),
@@ -230,7 +356,7 @@ def test_generate_draws_a_map_and_the_view_that_is_asked_for(
         (["--time", "0"], 3, "expected an hour from"),
     ],
 )
-def test_pictures_that_cannot_be_meant_are_refused_before_any_work(
+def test_what_cannot_be_meant_is_refused_before_any_work(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, options: list[str], code: int, line: str
 ) -> None:
     done = call("generate", sketch, "-o", tmp_path / "out", "--size", 9, *options)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,10 @@ from sketchterrain.terrain.plant import SPECIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     Plants = Callable[[int], np.ndarray]
 
+ROOT = Path(__file__).parents[2]
 SIZES = {"double": "<f8", "float": "<f4", "uchar": "u1"}
 PROPERTIES = ["x", "y", "z", "nx", "ny", "nz", "scale", "rotation", "tint", "level", "species"]
 
@@ -110,6 +111,16 @@ def test_an_interrupt_leaves_the_old_cloud_whole(tmp_path: Path, plants: Plants,
 def test_a_missing_folder_is_told_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(SketchterrainError, match=r"foliage\.ply: cannot be written \(No such file"):
         written(tmp_path / "no")
+
+
+def test_the_reader_in_the_docs_reads_them(tmp_path: Path, plants: Plants) -> None:
+    page = (ROOT / "docs/foliage_files.md").read_text(encoding="utf-8")
+    names: dict[str, Any] = {}
+    exec(page.split("```python\n")[1].split("```")[0], names)  # noqa: S102
+    some = plants(1000)
+    vertices, species = names["read_plants"](written(tmp_path, some))
+    assert_same(vertices, some)
+    assert tuple(species) == SPECIES
 
 
 @pytest.mark.parametrize("library", ["plyfile", "trimesh", "meshio"])

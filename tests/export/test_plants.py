@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export import plant_table
-from sketchterrain.export.plants import ROW_BYTES
+from sketchterrain.export.plants import ROW_BYTES, plant_table
 from sketchterrain.terrain.plant import PLANT, SPECIES
 
 if TYPE_CHECKING:

@@ -35,7 +35,7 @@ class Room:
 
 
 class Scratch:
-    """Rooms of a device that are lent one after the other.
+    """Rooms of a device that are lent one after the other, to one thread.
 
     New memory costs a fault a page at its first touch, more than a light kernel does with it.
 

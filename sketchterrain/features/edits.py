@@ -80,6 +80,11 @@ class EditedFill:
         """Distinct (wavelength in m, wind in degrees) of its dunes."""
         return self.fill.dune_styles
 
+    @property
+    def conifers(self) -> float:
+        """Share of conifers in its forests, 0 … 1 or ``BY_ELEVATION``."""
+        return self.fill.conifers
+
     def strongest(self, name: str, radius: float) -> float:
         """Return a strength that no feature of a type, up to a ground radius (m), exceeds."""
         return self.fill.strongest(name, radius)

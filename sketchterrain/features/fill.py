@@ -145,6 +145,11 @@ class Fill:
         style = (float(np.float32(properties["wavelength"])), float(np.float32(properties["wind"])))
         return frozenset([style])
 
+    @property
+    def conifers(self) -> float:
+        """Share of conifers in its forests, 0 … 1 or ``BY_ELEVATION``."""
+        return float(self.sketch.properties("forest", 1)["conifers"])
+
     def within(
         self, west: float, south: float, east: float, north: float, *, min_radius: float = 0.0
     ) -> Points:

@@ -64,6 +64,7 @@ _KINDS: Final = {
 _WINDOW = 768  # cells: lists take 96 bytes for each
 _ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 _MOST_GRIDS = 16
+_MOST_POINTS = 40_000_000
 
 
 @dataclass(frozen=True)
@@ -127,13 +128,14 @@ class GradedPoisson:
     ) -> None:
         if not 2 <= least <= most < math.inf:
             raise InputError(f"distances must be 2 … ∞ lattice units, least to most, not {least} … {most}")
-        grids = max(math.floor(math.log2((most + _ROUNDING) / (least + _ROUNDING))), levels) + 1
+        self._side = math.floor((least + _ROUNDING) / math.sqrt(2.0))
+        doubled = math.log2(_SPARE * (most + _ROUNDING) / (math.sqrt(2.0) * self._side))
+        grids = max(math.floor(doubled), levels) + 1
         if not (levels >= 0 and grids <= _MOST_GRIDS):
             raise InputError(f"distances and levels may double {_MOST_GRIDS - 1} times at most")
         self._context = context
         self._raster_of = raster_of
         self._least, self._most, self._levels = least, most, levels
-        self._side = math.floor((least + _ROUNDING) / math.sqrt(2.0))
         self._salts = [salt_of(seed, _STREAM, grid) for grid in range(grids)]
         self._rounds = [schedule(_COARSE_TRIALS if grid else _FINE_TRIALS) for grid in range(grids)]
         self._scratch = Scratch(context)
@@ -145,6 +147,11 @@ class GradedPoisson:
         -------
         ndarray of GRADED, shape (n,)
             By y, then x. A point that lies in two rectangles is the same in both.
+
+        Raises
+        ------
+        InputError
+            If there are over forty million.
         """
         steps = self.steps(area)
         while True:
@@ -161,6 +168,8 @@ class GradedPoisson:
             for part in band:
                 with self._scratch.lent() as room:
                     found += yield from self._window_steps(room, part)
+                if sum(map(len, found)) > _MOST_POINTS:
+                    raise InputError(f"the rectangle holds over {_MOST_POINTS} points; ask for parts of it")
         points = np.concatenate(found)
         return points[np.lexsort((points["x"], points["y"]))]
 
@@ -211,7 +220,8 @@ class GradedPoisson:
         low, high = ranges.over(start, [size * grid.side for size in _BLOCK])
         # What is between vertices is between their values; rounding is far below the margin.
         reach = math.sqrt(2.0) * (self._side << number)
-        busy = (low < 2.0 * _SPARE * reach) & (low <= self._most) & (high > reach / 2**self._levels / _SPARE)
+        busy = (low + _ROUNDING < 2.0 * _SPARE * reach) & (low <= self._most)
+        busy &= (high + _ROUNDING) * _SPARE * 2**self._levels > reach
         row, column = np.nonzero(busy)
         return np.stack([first[1][column], first[0][row]], axis=-1).astype(np.int32)
 
@@ -272,7 +282,7 @@ class GradedPoisson:
             self._context.launch(_FILE, "write_graded", size, *grid.points, *where, *raster, *found)
             result["x"], result["y"] = self._context.download(point, (total, 2), np.int64).T
             spacing, times = self._context.download(of, (total, 2), np.float32).T
-            result["spacing"], result["level"] = spacing, np.log2(times)
+            result["spacing"], result["level"] = spacing, np.rint(np.log2(times))
         return result
 
     def _launch(self, kernel: str, size: tuple[int, int], *arguments: Any) -> None:

@@ -12,6 +12,8 @@ from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.spacing_raster import SpacingRaster
 
 if TYPE_CHECKING:
+    from collections.abc import Generator
+
     import numpy.typing as npt
 
     Lattice = npt.NDArray[np.int64]
@@ -24,6 +26,7 @@ FILL = 0.65
 """Points on a square whose side is the distance between them, as the sampler leaves them."""
 
 _AT_ONCE = 32  # blocks of one evaluation
+_A_STEP = 4  # blocks that are made in a step
 _KEPT = 4096  # blocks: 64 MiB
 _BEYOND = 1.2  # times the greatest spacing, where nothing stands; no more, or woods would end a vertex early
 
@@ -81,8 +84,7 @@ class SpacingBlocks:
         """
         step = self._rule.step
         first, end = _vertices(west, east, step), _vertices(south, north, step)
-        columns = range(first[0] // BLOCK, (first[1] - 1) // BLOCK + 1)
-        rows = range(end[0] // BLOCK, (end[1] - 1) // BLOCK + 1)
+        columns, rows = _blocks_of(first), _blocks_of(end)
         blocks = self.blocks([(column, row) for row in rows for column in columns])
         whole = np.empty((len(rows) * BLOCK, len(columns) * BLOCK), np.float32)
         for number, block in enumerate(blocks):
@@ -91,6 +93,17 @@ class SpacingBlocks:
         left, low = BLOCK * columns[0], BLOCK * rows[0]
         part = whole[end[0] - low : end[1] - low, first[0] - left : first[1] - left]
         return SpacingRaster(first[0] * step, end[0] * step, step, np.ascontiguousarray(part))
+
+    def made_steps(self, west: int, south: int, east: int, north: int) -> Generator[None, None, None]:
+        """Make what a raster of a rectangle (lattice units) needs, in steps of a few ms."""
+        columns, rows = (
+            _blocks_of(_vertices(low, high, self._rule.step)) for low, high in ((west, east), (south, north))
+        )
+        keys = [(column, row) for row in rows for column in columns]
+        missing = [key for key in keys if key not in self._kept]
+        for start in range(0, min(len(missing), _KEPT), _A_STEP):
+            yield
+            self.blocks(missing[start : start + _A_STEP])
 
     def blocks(self, keys: list[tuple[int, int]]) -> list[npt.NDArray[np.float32]]:
         """Return blocks of BLOCK² vertices by their columns and rows, counted from the world's origin."""
@@ -135,3 +148,8 @@ def whole_step(metres: float, extent: float) -> int:
 def _vertices(low: int, high: int, step: int) -> tuple[int, int]:
     """Return the first of the vertices that a stretch lies between, and one past the last."""
     return low // step, -(-high // step) + 1
+
+
+def _blocks_of(vertices: tuple[int, int]) -> range:
+    """Return the blocks that vertices from a first to one past the last lie in."""
+    return range(vertices[0] // BLOCK, (vertices[1] - 1) // BLOCK + 1)

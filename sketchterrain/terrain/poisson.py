@@ -50,7 +50,7 @@ _MOST_RADIUS = 1 << 44  # a cell's side times SIDE stays below 2^63
 _MOST_TRIALS = 255
 _MOST_LEVELS = 12
 _MOST_POINTS = 40_000_000
-_BYTES_A_POINT = 17
+_BYTES_A_POINT = 2 * 17  # windows' points and, joined, all
 _ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 
 
@@ -143,7 +143,7 @@ class PoissonDisk:
     def pieces(self, area: Area) -> Iterator[Points]:
         """Return the points of a rectangle of any size band by band, from south to north.
 
-        Joined, they are what :meth:`within` returns.
+        Joined, they are what :meth:`within` returns. A band is 2048 cells high and as wide as the rectangle.
         """
         for band in bands(area, self._side, window=WINDOW):
             parts = []

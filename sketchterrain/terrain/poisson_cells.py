@@ -144,7 +144,7 @@ class Points(NamedTuple):
 
 
 def schedule(trials: int) -> tuple[Round, ...]:
-    """Return the rounds of so many darts a cell: each throws as many as all before it.
+    """Return the rounds of so many darts a cell: each throws about as many as all before it.
 
     The fuller the ground, the longer until a dart finds room; and a round costs halo, a dart does not.
     """

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.features.catalogue import BY_ELEVATION, conifer_share
 from sketchterrain.features.profiles import flank
 from sketchterrain.sketch import DEFAULT_RULES
 from sketchterrain.terrain.octaves import FINEST_WAVELENGTH, NoiseStack
@@ -132,6 +133,13 @@ class TerrainRecipe:
     @property
     def _fill_styles(self) -> set[tuple[float, float]]:
         return set(getattr(self.fill, "dune_styles", ()))
+
+    @cached_property
+    def says_conifers(self) -> bool:
+        """Whether any forest's share of conifers is not by elevation."""
+        forests = self.painted[self.painted["type"] == FEATURE_TYPES.index("forest")]
+        shares = (*conifer_share(forests["peakiness"]), getattr(self.fill, "conifers", BY_ELEVATION))
+        return bool(max(shares) >= 0.0)
 
     @property
     def stacks(self) -> tuple[NoiseStack, ...]:

@@ -38,7 +38,8 @@ _SQUARES: Final = {
     "woody": 2048.0,
     "grass": 256.0,
 }  # m, side of the squares in whose order plants come, about
-_AT_ONCE = 1 << 14  # plants whose ground is evaluated in a step
+_AT_ONCE = 1 << 12  # plants whose ground is evaluated in a step
+_HALO = 32  # greatest distances that the sampler looks beyond an area, about
 _SAMPLES = 16  # blocks along a side of those that an estimate reads
 _ERRORS = 2.0  # standard errors that are added to their mean
 _MARGIN = 1.3  # times as many plants as the spacing says there may be
@@ -119,6 +120,10 @@ class Storey:
 
     def plants_steps(self, area: Area) -> Generator[None, None, Plants]:
         """Find the plants of an area (lattice units) in steps of a few ms; the last one returns them."""
+        # Beforehand, for the sampler asks for all it needs at once; what is not foreseen is made then.
+        halo = _HALO * self._rule.most
+        west, south, east, north = area
+        yield from self._spacing.made_steps(west - halo, south - halo, east + halo, north + halo)
         points = yield from self._points.steps(area)
         x, y = points["x"], points["y"]
         points = points[np.lexsort((x, y, x // self._square, y // self._square))]

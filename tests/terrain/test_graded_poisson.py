@@ -140,6 +140,34 @@ def test_a_place_with_room_is_taken(context: ComputeContext) -> None:
     assert free.mean() < 0.01
 
 
+@pytest.mark.parametrize(("least", "most"), [(2, 5), (3500, 7001), (4000, 32_003), (4000, 60_000)])
+def test_the_greatest_distance_has_its_grid(context: ComputeContext, least: int, most: int) -> None:
+    def far(west: int, south: int, east: int, north: int) -> SpacingRaster:
+        first, last = (west // STEP, south // STEP), (-(-east // STEP) + 1, -(-north // STEP) + 1)
+        shape = (last[1] - first[1], last[0] - first[0])
+        return SpacingRaster(first[0] * STEP, first[1] * STEP, STEP, np.full(shape, most, np.float32))
+
+    own = GradedPoisson(context, far, least=least, most=most, levels=0, seed=1)
+    found = own.within((0, 0, 60 * most, 60 * most))
+    # Rounding to lattice units takes its share of distances of a few of them.
+    assert len(found) > (0.85 if least > 100 else 0.4) * GREATEST_DENSITY * 60**2
+
+
+@pytest.mark.parametrize("byte", [0x00, 0x60, 0x7E, 0xFF])
+def test_what_stood_in_memory_decides_nothing(
+    context: ComputeContext, byte: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    area = square(0, 300)
+    expected = sampler(context, waves).within(area)
+
+    def dirty(shape: tuple[int, ...] | int, dtype: object) -> object:
+        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+        return context.upload(np.full(size, byte, np.uint8), writable=True)
+
+    monkeypatch.setattr(context, "empty", dirty)
+    np.testing.assert_array_equal(sampler(context, waves).within(area), expected)
+
+
 def test_nothing_stands_where_the_distance_is_more_than_the_greatest(context: ComputeContext) -> None:
     def shore(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.where(x < 200.0, 5.0, 61.0) + 0 * y

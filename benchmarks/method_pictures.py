@@ -1,4 +1,4 @@
-"""The pictures of the pages on materials, lakes and foliage (``docs/kernels``), made from the terrain itself.
+"""The pictures of the pages on materials, lakes, foliage and points (``docs/kernels``), from the terrain.
 
 ``python -m sketchterrain.benchmarks.method_pictures DIR`` writes them.
 """
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.benchmarks.point_pictures import draw_points
 from sketchterrain.compute import ComputeContext
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
@@ -166,6 +167,7 @@ PICTURES: Mapping[str, Callable[[ComputeContext], Any]] = {
     "materials": draw_materials,
     "lakes": draw_lakes,
     "foliage": draw_foliage,
+    "poisson": draw_points,
 }
 """What draws each picture, by the name of its file."""
 

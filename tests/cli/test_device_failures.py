@@ -94,16 +94,19 @@ def test_a_failure_at_any_call_starts_all_again_elsewhere(
     first, spare = DEVICES[0], next(device for device in DEVICES if device != DEVICES[0])
     assert self_test(first, compare=False).bits == "same"
     failing = Failing(monkeypatch, first)
-    assert generate(call, tiny, tmp_path / "whole", "--device", first.index).code == 0
+    options = ("--device", first.index, "--foliage", "both")
+    assert generate(call, tiny, tmp_path / "whole", *options).code == 0
     expected, calls = files(tmp_path / "whole"), list(failing.calls)
-    assert {"opening", "uploading", "downloading", "launching patches", "launching accept"} <= set(calls)
+    assert {"opening", "uploading", "downloading", "launching patches", "launching accept_graded"} <= set(
+        calls
+    )
     chosen = [
         number for number, doing in enumerate(calls) if number % SHARE == 0 or calls[:number].count(doing) < 2
     ]
     out = tmp_path / "out"
     for number in chosen:
         failing.at_call(number)
-        done = generate(call, tiny, out, "--device", first.index)
+        done = generate(call, tiny, out, *options)
         assert done.code == 0, (number, calls[number], done.err)
         assert files(out) == expected, (number, calls[number])
         told = report(out)
@@ -135,8 +138,20 @@ def test_without_another_device_nothing_is_written(
 
 
 @two_devices
+@pytest.mark.parametrize(
+    ("foliage", "found"),
+    [
+        ("none", "computed normals and heights, 1 of"),
+        ("csv", "computed heights, 1 of"),
+    ],  # plants are reckoned first
+)
 def test_values_that_are_no_numbers_are_a_failure(
-    call: Callable[..., Any], tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Callable[..., Any],
+    tiny: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    foliage: str,
+    found: str,
 ) -> None:
     real = ComputeContext.download_into
 
@@ -145,11 +160,12 @@ def test_values_that_are_no_numbers_are_a_failure(
         if context.device == DEVICES[0] and array.ndim >= 3 and array.dtype == np.float32:
             array.flat[0] = np.nan
 
-    assert generate(call, tiny, tmp_path / "whole", "--device", DEVICES[0].index).code == 0
+    options = ("--device", DEVICES[0].index, "--foliage", foliage)
+    assert generate(call, tiny, tmp_path / "whole", *options).code == 0
     monkeypatch.setattr(ComputeContext, "download_into", download_into)
-    done = generate(call, tiny, tmp_path / "out", "--device", DEVICES[0].index)
+    done = generate(call, tiny, tmp_path / "out", *options)
     assert done.code == 0
-    assert "computed normals and heights, 1 of" in report(tmp_path / "out")["restarts"][0]
+    assert found in report(tmp_path / "out")["restarts"][0]
     assert files(tmp_path / "out") == files(tmp_path / "whole")
 
 

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.benchmarks.baselines.dart_thrower import throw_darts
 from sketchterrain.benchmarks.spectrum import HIGHEST, LOWEST, SETS, SIDE, spectrum_of
-from sketchterrain.terrain.poisson import GREATEST_DENSITY, poisson_disk
+from sketchterrain.terrain.poisson import GREATEST_DENSITY, PoissonDisk, poisson_disk
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -102,3 +102,23 @@ def test_the_programs_points_have_the_spectrum_of_darts(
     assert reference.worst < IDEAL + 0.7
     assert own.worst < -11.0
     assert own.power_difference(reference) < 0.05
+
+
+def test_levels_show_no_direction_either(context: TimedContext, darts: list[npt.NDArray[np.float64]]) -> None:
+    # One seed and many places: the world does not repeat itself.
+    apart = 400 * RADIUS
+    every, coarse = [], []
+    world = PoissonDisk(context, RADIUS, seed=3, levels=1)
+    for number in range(SETS):
+        west = number * apart
+        found = world.within((west, 0, west + 2 * SIDE * RADIUS, 2 * SIDE * RADIUS))
+        place = found.position - (west, 0)
+        every.append(place)
+        coarse.append(place[found.level >= 1])
+    for points, distance in ((every, RADIUS), (coarse, 2 * RADIUS)):
+        spectrum = spectrum_of(points, distance)
+        count = round(spectrum.points * (SIDE + 8.0) ** 2 / SIDE**2)
+        reference = spectrum_of([thrown[:count] for thrown in darts])
+        assert spectrum.worst < -11.0
+        # Coarse points first, so neighbours stand a little otherwise than where darts come in any order.
+        assert spectrum.power_difference(reference) < 0.2

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from sketchterrain.render.plant_cells import (
-    CELL,
     ROOM,
-    Cell,
     Place,
     PlantCells,
     Stand,
@@ -200,7 +197,7 @@ class Forest:
         tangent = 2.0 * np.tan(np.radians(camera.fov) / 2.0)
         least = self._thin * tangent / self._height
         floor = self.thinning.floor(least, still=self._elapsed is None)
-        counts = [_held(cell, camera.eye, floor) for cell in cells]
+        counts = [cell.held(camera.eye, floor) for cell in cells]
         stand = joined(cells, self._origin, counts)
         place = stand.place - (np.asarray(camera.eye) - [*self._origin, 0.0]).astype(np.float32)
         level = np.hypot(place[:, 0], place[:, 1])
@@ -270,14 +267,6 @@ def _present(
 def _beside(planes: Floats, place: npt.NDArray[np.floating]) -> npt.NDArray[np.bool_]:
     """Tell which places relative to the eye lie between the left and the right border of a view."""
     return np.asarray((place @ planes[:2, :3].T.astype(place.dtype) > -ROOM).all(axis=1))
-
-
-def _held(cell: Cell, eye: tuple[float, float, float], floor: float) -> int:
-    """Return how many of a cell's first plants may be above an angle (rad) for an eye."""
-    x, y = np.maximum(np.abs(cell.corner + 0.5 * CELL - eye[:2]) - 0.5 * CELL, 0.0).tolist()
-    z = max(eye[2] - cell.high, cell.low - eye[2], 0.0)
-    nearest = max(math.hypot(x, y, z), 1.0)
-    return int(np.searchsorted(-cell.stand.hold, -floor * nearest, side="right"))
 
 
 def _grouped(stand: Stand, share: Floats, details: range) -> Instances:

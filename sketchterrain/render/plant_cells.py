@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -64,6 +65,13 @@ class Cell:
     low: float
     high: float
     age: float = 0.0
+
+    def held(self, eye: tuple[float, float, float], angle: float) -> int:
+        """Return how many of its first plants may be above an angle (rad) for an eye (m), see `hold_of`."""
+        x, y = np.maximum(np.abs(self.corner + 0.5 * CELL - eye[:2]) - 0.5 * CELL, 0.0).tolist()
+        z = max(eye[2] - self.high, self.low - eye[2], 0.0)
+        nearest = max(math.hypot(x, y, z), 1.0)
+        return int(np.searchsorted(-self.stand.hold, -angle * nearest, side="right"))
 
 
 class PlantCells:

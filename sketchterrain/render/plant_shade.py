@@ -210,7 +210,7 @@ class PlantShade:
         cells: list[Cell] = [cell for cell in found if cell is not None]
         origin = cells[0].corner if cells else np.zeros(2)
         self._origins[index] = origin
-        stand = joined(cells, origin)
+        stand = joined(cells, origin, [cell.held(eye, self.angle) for cell in cells])
         place = _Place((0.0, 0.0, 0.0), 1.0) if each.coming is None else each.coming
         world = stand.place + np.array([*origin, 0.0])
         level = np.hypot(world[:, 0] - eye[0], world[:, 1] - eye[1])

@@ -13,6 +13,7 @@ from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import SPECIES
+from sketchterrain.terrain.raster_windows import axis_of, joined, windows_of
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.vertices import VertexStore
 
@@ -245,16 +246,16 @@ class Terrain:
         east, north = self.size
         cell = self.extent / (longer_side - 1)
         columns, rows = (max(2, round(length / cell) + 1) for length in (east, north))
-        x = _axis(east, columns, self.extent)
-        y = _axis(north, rows, self.extent)[::-1]
-        patches_x, patches_y = _windows(x), _windows(y)
+        x = axis_of(east, columns, self.extent)
+        y = axis_of(north, rows, self.extent)[::-1]
+        patches_x, patches_y = windows_of(x), windows_of(y)
         shape = (len(patches_y), len(patches_x))
         axis_x = np.broadcast_to(patches_x[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
         axis_y = np.broadcast_to(patches_y[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
         surface = self._evaluator.surface(axis_x, axis_y, cell_size=cell, progress=progress)
         spacing = (east / (columns - 1), north / (rows - 1))
         parts = (surface.height, surface.normal, surface.materials)
-        return Raster(spacing, *(_joined(part, shape, rows, columns) for part in parts))
+        return Raster(spacing, *(joined(part, shape, rows, columns) for part in parts))
 
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"
@@ -329,28 +330,3 @@ def _places(slots: npt.ArrayLike, count: int, most: int) -> npt.NDArray[np.int64
     if place.size and not (place.min() >= 0 and place.max() < most):
         raise InputError(f"slots must be 0 … {most - 1}")
     return place
-
-
-def _axis(length: float, count: int, extent: float) -> npt.NDArray[np.int64]:
-    """Lattice coordinates of ``count`` vertices over a length, with one more beyond each end."""
-    return to_lattice(np.arange(-1, count + 1) * (length / (count - 1)), extent)
-
-
-def _windows(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    """Cut an axis into overlapping windows of QUADS + 3; the last is filled up with its last vertex."""
-    inner = len(axis) - 2
-    starts = range(0, max(inner - 1, 1), QUADS)
-    index = np.minimum(np.array(starts)[:, None] + np.arange(QUADS + 3), len(axis) - 1)
-    return axis[index]
-
-
-def _joined(
-    patches: npt.NDArray[np.floating], shape: tuple[int, int], rows: int, columns: int
-) -> npt.NDArray[np.float32]:
-    """Put patches side by side; neighbours share a row or column of vertices."""
-    result = np.empty((rows, columns, *patches.shape[3:]), np.float32)
-    for number, patch in enumerate(patches):
-        top, left = (QUADS * place for place in divmod(number, shape[1]))
-        part = result[top : top + QUADS + 1, left : left + QUADS + 1]
-        part[...] = patch[: part.shape[0], : part.shape[1]]
-    return result

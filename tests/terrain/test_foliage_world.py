@@ -10,7 +10,8 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import conifer_code
-from sketchterrain.terrain import foliage
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import build, foliage
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
@@ -174,6 +175,21 @@ def test_bad_rectangles_get_one_line(valley: st.Terrain, area: tuple[float, ...]
         assert "\n" not in str(error.value)
     with pytest.raises(InputError, match=told):
         next(valley.foliage_steps(*area))
+
+
+@pytest.mark.parametrize("extent", [1.0, 4096.0, 1e6])
+def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context: ComputeContext, extent: float) -> None:
+    """A pixel of 3 cm, of 128 m, of 31 km; lattice units from a fraction of a micrometre to 6 cm."""
+    forest = np.zeros((32, 32), np.uint8)
+    forest[16, 16] = 1
+    sketch = Sketch(extent=extent, layers={"forest": forest}, density={"forest": 0.0})
+    terrain = build(sketch, device=context)
+    middle = extent * 16.5 / 32
+    for storey, half in (("woody", 500.0), ("grass", 20.0)):
+        plants = terrain.foliage(middle - half, middle - half, middle + half, middle + half, storey=storey)
+        assert len(plants) > 10
+        assert (np.abs(plants["x"] - middle) <= half).all()
+    assert terrain.foliage(middle, middle, middle, middle).size == 0
 
 
 def test_there_is_no_third_storey(valley: st.Terrain) -> None:

@@ -153,7 +153,7 @@ def _table_6_1(context: TimedContext, effort: Effort) -> Table:
 
 
 def _room(context: TimedContext, effort: Effort) -> Table:
-    side = effort.point_side
+    side = effort.room_side
     ladder = sorted({*effort.room_trials, TRIALS})
     libraries, absent = peers(side, effort.peer_trials, scipy_side=effort.scipy_side)
     ways = [

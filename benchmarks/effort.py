@@ -39,9 +39,11 @@ class Effort:
     foliage_side : float
         Side of the square that is planted, m.
     point_side : float
-        Side of the square on which points are scattered, in the unit of the distances.
+        Side of the square of table 6.1 of the thesis, in the unit of its distances.
     point_distances, point_trials : tuple of int
         r and k of table 6.1 of the thesis.
+    room_side : float
+        Side of the square whose room is measured, in distances.
     room_trials, peer_trials : tuple of int
         k at which the room that is left is measured: of this program and the thesis's way, of libraries.
     room_places : int
@@ -107,6 +109,7 @@ class Effort:
     point_side: float
     point_distances: tuple[int, ...]
     point_trials: tuple[int, ...]
+    room_side: float
     room_trials: tuple[int, ...]
     peer_trials: tuple[int, ...]
     room_places: int
@@ -152,9 +155,10 @@ QUICK = Effort(
     spline_count=24,
     culling_features=(100, 1_000, 10_000, 100_000),
     foliage_side=400.0,
-    point_side=128.0,
+    point_side=512.0,
     point_distances=(1, 2, 4, 8),
     point_trials=(4, 8, 12),
+    room_side=128.0,
     room_trials=(1, 4, 12),
     peer_trials=(4, 30),
     room_places=100_000,
@@ -204,6 +208,7 @@ FULL = Effort(
     point_side=512.0,
     point_distances=(1, 2, 4, 8),
     point_trials=(4, 8, 12),
+    room_side=512.0,
     room_trials=(1, 2, 3, 4, 6, 8, 12, 16, 32, 64),
     peer_trials=(4, 12, 30),
     room_places=2_000_000,

@@ -23,6 +23,7 @@ TINY = Effort(
     point_side=24.0,
     point_distances=(1, 2),
     point_trials=(4,),
+    room_side=24.0,
     room_trials=(1, 48),
     peer_trials=(4,),
     room_places=2_000,

@@ -104,10 +104,11 @@ _SPECTRUM_COLUMNS = (
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Points a second, how full they fill the ground, what room they leave, and their spectrum.
 
-    Time is by the clock, from call to points in memory; rounds alternate between all ways of a table, and
-    those below 0.1 s have twice as many again. Fill is the density by that of a maximal set, 0.6966 points a
-    squared distance, two distances away from the border, where points lie denser in all ways but this
-    program's. Room is the share of the ground where another point would still fit, by places drawn at random.
+    Time is by the clock, from call to points in memory, with the device's buffers made before; rounds
+    alternate between all ways of a table, and those below 0.1 s have twice as many again. Fill is the density
+    by that of a maximal set, 0.6966 points a squared distance, two distances away from the border, where
+    points lie denser in all ways but this program's. Room is the share of the ground where another point
+    would still fit, by places drawn at random.
 
     First, table 6.1 of the thesis: r, k darts a cell, the thesis's way made anew (phase groups, three levels,
     all darts of a cell in one turn) on the same device, and the thesis's own figures for a GTX 580.

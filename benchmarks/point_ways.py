@@ -58,15 +58,16 @@ class Way:
 
 
 def own(context: TimedContext, side: float, trials: int) -> Way:
-    """Return this program's way, from call to array."""
+    """Return this program's way, from call to array; each seed's buffers are kept from call to call."""
     area = (0, 0, round(side * _RADIUS), round(side * _RADIUS))
-    # As in use: a sampler is made once and keeps its buffers.
-    disk = cache(partial(PoissonDisk, context, _RADIUS, trials=trials))
+
+    @cache
+    def world(seed: int) -> PoissonDisk:
+        return PoissonDisk(context, _RADIUS, seed=seed, trials=trials)
 
     def run(seed: int) -> tuple[Lap, Points]:
         found: list[npt.NDArray[np.int64]] = []
-        own_disk = disk(seed=seed)
-        taken = context.lap(lambda: found.append(own_disk.within(area).position))
+        taken = context.lap(lambda: found.append(world(seed).within(area).position))
         return taken, found[0] / _RADIUS
 
     return Way(OURS, trials, side, run)

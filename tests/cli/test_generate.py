@@ -304,9 +304,10 @@ def test_more_plants_than_the_disk_has_room_for_are_refused_before_they_are_look
         *("--foliage", "ply", "--grass"),
     )
     assert done.code == 3
-    assert re.fullmatch(
-        r"foliage\.ply: up to [\d.e+]+ plants need up to [\d.]+ GiB, \S+ has [\d.]+ GiB left", done.error
-    )
+    figures = r"foliage\.ply: up to [\d.e+]+ plants need up to [\d.]+ GiB, (.+) has [\d.]+ GiB left"
+    told = re.fullmatch(figures, done.error)
+    assert told is not None, done.error
+    assert told[1] == str(tmp_path / "out")
     assert names(tmp_path / "out") == set()
 
 

@@ -51,7 +51,7 @@ _STEEPEST = 1.0  # rise over run on which trees hold
 _LESS_STEEP = 0.75  # rise over run from which on fewer do
 _TREE_LINE = 60.0  # m about the tree line in which they get fewer
 _WATERSIDE = 0.7  # water mask from which on it is too wet
-_FRINGE = 0.02  # plants on a bare square metre amid a full forest that have seeded themselves from it
+_FRINGE = 0.028  # plants on a bare square metre amid a full forest that have seeded themselves from it
 _SEED_FLIES = 22.0  # m: how far
 
 

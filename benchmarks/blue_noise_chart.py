@@ -17,6 +17,7 @@ __all__ = ["draw_room", "draw_spectra", "draw_table_6_1"]
 _OWN, _THESIS, _GTX = "#0072B2", "#777777", "#D55E00"
 _MORE = ("#E69F00", "#AA5586", "#009E73", "#333333")
 _SMALL = 8.0
+_RATES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
 _IDEAL, _ASKED = -13.0, -11.0  # dB, of twenty sets; the worst that is asked for
 _ASKED_ROOM = 1.0  # %
 _LEAST_ROOM = 1e-3  # %; what is less stands there
@@ -41,7 +42,12 @@ def draw_table_6_1(rows: Sequence[Row]) -> Any:
         axes.set(xscale="log", yscale="log", title=f"k = {k}", xlabel="r")
         axes.set_xticks(distances, [f"{distance:g}" for distance in distances])
         axes.xaxis.set_minor_locator(_no_ticks())
-        axes.yaxis.set_major_formatter(_plain())
+    rates = [value_of(row, key) for row in rows for key, *_ in series if value_of(row, key)]
+    low, high = min(rates) / 1.5, max(rates) * 1.5
+    ticks = [tick for tick in _RATES if low < tick < high]
+    panels[0].set_ylim(low, high)
+    panels[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    panels[0].yaxis.set_minor_locator(_no_ticks())
     panels[0].set_ylabel("million points a second")
     panels[-1].legend(fontsize=_SMALL, frameon=False)
     figure.suptitle(
@@ -75,7 +81,8 @@ def draw_room(rows: Sequence[Row]) -> Any:
             )
         place = _abscissa(default, key), max(value_of(default, "room"), _LEAST_ROOM)
         axes.plot(*place, "o", color=_OWN, markersize=11, fillstyle="none")
-        axes.annotate("default", place, (8, 6), textcoords="offset points", color=_OWN, fontsize=_SMALL)
+        label_style: Any = {"textcoords": "offset points", "color": _OWN, "fontsize": _SMALL, "ha": "right"}
+        axes.annotate("default", place, (-7, -12), **label_style)
         axes.axhline(_ASKED_ROOM, color=_GTX, linestyle=":", linewidth=1.2)
         axes.set(xscale="log", yscale="log", xlabel=label)
         axes.xaxis.set_major_formatter(_plain())

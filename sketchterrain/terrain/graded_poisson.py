@@ -191,7 +191,7 @@ class GradedPoisson:
                 yield
                 found.append(self._collected(room, grid, area, ground))
             if number:
-                lists = self._listed(grid, self._blocks(ranges, grid, number - 1))
+                lists = self._listed(grid, self._blocks(ranges, grid, number - 1, finer=True))
         return found
 
     def _rim(self, grid: int) -> int:
@@ -210,8 +210,13 @@ class GradedPoisson:
         spacing = self._context.upload(np.asarray(raster.spacing, np.float32))
         return spacing, *shape, *corner, np.float32(self._most)
 
-    def _blocks(self, ranges: SpacingRanges, grid: Grid, number: int) -> npt.NDArray[np.int32]:
-        """Return the first cells (n, 2) of a window's blocks where there is something to do for a grid."""
+    def _blocks(
+        self, ranges: SpacingRanges, grid: Grid, number: int, *, finer: bool = False
+    ) -> npt.NDArray[np.int32]:
+        """Return the first cells (n, 2) of a window's blocks where a grid has something to do.
+
+        With `finer`, where it or any finer one has: lists are made of lists.
+        """
         first = [np.arange(0, many, size) for many, size in zip(grid.cells.shape, _BLOCK, strict=True)]
         start = [
             (at + cell) * grid.side
@@ -221,7 +226,8 @@ class GradedPoisson:
         # What is between vertices is between their values; rounding is far below the margin.
         reach = math.sqrt(2.0) * (self._side << number)
         busy = (low + _ROUNDING < 2.0 * _SPARE * reach) & (low <= self._most)
-        busy &= (high + _ROUNDING) * _SPARE * 2**self._levels > reach
+        if not finer:
+            busy &= (high + _ROUNDING) * _SPARE * 2**self._levels > reach
         row, column = np.nonzero(busy)
         return np.stack([first[1][column], first[0][row]], axis=-1).astype(np.int32)
 

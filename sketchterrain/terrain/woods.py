@@ -128,7 +128,8 @@ class Woods:
         ground = (foot.z, foot.steepness, foot.forest, foot.water, young.astype(np.float64))
         site = Site(foot.x, foot.y, partial(self._at, foot.x, foot.y), *ground)
         plants["species"] = species_mix(self._recipe, site).chosen(draw)
-        plants["scale"] = tree_size(draw, foot.forest, young, plants["species"] == SHRUB)
+        above = foot.z - self._recipe.climate["tree_line"]
+        plants["scale"] = tree_size(draw, foot.forest, above, young, plants["species"] == SHRUB)
 
     def _lone(self, wide: Reals, narrow: Reals, dune: Reals, water: Reals) -> Reals:
         """Plants on a square metre outside forests: in loose groups, few between them; more beside water."""

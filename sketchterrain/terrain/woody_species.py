@@ -40,6 +40,8 @@ _FULL = tuple(float(density_of(apart)) for apart in _APART)
 _CONIFER_BELT = 450.0  # m below the tree line in which conifers take over
 _STANDS = (420.0, 90.0)  # m, from one species' stand to the next, and their ragged borders
 _YOUNG = 0.16  # share of a forest's trees that are not grown
+_STUNTED = 0.6  # share of their height that the highest trees lack
+_STUNTED_FROM = (-130.0, 50.0)  # m above the tree line from which on they do, and where they lack most
 
 
 class Site(NamedTuple):
@@ -110,15 +112,17 @@ def species_mix(recipe: TerrainRecipe, site: Site) -> Mix:
 def tree_size(
     draw: Callable[[str], Reals],
     forest: Reals,
+    above_tree_line: Reals,
     young: npt.NDArray[np.bool_],
     shrub: npt.NDArray[np.bool_],
 ) -> Reals:
-    """Return sizes: most plants are grown, some smaller; trees get lower towards a forest's edge."""
+    """Return sizes: most are grown; trees get lower towards a forest's edge and the tree line (m)."""
     size = draw("scale")
     grown = 0.65 + 0.6 * size**2
     edge = np.where((forest > 0) & (forest < EDGE), 0.6 + 0.4 * forest / EDGE, 1.0)
     small = young | ((forest >= OUTSIDE) & (draw("young") < _YOUNG))
-    return np.where(shrub, grown, np.where(small, 0.22 + 0.38 * size, grown * edge))
+    stunted = 1 - _STUNTED * ramp(above_tree_line, *_STUNTED_FROM)
+    return np.where(shrub, grown, stunted * np.where(small, 0.22 + 0.38 * size, grown * edge))
 
 
 def _stands(site: Site, name: str, lean: Reals) -> Reals:

@@ -214,6 +214,20 @@ def test_a_thin_forest_is_as_even_as_a_thick_one(
     assert apart[1].min() > 1.9 * apart[0].min()
 
 
+def test_trees_are_lower_near_the_tree_line(
+    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
+) -> None:
+    mountain = feature("mountain", 2000, 2000, 1500, 700, peakiness=0.3)
+    forest = feature("forest", 2000, 2000, 1500, 1.0)
+    plants = FoliageSampler(Evaluator(make_recipe(mountain, forest), context)).within(1000, 1000, 3000, 3000)
+    trees = plants[plants["species"] != SPECIES.index("shrub")]
+    high, low = (trees["scale"][trees["z"] > 380], trees["scale"][trees["z"] < 250])
+    assert len(high) > 100
+    assert len(low) > 1000
+    assert trees["z"].max() < 460
+    assert np.median(high) < 0.65 * np.median(low)
+
+
 def test_ferns_grow_in_forests_and_flowers_outside(
     make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
 ) -> None:

@@ -140,6 +140,14 @@ class GradedPoisson:
         self._rounds = [schedule(_COARSE_TRIALS if grid else _FINE_TRIALS) for grid in range(grids)]
         self._scratch = Scratch(context)
 
+    @property
+    def reach(self) -> int:
+        """How far beyond a rectangle the distance is asked for at most, lattice units."""
+        rim = self._rim(0)
+        for number in range(1, len(self._salts)):
+            rim = -(-rim // 2) + 1 + _REACH + self._rim(number)
+        return (rim + 1) * self._side << (len(self._salts) - 1)
+
     def within(self, area: Area) -> npt.NDArray[np.void]:
         """Return the points of a rectangle (lattice units; its east and north are not in it).
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LEVELS", "Storey"]
 
-LEVELS: Final = 4
+LEVELS: Final = 3
 """Coarser Poisson-disk sets among the plants, at twice the distance each."""
 
 _RULES: Final[dict[str, type[Woods] | type[Meadow]]] = {"woody": Woods, "grass": Meadow}
@@ -39,7 +39,6 @@ _SQUARES: Final = {
     "grass": 256.0,
 }  # m, side of the squares in whose order plants come, about
 _AT_ONCE = 1 << 12  # plants whose ground is evaluated in a step
-_HALO = 32  # greatest distances that the sampler looks beyond an area, about
 _SAMPLES = 16  # blocks along a side of those that an estimate reads
 _ERRORS = 2.0  # standard errors that are added to their mean
 _MARGIN = 1.3  # times as many plants as the spacing says there may be
@@ -120,8 +119,8 @@ class Storey:
 
     def plants_steps(self, area: Area) -> Generator[None, None, Plants]:
         """Find the plants of an area (lattice units) in steps of a few ms; the last one returns them."""
-        # Beforehand, for the sampler asks for all it needs at once; what is not foreseen is made then.
-        halo = _HALO * self._rule.most
+        # Beforehand, for the sampler asks for all it needs at once.
+        halo = self._points.reach
         west, south, east, north = area
         yield from self._spacing.made_steps(west - halo, south - halo, east + halo, north + halo)
         points = yield from self._points.steps(area)

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Woods"]
 
-LEAST: Final = 3.5
+LEAST: Final = 4.0
 """m between trees or shrubs where they stand thickest."""
-MOST: Final = 64.0
+MOST: Final = 63.9
 """m between lone ones; where they would stand thinner none does."""
 CELL: Final = 8.0
 """m between the raster's vertices, about."""

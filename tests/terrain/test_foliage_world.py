@@ -210,8 +210,9 @@ def test_a_thin_forest_is_as_even_as_a_thick_one(
 
     full, thin = inside(1.0), inside(0.25)
     assert len(thin) / len(full) == pytest.approx(0.25, rel=0.12)
-    apart = [cKDTree(at).query(at, k=2)[0][:, 1] for at in (full, thin)]
-    assert apart[1].min() > 1.9 * apart[0].min()
+    # Not the very least: which species stand at the nearest pair of some thousand is chance.
+    apart = [np.quantile(cKDTree(at).query(at, k=2)[0][:, 1], [0.01, 0.1, 0.5]) for at in (full, thin)]
+    assert (apart[1] > 1.9 * apart[0]).all()
 
 
 def test_trees_are_lower_near_the_tree_line(

@@ -211,6 +211,24 @@ def test_a_distance_that_is_no_number(context: ComputeContext, least: float) -> 
         GradedPoisson(context, raster_of(waves), least=least, most=MOST, levels=1, seed=1)  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(("metres", "levels"), [(0, 0), (1, 3), (90, 1), (3000, 3)])
+def test_the_raster_is_asked_for_no_farther_than_said(
+    context: ComputeContext, metres: int, levels: int
+) -> None:
+    asked = []
+
+    def told(west: int, south: int, east: int, north: int) -> SpacingRaster:
+        asked.append((west, south, east, north))
+        return raster_of(waves)(west, south, east, north)
+
+    own = GradedPoisson(context, told, least=LEAST, most=MOST, levels=levels, seed=1)
+    area = (-7, 11, metres * METRE + 1, metres * METRE + 12)
+    own.within(area)
+    low, high = np.min(asked, axis=0)[:2], np.max(asked, axis=0)[2:]
+    far = max(*(np.array(area[:2]) - low), *(high - np.array(area[2:])))
+    assert 0.9 * own.reach < far <= own.reach
+
+
 def test_two_runs_may_be_under_way_at_once(context: ComputeContext) -> None:
     own = sampler(context, waves)
     areas = [square(0, 200), square(FAR, 300)]

@@ -7,8 +7,8 @@
 // r the points of one grid have the one level a for which r 2^a lies within [s sqrt(2), 2 s sqrt(2)), so that a cell
 // holds at most one of them and points of one grid conflict over at most REACH cells. Points of coarser grids that can
 // conflict with anything thrown into a cell are listed for the cell beforehand: some of its own list when it was of the
-// finer grid, and some of its neighbours. Rounds of darts are as in poisson.cl. Only + - * and conversions touch distances, so every
-// device gives the same points.
+// finer grid, and some of its neighbours. Rounds of darts are as in poisson.cl. Only + - * and conversions touch
+// distances, so every device gives the same points.
 //
 // Lengths are in shares of a cell's side, 1 / SIDE, of the grid at hand: they double from a grid to the next finer one.
 
@@ -83,11 +83,13 @@ inline int conflict(float dx, float dy, float half_p, float times_p, float half_
 #define BLOCK_COLUMNS 64
 #define BLOCK_ROWS 16
 #define BLOCK_ARGUMENTS __global const int2 *blocks, int width, int height, int rim
-#define CELL_OF_BLOCK                                                                                      \
-    const int2 block = blocks[(uint)get_global_id(1) / BLOCK_ROWS];                                             \
-    const int i = block.s0 + (int)get_global_id(0);                                                        \
-    const int j = block.s1 + (int)((uint)get_global_id(1) % BLOCK_ROWS);                                           \
-    if (j < rim || j >= height - rim) return; if (i < rim || i >= width - rim) return;                               \
+// Rows are asked about before columns: what is the same for all of a group does not keep it from being vectorised.
+#define CELL_OF_BLOCK                                                   \
+    const int2 block = blocks[(uint)get_global_id(1) / BLOCK_ROWS];     \
+    const int j = block.s1 + (int)((uint)get_global_id(1) % BLOCK_ROWS); \
+    if (j < rim || j >= height - rim) return;                           \
+    const int i = block.s0 + (int)get_global_id(0);                     \
+    if (i < rim || i >= width - rim) return;                            \
     const int at = j * width + i;
 
 // A window's points: where they lie in their cells (x EMPTY: none), half their distance, and 2^level.
@@ -204,8 +206,8 @@ __kernel void clear(__global short *x, __global float *half_distance, __global f
 // of them are held against each point while that is at hand.
 __attribute__((always_inline)) inline void throw_darts(
     POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y, __global float *candidate_half,
-    __global float *candidate_times, __global uint *time, Lists lists, Raster raster, __global const int2 *blocks, int width, int height, int rim, Window w, long side, float scale, int levels, int start, int tries,
-    const int at_once)
+    __global float *candidate_times, __global uint *time, Lists lists, Raster raster, BLOCK_ARGUMENTS, Window w,
+    long side, float scale, int levels, int start, int tries, const int at_once)
 {
     CELL_OF_BLOCK
     const uint cell = cell_hash(w, i, j);
@@ -299,7 +301,8 @@ __kernel void throw_two_graded(THROW_ARGUMENTS) { THROW(2) }
 __kernel void throw_four_graded(THROW_ARGUMENTS) { THROW(4) }
 
 // Accepts each candidate that is the earliest among those it conflicts with.
-__kernel void accept_graded(BLOCK_ARGUMENTS, POINT_ARGUMENTS, __global const short *candidate_x, __global const short *candidate_y,
+__kernel void accept_graded(BLOCK_ARGUMENTS, POINT_ARGUMENTS, __global const short *candidate_x,
+                            __global const short *candidate_y,
                             __global const float *candidate_half, __global const float *candidate_times,
                             __global const uint *time)
 {

@@ -16,9 +16,9 @@
 
 // The candidate of a cell: its first dart, of `tries` from number `start` on, that is free. `at_once`, a literal,
 // of them are held against each cell's point while that is at hand; `bare`, too, if the window has no point yet.
-__attribute__((always_inline)) inline void throw_darts(__global const short *x, __global const short *y, __global short *candidate_x,
-                        __global short *candidate_y, __global uint *time, int width, int rim, Window w, int r2,
-                        int start, int tries, const int at_once, const int bare)
+__attribute__((always_inline)) inline void throw_darts(
+    __global const short *x, __global const short *y, __global short *candidate_x, __global short *candidate_y,
+    __global uint *time, int width, int rim, Window w, int r2, int start, int tries, const int at_once, const int bare)
 {
     const int i = get_global_id(0) + rim;
     const int j = get_global_id(1) + rim;

@@ -108,12 +108,9 @@ typedef struct {
     long west, south;
 } Lists;
 
-#define LIST_ARGUMENTS(prefix)                                                                             \
-    __global const float *prefix##near, __global const uchar *prefix##listed, int prefix##list_width,      \
-        int prefix##list_height, long prefix##list_west, long prefix##list_south
-#define COLLECT_LISTS(prefix)                                                                              \
-    const Lists lists = {prefix##near, prefix##listed, prefix##list_width, prefix##list_height,            \
-                         prefix##list_west, prefix##list_south};
+#define LIST_ARGUMENTS \
+    __global const float *near, __global const uchar *listed, int list_width, int list_height, long list_west, long list_south
+#define COLLECT_LISTS const Lists lists = {near, listed, list_width, list_height, list_west, list_south};
 
 // Whose list is that of a cell.
 inline int list_of(Lists lists, long column, long row)
@@ -149,10 +146,10 @@ __attribute__((always_inline)) inline int list(__global float *near, size_t plan
 
 // Lists for a finer grid, from this grid's points and this grid's own lists.
 //   finer_near, finer_listed   a list for each cell of this grid, written
-__kernel void list_for_finer(BLOCK_ARGUMENTS, POINT_ARGUMENTS, LIST_ARGUMENTS(), __global float *finer_near,
+__kernel void list_for_finer(BLOCK_ARGUMENTS, POINT_ARGUMENTS, LIST_ARGUMENTS, __global float *finer_near,
                              __global uchar *finer_listed, long west, long south)
 {
-    COLLECT_LISTS()
+    COLLECT_LISTS
     CELL_OF_BLOCK
     const size_t plane = width * height;
     int many = 0;
@@ -283,12 +280,12 @@ __attribute__((always_inline)) inline void throw_darts(
 
 #define THROW_ARGUMENTS                                                                                              \
     POINT_ARGUMENTS, __global short *candidate_x, __global short *candidate_y, __global float *candidate_half,       \
-        __global float *candidate_times, __global uint *time, LIST_ARGUMENTS(), RASTER_ARGUMENTS, BLOCK_ARGUMENTS,  \
+        __global float *candidate_times, __global uint *time, LIST_ARGUMENTS, RASTER_ARGUMENTS, BLOCK_ARGUMENTS,  \
         long west, long south, uint salt, long side, float scale, int levels, int start, int tries
 #define THROW(at_once)                                                                                               \
     COLLECT_RASTER                                                                                                   \
     const Window w = {west, south, salt};                                                                            \
-    COLLECT_LISTS()                                                                                                  \
+    COLLECT_LISTS                                                                                                  \
     throw_darts(x, y, half_distance, times, candidate_x, candidate_y, candidate_half, candidate_times, time, lists,  \
                 raster, blocks, width, height, rim, w, side, scale, levels, start, tries, at_once);
 

@@ -9,6 +9,7 @@ import numpy as np
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.plant import PLANT, STOREYS
+from sketchterrain.terrain.stepped import finished
 from sketchterrain.terrain.storey import Storey
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ class FoliageSampler:
 
     def within(self, west: float, south: float, east: float, north: float, storey: str = "woody") -> Plants:
         """Return the plants of a rectangle in metres; see :meth:`Terrain.foliage`."""
-        return _finished(self.steps(west, south, east, north, storey))
+        return finished(self.steps(west, south, east, north, storey))
 
     def steps(
         self, west: float, south: float, east: float, north: float, storey: str
@@ -63,7 +64,7 @@ class FoliageSampler:
     ) -> Iterator[Plants]:
         """Return the same piece by piece; see :meth:`Terrain.foliage_pieces`."""
         chosen, area = self._asked((west, south, east, north), storey)
-        return (_finished(chosen.plants_steps(part)) for part in chosen.parts(area, most=_A_PIECE))
+        return (finished(chosen.plants_steps(part)) for part in chosen.parts(area, most=_A_PIECE))
 
     def estimate(
         self, west: float, south: float, east: float, north: float, storey: str = "woody"
@@ -81,12 +82,3 @@ class FoliageSampler:
             told = ", ".join(f"{each:g}" for each in rectangle)
             raise InputError(f"expected west ≤ east and south ≤ north, got {told}")
         return self._storeys[storey], (west, south, east, north)
-
-
-def _finished(steps: Generator[None, None, Plants]) -> Plants:
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            plants: Plants = end.value
-            return plants

@@ -15,6 +15,8 @@ from sketchterrain.compute.scratch import Scratch
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.poisson_cells import (
     GROUP,
+    MOST_POINTS,
+    ROUNDING,
     SIDE,
     Area,
     Cells,
@@ -27,6 +29,7 @@ from sketchterrain.terrain.poisson_cells import (
     thrown_by,
 )
 from sketchterrain.terrain.spacing_raster import SpacingRanges
+from sketchterrain.terrain.stepped import finished
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -62,9 +65,7 @@ _KINDS: Final = {
     "time": np.uint32,
 }
 _WINDOW = 768  # cells: lists take 96 bytes for each
-_ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 _MOST_GRIDS = 16
-_MOST_POINTS = 40_000_000
 
 
 @dataclass(frozen=True)
@@ -128,14 +129,14 @@ class GradedPoisson:
     ) -> None:
         if not 2 <= least <= most < math.inf:
             raise InputError(f"distances must be 2 … ∞ lattice units, least to most, not {least} … {most}")
-        self._side = math.floor((least + _ROUNDING) / math.sqrt(2.0))
-        doubled = math.log2(_SPARE * (most + _ROUNDING) / (math.sqrt(2.0) * self._side))
+        self._side = math.floor((least + ROUNDING) / math.sqrt(2.0))
+        doubled = math.log2(_SPARE * (most + ROUNDING) / (math.sqrt(2.0) * self._side))
         grids = max(math.floor(doubled), levels) + 1
         if not (levels >= 0 and grids <= _MOST_GRIDS):
             raise InputError(f"distances and levels may double {_MOST_GRIDS - 1} times at most")
         self._context = context
         self._raster_of = raster_of
-        self._least, self._most, self._levels = least, most, levels
+        self._most, self._levels = most, levels
         self._salts = [salt_of(seed, _STREAM, grid) for grid in range(grids)]
         self._rounds = [schedule(_COARSE_TRIALS if grid else _FINE_TRIALS) for grid in range(grids)]
         self._scratch = Scratch(context)
@@ -161,13 +162,7 @@ class GradedPoisson:
         InputError
             If there are over forty million.
         """
-        steps = self.steps(area)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                points: npt.NDArray[np.void] = end.value
-                return points
+        return finished(self.steps(area))
 
     def steps(self, area: Area) -> Generator[None, None, npt.NDArray[np.void]]:
         """Do the same in steps: the device works while others go on; the last one returns the points."""
@@ -176,8 +171,8 @@ class GradedPoisson:
             for part in band:
                 with self._scratch.lent() as room:
                     found += yield from self._window_steps(room, part)
-                if sum(map(len, found)) > _MOST_POINTS:
-                    raise InputError(f"the rectangle holds over {_MOST_POINTS} points; ask for parts of it")
+                if sum(map(len, found)) > MOST_POINTS:
+                    raise InputError(f"the rectangle holds over {MOST_POINTS} points; ask for parts of it")
         points = np.concatenate(found)
         return points[np.lexsort((points["x"], points["y"]))]
 
@@ -233,9 +228,9 @@ class GradedPoisson:
         low, high = ranges.over(start, [size * grid.side for size in _BLOCK])
         # What is between vertices is between their values; rounding is far below the margin.
         reach = math.sqrt(2.0) * (self._side << number)
-        busy = (low + _ROUNDING < 2.0 * _SPARE * reach) & (low <= self._most)
+        busy = (low + ROUNDING < 2.0 * _SPARE * reach) & (low <= self._most)
         if not finer:
-            busy &= (high + _ROUNDING) * _SPARE * 2**self._levels > reach
+            busy &= (high + ROUNDING) * _SPARE * 2**self._levels > reach
         row, column = np.nonzero(busy)
         return np.stack([first[1][column], first[0][row]], axis=-1).astype(np.int32)
 

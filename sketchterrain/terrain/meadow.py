@@ -10,7 +10,7 @@ from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import SPECIES
 from sketchterrain.terrain.plant_noise import PlantNoise, ramp
-from sketchterrain.terrain.plant_spacing import density_of, whole_step
+from sketchterrain.terrain.plant_spacing import density_of, whole_step, widened
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -81,14 +81,14 @@ class Meadow:
 
     def densities(self, x: Lattice, y: Lattice) -> Reals:
         """Return plants on a square metre; see :class:`SpacingRule`."""
-        wide_x, wide_y = (_widened(each, self.step) for each in (x, y))
+        wide_x, wide_y = (widened(each, self.step) for each in (x, y))
         surface = self._evaluator.surface(wide_x, wide_y[:, ::-1], cell_size=self._cell)
         density = np.zeros(surface.height.shape, np.float32)
         # One material after the other: what a library sums in which order is its own business.
         for material, full in enumerate(self._full):
             if full > 0:
                 density += full * surface.materials[:, ::-1, :, material]
-        wide, narrow = (self._over("tufts", width, x, y) for width in _PATCHES)
+        wide, narrow = (self._noise.over_blocks("tufts", width, x, y) for width in _PATCHES)
         thick = _THIN + (1 - _THIN) * ramp(0.6 * wide + 0.4 * narrow, 0.2, 0.6)
         return np.asarray(density * (thick * (1 - _DROUGHT * self._climate["aridity"] ** 2)))
 
@@ -109,11 +109,3 @@ class Meadow:
         above = foot.z - self._climate["tree_line"]
         lush = (1 + 0.5 * ramp(foot.water, *_DAMP)) * (1 - 0.4 * ramp(above, *_LOWER_UP)) * (1 - 0.35 * dry)
         plants["scale"] = (0.6 + 0.7 * self._noise.draw("tuft scale", x, y)) * lush
-
-    def _over(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
-        return np.stack([self._noise.over(name, width, *axes) for axes in zip(x, y, strict=True)])
-
-
-def _widened(axis: Lattice, step: int) -> Lattice:
-    """Return blocks' axes with one more vertex beyond each end."""
-    return np.asarray(axis[:, :1] + step * np.arange(-1, axis.shape[1] + 1, dtype=np.int64))

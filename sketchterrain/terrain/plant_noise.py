@@ -51,6 +51,10 @@ class PlantNoise:
         across = (1.0 - u) * corner[:, east] + u * corner[:, east + 1]
         return np.asarray((1.0 - v[:, None]) * across[north] + v[:, None] * across[north + 1])
 
+    def over_blocks(self, name: str, width: float, x: Lattice, y: Lattice) -> Reals:
+        """Return the same over blocks, by their axes of shape (blocks, n); shape (blocks, n, n)."""
+        return np.stack([self.over(name, width, *axes) for axes in zip(x, y, strict=True)])
+
     def _steps(self, along: Lattice, width: float) -> Reals:
         return np.asarray(self._unit / width * along.astype(np.float64))
 

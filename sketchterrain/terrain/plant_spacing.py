@@ -18,7 +18,16 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["BLOCK", "FILL", "SpacingBlocks", "SpacingRule", "density_of", "spacing_of", "whole_step"]
+__all__ = [
+    "BLOCK",
+    "FILL",
+    "SpacingBlocks",
+    "SpacingRule",
+    "density_of",
+    "spacing_of",
+    "whole_step",
+    "widened",
+]
 
 BLOCK = 64
 """Vertices along a block's side."""
@@ -138,6 +147,12 @@ def spacing_of(density: npt.NDArray[np.floating]) -> npt.NDArray[np.float64]:
 def density_of(spacing: npt.NDArray[np.floating] | float) -> npt.NDArray[np.float64]:
     """Return how many plants there are on a square metre where they keep a distance (m)."""
     return np.asarray(FILL / np.square(np.asarray(spacing, np.float64)))
+
+
+def widened(axis: Lattice, step: int, *, rim: int = 1) -> Lattice:
+    """Return blocks' axes (blocks, n) of vertices a step apart with so many more beyond each end."""
+    count = axis.shape[1] + 2 * rim
+    return np.asarray(axis[:, :1] + step * (np.arange(count, dtype=np.int64) - rim))
 
 
 def whole_step(metres: float, extent: float) -> int:

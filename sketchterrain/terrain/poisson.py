@@ -12,6 +12,8 @@ from sketchterrain.compute.scratch import Scratch
 from sketchterrain.errors import InputError
 from sketchterrain.terrain.poisson_cells import (
     GROUP,
+    MOST_POINTS,
+    ROUNDING,
     SIDE,
     WINDOW,
     Area,
@@ -27,6 +29,7 @@ from sketchterrain.terrain.poisson_cells import (
     schedule,
     thrown_by,
 )
+from sketchterrain.terrain.stepped import finished
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator
@@ -49,9 +52,7 @@ _REACH = 2  # cells, as in the kernels
 _MOST_RADIUS = 1 << 44  # a cell's side times SIDE stays below 2^63
 _MOST_TRIALS = 255
 _MOST_LEVELS = 12
-_MOST_POINTS = 40_000_000
 _BYTES_A_POINT = 2 * 17  # windows' points and, joined, all
-_ROUNDING = math.sqrt(2.0)  # lattice units that two points may come nearer by rounding them
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,8 @@ class PoissonDisk:
         self._rounds = schedule(trials)
         self._rim = 2 * _REACH * len(self._rounds)
         # A cell's side, lattice units, and the distance in shares of it: no two points fit into one cell.
-        self._side = math.ceil((radius + _ROUNDING) / math.sqrt(2.0))
-        r2 = math.ceil(((radius + _ROUNDING) * SIDE / self._side) ** 2)
+        self._side = math.ceil((radius + ROUNDING) / math.sqrt(2.0))
+        r2 = math.ceil(((radius + ROUNDING) * SIDE / self._side) ** 2)
         self._r2 = np.int32(min(r2, 2 * SIDE**2))
         self._scratch = Scratch(context)
 
@@ -112,32 +113,21 @@ class PoissonDisk:
         InputError
             If it would hold over forty million points; :meth:`pieces` has no such bound.
         """
-        steps = self.steps(area)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                points: Points = end.value
-                return points
+        return finished(self.steps(area))
 
     def steps(self, area: Area) -> Generator[None, None, Points]:
         """Do the same in steps: the device works while others go on; the last one returns the points."""
         most = self.expected(area)
-        if most > _MOST_POINTS:
+        if most > MOST_POINTS:
             needed = most * _BYTES_A_POINT / 2**30
             raise InputError(
                 f"the rectangle would hold about {most:.3g} points ({needed:.1f} GiB); "
-                f"at most {_MOST_POINTS} fit"
+                f"at most {MOST_POINTS} fit"
             )
         found = []
         for band in bands(area, self._side, window=WINDOW):
-            parts = []
-            for part in band:
-                with self._scratch.lent() as room:
-                    sampled = self._sampled(room, part)
-                    yield
-                    parts.append(self._collected(room, sampled, part))
-            found.append(merged(parts))
+            points = yield from self._band_steps(band)
+            found.append(points)
         return joined(found)
 
     def pieces(self, area: Area) -> Iterator[Points]:
@@ -146,16 +136,22 @@ class PoissonDisk:
         Joined, they are what :meth:`within` returns. A band is 2048 cells high and as wide as the rectangle.
         """
         for band in bands(area, self._side, window=WINDOW):
-            parts = []
-            for part in band:
-                with self._scratch.lent() as room:
-                    parts.append(self._collected(room, self._sampled(room, part), part))
-            yield merged(parts)
+            yield finished(self._band_steps(band))
 
     def expected(self, area: Area) -> float:
         """Return how many points a rectangle holds, a little too many."""
         west, south, east, north = area
         return GREATEST_DENSITY * max(east - west, 0) * max(north - south, 0) / self.radius**2
+
+    def _band_steps(self, band: list[Area]) -> Generator[None, None, Points]:
+        """Sample and collect the points of windows side by side."""
+        parts = []
+        for part in band:
+            with self._scratch.lent() as room:
+                sampled = self._sampled(room, part)
+                yield
+                parts.append(self._collected(room, sampled, part))
+        return merged(parts)
 
     def _sampled(self, room: Room, area: Area) -> _Levelled:
         """Enqueue the sampling of an area's cells, the coarsest level first."""

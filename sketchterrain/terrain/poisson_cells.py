@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "GROUP",
+    "MOST_POINTS",
+    "ROUNDING",
     "SIDE",
     "WINDOW",
     "Area",
@@ -36,6 +39,10 @@ __all__ = [
     "thrown_by",
 ]
 
+MOST_POINTS: Final = 40_000_000
+"""Points that are given back at once at most."""
+ROUNDING: Final = math.sqrt(2.0)
+"""Lattice units that two points may come nearer by rounding them."""
 SIDE: Final = 4096
 """Places along a cell's side; as in the kernels."""
 GROUP: Final = 64

@@ -124,8 +124,8 @@ class Storey:
         west, south, east, north = area
         yield from self._spacing.made_steps(west - halo, south - halo, east + halo, north + halo)
         points = yield from self._points.steps(area)
-        x, y = points["x"], points["y"]
-        points = points[np.lexsort((x, y, x // self._square, y // self._square))]
+        # They come from south to north already, and stay so within the squares.
+        points = points[np.lexsort((points["x"] // self._square, points["y"] // self._square))]
         found = []
         for start in range(0, len(points), _AT_ONCE):
             yield

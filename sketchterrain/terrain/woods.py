@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.plant_noise import PlantNoise, ramp
-from sketchterrain.terrain.plant_spacing import density_of, whole_step
+from sketchterrain.terrain.plant_spacing import density_of, whole_step, widened
 from sketchterrain.terrain.woody_species import (
     OUTSIDE,
     SHRUB,
@@ -39,10 +39,7 @@ CELL: Final = 8.0
 
 _LONE = 0.00040  # plants on a square metre outside forests where it is not dry, on the mean
 _GROUPS = (190.0, 55.0)  # m, from group to group of those, and from thicket to thicket in a group
-_BETWEEN, _IN_GROUP = (
-    0.25,
-    7.0,
-)  # times as many as on the mean stand between the groups, and in the midst of one
+_BETWEEN, _IN_GROUP = 0.25, 7.0  # times as many as on the mean stand between groups, and in the midst of one
 _THIN, _THICK = 0.42, 0.86  # noise from which on a group gets thicker, and where it is thickest
 _DRY_GAPS = 0.21  # how much more of that noise the gaps take where it is dry: few groups, but groups
 _RIPARIAN = 1.5  # times as many more of those on a bank
@@ -83,20 +80,20 @@ class Woods:
     def densities(self, x: Lattice, y: Lattice) -> Reals:
         """Return plants on a square metre; see :class:`SpacingRule`."""
         rim = self._rim
-        wide_x, wide_y = (_widened(each, rim, self.step) for each in (x, y))
+        wide_x, wide_y = (widened(each, self.step, rim=rim) for each in (x, y))
         height, mask = self._evaluator.masked(wide_x, wide_y[:, ::-1], cell_size=self._cell)
         height, mask = height[:, ::-1], mask[:, :, ::-1]
         inner = (slice(None), slice(rim, -rim), slice(rim, -rim))
         _, dune, forest, water = (mask[:, kind][inner] for kind in range(4))
         z, steepness = height[inner], self._steepness(height)
-        wide, narrow = (self._over(x, y, "group", width) for width in _GROUPS)
+        wide, narrow = (self._noise.over_blocks("group", width, x, y) for width in _GROUPS)
         lone = self._lone(wide, narrow, dune, water)
         beside = _FRINGE * np.maximum(self._around(mask[:, 2]) - forest, 0)
         young = beside / (beside + lone + 1e-9) * (forest < OUTSIDE)
         density = lone + beside
         some = forest.any(axis=(1, 2))
         if some.any():
-            over = partial(self._over, x[some], y[some])
+            over = partial(self._noise.over_blocks, x=x[some], y=y[some])
             ground = (part[some] for part in (z, steepness, forest, water, young))
             site = Site(x[some, None, :], y[some, :, None], over, *ground)
             wood = forest[some] * species_mix(self._recipe, site).full_density
@@ -120,13 +117,14 @@ class Woods:
         spacing
             m to the next ones.
         """
-        draw = partial(self._draw, foot.x, foot.y)
-        wide, narrow = (self._at(foot.x, foot.y, "group", width) for width in _GROUPS)
+        draw = partial(self._noise.draw, x=foot.x, y=foot.y)
+        at = partial(self._noise.at, x=foot.x, y=foot.y)
+        wide, narrow = (at("group", width) for width in _GROUPS)
         lone = self._lone(wide, narrow, foot.dune, foot.water)
         # Thicker than lone ones stand outside a forest, they have seeded themselves from it.
         young = (foot.forest < OUTSIDE) & (draw("seed") >= lone / density_of(spacing))
         ground = (foot.z, foot.steepness, foot.forest, foot.water, young.astype(np.float64))
-        site = Site(foot.x, foot.y, partial(self._at, foot.x, foot.y), *ground)
+        site = Site(foot.x, foot.y, at, *ground)
         plants["species"] = species_mix(self._recipe, site).chosen(draw)
         above = foot.z - self._recipe.climate["tree_line"]
         plants["scale"] = tree_size(draw, foot.forest, above, young, plants["species"] == SHRUB)
@@ -165,18 +163,3 @@ class Woods:
         for i, j in shifts:
             total += forest[:, rim + i : rim + i + side, rim + j : rim + j + side]
         return np.asarray(total / np.float32(len(shifts)))
-
-    def _over(self, x: Lattice, y: Lattice, name: str, width: float) -> Reals:
-        return np.stack([self._noise.over(name, width, *axes) for axes in zip(x, y, strict=True)])
-
-    def _at(self, x: Lattice, y: Lattice, name: str, width: float) -> Reals:
-        return self._noise.at(name, width, x, y)
-
-    def _draw(self, x: Lattice, y: Lattice, stream: str) -> Reals:
-        return self._noise.draw(stream, x, y)
-
-
-def _widened(axis: Lattice, rim: int, step: int) -> Lattice:
-    """Return blocks' axes with so many more vertices beyond each end."""
-    count = axis.shape[1] + 2 * rim
-    return np.asarray(axis[:, :1] + step * (np.arange(count, dtype=np.int64) - rim))

@@ -41,6 +41,7 @@ ANYTHING = {
     "queries",
     "report",
     "still",
+    "ui",
 }
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}
 
@@ -51,7 +52,8 @@ def room_of(path: Path) -> str:
 
 
 def modules() -> list[Path]:
-    return sorted([*(ROOT / "sketchterrain").rglob("*.py"), *(ROOT / "benchmarks").rglob("*.py")])
+    rooms = ("sketchterrain", "benchmarks", "ui")
+    return sorted(path for room in rooms for path in (ROOT / room).rglob("*.py"))
 
 
 def imports(tree: ast.AST) -> set[str]:

@@ -1,0 +1,62 @@
+"""What of the desktop program may import what: models and engine never a view, Qt only where it is shown."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+UI = Path(__file__).parents[1] / "ui"
+VIEWS = {"canvas", "panels", "view3d", "dialogs", "look", "window", "app", "actions"}
+INNER = {"models", "commands", "painting", "engine"}
+
+
+def modules() -> list[Path]:
+    return sorted(UI.rglob("*.py"))
+
+
+def violations(path: Path, tree: ast.AST) -> list[str]:
+    """Imports that a file of the desktop program may not have."""
+    place = path.relative_to(UI).parts[0]
+    bad = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        else:
+            continue
+        bad += [name for name in names if place in INNER and _forbidden(path, place, name)]
+    return bad
+
+
+def _forbidden(path: Path, place: str, name: str) -> bool:
+    parts = name.split(".")
+    if parts[:2] == ["sketchterrain", "ui"] and len(parts) > 2:
+        return parts[2] in VIEWS
+    if parts[0] != "PyQt6":
+        return False
+    if place == "models":
+        return parts[1] != "QtCore"
+    # The link hands over pictures as Qt knows them.
+    return not (place == "engine" and path.name == "link.py" and parts[1] in ("QtCore", "QtGui"))
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(UI)))
+def test_models_import_no_views(path: Path) -> None:
+    assert violations(path, ast.parse(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "planted"),
+    [
+        ("models/document.py", "from PyQt6.QtWidgets import QWidget"),
+        ("models/document.py", "from sketchterrain.ui.canvas.canvas import Canvas"),
+        ("commands/labels.py", "from PyQt6 import QtCore"),
+        ("engine/process.py", "import PyQt6.QtGui"),
+        ("painting/stroke.py", "from sketchterrain.ui import window"),
+    ],
+)
+def test_a_planted_violation_is_found(path: str, planted: str) -> None:
+    assert violations(UI / path, ast.parse(planted)) != []

@@ -1,0 +1,63 @@
+"""Models with a link that only remembers what it was told, and Qt without a screen."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+
+import pytest
+
+from sketchterrain.sketch import load_sketch
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
+
+
+class FakeLink(EngineLink):
+    """An engine that works out nothing; tests set its values and emit its signals."""
+
+    def __init__(self, document: Document) -> None:
+        super().__init__(document)
+        self.told: list[Any] = []
+        self.running = False
+
+    def start(self) -> None:
+        self.running = True
+
+    def stop(self) -> None:
+        self.running = False
+
+    def tell(self, message: Any) -> None:
+        self.told.append(message)
+
+
+@pytest.fixture
+def document(qapp):
+    return Document(load_sketch("valley_river"))
+
+
+@pytest.fixture
+def workspace(qapp):
+    return Workspace()
+
+
+@pytest.fixture
+def link(document):
+    return FakeLink(document)
+
+
+@pytest.fixture(scope="session")
+def placed():
+    """What is placed of the preset valley_river."""
+    import numpy as np
+
+    from sketchterrain.terrain import make_recipe
+    from sketchterrain.ui.engine.messages import Placed
+
+    sketch = load_sketch("valley_river")
+    recipe = make_recipe(sketch)
+    fill = recipe.fill.within(0.0, 0.0, *sketch.size)
+    points = np.sort(np.concatenate([recipe.painted, fill]), order="id")
+    return Placed(1, points, tuple(recipe.rivers), tuple(recipe.lakes))

@@ -1,0 +1,1 @@
+"""The sketch as one paints on it."""

@@ -1,0 +1,217 @@
+"""The sketch that is open: its history, the stroke that is being drawn, where it is saved."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PyQt6.QtCore import QObject, pyqtSignal
+
+from sketchterrain.sketch import Sketch
+from sketchterrain.sketch.history import History
+
+if TYPE_CHECKING:
+    from collections.abc import Hashable
+    from pathlib import Path
+
+    from sketchterrain.sketch.document import LabelImage
+
+__all__ = ["Box", "Document", "Draft"]
+
+Box = tuple[int, int, int, int]
+"""Top, left, bottom, right: rows and columns of a sketch, the last two exclusive."""
+
+
+class Draft:
+    """A stroke that is being drawn: a layer's pixels, writable, until it is committed.
+
+    Attributes
+    ----------
+    layer : str
+    image : (height, width) uint8
+        Labels; whoever writes into it calls `touch`.
+    """
+
+    def __init__(self, document: Document, layer: str) -> None:
+        self._document = document
+        self.layer = layer
+        self.image: LabelImage = document.sketch.layers[layer].copy()
+        self.box: Box | None = None
+
+    def touch(self, box: Box) -> None:
+        """Tell that pixels in a box are others now."""
+        top, left, bottom, right = box
+        if self.box is not None:
+            top, left = min(top, self.box[0]), min(left, self.box[1])
+            bottom, right = max(bottom, self.box[2]), max(right, self.box[3])
+        self.box = (top, left, bottom, right)
+        self._document.painted.emit(self.layer, box)
+        self._document.live_changed.emit()
+
+    def commit(self, title: str) -> None:
+        """Make it a step of the history, if it changed anything."""
+        self._document.end_draft(self, title)
+
+    def cancel(self) -> None:
+        """Forget it; the layer is as it was."""
+        self._document.end_draft(self, None)
+
+
+class Document(QObject):
+    """What a person works on.
+
+    Parameters
+    ----------
+    sketch
+        To begin with.
+    """
+
+    live_changed = pyqtSignal()
+    """What the terrain is made of changed: a step was done or undone, or a stroke goes on."""
+    painted = pyqtSignal(str, object)
+    """Pixels of a layer changed: its name and a `Box`."""
+    sketch_changed = pyqtSignal()
+    """Another sketch is the current one: a step was done, undone, or one was opened."""
+    history_changed = pyqtSignal()
+    """There are other steps, or another one is the last."""
+    saved_changed = pyqtSignal()
+    """The path, or whether there is something to save, may have changed."""
+    opened = pyqtSignal()
+    """It is another document now."""
+
+    def __init__(self, sketch: Sketch | None = None) -> None:
+        super().__init__()
+        self._history = History(sketch or Sketch())
+        self._saved: Sketch | None = self._history.sketch
+        self._path: Path | None = None
+        self._draft: Draft | None = None
+
+    @property
+    def sketch(self) -> Sketch:
+        """As it is, without a stroke that is still being drawn."""
+        return self._history.sketch
+
+    @property
+    def history(self) -> History:
+        """Its steps; change it through `do`, `undo`, `redo` and `go_to` only."""
+        return self._history
+
+    @property
+    def path(self) -> Path | None:
+        """Where it is saved; None if it never was."""
+        return self._path
+
+    @property
+    def is_modified(self) -> bool:
+        """Whether there is something to save."""
+        return self.sketch is not self._saved
+
+    @property
+    def draft(self) -> Draft | None:
+        """The stroke that is being drawn."""
+        return self._draft
+
+    def layer(self, name: str) -> LabelImage:
+        """Return a layer's labels, the stroke that is being drawn included."""
+        if self._draft is not None and self._draft.layer == name:
+            return self._draft.image
+        return self.sketch.layers[name]
+
+    def live_sketch(self) -> Sketch:
+        """Return the sketch with the stroke that is being drawn."""
+        if self._draft is None or self._draft.box is None:
+            return self.sketch
+        image = self._draft.image.copy()
+        image.flags.writeable = False
+        return self.sketch.replace(layers={**self.sketch.layers, self._draft.layer: image})
+
+    def do(self, title: str, sketch: Sketch, *, merge: Hashable | None = None) -> None:
+        """Make `sketch` the current one, as a step; nothing happens if it is the current one.
+
+        Parameters
+        ----------
+        title
+            What the step does, for a person: ``"Move mountain"``.
+        sketch
+            From a command.
+        merge
+            Steps that follow one another with an equal key are one step.
+        """
+        if sketch is self.sketch:
+            return
+        before = self.sketch
+        self._history.do(title, sketch, merge=merge)
+        self._tell(before)
+
+    def undo(self) -> None:
+        """Undo the last step, if there is one."""
+        self.go_to(max(self._history.position - 1, 0))
+
+    def redo(self) -> None:
+        """Do the last undone step again, if there is one."""
+        self.go_to(min(self._history.position + 1, len(self._history.titles) - 1))
+
+    def go_to(self, position: int) -> None:
+        """Undo or redo up to a step of the history."""
+        if self._draft is not None:
+            self._draft.cancel()
+        if position != self._history.position:
+            before = self.sketch
+            self._history.go_to(position)
+            self._tell(before)
+
+    def open(self, sketch: Sketch, path: Path | None = None, *, modified: bool = False) -> None:
+        """Work on another sketch, with a history of its own.
+
+        Parameters
+        ----------
+        sketch
+        path
+            Where it is saved.
+        modified
+            Whether it differs from what is saved, as one that was recovered does.
+        """
+        self._draft = None
+        self._history = History(sketch)
+        self._saved = None if modified else sketch
+        self._path = path
+        self.opened.emit()
+        self._tell(None)
+        self.saved_changed.emit()
+
+    def saved(self, sketch: Sketch, path: Path) -> None:
+        """Remember that a sketch was saved at a path."""
+        self._saved, self._path = sketch, path
+        self.saved_changed.emit()
+
+    def begin_draft(self, layer: str) -> Draft:
+        """Begin a stroke on a layer; one that is still being drawn is cancelled."""
+        if self._draft is not None:
+            self._draft.cancel()
+        self._draft = Draft(self, layer)
+        return self._draft
+
+    def end_draft(self, draft: Draft, title: str | None) -> None:
+        """Commit a draft under a title, or cancel it for None; see `Draft`."""
+        if draft is not self._draft:
+            return
+        self._draft = None
+        if draft.box is None:
+            return
+        if title is None:
+            self.painted.emit(draft.layer, draft.box)
+            self.live_changed.emit()
+        elif not np.array_equal(draft.image, self.sketch.layers[draft.layer]):
+            draft.image.flags.writeable = False
+            self.do(title, self.sketch.replace(layers={**self.sketch.layers, draft.layer: draft.image}))
+
+    def _tell(self, before: Sketch | None) -> None:
+        if before is not None:
+            height, width = self.sketch.height_px, self.sketch.width_px
+            for name, image in self.sketch.layers.items():
+                if image is not before.layers[name]:
+                    self.painted.emit(name, (0, 0, height, width))
+        self.sketch_changed.emit()
+        self.history_changed.emit()
+        self.saved_changed.emit()
+        self.live_changed.emit()

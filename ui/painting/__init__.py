@@ -1,0 +1,1 @@
+"""Strokes, lines and fills on label images. No Qt."""

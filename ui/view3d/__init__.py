@@ -1,0 +1,1 @@
+"""The terrain as one walks around it."""

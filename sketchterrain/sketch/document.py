@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+import zlib
 from dataclasses import dataclass, field
 from numbers import Integral
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.edits import Edit, checked_edits
+from sketchterrain.sketch.label_image import (
+    LARGEST_SIDE,
+    MOST_LABELS,
+    LabelImage,
+    checked_image,
+    kept_image,
+    labels_in,
+)
 from sketchterrain.sketch.material_rules import checked_changes
 from sketchterrain.sketch.parameter import Parameter, Properties, Value, named
 from sketchterrain.sketch.parameters import LAYERS, LOOK, MATERIALS, SKETCH, TABLES, Layer
@@ -25,18 +33,8 @@ if TYPE_CHECKING:
 
 __all__ = ["DEFAULT_SIDE", "LARGEST_SIDE", "MOST_LABELS", "LabelImage", "Sketch", "labels_in"]
 
-LabelImage: TypeAlias = npt.NDArray[np.uint8]
-
 DEFAULT_SIDE = 512
 """Pixels along each side of a sketch without any layer image."""
-
-LARGEST_SIDE = 16384
-"""The most pixels along a side of a sketch."""
-
-MOST_LABELS = 16
-"""The most labels in one layer: an image with more looks antialiased."""
-
-_PIXELS_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +106,35 @@ class Sketch:
         for key, value in checked.items():
             object.__setattr__(self, key, value)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields with plain dicts; layers are compressed, empty ones are left out."""
+        state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        for key in TABLES:
+            state[key] = dict(state[key])
+        state["labels"] = {key: dict(values) for key, values in self.labels.items()}
+        state["look"] = {key: dict(values) for key, values in self.look.items()}
+        state["size_px"] = (self.height_px, self.width_px)
+        state["layers"] = {
+            name: zlib.compress(image.data, 1) for name, image in self.layers.items() if image.any()
+        }
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over fields that were checked when they were first set."""
+        size = state.pop("size_px")
+        empty = kept_image(np.zeros(size, dtype=np.uint8))
+        layers = {
+            name: kept_image(np.frombuffer(zlib.decompress(packed), dtype=np.uint8).reshape(size))
+            for name, packed in state["layers"].items()
+        }
+        state["layers"] = {name: layers.get(name, empty) for name in LAYERS}
+        for key in ("labels", "look"):
+            state[key] = {name: MappingProxyType(values) for name, values in state[key].items()}
+        for key in ("layers", "labels", "look", *TABLES):
+            state[key] = MappingProxyType(state[key])
+        for key, value in state.items():
+            object.__setattr__(self, key, value)
+
     @property
     def width_px(self) -> int:
         """Pixels from west to east."""
@@ -169,15 +196,6 @@ class Sketch:
         return self.replace(edits=tuple(edit for edit in self.edits if edit.feature != feature))
 
 
-def labels_in(image: LabelImage) -> tuple[int, ...]:
-    """Return the labels, 1 to 255, that stand in a label image, ascending."""
-    rows = max(1, _PIXELS_AT_ONCE // max(1, image.shape[1]))
-    seen = np.zeros(256, dtype=bool)
-    for top in range(0, image.shape[0], rows):  # bincount widens its input eightfold
-        seen |= np.bincount(image[top : top + rows].ravel(), minlength=256) > 0
-    return tuple(int(label) for label in np.flatnonzero(seen) if label)
-
-
 def _layer(name: str) -> Layer:
     if name not in LAYERS:
         raise InputError(
@@ -234,7 +252,7 @@ def _check_labels(
 
 
 def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
-    images = {_layer(name).name: _check_image(name, image) for name, image in layers.items()}
+    images = {_layer(name).name: checked_image(name, image) for name, image in layers.items()}
     first = next(iter(images), None)
     shape = (DEFAULT_SIDE, DEFAULT_SIDE) if first is None else images[first].shape
     for name, image in images.items():
@@ -243,30 +261,7 @@ def _check_layers(layers: Mapping[str, LabelImage]) -> Mapping[str, LabelImage]:
                 f"layer {name} is {image.shape[1]}×{image.shape[0]} px but layer {first} is "
                 f"{shape[1]}×{shape[0]} px: expected one size"
             )
-    empty = np.zeros(shape, dtype=np.uint8)
-    empty.flags.writeable = False
-    return MappingProxyType({name: images.get(name, empty) for name in LAYERS})
-
-
-def _check_image(name: str, image: LabelImage) -> LabelImage:
-    if not isinstance(image, np.ndarray) or image.dtype != np.uint8 or image.ndim != 2:
-        given = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
-        raise InputError(f"layer {name}: expected a uint8 array (height, width), got {given}")
-    if not 1 <= min(image.shape) <= max(image.shape) <= LARGEST_SIDE:
-        raise InputError(
-            f"layer {name} is {image.shape[1]}×{image.shape[0]} px: expected sides of 1 to {LARGEST_SIDE} px"
-        )
-    labels = labels_in(image)
-    if len(labels) > MOST_LABELS:
-        raise InputError(
-            f"layer {name} looks antialiased: it has {len(labels)} labels, expected at most {MOST_LABELS}"
-        )
-    return _frozen(image)
-
-
-def _frozen(image: LabelImage) -> LabelImage:
-    if not image.flags.writeable and image.flags.c_contiguous and image.base is None:
-        return image
-    copy = np.array(image, dtype=np.uint8, order="C")
-    copy.flags.writeable = False
-    return copy
+    if len(images) < len(LAYERS):
+        empty = kept_image(np.zeros(shape, dtype=np.uint8))
+        images |= {name: empty for name in LAYERS if name not in images}
+    return MappingProxyType({name: images[name] for name in LAYERS})

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS, TABLES, Sketch
+from sketchterrain.sketch import LAYERS, TABLES, Edit, Sketch, label_image
 from sketchterrain.sketch.document import labels_in
 
 
@@ -118,3 +119,58 @@ def test_labels_in_finds_each_label_in_images_of_any_shape() -> None:
     image[2999, 999], image[0, 0], image[1500, 3] = 255, 7, 1
     assert labels_in(image) == (1, 7, 255)
     assert labels_in(image.T) == (1, 7, 255)
+
+
+def test_an_image_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked: list[int] = []
+    real = label_image.labels_in
+
+    def counted(image: np.ndarray) -> tuple[int, ...]:
+        looked.append(id(image))
+        return real(image)
+
+    monkeypatch.setattr(label_image, "labels_in", counted)
+    sketch = Sketch(layers={"hill": _image(4, 4, 1)})
+    assert len(looked) == 1
+    again = sketch.replace(layers=dict(sketch.layers))
+    assert len(looked) == 1
+    assert again.layers["hill"] is sketch.layers["hill"]
+    sketch.replace(layers={**sketch.layers, "dune": _image(4, 4, 2)})
+    assert len(looked) == 2
+    # What somebody made writeable again may be anything.
+    opened = sketch.layers["hill"]
+    opened.flags.writeable = True
+    opened[:] = np.arange(16, dtype=np.uint8).reshape(4, 4) + 1
+    sketch.replace(layers=dict(sketch.layers))
+    assert len(looked) == 3
+
+
+def test_a_sketch_pickles() -> None:
+    sketch = Sketch(
+        name="Ben",
+        layers={"hill": _image(3, 5, 1), "river": np.eye(3, 5, dtype=np.uint8)},
+        labels={("hill", 1): {"height": 10}},
+        look={"rock": {"colour": "#102030"}},
+        edits=(Edit("delete", 7),),
+        climate={"aridity": 0.5},
+    )
+    other = pickle.loads(pickle.dumps(sketch))  # noqa: S301
+    for each in dataclasses.fields(Sketch):
+        if each.name != "layers":
+            assert getattr(other, each.name) == getattr(sketch, each.name)
+    assert list(other.layers) == list(LAYERS)
+    for name, image in other.layers.items():
+        np.testing.assert_array_equal(image, sketch.layers[name])
+        with pytest.raises(ValueError, match="read-only"):
+            image[0, 0] = 3
+    for mapping in (other.layers, other.labels, other.density, other.labels["hill", 1], other.look):
+        with pytest.raises(TypeError):
+            mapping["hill"] = 1  # type: ignore[index]
+    assert other.replace(seed=4).layers["river"] is other.layers["river"]
+
+
+def test_a_pickled_sketch_is_small() -> None:
+    layers = {name: np.zeros((512, 512), np.uint8) for name in ("hill", "river")}
+    layers["hill"][40:300, 100:200] = 1
+    layers["river"][:, 250:253] = 1
+    assert len(pickle.dumps(Sketch(layers=layers))) < 8000

@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     from sketchterrain.features import Lake, River
     from sketchterrain.features.catalogue import Points
+    from sketchterrain.terrain.recipe import TerrainRecipe
 
 __all__ = ["Raster", "TerrainFeatures", "Tile"]
 
@@ -86,3 +88,9 @@ class TerrainFeatures:
     points: Points
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...] = ()
+
+    @classmethod
+    def of(cls, recipe: TerrainRecipe, size: tuple[float, float]) -> TerrainFeatures:
+        """Return what a recipe places: all that is painted, and what fills a sketch of a size (m)."""
+        points = np.concatenate([recipe.painted, recipe.fill.within(0.0, 0.0, *size)])
+        return cls(points[np.argsort(points["id"], kind="stable")], recipe.rivers, recipe.lakes)

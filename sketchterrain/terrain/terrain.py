@@ -72,11 +72,7 @@ class Terrain:
     @property
     def features(self) -> TerrainFeatures:
         """Painted features, those that fill the sketch's unpainted ground, rivers and lakes."""
-        east, north = self.size
-        fill = self.recipe.fill.within(0.0, 0.0, east, north)
-        points = np.concatenate([self.recipe.painted, fill])
-        points = points[np.argsort(points["id"], kind="stable")]
-        return TerrainFeatures(points, self.recipe.rivers, self.recipe.lakes)
+        return TerrainFeatures.of(self.recipe, self.size)
 
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0

@@ -125,11 +125,15 @@ class Orbit:
         if about is not None:
             self._goal[3:] = about + (self._goal[3:] - about) * (self._goal[_DISTANCE] / distance)
 
-    def jump(self, pivot: Vector, *, distance: float | None = None) -> None:
-        """Look at another point at once, from the heading and the elevation that were asked for."""
+    def glide(self, pivot: Vector, *, distance: float | None = None) -> None:
+        """Go over to looking at another point, from the heading and the elevation that were asked for."""
         self._goal[3:] = pivot
         self._goal[_DISTANCE] = distance or self._goal[_DISTANCE]
         self._limit()
+
+    def jump(self, pivot: Vector, *, distance: float | None = None) -> None:
+        """Look at another point at once, from the heading and the elevation that were asked for."""
+        self.glide(pivot, distance=distance)
         self._now = self._goal.copy()
 
     def advance(self, elapsed: float) -> None:

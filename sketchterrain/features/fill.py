@@ -75,9 +75,14 @@ class Fill:
         self.painted = painted
         memory = ShapeMemory() if memory is None else memory
         distances = _distances(sketch, memory, tuple(self._proposals))
+        self._river_distance = river_distance
         if river_distance is not None:
             distances["river"] = river_distance
         self._painted = _Painted(painted, distances)
+
+    def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
+        """Say what it was made from; distances are made anew."""
+        return _made_again, (self.sketch, self.painted, self.seed, self._river_distance)
 
     @property
     def rules(self) -> tuple[object, ...]:
@@ -255,6 +260,12 @@ class Fill:
             features[field] = properties.get(field, 0.0)
         if proposal.name == "forest":
             features["peakiness"] = conifer_code(float(properties["conifers"]))
+
+
+def _made_again(
+    sketch: Sketch, painted: Points, seed: int, river_distance: Callable[[Floats, Floats], Floats] | None
+) -> Fill:
+    return Fill(sketch, painted, seed=seed, river_distance=river_distance)
 
 
 def _distances(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -103,6 +105,16 @@ class TerrainRecipe:
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
     resolutions: tuple[str, ...] = ()
     orphans: tuple[str, ...] = ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields with plain dicts, and nothing that was worked out from them."""
+        state = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
+        return state | {key: dict(state[key]) for key in ("ground", "climate")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Take over the fields."""
+        for key, value in state.items():
+            object.__setattr__(self, key, MappingProxyType(value) if isinstance(value, dict) else value)
 
     @property
     def warp(self) -> float:

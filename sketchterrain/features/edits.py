@@ -156,6 +156,7 @@ def _of_fill(edit: Edit) -> bool:
 def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
     changed: dict[int, Points | None] = {}
     unlocked: dict[int, Points | None] = {}
+    locks = {edit.feature for edit in edits if edit.action == "lock"}
     orphans = []
     for edit in edits:
         name = cast(int, edit.feature)
@@ -164,9 +165,9 @@ def _edited(before: Points, edits: list[Edit]) -> EditedPoints:
             changed[name] = _stored(edit)
             if edit.action == "lock":
                 unlocked.setdefault(name, row)
-        elif row is None:
+        elif row is None and name not in locks:
             orphans.append(f"{edit.action} of feature {name}: there is no such feature any more")
-        else:
+        elif row is not None:
             changed[name] = None if edit.action == "delete" else _with_values(row, edit)
     hidden = before[_among(before, changed)]
     points = _sorted(

@@ -1,0 +1,156 @@
+"""What a click means, where handles lie, and that a drag is one step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.features.catalogue import FEATURE, FILL_BIT
+from sketchterrain.features.lakes import lake_centre
+from sketchterrain.ui.engine.messages import Placed
+from sketchterrain.ui.models.drags import FeatureDrag
+from sketchterrain.ui.models.handles import Handle, chosen_at, handle_at, handles_of
+from sketchterrain.ui.models.workspace import Chosen
+
+
+def feature(number: int, x: float, y: float, radius: float, strength: float, kind: int = 0) -> np.ndarray:
+    row = np.zeros(1, FEATURE)
+    row["id"], row["x"], row["y"], row["radius"], row["strength"], row["type"] = (
+        number,
+        x,
+        y,
+        radius,
+        strength,
+        kind,
+    )
+    return row
+
+
+@pytest.fixture
+def three() -> Placed:
+    """A mountain, a small hill on its flank, a forest far away."""
+    rows = [
+        feature(1, 500, 500, 400, 900),
+        feature(2, 750, 500, 60, 90, 1),
+        feature(3, 2000, 500, 200, 0.8, 3),
+    ]
+    return Placed(1, np.concatenate(rows), (), ())
+
+
+def test_a_click_means_the_middle_that_it_nearly_hits_or_what_stands_there(three) -> None:
+    def at(x: float, y: float, reach: float = 10.0) -> int | None:
+        found = chosen_at(three, x, y, reach=reach)
+        return None if found is None else found.id
+
+    assert at(508, 500) == 1
+    assert at(745, 500) == 2
+    assert at(720, 500, 40.0) == 2
+    assert at(450, 450) == 1, "on the mountain, far from its middle"
+    assert at(2100, 500) == 3
+    assert at(1500, 500) is None
+    assert at(2000, 1500) is None
+    assert chosen_at(Placed(1, np.zeros(0, FEATURE), (), ()), 0.0, 0.0, reach=1e9) is None
+
+
+def test_a_click_in_water_means_the_river_or_the_lake(placed) -> None:
+    points = placed.points[:0]
+    wet = Placed(1, points, placed.rivers, placed.lakes)
+    for river in placed.rivers:
+        middle = len(river.centreline) // 3
+        x, y = river.centreline[middle, :2]
+        assert chosen_at(wet, x, y, reach=0.0) == Chosen("river", river.id)
+    assert chosen_at(wet, -1e6, -1e6, reach=1.0) is None
+    for lake in placed.lakes:
+        at = tuple(lake_centre(lake))
+        alone = Placed(1, points, (), (lake,))
+        if chosen_at(alone, *at, reach=0.0) is not None:
+            assert chosen_at(alone, *at, reach=0.0) == Chosen("lake", lake.id)
+
+
+def test_of_near_handles_the_nearest_counts(placed) -> None:
+    river = Chosen("river", placed.rivers[0].id)
+    handles = handles_of(placed, river)
+    for each in handles:
+        assert handle_at(handles, each.x + 0.01, each.y, reach=5.0) == each
+    assert handle_at(handles, -1e6, 0.0, reach=100.0) is None
+    assert handle_at((), 0.0, 0.0, reach=100.0) is None
+    assert handles_of(placed, None) == ()
+
+
+def test_handles_lie_on_what_they_change(placed) -> None:
+    for point in placed.points[:: max(len(placed.points) // 20, 1)]:
+        move, radius = handles_of(placed, Chosen("feature", int(point["id"])))
+        assert (move.role, move.x, move.y) == ("move", point["x"], point["y"])
+        assert np.hypot(radius.x - radius.base_x, radius.y - radius.base_y) == pytest.approx(
+            float(point["radius"])
+        )
+    for river in placed.rivers:
+        *points, width = handles_of(placed, Chosen("river", river.id))
+        assert [each.chosen.index for each in points] == list(range(len(points)))
+        at = np.argmin(np.hypot(*(river.centreline[:, :2] - [width.base_x, width.base_y]).T))
+        half = 0.5 * float(river.centreline_width[at])
+        assert np.hypot(width.x - width.base_x, width.y - width.base_y) == pytest.approx(half)
+
+
+def middle(placed: Placed) -> Handle:
+    painted = placed.points[placed.points["id"] < FILL_BIT]
+    return handles_of(placed, Chosen("feature", int(painted["id"][0])))[0]
+
+
+def test_a_drag_is_one_step_and_keeps_its_distance_to_the_mouse(document, placed) -> None:
+    before, handle = document.sketch, middle(placed)
+    drag = FeatureDrag(document, placed, handle, grab=(handle.x - 4.0, handle.y + 3.0))
+    for step in range(1, 9):
+        drag.to(handle.x - 4.0 + 50 * step, handle.y + 3.0)
+    drag.finish()
+    assert document.history.titles == ("Open", "Move mountain")
+    edit = document.sketch.edits[-1]
+    assert (edit.x, edit.y) == (round(handle.x + 400.0, 3), round(handle.y, 3))
+    assert (drag.x, drag.y) == (handle.x + 400.0, handle.y)
+    document.undo()
+    assert document.sketch is before
+
+
+def test_two_drags_are_two_steps(document, placed) -> None:
+    handle = middle(placed)
+    for away in (10.0, 20.0):
+        drag = FeatureDrag(document, placed, handle)
+        drag.to(handle.x + away, handle.y)
+        drag.finish()
+    assert len(document.history.titles) == 3
+
+
+def test_a_cancelled_drag_leaves_everything_as_it_was(document, placed) -> None:
+    before, handle = document.sketch, middle(placed)
+    drag = FeatureDrag(document, placed, handle)
+    drag.cancel()
+    drag = FeatureDrag(document, placed, handle)
+    drag.to(0.0, 0.0)
+    drag.to(10.0, 0.0)
+    drag.cancel()
+    assert document.sketch is before
+    assert not document.is_modified
+    assert document.history.titles == ("Open",)
+    drag.to(50.0, 50.0)
+    assert document.sketch is before, "it has ended"
+
+
+def test_a_drag_gives_way_when_the_document_changes_meanwhile(document, placed) -> None:
+    handle = middle(placed)
+    drag = FeatureDrag(document, placed, handle)
+    drag.to(100.0, 100.0)
+    document.undo()
+    now = document.sketch
+    drag.to(200.0, 200.0)
+    drag.cancel()
+    assert document.sketch is now
+
+
+def test_what_cannot_be_done_is_said(document, placed) -> None:
+    drag = FeatureDrag(document, placed, middle(placed))
+    before = document.sketch
+    drag.to(float("nan"), 0.0)
+    assert "expected a number" in drag.problem
+    assert document.sketch is before
+    drag.to(5.0, 5.0)
+    assert drag.problem == ""

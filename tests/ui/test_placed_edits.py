@@ -1,0 +1,280 @@
+"""Changing what was generated: what a person asks of a feature or a river is what the next recipe has."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.sketch import ADDED_BIT, Sketch, load_sketch
+from sketchterrain.sketch.edits import MOST_EDITS
+from sketchterrain.terrain import make_recipe
+from sketchterrain.ui.commands import placed_edits as edits
+from sketchterrain.ui.commands.chosen_parts import is_there, lake_of, name_of, parent_of, point_of, river_of
+from sketchterrain.ui.engine.messages import Placed
+from sketchterrain.ui.models.handles import handles_of
+from sketchterrain.ui.models.workspace import Chosen
+
+MEMORY = ShapeMemory()
+
+
+def placed_of(sketch: Sketch) -> Placed:
+    recipe = make_recipe(sketch, memory=MEMORY)
+    points = np.concatenate([recipe.painted, recipe.fill.within(0.0, 0.0, *sketch.size)])
+    points = points[np.argsort(points["id"])]
+    return Placed(1, points, tuple(recipe.rivers), tuple(recipe.lakes), orphans=recipe.orphans)
+
+
+@pytest.fixture(scope="module")
+def sketch() -> Sketch:
+    """Two mountains, a hill, a forest, a lake, and a river with a tributary."""
+    side = 96
+    row, column = np.mgrid[:side, :side]
+    blank = np.zeros((side, side), np.uint8)
+    mountain, hill, forest, lake, river = (blank.copy() for _ in range(5))
+    mountain[np.hypot(row - 20, column - 20) < 12] = 1
+    mountain[np.hypot(row - 24, column - 66) < 10] = 2
+    hill[np.hypot(row - 74, column - 18) < 8] = 1
+    forest[40:60, 10:24] = 1
+    lake[np.hypot(row - 76, column - 78) < 7] = 1
+    river[44:46, 30:90] = 1
+    river[45:70, 60:62] = 1
+    return Sketch(
+        extent=4800.0,
+        fidelity=1.0,
+        density={"mountain": 0.5},
+        layers={"mountain": mountain, "hill": hill, "forest": forest, "lake": lake, "river": river},
+        labels={("mountain", 1): {"multitude": 1}, ("mountain", 2): {"multitude": 3}},
+    )
+
+
+@pytest.fixture(scope="module")
+def placed(sketch: Sketch) -> Placed:
+    return placed_of(sketch)
+
+
+def first(placed: Placed, kind: int = 0, *, painted: bool = True) -> Chosen:
+    found = placed.points[(placed.points["type"] == kind) & (placed.points["painted"] == painted)]
+    return Chosen("feature", int(found["id"][0]))
+
+
+def lone(placed: Placed) -> Chosen:
+    """A river that joins no other one."""
+    return Chosen("river", next(each.id for each in placed.rivers if parent_of(placed, each) is None))
+
+
+def by_role(placed: Placed, chosen: Chosen, role: str):
+    return next(each for each in handles_of(placed, chosen) if each.role == role)
+
+
+@pytest.mark.parametrize("painted", [True, False])
+def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, placed, painted) -> None:
+    chosen = first(placed, painted=painted)
+    before = point_of(placed, chosen)
+    after = point_of(
+        placed_of(edits.dragged(sketch, placed, by_role(placed, chosen, "move"), 2000.0, 2345.6789)), chosen
+    )
+    assert (after["x"], after["y"]) == (2000.0, 2345.679)
+    for key in ("type", "radius", "peakiness", "erosion", "gullies"):
+        assert after[key] == before[key]
+
+
+def test_the_radius_follows_its_handle(sketch, placed) -> None:
+    chosen = first(placed)
+    handle = by_role(placed, chosen, "radius")
+    after = placed_of(edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0))
+    assert point_of(after, chosen)["radius"] == np.float32(321.0)
+
+
+def test_a_height_that_is_set_is_reached(sketch, placed) -> None:
+    chosen = first(placed)
+    changed = edits.strengthened(sketch, placed, chosen, 777.0)
+    assert edits.strength_of(changed, placed, chosen) == 777.0
+    assert edits.strength_of(sketch, placed, chosen) == float(point_of(placed, chosen)["strength"])
+    assert point_of(placed_of(changed), chosen)["strength"] == pytest.approx(777.0, rel=0.3)
+    forest = first(placed, 3)
+    assert edits.strengthened(sketch, placed, forest, 40.0).edits[0].strength == 1.0
+
+
+def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, placed) -> None:
+    chosen = lone(placed)
+    start = by_role(placed, chosen, "point")
+    index = len(river_of(placed, chosen).points) // 2
+    rng = np.random.default_rng(3)
+    changed, now = sketch, placed
+    for _ in range(5):
+        handle = next(each for each in handles_of(now, chosen) if each.chosen.index == index)
+        x, y = handle.x + rng.uniform(-60, 60), handle.y + rng.uniform(-60, 60)
+        changed = edits.dragged(changed, now, handle, x, y)
+        now = placed_of(changed)
+        assert np.hypot(*(river_of(now, chosen).points[:, :2] - [x, y]).T).min() < 0.01
+        assert now.orphans == ()
+    assert len(changed.edits) == 1, "the same point, dragged again, is the same edit"
+    # Beside it another one: both stay.
+    other = next(each for each in handles_of(now, chosen) if each.chosen.index == index + 1)
+    both = edits.dragged(changed, now, other, other.x + 30.0, other.y - 30.0)
+    assert len(both.edits) == 2
+    assert edits.reset(both, placed_of(both), other.chosen).edits == changed.edits
+    assert edits.reset(both, now, chosen).edits == ()
+    assert start.role == "point"
+
+
+def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, placed) -> None:
+    chosen = lone(placed)
+    handle = next(each for each in handles_of(placed, chosen) if each.chosen.index == 5)
+    once = edits.dragged(sketch, placed, handle, handle.x + 10.0, handle.y)
+    twice = edits.dragged(once, placed, handle, handle.x, handle.y + 25.0)
+    assert [(each.x, each.y) for each in twice.edits] == [(round(handle.x, 3), round(handle.y + 25.0, 3))]
+
+
+def test_a_confluence_follows_the_river_that_is_joined(sketch, placed) -> None:
+    child = next(each for each in placed.rivers if parent_of(placed, each) is not None)
+    chosen = Chosen("river", child.id)
+    last = len(child.points) - 1
+    assert last not in [each.chosen.index for each in handles_of(placed, chosen)]
+    assert edits.point_moved(sketch, placed, Chosen("river", child.id, last), 0.0, 0.0) is sketch
+
+
+def test_the_width_follows_its_handle(sketch, placed) -> None:
+    chosen = lone(placed)
+    changed, now = sketch, placed
+    for width in (90.0, 30.0, 140.0):
+        handle = by_role(now, chosen, "width")
+        share = 0.5 * width / math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
+        changed = edits.dragged(
+            changed,
+            now,
+            handle,
+            handle.base_x + share * (handle.x - handle.base_x),
+            handle.base_y + share * (handle.y - handle.base_y),
+        )
+        now = placed_of(changed)
+        handle = by_role(now, chosen, "width")
+        shown = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
+        assert shown == pytest.approx(width, rel=0.15)
+    assert [each.action for each in changed.edits] == ["width"]
+    assert edits.width_of(changed, now, chosen) == changed.edits[0].width
+    assert edits.width_of(sketch, placed, chosen) > 0.0
+
+
+@pytest.mark.parametrize("painted", [True, False])
+def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(
+    sketch, placed, painted
+) -> None:
+    chosen = first(placed, painted=painted)
+    lock = edits.locked(sketch, placed, chosen)
+    assert edits.is_locked(lock, chosen)
+    assert edits.locked(lock, placed, chosen) is lock
+    held = placed_of(lock)
+    assert point_of(held, chosen) == point_of(placed, chosen)
+    changed = edits.dragged(lock, held, by_role(held, chosen, "move"), 2100.0, 2300.0)
+    changed = edits.dragged(changed, held, by_role(held, chosen, "move"), 2200.0, 2400.0)
+    assert [each.action for each in changed.edits] == ["move", "lock"]
+    now = placed_of(changed)
+    assert (point_of(now, chosen)["x"], point_of(now, chosen)["y"]) == (2200.0, 2400.0)
+    assert point_of(now, chosen)["strength"] == point_of(placed, chosen)["strength"]
+    free = edits.unlocked(changed, chosen)
+    assert not edits.is_locked(free, chosen)
+    assert point_of(placed_of(free), chosen)["x"] == 2200.0
+    assert edits.unlocked(free, chosen) is free
+
+
+def test_a_locked_feature_whose_paint_is_gone_can_still_be_dragged(sketch, placed) -> None:
+    chosen = first(placed)
+    lock = edits.locked(sketch, placed, chosen)
+    bare = lock.replace(layers={**lock.layers, "mountain": np.zeros_like(lock.layers["mountain"])})
+    held = placed_of(bare)
+    assert point_of(held, chosen) == point_of(placed, chosen)
+    now = placed_of(edits.dragged(bare, held, by_role(held, chosen, "move"), 900.0, 800.0))
+    assert point_of(now, chosen)["x"] == 900.0
+    assert now.orphans == ()
+
+
+def test_deleted_things_are_gone_until_they_are_reset(sketch, placed) -> None:
+    lake = Chosen("lake", next(each.id for each in placed.lakes if each.label))
+    for chosen in (first(placed), first(placed, painted=False), lone(placed), lake):
+        gone = edits.deleted(edits.reset(sketch, placed, chosen), chosen)
+        now = placed_of(gone)
+        assert is_there(placed, chosen)
+        assert not is_there(now, chosen)
+        assert edits.is_edited(gone, placed, chosen)
+        back = edits.reset(gone, now, chosen)
+        assert back.edits == ()
+        assert not edits.is_edited(back, placed, chosen)
+
+
+def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed) -> None:
+    changed = edits.added(sketch, "mountain", 2400.0, 700.0, 400.0, 300.0)
+    now = placed_of(changed)
+    chosen = Chosen("feature", int(now.points["id"][now.points["id"] & ADDED_BIT > 0][0]))
+    assert point_of(now, chosen)["x"] == 2400.0
+    changed = edits.dragged(changed, now, by_role(now, chosen, "move"), 2500.0, 800.0)
+    assert point_of(placed_of(changed), chosen)["x"] == 2500.0
+    assert [each.action for each in edits.reset(changed, now, chosen).edits] == ["add"]
+    assert edits.deleted(changed, chosen).edits == ()
+    assert edits.added(sketch, "forest", 0.0, 0.0, 100.0, 300.0).edits[0].strength == 1.0
+    with pytest.raises(InputError):
+        edits.added(sketch, "castle", 0.0, 0.0, 100.0, 300.0)
+
+
+def test_values_stay_in_their_ranges(sketch, placed) -> None:
+    chosen = first(placed)
+    assert edits.resized(sketch, placed, chosen, 0.0).edits[0].radius == 0.1
+    assert edits.strengthened(sketch, placed, chosen, 1e9).edits[0].strength == 9000.0
+    assert edits.moved(sketch, placed, chosen, 1e12, -1e12).edits[0].values == {"x": 1e7, "y": -1e7}
+    assert edits.widened(sketch, lone(placed), 0.0).edits[0].width == 0.5
+    with pytest.raises(InputError, match="number"):
+        edits.resized(sketch, placed, chosen, float("nan"))
+
+
+def test_what_is_gone_changes_nothing(sketch, placed) -> None:
+    for chosen in (Chosen("feature", 7), Chosen("river", 7), Chosen("lake", 7)):
+        assert handles_of(placed, chosen) == ()
+        assert not is_there(placed, chosen)
+        assert name_of(placed, chosen) == ("feature" if chosen.kind == "feature" else chosen.kind)
+        assert edits.moved(sketch, placed, chosen, 0.0, 0.0) is sketch
+        assert edits.resized(sketch, placed, chosen, 10.0) is sketch
+        assert edits.strengthened(sketch, placed, chosen, 10.0) is sketch
+        assert edits.strength_of(sketch, placed, chosen) is None
+        assert edits.width_of(sketch, placed, chosen) is None
+        assert edits.locked(sketch, placed, chosen) is sketch
+        assert edits.point_moved(sketch, placed, chosen, 0.0, 0.0) is sketch
+    assert edits.widened(sketch, Chosen("lake", 7), 10.0) is sketch
+
+
+def test_names_are_those_of_contradictions(placed) -> None:
+    assert name_of(placed, first(placed)) == "mountain"
+    assert name_of(placed, Chosen("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
+    lake = Chosen("lake", placed.lakes[0].id)
+    assert name_of(placed, lake) == "lake 1"
+    assert lake_of(placed, lake) is placed.lakes[0]
+
+
+def test_a_hundred_random_drags_stay_valid() -> None:
+    sketch = load_sketch("valley_river")
+    now = placed_of(sketch)
+    rng = np.random.default_rng(8)
+    everything = [Chosen("feature", int(each)) for each in rng.choice(now.points["id"], 12, replace=False)]
+    everything += [Chosen("river", each.id) for each in now.rivers]
+    touched: set[object] = set()
+    for number in range(100):
+        chosen = everything[rng.integers(len(everything))]
+        handles = handles_of(now, chosen)
+        if not handles:
+            continue
+        handle = handles[rng.integers(len(handles))]
+        spread = 40.0 if handle.role == "point" else 300.0
+        x, y = handle.x + rng.normal(0.0, spread), handle.y + rng.normal(0.0, spread)
+        sketch = edits.dragged(sketch, now, handle, x, y)
+        touched.add((handle.role, handle.chosen))
+        if rng.random() < 0.2:
+            sketch = edits.locked(sketch, now, chosen)
+        if number % 10 == 9:
+            now = placed_of(sketch)
+            assert np.isfinite(now.points["strength"]).all()
+            assert not [each for each in now.orphans if "river" not in each]
+    assert len(sketch.edits) < 2 * len(touched) + len(everything)
+    assert len(sketch.edits) <= MOST_EDITS

@@ -1,0 +1,282 @@
+"""Changing what was generated: a sketch with other edits, from what a person drags, sets or deletes.
+
+All that is said of one feature by one kind of edit is one edit, so that dragging it ever so often adds none.
+A lock goes with what is said of a locked feature: the edit is done before it, and its values follow.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.features.edits import lock_of
+from sketchterrain.features.river_edits import move_of
+from sketchterrain.sketch import ACTIONS, Edit
+from sketchterrain.ui.commands.chosen_parts import name_of, parent_of, point_of, river_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sketchterrain.features import River
+    from sketchterrain.sketch import Parameter, Sketch
+    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.models.handles import Handle
+    from sketchterrain.ui.models.workspace import Chosen
+
+__all__ = [
+    "added",
+    "deleted",
+    "dragged",
+    "is_edited",
+    "is_locked",
+    "locked",
+    "moved",
+    "point_moved",
+    "reset",
+    "resized",
+    "strength_of",
+    "strengthened",
+    "title_of",
+    "unlocked",
+    "widened",
+    "width_of",
+]
+
+_DIGITS = 3  # of a metre: what a person drags is no finer
+_SAME_PLACE = 0.01  # m; a control point that lies so near an edit's place was put there by it
+_TITLES = {
+    "move": "Move {}",
+    "radius": "Resize {}",
+    "point": "Move a point of {}",
+    "width": "Set the width of {}",
+}
+
+
+def dragged(sketch: Sketch, placed: Placed, handle: Handle, x: float, y: float) -> Sketch:
+    """Return a sketch in which a handle was dragged to a place (m); the same one if what it moved is gone."""
+    chosen = handle.chosen
+    if handle.role == "move":
+        return moved(sketch, placed, chosen, x, y)
+    if handle.role == "point":
+        return point_moved(sketch, placed, chosen, x, y)
+    away = math.hypot(x - handle.base_x, y - handle.base_y)
+    if handle.role == "radius":
+        return resized(sketch, placed, chosen, away)
+    shown = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
+    river = river_of(placed, chosen)
+    if river is None or shown <= 0.0:
+        return sketch
+    # A river is narrower at its spring and wider below confluences: what is set is scaled as what is shown.
+    return widened(sketch, chosen, (_said_width(sketch, river) or shown) * 2.0 * away / shown)
+
+
+def title_of(placed: Placed, handle: Handle) -> str:
+    """Return what dragging a handle is called in the history."""
+    return _TITLES[handle.role].format(name_of(placed, handle.chosen))
+
+
+def moved(sketch: Sketch, placed: Placed, chosen: Chosen, x: float, y: float) -> Sketch:
+    """Return a sketch in which a feature stands at a place (m)."""
+    if point_of(placed, chosen) is None:
+        return sketch
+    at_x, at_y = _within("move", "x", x), _within("move", "y", y)
+    return _with(sketch, Edit("move", chosen.id, x=at_x, y=at_y))
+
+
+def resized(sketch: Sketch, placed: Placed, chosen: Chosen, radius: float) -> Sketch:
+    """Return a sketch in which a feature has a radius (m)."""
+    if point_of(placed, chosen) is None:
+        return sketch
+    return _with(sketch, Edit("resize", chosen.id, radius=_within("resize", "radius", radius)))
+
+
+def strengthened(sketch: Sketch, placed: Placed, chosen: Chosen, strength: float) -> Sketch:
+    """Return a sketch in which a feature has a strength: a height in m, of a forest the share of trees."""
+    point = point_of(placed, chosen)
+    if point is None:
+        return sketch
+    strength = _within("strength", "strength", strength)
+    if name_of(placed, chosen) == "forest":
+        strength = min(strength, 1.0)
+    return _with(sketch, Edit("strength", chosen.id, strength=strength))
+
+
+def strength_of(sketch: Sketch, placed: Placed, chosen: Chosen) -> float | None:
+    """Return the strength that a feature was given, or else the one that it was placed with; None if gone."""
+    point = point_of(placed, chosen)
+    if point is None:
+        return None
+    given = [
+        edit.strength for edit in sketch.edits if edit.feature == chosen.id and edit.strength is not None
+    ]
+    return given[-1] if given else float(point["strength"])
+
+
+def point_moved(sketch: Sketch, placed: Placed, chosen: Chosen, x: float, y: float) -> Sketch:
+    """Return a sketch in which the chosen control point of a river lies at a place (m).
+
+    Where a river joins another one there is nothing to move: it follows that one.
+    """
+    river = river_of(placed, chosen)
+    index = chosen.index
+    if river is None or index is None or not 0 <= index < len(river.points):
+        return sketch
+    if index == len(river.points) - 1 and parent_of(placed, river) is not None:
+        return sketch
+    x, y = _within("move_point", "x", x), _within("move_point", "y", y)
+    earlier = _edit_of_point(sketch, river, index)
+    if earlier is None:
+        return sketch.with_edit(move_of(river, index, x=x, y=y))
+    # It keeps its turn: edits after it may name points by where this one put them.
+    edits = list(sketch.edits)
+    edits[earlier] = dataclasses.replace(edits[earlier], x=x, y=y)
+    return sketch.replace(edits=tuple(edits))
+
+
+def widened(sketch: Sketch, chosen: Chosen, width: float) -> Sketch:
+    """Return a sketch in which a river has a width (m) from bank to bank."""
+    if chosen.kind != "river":
+        return sketch
+    return sketch.with_edit(Edit("width", chosen.id, width=_within("width", "width", width)))
+
+
+def width_of(sketch: Sketch, placed: Placed, chosen: Chosen) -> float | None:
+    """Return the width (m) that a river was given, its label says, or it was painted with; None if gone."""
+    river = river_of(placed, chosen)
+    if river is None:
+        return None
+    return _said_width(sketch, river) or float(np.median(river.width))
+
+
+def deleted(sketch: Sketch, chosen: Chosen) -> Sketch:
+    """Return a sketch without a feature, a river or a lake; what was added is as if it never had been."""
+    return sketch.with_edit(Edit("delete", chosen.id))
+
+
+def locked(sketch: Sketch, placed: Placed, chosen: Chosen) -> Sketch:
+    """Return a sketch in which a feature keeps every value that it has, whatever is painted."""
+    point = point_of(placed, chosen)
+    if point is None or is_locked(sketch, chosen):
+        return sketch
+    return sketch.with_edit(lock_of(point))
+
+
+def unlocked(sketch: Sketch, chosen: Chosen) -> Sketch:
+    """Return a sketch without the lock of a feature; what else was said of it stays."""
+    return _without(sketch, chosen, lambda edit: edit.action == "lock")
+
+
+def is_locked(sketch: Sketch, chosen: Chosen) -> bool:
+    """Whether a feature keeps every value that it has."""
+    return any(edit.action == "lock" and edit.feature == chosen.id for edit in sketch.edits)
+
+
+def reset(sketch: Sketch, placed: Placed, chosen: Chosen) -> Sketch:
+    """Return a sketch in which something is again as it was generated, or as it was when it was added.
+
+    Of a river's control point only what was said of that point is taken back.
+    """
+    river = river_of(placed, chosen)
+    if river is None or chosen.index is None:
+        return _without(sketch, chosen, lambda edit: edit.action != "add")
+    at = _edit_of_point(sketch, river, chosen.index)
+    if at is None:
+        return sketch
+    return sketch.replace(edits=sketch.edits[:at] + sketch.edits[at + 1 :])
+
+
+def is_edited(sketch: Sketch, placed: Placed, chosen: Chosen) -> bool:
+    """Whether `reset` would change anything."""
+    return reset(sketch, placed, chosen) is not sketch
+
+
+def added(sketch: Sketch, kind: str, x: float, y: float, radius: float, strength: float) -> Sketch:
+    """Return a sketch with one more feature.
+
+    Parameters
+    ----------
+    sketch
+    kind : {'mountain', 'hill', 'dune', 'forest'}
+    x, y
+        Its middle (m).
+    radius
+        m, of the ground that it covers.
+    strength
+        Its height in m, of a forest the share of trees.
+
+    Raises
+    ------
+    InputError
+        If there is no such type.
+    """
+    if kind == "forest":
+        strength = min(strength, 1.0)
+    return sketch.with_edit(
+        Edit(
+            "add",
+            type=kind,
+            x=_within("add", "x", x),
+            y=_within("add", "y", y),
+            radius=_within("add", "radius", radius),
+            strength=_within("add", "strength", strength),
+        )
+    )
+
+
+def _with(sketch: Sketch, edit: Edit) -> Sketch:
+    """Add an edit of a point feature in place of an earlier one; a lock comes after it and has its values."""
+    edits: list[Edit] = []
+    for each in sketch.edits:
+        if each.target == edit.target:
+            continue
+        if each.action == "lock" and each.feature == edit.feature:
+            edits += [edit, dataclasses.replace(each, **edit.values)]  # type: ignore[arg-type] # its own values
+        else:
+            edits.append(each)
+    return sketch.replace(edits=tuple(edits)) if edit in edits else sketch.with_edit(edit)
+
+
+def _without(sketch: Sketch, chosen: Chosen, taken: Callable[[Edit], bool]) -> Sketch:
+    """Take those edits of what is chosen away that a test says; the same sketch if there are none."""
+    kept = tuple(edit for edit in sketch.edits if edit.feature != chosen.id or not taken(edit))
+    return sketch if len(kept) == len(sketch.edits) else sketch.replace(edits=kept)
+
+
+def _edit_of_point(sketch: Sketch, river: River, index: int) -> int | None:
+    """Find which edit put a control point where it is, or names it by where it still is."""
+    x, y = river.points[index, :2]
+    best, nearest = None, _SAME_PLACE
+    for at, edit in enumerate(sketch.edits):
+        if (
+            edit.action == "move_point"
+            and edit.feature == river.id
+            and edit.x is not None
+            and edit.y is not None
+        ):
+            places = [(edit.x, edit.y)]
+            if edit.from_x is not None and edit.from_y is not None:
+                places.append((edit.from_x, edit.from_y))
+            away = min(math.hypot(px - x, py - y) for px, py in places)
+            if away <= nearest:
+                best, nearest = at, away
+    return best
+
+
+def _said_width(sketch: Sketch, river: River) -> float:
+    """Return the width (m) that a river was given or that its label says; 0 if it is as it was painted."""
+    given = [edit.width for edit in sketch.edits if edit.action == "width" and edit.feature == river.id]
+    if given and given[-1] is not None:
+        return given[-1]
+    return cast(float, sketch.properties("river", river.label)["width"])
+
+
+def _within(action: str, name: str, value: float) -> float:
+    """Bring a value that was dragged into the range that its edit declares."""
+    if not math.isfinite(value):
+        raise InputError(f"{name}: expected a number, got {value}")
+    parameter: Parameter = ACTIONS[action].values[name]
+    return min(max(round(float(value), _DIGITS), float(parameter.low)), float(parameter.high))

@@ -1,0 +1,156 @@
+"""What one can take hold of in what was placed: which feature is where, and the handles of the chosen one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.features.lakes import within
+from sketchterrain.features.profiles import area_profile, hill_profile, mountain_profile
+from sketchterrain.ui.commands.chosen_parts import parent_of, point_of, river_of
+from sketchterrain.ui.models.workspace import Chosen
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy.typing as npt
+
+    from sketchterrain.features import Lake, River
+    from sketchterrain.ui.engine.messages import Placed
+
+__all__ = ["Handle", "chosen_at", "handle_at", "handles_of"]
+
+_TREES = 20.0  # m that a full forest stands out, beside a mountain's metres
+
+
+@dataclass(frozen=True)
+class Handle:
+    """Something to drag.
+
+    Attributes
+    ----------
+    role : {'move', 'radius', 'point', 'width'}
+        What dragging it changes: where a feature stands, how far it reaches, where a river's control point
+        lies, how wide the river is.
+    chosen : Chosen
+        Whose it is; of a control point with its index.
+    x, y : float
+        Where it lies (m).
+    base_x, base_y : float
+        What a radius and a width are counted from (m): the feature's middle, the river's centreline. Of the
+        others where they lie.
+    """
+
+    role: str
+    chosen: Chosen
+    x: float
+    y: float
+    base_x: float
+    base_y: float
+
+
+def chosen_at(placed: Placed, x: float, y: float, *, reach: float) -> Chosen | None:
+    """Return what is meant by a click.
+
+    A feature's middle goes before a river, that before a lake; anywhere else it is the feature that makes
+    most of the ground there.
+
+    Parameters
+    ----------
+    placed : Placed
+    x, y : float
+        m.
+    reach : float
+        m, how far from a middle or a bank a click may miss.
+
+    Returns
+    -------
+    Chosen or None
+        None where there is nothing.
+    """
+    points = placed.points
+    away = np.hypot(points["x"] - x, points["y"] - y)
+    if len(points) and away.min() <= reach:
+        return Chosen("feature", int(points["id"][int(np.argmin(away))]))
+    rivers = [(_past_bank(river, x, y), river.id) for river in placed.rivers]
+    if rivers and min(rivers)[0] <= reach:
+        return Chosen("river", min(rivers)[1])
+    lake = next((each for each in placed.lakes if _is_in(each, x, y)), None)
+    if lake is not None:
+        return Chosen("lake", lake.id)
+    makes = _makes(points, away)
+    if not len(makes) or makes.max() <= 0.0:
+        return None
+    return Chosen("feature", int(points["id"][int(np.argmax(makes))]))
+
+
+def handles_of(placed: Placed, chosen: Chosen | None) -> tuple[Handle, ...]:
+    """Return the handles of what is chosen; none of a lake, or of what is gone.
+
+    A river's last control point has none where it joins another one: it follows that one.
+    """
+    if chosen is None:
+        return ()
+    whole = Chosen(chosen.kind, chosen.id)
+    point = point_of(placed, chosen)
+    if point is not None:
+        x, y, radius = (float(point[key]) for key in ("x", "y", "radius"))
+        return Handle("move", whole, x, y, x, y), Handle("radius", whole, x + radius, y, x, y)
+    river = river_of(placed, chosen)
+    if river is None:
+        return ()
+    free = len(river.points) - (parent_of(placed, river) is not None)
+    places = river.points[:free, :2].tolist()
+    points = [Handle("point", Chosen("river", river.id, i), x, y, x, y) for i, (x, y) in enumerate(places)]
+    return (*points, _width_handle(river, whole))
+
+
+def handle_at(handles: Iterable[Handle], x: float, y: float, *, reach: float) -> Handle | None:
+    """Return the nearest handle to a place (m) within `reach` (m); of equally near ones the first."""
+    near = [(float(np.hypot(each.x - x, each.y - y)), each) for each in handles]
+    best = min(near, key=lambda pair: pair[0], default=None)
+    return best[1] if best is not None and best[0] <= reach else None
+
+
+def _width_handle(river: River, chosen: Chosen) -> Handle:
+    """Put it on the left bank, amid two control points and so clear of theirs, halfway down the river."""
+    line = river.centreline[:, :2]
+    half = len(river.points) // 2
+    ends = [
+        int(np.argmin(((line - point) ** 2).sum(axis=1))) for point in river.points[half - 1 : half + 1, :2]
+    ]
+    at = min(max(sum(ends) // 2, 1), len(line) - 2) if len(line) > 2 else 0
+    east, north = line[min(at + 1, len(line) - 1)] - line[max(at - 1, 0)]
+    across = 0.5 * float(river.centreline_width[at]) / max(float(np.hypot(east, north)), 1e-9)
+    x, y = (float(each) for each in line[at])
+    return Handle("width", chosen, x - across * float(north), y + across * float(east), x, y)
+
+
+def _past_bank(river: River, x: float, y: float) -> float:
+    """Return how far (m) a place lies beyond a river's banks; 0 in its water."""
+    start, way = river.centreline[:-1, :2], np.diff(river.centreline[:, :2], axis=0)
+    off = np.array([x, y]) - start
+    along = np.clip((off * way).sum(axis=1) / np.maximum((way**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    away = np.hypot(*(off - along[:, None] * way).T) - 0.5 * river.centreline_width[:-1]
+    return max(float(away.min()), 0.0)
+
+
+def _is_in(lake: Lake, x: float, y: float) -> bool:
+    return float(within(lake.shape, np.array([[x, y]]))[0]) > 0.0
+
+
+def _makes(points: npt.NDArray[np.void], away: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """How much (m) each feature adds at distances (m) from its middle, roughly; trees count as ground."""
+    t = away / np.maximum(points["radius"], 1e-6)
+    kinds = points["type"]
+    shares = {
+        "mountain": mountain_profile(t, points["peakiness"].astype(np.float64), 1.0),
+        "hill": hill_profile(t, 1.0),
+        "dune": area_profile(t),
+        "forest": _TREES * area_profile(t),
+    }
+    profile = np.select([kinds == FEATURE_TYPES.index(name) for name in shares], list(shares.values()), 0.0)
+    return np.asarray(np.where(t < 1.0, points["strength"] * profile, 0.0))

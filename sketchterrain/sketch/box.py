@@ -1,0 +1,15 @@
+"""Boxes of pixels: which part of a layer something is about."""
+
+from __future__ import annotations
+
+__all__ = ["Box", "around"]
+
+Box = tuple[int, int, int, int]
+"""Top, left, bottom, right: rows and columns of a sketch, the last two exclusive."""
+
+
+def around(a: Box | None, b: Box | None) -> Box | None:
+    """Return the smallest box around two boxes, either of which may be missing."""
+    if a is None or b is None:
+        return a or b
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])

@@ -1,0 +1,224 @@
+"""Strokes against discs by their definition: a pixel is covered when its centre is inside."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from sketchterrain.features.splines import sample_catmull_rom
+from sketchterrain.sketch.box import around
+from sketchterrain.ui.painting.shapes import paint_sweep
+from sketchterrain.ui.painting.stroke import Stroke
+
+SIDE = 96
+
+
+def empty(height: int = SIDE, width: int = SIDE) -> np.ndarray:
+    return np.zeros((height, width), dtype=np.uint8)
+
+
+def centres(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    rows, columns = np.mgrid[: image.shape[0], : image.shape[1]]
+    return columns + 0.5, rows + 0.5
+
+
+def depth(image: np.ndarray, start: tuple, end: tuple) -> np.ndarray:
+    """How far each centre is inside of a swept disc (px): the greatest over the way, which is concave."""
+    x, y = centres(image)
+    (ax, ay, a), (bx, by, b) = start, end
+    length = math.hypot(bx - ax, by - ay)
+    if length <= abs(b - a):
+        return np.maximum(a - np.hypot(x - ax, y - ay), b - np.hypot(x - bx, y - by))
+    along = ((x - ax) * (bx - ax) + (y - ay) * (by - ay)) / length
+    across = np.abs((x - ax) * (by - ay) - (y - ay) * (bx - ax)) / length
+    slope = (b - a) / length
+    best = np.clip(along + across * slope / math.sqrt(1.0 - slope * slope), 0.0, length)
+    return a + slope * best - np.hypot(along - best, across)
+
+
+def drawn(
+    places: list[tuple], *, label: int = 1, image: np.ndarray | None = None, **options: float
+) -> np.ndarray:
+    image = empty() if image is None else image
+    stroke = Stroke(image, label, **options)
+    for place in places:
+        stroke.to(*place)
+    stroke.finish()
+    return image
+
+
+def scribble(seed: int, *, radius: float | None = None, count: int = 12, reach: float = SIDE) -> list[tuple]:
+    rng = np.random.default_rng(seed)
+    x = np.round(rng.uniform(0.1 * reach, 0.9 * reach, (count, 2)) * 8) / 8
+    radii = np.full(count, radius) if radius else np.round(rng.uniform(0.5, 9.0, count) * 8) / 8
+    return [(*map(float, place), float(r)) for place, r in zip(x, radii, strict=True)]
+
+
+@pytest.mark.parametrize("radius", [0.5, 0.75, 1.0, 1.5, 2.25, 5.0, 16.125, 40.0, 64.5])
+@pytest.mark.parametrize("centre", [(48.5, 48.5), (48.0, 48.0), (31.25, 60.875), (0.0, 95.5), (-20.0, 110.0)])
+def test_a_dab_is_the_disc(radius: float, centre: tuple[float, float]) -> None:
+    image = drawn([(*centre, radius)])
+    x, y = centres(image)
+    wanted = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2
+    wanted |= np.maximum(np.abs(x - centre[0]), np.abs(y - centre[1])) <= 0.5  # never less than a pixel
+    np.testing.assert_array_equal(image == 1, wanted)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_sweep_is_every_disc_on_its_way(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b = (
+        tuple(np.round([*rng.uniform(-10, SIDE + 10, 2), rng.uniform(0.5, 30)], 2).tolist()) for _ in "ab"
+    )
+    image = empty()
+    box = paint_sweep(image, a, b, 3)
+    inside = depth(image, a, b)
+    np.testing.assert_array_equal((image == 3)[np.abs(inside) > 1e-6], (inside > 0)[np.abs(inside) > 1e-6])
+    assert box == box_of(image)
+
+
+@pytest.mark.parametrize("step", [(8.0, 0.0), (0.0, 8.0), (8.0, 8.0), (6.0, 8.0), (12.0, 5.0), (-8.0, 0.0)])
+@pytest.mark.parametrize("radius", [0.5, 1.0, 5.0, 13.0])
+def test_edges_through_centres_of_pixels_are_painted(step: tuple[float, float], radius: float) -> None:
+    start = (40.5, 40.5, radius)
+    end = (40.5 + step[0], 40.5 + step[1], radius)
+    image = empty()
+    paint_sweep(image, start, end, 1)
+    inside = depth(image, start, end)
+    assert (image[inside > -1e-9] == 1).all()
+    beyond = (inside < -1e-6) & (depth(image, (*start[:2], 0.7072), (*end[:2], 0.7072)) < 0.0)
+    assert not image[beyond].any()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel(seed: int) -> None:
+    radius = [0.5, 1.0, 3.0, 8.5, 20.0][seed % 5]
+    places = scribble(seed, radius=radius)
+    image = drawn(places)
+    path, _ = sample_catmull_rom(np.array(places)[:, :2], 0.02)
+    x, y = centres(image)
+    far, _ = cKDTree(path).query(np.dstack([x, y]))
+    assert (image[far <= radius - 0.5] == 1).all()
+    assert not image[far > radius + 0.5].any()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_corner_shows_where_the_pen_was(seed: int) -> None:
+    """A circle told by twelve places is as round as its own spline: its edge turns evenly."""
+    turn = seed / 12 * math.tau / 12
+    places = [
+        (300 + 200 * math.cos(k * math.tau / 12 + turn), 300 + 200 * math.sin(k * math.tau / 12 + turn), 10.0)
+        for k in range(25)
+    ]
+    image = drawn(places, image=empty(600, 600))
+    x, y = centres(image)
+    far = np.hypot(x - 300, y - 300)
+    # Beside the places where it begins and ends, which are guesses.
+    apart = np.abs((np.arctan2(y - 300, x - 300) - turn + math.pi) % math.tau - math.pi) > 0.8
+    assert (image[apart & (np.abs(far - 200) < 9.0)] == 1).all()
+    assert not image[apart & (np.abs(far - 200) > 11.0)].any()  # a polygon would be 7 px nearer to the middle
+
+
+def test_more_places_on_a_straight_line_paint_the_same() -> None:
+    for end, radius in itertools.product([(80.5, 20.5), (64.25, 72.5), (20.5, 84.5)], [0.5, 3.0, 11.25]):
+        few = drawn([(16.5, 20.5, radius), (*end, radius)])
+        for count in (2, 4, 16, 64):
+            many = [
+                (16.5 + (end[0] - 16.5) * k / count, 20.5 + (end[1] - 20.5) * k / count, radius)
+                for k in range(count + 1)
+            ]
+            np.testing.assert_array_equal(drawn(many, spacing=0.0), few)
+            np.testing.assert_array_equal(drawn(many), few)
+
+
+def test_pressure_changes_the_width_evenly() -> None:
+    image = drawn([(10.5, 48.5, 1.0), (80.5, 48.5, 15.0)])
+    widths = image[:, 20:70].sum(axis=0).astype(float)
+    assert (np.diff(widths) >= 0).all()
+    assert np.polyfit(np.arange(50), widths, 1)[0] == pytest.approx(2 * 14 / 70, rel=0.05)
+    grown = drawn([(48.5, 48.5, 2.0), (48.5, 48.5, 9.0)])
+    np.testing.assert_array_equal(grown, drawn([(48.5, 48.5, 9.0)]))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture(seed: int) -> None:
+    places = scribble(seed)
+    image = drawn(places)
+    np.testing.assert_array_equal(drawn([(SIDE - x, y, r) for x, y, r in places]), image[:, ::-1])
+    np.testing.assert_array_equal(drawn([(x, SIDE - y, r) for x, y, r in places]), image[::-1])
+    np.testing.assert_array_equal(drawn([(y, x, r) for x, y, r in places]), image.T)
+    np.testing.assert_array_equal(drawn([(y, SIDE - x, r) for x, y, r in places]), np.rot90(image))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide(seed: int) -> None:
+    image = drawn(scribble(seed, radius=0.01, count=5))
+    _, pieces = ndimage.label(image, np.ones((3, 3)))
+    assert pieces == 1
+    assert not ndimage.binary_erosion(image, np.ones((4, 4))).any()
+    straight = drawn([(10.5, 30.5, 0.5), (70.5, 30.5, 0.5)])
+    assert (straight.sum(), straight[30, 10:71].sum()) == (61, 61)
+
+
+def test_zero_erases_and_other_labels_stay_beside_it() -> None:
+    image = np.full((SIDE, SIDE), 4, dtype=np.uint8)
+    drawn([(20.5, 20.5, 6.0), (70.5, 50.5, 6.0)], label=0, image=image)
+    np.testing.assert_array_equal(image == 0, drawn([(20.5, 20.5, 6.0), (70.5, 50.5, 6.0)]) == 1)
+    assert set(np.unique(image)) == {0, 4}
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_crosses_the_edge_is_cut_and_nothing_else(seed: int) -> None:
+    places = [(2 * x - 48, 2 * y - 48, r) for x, y, r in scribble(seed)]
+    wide = drawn([(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200))
+    np.testing.assert_array_equal(drawn(places), wide[100:-100, 100:-100])
+
+
+def test_outside_of_the_image_nothing_is_painted_and_no_box_told() -> None:
+    image = empty()
+    stroke = Stroke(image, 1)
+    boxes = [stroke.to(x, y, 5.0) for x, y in [(-50, 20), (-60, 300), (40, 400), (500, 40), (1e6, -1e6)]]
+    assert [*boxes, stroke.finish()] == [None] * 6
+    assert not image.any()
+
+
+def box_of(image: np.ndarray) -> tuple | None:
+    rows, columns = np.flatnonzero(image.any(axis=1)), np.flatnonzero(image.any(axis=0))
+    return (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1) if len(rows) else None
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_each_box_holds_all_that_changed_and_together_they_are_tight(seed: int) -> None:
+    image = empty()
+    stroke = Stroke(image, 1)
+    together = None
+    for place in [*scribble(seed), None]:
+        before = image.copy()
+        box = stroke.to(*place) if place else stroke.finish()
+        together = around(together, box)
+        if box is None:
+            assert (image == before).all()
+            continue
+        top, left, bottom, right = box
+        assert 0 <= top < bottom <= SIDE
+        assert 0 <= left < right <= SIDE
+        before[top:bottom, left:right] = image[top:bottom, left:right]
+        assert (image == before).all()
+    assert together == box_of(image)
+
+
+def test_a_place_takes_less_than_two_milliseconds() -> None:
+    image = empty(4096, 4096)
+    stroke = Stroke(image, 1)
+    took = []
+    for k in range(120):
+        start = time.process_time()
+        stroke.to(2048 + 900 * math.cos(k * 0.05), 2048 + 900 * math.sin(k * 0.07), 64.0)
+        took.append(time.process_time() - start)
+    assert np.median(took) < 0.002

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, Points
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
 
 Box = tuple[float, float, float, float]
+Floats = npt.NDArray[np.float64]
 
 _OVERLAP = 0.5  # of the smaller rectangle, beyond what joining adds
 _MOST_REGIONS = 64  # changed regions that are looked at one by one
@@ -96,22 +98,23 @@ def _repainted(old: Sketch, new: Sketch, name: str) -> list[Box]:
 
 def joined_boxes(boxes: Iterable[Box]) -> list[Box]:
     """Join rectangles that overlap so much that one around both takes in little else."""
-    kept = np.zeros((0, 4))
+    kept: list[Box] = []
     for each in boxes:
-        box, again = np.array(each, dtype=np.float64), True
-        while again and len(kept):
-            around = np.column_stack([np.minimum(kept[:, :2], box[:2]), np.maximum(kept[:, 2:], box[2:])])
-            areas, own = _area(kept), _area(box[None])
-            growth = (_area(around) - areas - own) / np.maximum(np.minimum(areas, own), 1e-9)
-            best = int(np.argmin(growth))
+        box, again = each, True
+        while again and kept:
+            rows = np.array(kept)
+            low, high = np.minimum(rows[:, :2], box[:2]), np.maximum(rows[:, 2:], box[2:])
+            areas, own = _area(rows[:, :2], rows[:, 2:]), (box[2] - box[0]) * (box[3] - box[1])
+            growth = (_area(low, high) - areas - own) / np.maximum(np.minimum(areas, own), 1e-9)
+            best = int(growth.argmin())
             again = bool(growth[best] <= -_OVERLAP)
             if again:
-                box, kept = around[best], np.delete(kept, best, axis=0)
-        kept = np.concatenate([kept, box[None]])
-    return [(float(w), float(s), float(e), float(n)) for w, s, e, n in kept]
+                (west, south), (east, north) = low[best].tolist(), high[best].tolist()
+                box = (west, south, east, north)
+                del kept[best]
+        kept.append(box)
+    return kept
 
 
-def _area(
-    boxes: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    return (boxes[:, 2] - boxes[:, 0]) * (boxes[:, 3] - boxes[:, 1])
+def _area(low: Floats, high: Floats) -> Floats:
+    return np.asarray((high - low).prod(axis=1))

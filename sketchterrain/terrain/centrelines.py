@@ -19,7 +19,17 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
 
-__all__ = ["TOLERANCE_CELLS", "Course", "Reach", "as_arcs", "course_of", "tolerance_cell", "valley_reach"]
+__all__ = [
+    "LARGEST_TOLERANCE",
+    "TOLERANCE_CELLS",
+    "Course",
+    "Reach",
+    "as_arcs",
+    "course_of",
+    "meetings_on",
+    "tolerance_cell",
+    "valley_reach",
+]
 
 _CELL_SHARE = 0.01  # of a cell: how near arcs stay to the spline
 _MOST_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
@@ -89,6 +99,9 @@ def tolerance_cell(cell_size: float) -> float:
 TOLERANCE_CELLS = tuple(FINEST_CELL * 2.0**doublings for doublings in range(_MOST_DOUBLINGS + 1))
 """Every value of `tolerance_cell`."""
 
+LARGEST_TOLERANCE = _CELL_SHARE * TOLERANCE_CELLS[-1]
+"""How far (m) arcs are from the spline at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class Course:
@@ -120,7 +133,7 @@ def course_of(
         [river.centreline, river.centreline_width / 2.0, river.centreline_depth.astype(np.float64), reach]
     )
     curve, along = _curve(river)
-    return Course(river, line, curve, along, _kept(river, line, _met(river, meeting)), _steep(river))
+    return Course(river, line, curve, along, _kept(river, line, meetings_on(river, meeting)), _steep(river))
 
 
 def as_arcs(course: Course, *, cell_size: float = FINEST_CELL, least: float = 0.0) -> Reach:
@@ -189,8 +202,14 @@ def _steep(river: River) -> npt.NDArray[np.bool_]:
     return np.asarray(maximum_filter1d(np.append(steep, steep[-1:]), around), dtype=np.bool_)
 
 
-def _met(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[np.intp]:
-    """Find the indices of the centreline's ends and of its points where another river ends, ascending."""
+def meetings_on(river: River, meeting: npt.NDArray[np.float64] | None) -> npt.NDArray[np.intp]:
+    """Find the indices of the centreline's ends and of its points where another river ends, ascending.
+
+    Parameters
+    ----------
+    river, meeting
+        As for `course_of`.
+    """
     line = river.centreline[:, 0] + 1j * river.centreline[:, 1]
     at = np.zeros(len(line), dtype=bool) if meeting is None else np.isin(line, meeting @ np.array([1, 1j]))
     at[[0, -1]] = True

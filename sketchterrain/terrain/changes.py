@@ -11,9 +11,9 @@ import numpy as np
 from sketchterrain.features import Fill
 from sketchterrain.features.edits import EditedFill
 from sketchterrain.features.fill_changes import fill_difference, joined_boxes, only_in
-from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.lattice import metres_per_unit
-from sketchterrain.terrain.packing import pack_features, pack_rivers, support_radii
+from sketchterrain.terrain.packing import pack_features, support_radii
+from sketchterrain.terrain.river_changes import river_areas
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,7 +60,7 @@ def changed_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     for one, other in ((old, new), (new, old)):
         boxes += _around_fields(one.lakes, other.lakes)
         boxes += _around_fields(one.covers, other.covers)
-    return joined_boxes([*boxes, *_around_rivers(old, new)])
+    return joined_boxes([*boxes, *river_areas(old, new)])
 
 
 def touches(areas: Sequence[Box], bounds: Box, *, margin: float = 0.0) -> bool:
@@ -94,38 +94,6 @@ def _around_features(recipe: TerrainRecipe, features: Points) -> list[Box]:
     packed = pack_features(recipe, features, 0.0)
     at = packed.at * metres_per_unit(recipe.extent)
     return _boxes(at, at, packed.support)
-
-
-def _around_rivers(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
-    if _river_values(old) == _river_values(new):  # most edits leave them, and flattening takes its time
-        return []
-    rows = [_river_rows(recipe) for recipe in (old, new)]
-    there = [{row.tobytes() for row in each} for each in rows]
-    boxes = []
-    for recipe, own, others in zip((old, new), rows, there[::-1], strict=True):
-        changed = own[np.array([row.tobytes() not in others for row in own], dtype=np.bool_)]
-        unit = metres_per_unit(recipe.extent)
-        start, vector, reach = changed[:, :2] * unit, changed[:, 2:4], changed[:, 4]
-        boxes += _boxes(
-            np.minimum(start, start + vector),
-            np.maximum(start, start + vector),
-            reach * (1 + 1e-5) + 3 * unit,
-        )
-    return boxes
-
-
-def _river_values(recipe: TerrainRecipe) -> list[bytes]:
-    """Everything that rivers are packed from."""
-    pairs = zip(recipe.rivers, recipe.river_reach, strict=True)
-    parts = [(r.points, r.centreline, r.centreline_width, r.centreline_depth, reach) for r, reach in pairs]
-    return [part.tobytes() for each in parts for part in each]
-
-
-def _river_rows(recipe: TerrainRecipe) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    """Every piece of river for every cell size in one row: start, way, reach, and all the rest."""
-    sets = [pack_rivers(recipe, cell) for cell in TOLERANCE_CELLS]
-    rows = [[p.start, p.along[:, :2], p.reach, p.along[:, 2:], p.up, p.down] for p in sets]
-    return np.concatenate([np.column_stack(row) for row in rows])
 
 
 def _around_fields(

@@ -10,7 +10,7 @@ import numpy as np
 
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.crests import crests
-from sketchterrain.terrain.centrelines import as_arcs, course_of, tolerance_cell
+from sketchterrain.terrain.centrelines import as_arcs, course_of, meetings_on, tolerance_cell
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.octaves import band_weight, octave_table
 from sketchterrain.terrain.recipe import FINEST_CELL
@@ -18,12 +18,21 @@ from sketchterrain.terrain.recipe import FINEST_CELL
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.features import River
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.centrelines import Course
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["PackedFeatures", "PackedRivers", "PackedWorld", "pack_features", "pack_rivers", "pack_world"]
+__all__ = [
+    "PackedFeatures",
+    "PackedRivers",
+    "PackedWorld",
+    "courses_of",
+    "pack_features",
+    "pack_rivers",
+    "pack_world",
+]
 
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
@@ -37,8 +46,8 @@ _FRACTION_BITS = 24
 _DIRECTION_BITS = 11
 _SLOTS = ("mountain", "hill", "forest")
 
-_kept_courses: WeakKeyDictionary[TerrainRecipe, list[tuple[npt.NDArray[np.int64], Course]]]
-_kept_courses = WeakKeyDictionary()
+# By river: an edit elsewhere leaves it as it was.
+_kept_courses: WeakKeyDictionary[River, tuple[tuple[float, bytes, bytes], Course]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -236,7 +245,7 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     """
     cell, unit = tolerance_cell(cell_size), metres_per_unit(recipe.extent)
     courses, anchors = [], []
-    for anchor, course in _courses(recipe):
+    for anchor, course in courses_of(recipe):
         courses.append(as_arcs(course, cell_size=cell, least=unit))
         anchors.append(np.tile(anchor, (len(courses[-1].bend), 1)))
     if not courses:
@@ -255,17 +264,19 @@ def pack_rivers(recipe: TerrainRecipe, cell_size: float = FINEST_CELL) -> Packed
     return PackedRivers(start[kept], along[kept], starts[kept, 2:], ends[kept, 2:])
 
 
-def _courses(recipe: TerrainRecipe) -> list[tuple[npt.NDArray[np.int64], Course]]:
-    """Where each river's spring lies on the lattice, and its course from there; kept."""
-    if recipe not in _kept_courses:
-        unit = metres_per_unit(recipe.extent)
-        meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
-        found = []
-        for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
-            # Arcs are fitted from the spring, wherever that is: far away they would round otherwise.
-            anchor = to_lattice(river.centreline[0, :2], recipe.extent)
-            away = np.append(anchor * unit, 0.0)
-            local = replace(river, points=river.points - away, centreline=river.centreline - away)
-            found.append((anchor, course_of(local, reach, meeting - away[:2])))
-        _kept_courses[recipe] = found
-    return _kept_courses[recipe]
+def courses_of(recipe: TerrainRecipe) -> list[tuple[npt.NDArray[np.int64], Course]]:
+    """Return where each river's spring lies on the lattice, and its course from there; kept by river."""
+    unit = metres_per_unit(recipe.extent)
+    meeting = np.array([river.centreline[-1, :2] for river in recipe.rivers]).reshape(-1, 2)
+    found = []
+    for river, reach in zip(recipe.rivers, recipe.river_reach, strict=True):
+        # Arcs are fitted from the spring, wherever that is: far away they would round otherwise.
+        anchor = to_lattice(river.centreline[0, :2], recipe.extent)
+        away = np.append(anchor * unit, 0.0)
+        local = replace(river, points=river.points - away, centreline=river.centreline - away)
+        met = meeting - away[:2]
+        key = recipe.extent, reach.tobytes(), meetings_on(local, met).tobytes()
+        if river not in _kept_courses or _kept_courses[river][0] != key:
+            _kept_courses[river] = key, course_of(local, reach, met)
+        found.append((anchor, _kept_courses[river][1]))
+    return found

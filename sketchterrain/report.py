@@ -48,7 +48,7 @@ def report_of(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[
             "plants_per_second": round(sum(plants.counts.values()) / plants.seconds),
         },
         "notes": undescribed_labels(terrain.sketch),
-        "resolutions": list(terrain.recipe.resolutions),
+        "resolutions": [each.line for each in terrain.recipe.resolutions],
         "edits": {"count": len(terrain.sketch.edits), "orphans": list(terrain.recipe.orphans)},
     }
 

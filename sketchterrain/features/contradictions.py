@@ -12,7 +12,7 @@ ends there. A lake in a mountain is a tarn: its rim is raised where the mountain
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,23 @@ class Crossing:
     mountain: int
 
 
+class Resolution(NamedTuple):
+    """What was decided where layers contradict each other.
+
+    Attributes
+    ----------
+    line : str
+        For a person.
+    x, y : float
+        Where (m): amid a river's run through a mountain or a lake, or where it springs or ends there; the
+        middle of a tarn.
+    """
+
+    line: str
+    x: float
+    y: float
+
+
 def mountain_numbers(sketch: Sketch) -> Numbers:
     """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none."""
     numbers = np.zeros(sketch.layers["mountain"].shape, dtype=np.int64)
@@ -73,8 +90,8 @@ def resolutions(
     rivers: Sequence[River],
     grounds: Sequence[Floats],
     lakes: Sequence[Lake],
-) -> tuple[str, ...]:
-    """Say in one line each what was decided.
+) -> tuple[Resolution, ...]:
+    """Say in one line each what was decided, and where.
 
     Parameters
     ----------
@@ -88,21 +105,35 @@ def resolutions(
     lakes : sequence of Lake
         Painted ones first; they are counted from 1.
     """
-    lines: list[str] = []
+    found: list[Resolution] = []
     for number, (river, ground) in enumerate(zip(rivers, grounds, strict=True), 1):
         line = river.centreline[:, :2]
-        lines += [
-            f"river {number} {_met(run, river, ground, rivers)}" for run in crossings(sketch, numbers, line)
-        ]
+        for run in crossings(sketch, numbers, line):
+            what = f"river {number} {_met(run, river, ground, rivers)}"
+            found.append(_resolved(what, line[_place(run.first, run.last, len(line))]))
         for first, last, at in runs_inside(lakes, line):
             verb = "springs from" if first == 0 else "runs through"
             verb = "ends in" if last == len(line) - 1 else verb
-            lines.append(f"river {number} {verb} lake {at + 1}: water at {lakes[at].level:.1f} m")
+            what = f"river {number} {verb} lake {at + 1}: water at {lakes[at].level:.1f} m"
+            found.append(_resolved(what, line[_place(first, last, len(line))]))
     for number, lake in enumerate(lakes, 1):
-        mountain = int(_at(sketch, numbers, lake_centre(lake)[None])[0])
+        centre = lake_centre(lake)
+        mountain = int(_at(sketch, numbers, centre[None])[0])
         if mountain and lake.label:
-            lines.append(f"lake {number} lies in mountain {mountain}: a tarn at {lake.level:.0f} m")
-    return tuple(lines)
+            what = f"lake {number} lies in mountain {mountain}: a tarn at {lake.level:.0f} m"
+            found.append(_resolved(what, centre))
+    return tuple(found)
+
+
+def _resolved(line: str, at: Floats) -> Resolution:
+    return Resolution(line, float(at[0]), float(at[1]))
+
+
+def _place(first: int, last: int, count: int) -> int:
+    """Return which point of a line a run is shown at: its loose end if it has just one, else its middle."""
+    if (first == 0) != (last == count - 1):
+        return 0 if first == 0 else count - 1
+    return (first + last) // 2
 
 
 def _met(run: Crossing, river: River, ground: Floats, rivers: Sequence[River]) -> str:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
     from sketchterrain.features.catalogue import Lake, River
+    from sketchterrain.features.contradictions import Resolution
     from sketchterrain.features.river_network import RiverEnd
     from sketchterrain.features.skeleton import Skeleton
     from sketchterrain.sketch.document import Sketch
@@ -87,8 +88,8 @@ class Waters:
         Sorted by id.
     lakes : tuple of Lake
         Painted ones in reading order, then those in which rivers end beyond the sketch.
-    resolutions : tuple of str
-        One line for each contradiction between layers; see `contradictions`.
+    resolutions : tuple of Resolution
+        One line for each contradiction between layers, and where; see `contradictions`.
     orphans : tuple of str
         One line for each edit that found nothing to change.
     grounds : tuple of (m,) float64
@@ -97,7 +98,7 @@ class Waters:
 
     rivers: tuple[River, ...]
     lakes: tuple[Lake, ...]
-    resolutions: tuple[str, ...]
+    resolutions: tuple[Resolution, ...]
     orphans: tuple[str, ...]
     grounds: tuple[Floats, ...]
 

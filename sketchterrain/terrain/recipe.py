@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
     from sketchterrain.features.catalogue import Cover, Lake, Points
+    from sketchterrain.features.contradictions import Resolution
     from sketchterrain.sketch import MaterialRule
 
 __all__ = ["FeatureSource", "NoFill", "TerrainRecipe"]
@@ -85,8 +86,8 @@ class TerrainRecipe:
         Painted materials, in the order in which each lies over the ones before it.
     material_rules : tuple of MaterialRule
         By which materials cover the ground under the painted ones, from below to the top.
-    resolutions : tuple of str
-        What was decided where layers contradict each other, one line each.
+    resolutions : tuple of Resolution
+        What was decided where layers contradict each other, one line each, and where.
     orphans : tuple of str
         Edits whose feature is not there any more, one line each.
     """
@@ -103,7 +104,7 @@ class TerrainRecipe:
     lakes: tuple[Lake, ...] = ()
     covers: tuple[Cover, ...] = ()
     material_rules: tuple[MaterialRule, ...] = DEFAULT_RULES
-    resolutions: tuple[str, ...] = ()
+    resolutions: tuple[Resolution, ...] = ()
     orphans: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:

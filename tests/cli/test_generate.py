@@ -97,7 +97,7 @@ def test_the_report_says_what_was_made_with_what(generated: Path, sketch: Path) 
         plants / told["foliage"]["seconds"], rel=0.01
     )
     assert told["counts"]["rivers"] == len(terrain.features.rivers) > 0
-    assert told["resolutions"] == list(terrain.recipe.resolutions)
+    assert told["resolutions"] == [each.line for each in terrain.recipe.resolutions]
     assert told["edits"] == {"count": 0, "orphans": []}
     assert told["heights"]["maximum"] == heights(generated).max()
     assert 10 << 20 < told["peak_memory"] < 1 << 36

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from sketchterrain.features.catalogue import River
-from sketchterrain.features.contradictions import crossings, mountain_numbers, resolutions
+from sketchterrain.features.contradictions import Resolution, crossings, mountain_numbers, resolutions
 from sketchterrain.sketch.document import Sketch
 
 SIZE = 40
@@ -25,6 +25,10 @@ def river(x: np.ndarray = X) -> River:
 
 
 def told(plan: Sketch, line: np.ndarray = X, ground: float = 60.0) -> tuple[str, ...]:
+    return tuple(each.line for each in resolved(plan, line, ground))
+
+
+def resolved(plan: Sketch, line: np.ndarray = X, ground: float = 60.0) -> tuple[Resolution, ...]:
     return resolutions(plan, mountain_numbers(plan), [river(line)], [np.full(len(line), ground)], [])
 
 
@@ -50,3 +54,14 @@ def test_a_river_crosses_springs_or_ends_in_a_mountain() -> None:
 
 def test_a_river_above_the_ground_cuts_nothing() -> None:
     assert told(sketch((10, 20)), ground=-5.0) == ("river 1 crosses mountain 1: valley cut 0 m",)
+
+
+def test_each_is_told_where_it_is() -> None:
+    (crosses,) = resolved(sketch((10, 20)))
+    assert (crosses.x, crosses.y) == (145.0, 200.0)
+    (begins,) = resolved(sketch((0, 10)))
+    assert (begins.x, begins.y) == (X[0], 200.0)
+    (ends,) = resolved(sketch((30, 40)))
+    assert (ends.x, ends.y) == (X[-1], 200.0)
+    (all_of_it,) = resolved(sketch((0, 40)))
+    assert all_of_it.x == X[(len(X) - 1) // 2]

@@ -175,7 +175,7 @@ def test_a_river_across_a_mountain_runs_below_the_straight_line(batch: int, cont
         bed = terrain.heights(line[inside, 0], line[inside, 1]).astype(np.float64)
         straight = np.linspace(bed[0], bed[-1], len(bed))
         assert (bed - straight).max() <= RISE_M
-        assert any("crosses mountain 1: valley cut" in each for each in terrain.recipe.resolutions)
+        assert any("crosses mountain 1: valley cut" in each.line for each in terrain.recipe.resolutions)
 
 
 def test_a_river_ends_in_a_lake_at_its_level(context: ComputeContext) -> None:
@@ -186,7 +186,9 @@ def test_a_river_ends_in_a_lake_at_its_level(context: ComputeContext) -> None:
     (found,), (water,) = terrain.recipe.rivers, terrain.recipe.lakes
     assert within(water.shape, found.centreline[-1:, :2])[0] > 0
     assert found.centreline[-1, 2] == pytest.approx(water.level, abs=0.05)
-    assert terrain.recipe.resolutions == (f"river 1 ends in lake 1: water at {water.level:.1f} m",)
+    (told,) = terrain.recipe.resolutions
+    assert told.line == f"river 1 ends in lake 1: water at {water.level:.1f} m"
+    assert within(water.shape, np.array([[told.x, told.y]]))[0] > 0
     assert greatest_rise(terrain, found) <= RISE_M
 
 
@@ -195,7 +197,9 @@ def test_a_lake_in_a_mountain_is_a_tarn_with_a_rim(context: ComputeContext) -> N
     lake = (np.hypot(COLUMN - 120, ROW - 96) < 9).astype(np.uint8)
     terrain = build(Sketch(extent=5000.0, layers={"mountain": mountain, "lake": lake}), device=context)
     (tarn,) = terrain.recipe.lakes
-    assert terrain.recipe.resolutions == (f"lake 1 lies in mountain 1: a tarn at {tarn.level:.0f} m",)
+    (told,) = terrain.recipe.resolutions
+    assert told.line == f"lake 1 lies in mountain 1: a tarn at {tarn.level:.0f} m"
+    assert within(tarn.shape, np.array([[told.x, told.y]]))[0] > 0
     angle, pixel = np.linspace(0, 2 * np.pi, 200), 5000.0 / SIDE
     east, north = (
         120.5 * pixel + np.cos(angle) * 11 * pixel,

@@ -1,0 +1,82 @@
+"""The declared commands as Qt's actions: made once, bound to what they do, shown in menus and tool bars."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QObject
+from PyQt6.QtGui import QAction, QActionGroup, QKeySequence
+
+from sketchterrain.ui.action_list import COMMANDS
+from sketchterrain.ui.look.icons import icon
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from PyQt6.QtWidgets import QMainWindow
+
+__all__ = ["Actions"]
+
+_GROUPS = ("tool", "layer", "mode")
+
+
+class Actions(QObject):
+    """All actions of a window, by the names in `COMMANDS`.
+
+    Parameters
+    ----------
+    window
+        Whose they are: their keys work wherever in it the focus is.
+    """
+
+    def __init__(self, window: QMainWindow) -> None:
+        super().__init__(window)
+        groups = {kind: QActionGroup(self) for kind in _GROUPS}
+        self._actions: dict[str, QAction] = {}
+        for name, command in COMMANDS.items():
+            action = QAction(command.text, self)
+            action.setObjectName(name)
+            action.setShortcuts([QKeySequence(key) for key in command.keys])
+            action.setStatusTip(command.tip)
+            action.setToolTip(_tool_tip(command.text, command.tip, action))
+            if command.icon:
+                action.setIcon(icon(command.icon))
+            action.setCheckable(bool(command.kind))
+            if command.kind in groups:
+                groups[command.kind].addAction(action)
+            self._actions[name] = action
+            window.addAction(action)
+
+    def __getitem__(self, name: str) -> QAction:
+        return self._actions[name]
+
+    def __iter__(self) -> Iterator[QAction]:
+        return iter(self._actions.values())
+
+    def bind(self, what: Mapping[str, Callable[[], object]]) -> None:
+        """Say what actions do when they are triggered.
+
+        Raises
+        ------
+        KeyError
+            If there is no such action.
+        """
+        for name, do in what.items():
+            self._actions[name].triggered.connect(lambda _=False, do=do: do())
+
+    def bind_checked(self, what: Mapping[str, Callable[[bool], object]]) -> None:
+        """Say what actions do when a person switches them on or off.
+
+        Raises
+        ------
+        KeyError
+            If there is no such action.
+        """
+        for name, do in what.items():
+            self._actions[name].triggered.connect(lambda on=False, do=do: do(on))
+
+
+def _tool_tip(text: str, tip: str, action: QAction) -> str:
+    keys = action.shortcut().toString(QKeySequence.SequenceFormat.NativeText)
+    title = text.replace("&", "").rstrip("…")
+    return f"<p><b>{title}</b>{f' &nbsp;{keys}' if keys else ''}<br>{tip}</p>"

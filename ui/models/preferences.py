@@ -1,0 +1,115 @@
+"""What the program remembers of a person between two runs, in a file of its own."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
+
+__all__ = ["Preferences", "config_folder", "state_folder"]
+
+_THEMES = ("system", "light", "dark")
+
+
+def config_folder() -> Path:
+    """Return the folder for what a person chose, after ``XDG_CONFIG_HOME``."""
+    return _folder("XDG_CONFIG_HOME", ".config")
+
+
+def state_folder() -> Path:
+    """Return the folder for what the program keeps from run to run, after ``XDG_STATE_HOME``."""
+    return _folder("XDG_STATE_HOME", ".local/state")
+
+
+def _folder(variable: str, usual: str) -> Path:
+    given = os.environ.get(variable, "")
+    # The standard says that a relative path there counts for nothing.
+    base = Path(given) if given.startswith("/") else Path.home() / usual
+    return base / "sketchterrain"
+
+
+class Preferences(QObject):
+    """A person's choices. What cannot be read counts as never chosen.
+
+    Parameters
+    ----------
+    path
+        The file, written when something is chosen.
+    """
+
+    theme_changed = pyqtSignal(str)
+    device_changed = pyqtSignal()
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._settings = QSettings(str(path), QSettings.Format.IniFormat)
+
+    @property
+    def theme(self) -> str:
+        """``system``, ``light`` or ``dark``."""
+        theme = self._text("theme")
+        return theme if theme in _THEMES else "system"
+
+    @theme.setter
+    def theme(self, theme: str) -> None:
+        if theme not in _THEMES:
+            raise ValueError(f"expected a theme, one of {', '.join(_THEMES)}, got {theme!r}")
+        if theme != self.theme:
+            self._settings.setValue("theme", theme)
+            self.theme_changed.emit(theme)
+
+    @property
+    def device(self) -> str | None:
+        """Selector of the device that terrain is worked out on; None: the program chooses."""
+        return self._text("device") or None
+
+    @device.setter
+    def device(self, device: str | None) -> None:
+        if device != self.device:
+            self._settings.setValue("device", device or "")
+            self.device_changed.emit()
+
+    @property
+    def last_folder(self) -> Path:
+        """Where a file was opened or saved last; the home folder at first, or where that folder is gone."""
+        folder = Path(self._text("last_folder") or Path.home())
+        return folder if folder.is_dir() else Path.home()
+
+    @last_folder.setter
+    def last_folder(self, folder: Path) -> None:
+        self._settings.setValue("last_folder", str(folder))
+
+    @property
+    def export_folder(self) -> Path | None:
+        """Where a terrain was exported to last."""
+        text = self._text("export_folder")
+        return Path(text) if text else None
+
+    @export_folder.setter
+    def export_folder(self, folder: Path) -> None:
+        self._settings.setValue("export_folder", str(folder))
+
+    @property
+    def layout(self) -> tuple[QByteArray, QByteArray] | None:
+        """The window's geometry and the places of its panels, as Qt keeps them; None: as at first."""
+        geometry, state = (self._settings.value(f"window/{key}") for key in ("geometry", "state"))
+        if isinstance(geometry, QByteArray) and isinstance(state, QByteArray):
+            return geometry, state
+        return None
+
+    @layout.setter
+    def layout(self, layout: tuple[QByteArray, QByteArray] | None) -> None:
+        if layout is None:
+            self._settings.remove("window")
+            return
+        self._settings.setValue("window/geometry", layout[0])
+        self._settings.setValue("window/state", layout[1])
+
+    def keep(self) -> None:
+        """Write what was chosen now, not when the program ends."""
+        self._settings.sync()
+
+    def _text(self, key: str) -> str:
+        value = self._settings.value(key, "")
+        return value if isinstance(value, str) else ""

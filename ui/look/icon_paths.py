@@ -2,7 +2,7 @@
 
 A drawing is words and numbers: ``M x y`` move, ``L x y`` line, ``C x y x y x y`` and ``Q x y x y`` curves,
 ``Z`` close, ``O x y r`` circle, ``R x y w h r`` rounded rectangle, ``A x y r from span`` arc (degrees, 0 is
-east, on anticlockwise; it begins a part of its own). After ``M`` and ``L`` more pairs of numbers go on with lines.
+east, on anticlockwise; it begins a part of its own). More pairs of numbers after ``M`` and ``L`` are lines.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from sketchterrain.errors import InputError
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
-__all__ = ["preset", "preset_names", "source"]
+__all__ = ["preset", "preset_names", "preset_picture", "source"]
 
 _BASELINES = "baselines/"
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
@@ -75,3 +75,14 @@ def preset(name: str) -> Traversable:
     if name not in preset_names():
         raise InputError(f"no preset {name!r}; there are: {', '.join(preset_names())}")
     return files("sketchterrain.presets").joinpath(name)
+
+
+def preset_picture(name: str) -> bytes:
+    """Return a picture of a preset's terrain, a JPEG of 480 × 270 px.
+
+    Raises
+    ------
+    InputError
+        If there is no preset of that name.
+    """
+    return preset(name).joinpath("picture.jpg").read_bytes()

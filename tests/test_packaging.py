@@ -47,7 +47,7 @@ def test_a_wheel_holds_kernels_and_presets(tmp_path: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     for folder, pattern in (("kernels", "*.cl*"), ("kernels", "*.glsl"), ("presets", "*.*")):
         for file in (ROOT / folder).rglob(pattern):
-            if file.suffix in {".cl", ".clh", ".glsl", ".toml", ".png"}:
+            if file.suffix in {".cl", ".clh", ".glsl", ".toml", ".png", ".jpg"}:
                 assert f"sketchterrain/{file.relative_to(ROOT).as_posix()}" in names
     code = (
         f"import sys; sys.path.insert(0, {str(wheel)!r}); import sketchterrain; "
@@ -71,3 +71,10 @@ def test_source_puts_each_include_in_once() -> None:
 def test_unknown_preset_names_those_there_are() -> None:
     with pytest.raises(InputError, match="no preset 'valley'; there are: alpine_range"):
         resources.preset("valley")
+
+
+def test_every_preset_has_a_small_picture() -> None:
+    for name in resources.preset_names():
+        picture = resources.preset_picture(name)
+        assert picture.startswith(b"\xff\xd8")
+        assert len(picture) < 60_000

@@ -2,26 +2,53 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import threading
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
 
-from PyQt6.QtCore import QObject, pyqtSignal
+from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QImage
 
-from sketchterrain.ui.engine.messages import EngineFacts, Pick, ViewState
+from sketchterrain.ui.engine.children import Children
+from sketchterrain.ui.engine.messages import (
+    Adherence,
+    EngineFacts,
+    FrameFacts,
+    FrameTaken,
+    Pick,
+    Picked,
+    Placed,
+    Relief,
+    Trouble,
+    ViewState,
+    Working,
+)
+from sketchterrain.ui.engine.plan import Coming, Followed, FrameThere, PictureWritten, StillPlaced
+from sketchterrain.ui.engine.updates import UpdateMaker
 
 if TYPE_CHECKING:
-    from PyQt6.QtGui import QImage
-
-    from sketchterrain.ui.engine.messages import Adherence, FrameFacts, Placed, Relief
+    from sketchterrain.ui.engine.channel import Channel
     from sketchterrain.ui.models.document import Document
 
 __all__ = ["EngineLink"]
+
+_OFTEN: Final = 0.016
+"""s between two sketches that are sent, at least."""
+_CALM: Final = 60.0
+"""s after which a crash is no more in a row with the one before."""
 
 
 class EngineLink(QObject):
     """Works out the terrain of a document, and draws it, in processes of its own.
 
+    It says `FrameTaken` by itself. If a process crashes, both are started again: the second time in a row
+    without OpenGL, after the third only by `start`.
+
     Attributes
     ----------
+    device : str or None
+        Selector of the OpenCL device, for the next `start`; None: the best one.
     facts : EngineFacts
         What it runs on; all empty until it is known.
     placed : Placed or None
@@ -47,15 +74,21 @@ class EngineLink(QObject):
     adherence_changed = pyqtSignal(object)
     frame_shown = pyqtSignal(object)
     """A new picture is there: its `FrameFacts`; see `picture`."""
+    followed = pyqtSignal(object)
+    """The view's tiles hold the heights of another version: `Followed`."""
     picked = pyqtSignal(object)
     view_changed = pyqtSignal(object)
     picture_written = pyqtSignal(str)
     trouble = pyqtSignal(object)
     """`Trouble`."""
 
+    _came = pyqtSignal(int, str, object)
+    """From a thread that reads: of which start, from which process, and what."""
+
     def __init__(self, document: Document) -> None:
         super().__init__()
         self._document = document
+        self.device: str | None = None
         self.facts = EngineFacts()
         self.placed: Placed | None = None
         self.relief: Relief | None = None
@@ -65,18 +98,37 @@ class EngineLink(QObject):
         self.view = ViewState()
         self.working = ""
         self._token = 0
+        self._children: Children | None = None
+        self._threads: list[threading.Thread] = []
+        self._starts = 0
+        self._started = 0.0
+        self._crashes = 0
+        self._busy: dict[str, str] = {}
+        self._updates = UpdateMaker(document)
+        self._sent = 0.0
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self._send_sketch)
+        self._came.connect(self._take, Qt.ConnectionType.QueuedConnection)
 
     def start(self) -> None:
-        """Start the processes; again after they ended."""
-        raise NotImplementedError
+        """Start the processes; again after they ended, and anew while they run."""
+        self._crashes = 0
+        self._begin(draws=True)
 
     def stop(self) -> None:
         """End the processes; waits for them for a short while."""
-        raise NotImplementedError
+        self._timer.stop()
+        self._updates.stop()
+        self._end()
+        self._set_busy("engine", "")
+        self._set_busy("placer", "")
 
     def tell(self, message: Any) -> None:
-        """Send one of the window's messages: a motion, `Look`, `MeasureAdherence`, `TakePicture` and so on."""
-        raise NotImplementedError
+        """Send one of the window's messages: a motion, `Look`, `Pick`, `TakePicture` and so on."""
+        if self._children is not None:
+            self._children.engine.send(message)
 
     def show(self, view: ViewState) -> None:
         """Say what the view shall show."""
@@ -90,3 +142,125 @@ class EngineLink(QObject):
         self._token += 1
         self.tell(Pick(self._token, x, y))
         return self._token
+
+    def _begin(self, *, draws: bool) -> None:
+        self._end()
+        self._starts += 1
+        self._started = time.monotonic()
+        self._children = children = Children(device=self.device, draws=draws)
+        for name, channel in (("engine", children.engine), ("placer", children.placer)):
+            thread = threading.Thread(
+                target=self._read, args=(self._starts, name, channel, children), name=name, daemon=True
+            )
+            thread.start()
+            self._threads.append(thread)
+        children.engine.send(self.view)
+        self._updates.start(self._schedule)
+        self._send_sketch()
+
+    def _end(self) -> None:
+        children, self._children = self._children, None
+        if children is not None:
+            children.end()
+            for thread in self._threads:
+                thread.join(1.0)
+            self._threads.clear()
+
+    def _read(self, start: int, name: str, channel: Channel, children: Children) -> None:
+        """Hand over what a process tells; on a thread of its own."""
+        while True:
+            try:
+                message = channel.receive()
+            except EOFError:
+                break
+            self._came.emit(start, name, message)
+        self._came.emit(start, name, _Gone(children.ended()))
+
+    def _schedule(self) -> None:
+        if not self._timer.isActive() and self._children is not None:
+            left = self._sent + _OFTEN - time.monotonic()
+            self._timer.start(max(round(left * 1e3), 0))
+
+    def _send_sketch(self) -> None:
+        if self._children is None:
+            return
+        self._sent = time.monotonic()
+        update, fresh = self._updates.next()
+        self._children.placer.send(update)
+        self._children.engine.send(Coming(update.version, fresh=fresh))
+
+    def _take(self, start: int, name: str, message: Any) -> None:
+        """Take what a process told over, on the window's thread."""
+        if start != self._starts or self._children is None:
+            return  # of one that was stopped
+        if isinstance(message, FrameThere):
+            self._take_frame(message)
+        elif isinstance(message, Placed):
+            self.placed = message
+            self.placed_changed.emit(message)
+        elif isinstance(message, StillPlaced):
+            if self.placed is not None:
+                self.placed = replace(self.placed, version=message.version)
+                self.placed_changed.emit(self.placed)
+        elif isinstance(message, Relief):
+            self.relief = message
+            self.relief_changed.emit(message)
+        elif isinstance(message, Followed):
+            self.followed.emit(message)
+        elif isinstance(message, Picked):
+            self.picked.emit(message)
+        elif isinstance(message, Adherence):
+            self.adherence = message
+            self.adherence_changed.emit(message)
+        elif isinstance(message, EngineFacts):
+            self.facts = message
+            self.facts_changed.emit(message)
+        elif isinstance(message, Working):
+            self._set_busy(name, message.what)
+        elif isinstance(message, PictureWritten):
+            self.picture_written.emit(message.path)
+        elif isinstance(message, Trouble):
+            self.trouble.emit(message)
+        elif isinstance(message, _Gone):
+            self._crashed(message.line or f"the {name} closed its connection")
+
+    def _take_frame(self, there: FrameThere) -> None:
+        assert self._children is not None  # noqa: S101 # `_take` looked
+        width, height = there.facts.width, there.facts.height
+        with self._children.frames.view(there.start, 4 * width * height, there.capacity) as pixels:
+            shared = QImage(pixels, width, height, 4 * width, QImage.Format.Format_RGBX8888)  # type: ignore[call-overload]
+            self.picture = shared.convertToFormat(QImage.Format.Format_RGB32)
+            del shared
+        self.tell(FrameTaken())
+        self.frame = there.facts
+        self.frame_shown.emit(there.facts)
+
+    def _crashed(self, line: str) -> None:
+        self._end()
+        self._crashes = 1 if time.monotonic() - self._started > _CALM else self._crashes + 1
+        self._set_busy("engine", "")
+        self._set_busy("placer", "")
+        if self._crashes == 1:
+            self.trouble.emit(Trouble("engine", f"{line}; it is started again"))
+            self._begin(draws=True)
+        elif self._crashes == 2:  # see the class
+            self.trouble.emit(Trouble("engine", f"{line} once more; it goes on without the 3-D view"))
+            self._begin(draws=False)
+        else:
+            self.trouble.emit(
+                Trouble("engine", f"{line} again and again; start it again, or save and restart")
+            )
+
+    def _set_busy(self, name: str, what: str) -> None:
+        self._busy[name] = what
+        working = self._busy.get("engine", "") or self._busy.get("placer", "")
+        if working != self.working:
+            self.working = working
+            self.working_changed.emit(working)
+
+
+class _Gone:
+    """A process ended: how, in one line."""
+
+    def __init__(self, line: str) -> None:
+        self.line = line

@@ -1,0 +1,286 @@
+"""What goes on behind the window: the newest terrain, frames of it, answers. One thread, one loop."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+from sketchterrain.errors import DeviceFailedError, SketchterrainError, one_line
+from sketchterrain.render import Camera, find_view
+from sketchterrain.render.weather import Weather
+from sketchterrain.ui.engine import messages
+from sketchterrain.ui.engine.channel import Channel, ready
+from sketchterrain.ui.engine.eye import Eye
+from sketchterrain.ui.engine.messages import Picked, Trouble, ViewState, Working
+from sketchterrain.ui.engine.plan import Coming, Followed, MeasureJob, PictureJob, Plan
+from sketchterrain.ui.engine.relief import ReliefMaker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sketchterrain.terrain.changes import Box
+    from sketchterrain.ui.engine.jobs import Jobs
+    from sketchterrain.ui.engine.land import Land
+    from sketchterrain.ui.engine.messages import EngineFacts
+    from sketchterrain.ui.engine.show import Show
+
+__all__ = ["Engine"]
+
+_SLICE: Final = 0.008
+"""s that the relief gets between two frames."""
+_IDLE_SLICE: Final = 0.03
+"""s that it gets at a time while there is nothing to draw."""
+_EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
+
+
+class Engine:
+    """Listens to the window and to the placer, draws, and answers; until the window wants no more.
+
+    Parameters
+    ----------
+    window, placer
+        The others' channels.
+    land
+        The terrain on its device.
+    show
+        Draws it; None: there is no OpenGL.
+    jobs
+        For what takes long.
+    facts
+        What it all runs on.
+    """
+
+    def __init__(
+        self,
+        window: Channel,
+        placer: Channel,
+        *,
+        land: Land,
+        show: Show | None,
+        jobs: Jobs,
+        facts: EngineFacts,
+    ) -> None:
+        self._window, self._placer = window, placer
+        self._land, self._show, self._jobs = land, show, jobs
+        self._facts = facts
+        self._relief = ReliefMaker()
+        self._eye: Eye | None = None
+        self._view = ViewState()
+        self._expected, self._fresh = -1, -1
+        self._busy_with = ""
+        self._goes_on = True
+        self._does: dict[type, Callable[[Any], None]] = {
+            messages.Quit: self._quit,
+            ViewState: self._look,
+            messages.FrameTaken: self._taken,
+            messages.Look: self._be_at,
+            messages.Pick: self._pick,
+            messages.MeasureAdherence: self._measure,
+            messages.TakePicture: self._take_picture,
+            Coming: self._expect,
+            **dict.fromkeys(
+                (messages.Turn, messages.Pan, messages.Zoom, messages.Fly, messages.GoTo), self._move
+            ),
+        }
+
+    def run(self) -> None:
+        """Work until `Quit`, or until one of the others is gone."""
+        try:
+            self._window.send(self._facts)
+            while self._goes_on:
+                self._turn()
+        except EOFError:
+            return
+        finally:
+            self._jobs.close()
+
+    def _turn(self) -> None:
+        """Wait until there is something to do, and do it."""
+        plans: list[Plan] = []
+        channels = [self._window, self._placer]
+        if self._jobs.channel is not None:
+            channels.append(self._jobs.channel)
+        waiting = ready(channels, self._pause())
+        while waiting:  # all that is there: the newest terrain and the newest eye count
+            for channel in waiting:
+                if channel is self._placer:
+                    plans.append(channel.receive())
+                elif channel is self._window:
+                    self._do(channel.receive())
+                else:
+                    self._window.send(self._jobs.receive())
+            waiting = ready(channels[:2], 0.0)
+        if plans:
+            self._guarded("view", lambda: self._follow(plans))
+        if self._show is not None and self._eye is not None:
+            due = self._show.due(moving=self._eye.restless)
+            if due is not None and due <= 0.0:
+                self._guarded("view", self._draw)
+        if self._relief.busy and self._land.terrain is not None:
+            self._guarded("engine", self._make_relief)
+        self._say("")
+
+    def _pause(self) -> float | None:
+        """Return how long to wait for messages, s; None: until there is one."""
+        due = None
+        if self._show is not None and self._eye is not None:
+            due = self._show.due(moving=self._eye.restless)
+        return 0.0 if self._relief.busy and self._land.terrain is not None else due
+
+    def _do(self, message: Any) -> None:
+        self._guarded("engine", lambda: self._does[type(message)](message))
+
+    def _guarded(self, what: str, work: Callable[[], None]) -> None:
+        """Do something; what fails becomes a message, and the last good terrain stays."""
+        try:
+            work()
+        except EOFError:
+            raise
+        except DeviceFailedError as error:
+            self._leave_device(error)
+        except SketchterrainError as error:
+            self._fail(what, one_line(error))
+        except Exception as error:  # noqa: BLE001 # a defect must not end the view
+            traceback.print_exc()
+            self._fail(what, one_line(f"{type(error).__name__}: {error}"))
+
+    def _fail(self, what: str, line: str) -> None:
+        if what == "view" and self._show is not None:
+            self._show.stop()
+        self._window.send(Trouble(what, line))
+
+    def _leave_device(self, error: DeviceFailedError) -> None:
+        self._window.send(Trouble("engine", one_line(f"{error}; {self._land.go_over()}")))
+        if self._show is not None:
+            self._show.stage.clear()
+        device = self._land.device
+        name, platform = ("", "") if device is None else (device.name, device.platform)
+        self._tell_facts(device=name, platform=platform, no_device=self._land.lacks)
+        self._guarded("view", lambda: self._show_land([_EVERYWHERE]))
+
+    def _follow(self, plans: list[Plan]) -> None:
+        """Go over to the newest terrain."""
+        received = time.monotonic()
+        areas = self._land.take(plans)
+        self._show_land(areas)
+        placed = next((plan for plan in reversed(plans) if plan.recipe is not None), plans[-1])
+        self._window.send(
+            Followed(self._land.version, placed.begun, placed.ready, received, time.monotonic(), len(areas))
+        )
+
+    def _show_land(self, areas: list[Box]) -> None:
+        terrain, version = self._land.terrain, self._land.version
+        if terrain is None:
+            return
+        if self._eye is None or self._eye.size != terrain.size or self._fresh >= 0 <= version - self._fresh:
+            mode = "orbit" if self._eye is None else self._eye.mode
+            self._eye, self._fresh = Eye(terrain), -1
+            self._eye.use(self._view.mode if self._view.mode else mode)
+        else:
+            self._eye.follow(terrain)
+        if areas:
+            self._relief.follow(terrain, version, areas)
+        if self._show is None:
+            return
+        self._show.expect(coming=self._expected > version)
+        if self._show.stage.is_empty:
+            self._say("Preparing the picture")
+        line = self._show.show(terrain, version, areas, self._eye)
+        if line:
+            self._window.send(Trouble("view", line))
+        self._tell_facts(sharing=self._show.stage.sharing)
+
+    def _draw(self) -> None:
+        assert self._show is not None and self._eye is not None  # noqa: S101, PT018 # whoever calls looked
+        if self._show.stage.is_empty:
+            self._show_land([])
+        there = self._show.frame(self._eye)
+        if there is not None:
+            self._window.send(there)
+
+    def _make_relief(self) -> None:
+        idle = self._show is None or self._show.due(moving=False) is None
+        made = self._relief.work(_IDLE_SLICE if idle else _SLICE)
+        if made is not None:
+            self._window.send(made)
+
+    def _quit(self, _: messages.Quit) -> None:
+        self._goes_on = False
+
+    def _look(self, view: ViewState) -> None:
+        self._view = view
+        if self._eye is not None:
+            self._eye.use(view.mode)
+        if self._show is not None:
+            self._show.look(view)
+
+    def _taken(self, _: messages.FrameTaken) -> None:
+        if self._show is not None:
+            self._show.taken()
+
+    def _expect(self, coming: Coming) -> None:
+        self._expected = coming.version
+        if coming.fresh:
+            self._fresh = coming.version
+        if self._show is not None:
+            self._show.expect(coming=True)
+
+    def _move(self, motion: Any) -> None:
+        if self._eye is not None:
+            self._eye.take(motion, aspect=self._aspect)
+
+    def _be_at(self, look: messages.Look) -> None:
+        terrain = self._land.terrain
+        if self._eye is None or terrain is None:
+            return
+        if look.pose is not None:
+            self._eye.be_at(Camera(look.pose.eye, look.pose.target, fov=look.pose.fov))
+            return
+        self._say("Looking for a view")
+        self._eye.be_at(find_view(terrain, weather=Weather.of(terrain.sketch)))
+
+    def _pick(self, pick: messages.Pick) -> None:
+        place = None if self._eye is None else self._eye.seen(pick.x, pick.y, aspect=self._aspect)
+        self._window.send(Picked(pick.token, place))
+
+    def _measure(self, _: messages.MeasureAdherence) -> None:
+        if self._land.sketch is None or self._land.terrain is None:
+            raise SketchterrainError(self._land.lacks or "there is no terrain yet")
+        self._jobs.add(MeasureJob(self._land.version, self._land.sketch, self._land.recipe))
+
+    def _take_picture(self, wanted: messages.TakePicture) -> None:
+        sun = None if self._show is None else self._show.stage.sun
+        if sun is None or self._eye is None or self._land.sketch is None:
+            self._window.send(Trouble("picture", self._facts.no_picture or "there is no picture yet"))
+            return
+        self._jobs.add(
+            PictureJob(
+                sketch=self._land.sketch,
+                recipe=self._land.recipe,
+                path=wanted.path,
+                size=(wanted.width, wanted.height),
+                pose=self._eye.pose(),
+                sun=(sun.azimuth, sun.elevation),
+                overlays=tuple(self._view.overlays),
+            )
+        )
+
+    @property
+    def _aspect(self) -> float:
+        """Width over height of the picture."""
+        return self._view.width / self._view.height if self._view.height else 1.0
+
+    def _tell_facts(self, **changes: str) -> None:
+        facts = replace(self._facts, **changes)  # type: ignore[arg-type] # all of them are text
+        if facts != self._facts:
+            self._facts = facts
+            self._window.send(facts)
+
+    def _say(self, what: str) -> None:
+        """Tell the window what it is busy with."""
+        what = what or self._jobs.doing
+        if what != self._busy_with:
+            self._busy_with = what
+            self._window.send(Working(what))

@@ -1,0 +1,125 @@
+"""The terrain on a device: it follows the placer's plans, and goes over to another device when one fails."""
+
+from __future__ import annotations
+
+import pickle
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import DeviceError, one_line
+from sketchterrain.ui.engine.mirror import SketchMirror
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sketchterrain.compute import ComputeContext, Device
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Terrain, TerrainRecipe
+    from sketchterrain.terrain.changes import Box
+    from sketchterrain.ui.engine.plan import Plan
+
+__all__ = ["Land"]
+
+
+class Land:
+    """What the newest plan makes of the sketch.
+
+    Parameters
+    ----------
+    open_device
+        Opens a device; beside OpenGL, where there is any.
+    device
+        Selector as for :func:`~sketchterrain.compute.choose_device`.
+
+    Attributes
+    ----------
+    terrain : Terrain or None
+        None before the first plan, and without a device.
+    sketch : Sketch or None
+    version : int
+        Of the sketch; −1 before the first plan.
+    recipe : bytes
+        The pickled recipe.
+    lacks : str
+        One line, why there is no device; empty where there is one.
+    """
+
+    def __init__(self, open_device: Callable[[Device], ComputeContext], *, device: str | None = None) -> None:
+        self._open_device = open_device
+        self.terrain: Terrain | None = None
+        self.sketch: Sketch | None = None
+        self.recipe = b""
+        self.lacks = ""
+        self._mirror = SketchMirror()
+        self._failed: list[Device] = []
+        self._context: ComputeContext | None = None
+        self._open(device)
+
+    @property
+    def version(self) -> int:
+        """Of the sketch that it shows; −1 before the first."""
+        return self._mirror.version
+
+    @property
+    def device(self) -> Device | None:
+        """What it is computed on; None where there is none."""
+        return None if self._context is None else self._context.device
+
+    def take(self, plans: list[Plan]) -> list[Box]:
+        """Take plans over, of which only the last one's terrain is made; return where heights may be others.
+
+        Raises
+        ------
+        DeviceFailedError
+            If the device fails; the plans are taken all the same.
+        """
+        areas: list[Box] = []
+        recipe = None
+        for plan in plans:
+            self._mirror.apply(plan.update)
+            areas += plan.areas
+            recipe = plan.recipe or recipe
+        self.sketch = self._mirror.sketch()
+        if recipe is not None:
+            self.recipe = recipe
+            self._make(pickle.loads(recipe))  # noqa: S301 # the placer's
+        elif self.terrain is not None:
+            self._make(self.terrain.recipe)
+        return areas
+
+    def go_over(self) -> str:
+        """Leave the device, which failed, for another one; return a line that says so.
+
+        The terrain is made anew there; without another device there is none any more.
+        """
+        from sketchterrain.compute import spare_device
+
+        failed = self.device
+        self.terrain, self._context = None, None
+        if failed is not None:
+            self._failed.append(failed)
+        while (spare := spare_device(self._failed)) is not None:
+            try:
+                self._context = self._open_device(spare)
+                if self.recipe:
+                    self._make(pickle.loads(self.recipe))  # noqa: S301 # the placer's
+            except DeviceError:
+                self._failed.append(spare)
+                continue
+            return f"goes on with {spare.name} ({spare.platform})"
+        self._context = None
+        self.lacks = "every OpenCL device failed: start the program again, or install another driver"
+        return "there is no other device"
+
+    def _open(self, selector: str | None) -> None:
+        from sketchterrain.compute import choose_device
+
+        try:
+            self._context = self._open_device(choose_device(selector))
+        except DeviceError as error:
+            self.lacks = one_line(error)
+
+    def _make(self, recipe: TerrainRecipe) -> None:
+        from sketchterrain.terrain import Terrain
+
+        if self._context is not None and self.sketch is not None:
+            self.terrain = Terrain(self.sketch, recipe, self._context)

@@ -1,0 +1,159 @@
+"""The process that places what is painted: the newest sketch becomes a recipe of the terrain."""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from dataclasses import fields
+from typing import TYPE_CHECKING, Final
+
+from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.ui.engine.channel import Channel, pickled
+from sketchterrain.ui.engine.messages import Placed, Quit, SketchUpdate, Trouble, Working
+from sketchterrain.ui.engine.mirror import SketchMirror
+from sketchterrain.ui.engine.placing import Abandoned, Patience
+from sketchterrain.ui.engine.plan import Plan, StillPlaced
+
+if TYPE_CHECKING:
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import TerrainRecipe
+
+__all__ = ["Placer"]
+
+_LOOKS: Final = frozenset({"name", "weather", "look"})
+"""Settings that change nothing of the terrain's shape."""
+_LONG: Final = 0.3  # s, after which a person is told that something is being worked out
+
+
+class Placer:
+    """Follows the window's sketch, places it, and tells the window and the engine.
+
+    Parameters
+    ----------
+    window, engine
+        Where updates come from, and where recipes go.
+    """
+
+    def __init__(self, window: Channel, engine: Channel) -> None:
+        from sketchterrain.features.memory import ShapeMemory
+
+        self._window, self._engine = window, engine
+        self._mirror = SketchMirror()
+        self._memory = ShapeMemory()
+        self._patience = Patience(self._newer)
+        self._sketch: Sketch | None = None
+        self._recipe: TerrainRecipe | None = None
+        self._told = False
+
+    def run(self) -> None:
+        """Work until there is nothing more to do."""
+        while self._take():
+            if self._mirror.version >= 0:
+                self._work()
+
+    def _newer(self) -> bool:
+        return self._window.has_message()
+
+    def _take(self) -> bool:
+        """Wait for an update and take over all that wait; return whether to go on."""
+        try:
+            while True:
+                message = self._window.receive()
+                if isinstance(message, Quit):
+                    return False
+                if isinstance(message, SketchUpdate):
+                    self._mirror.apply(message)
+                if not self._window.has_message():
+                    return True
+        except EOFError:
+            return False
+
+    def _work(self) -> None:
+        try:
+            sketch = self._mirror.sketch()
+            if self._recipe is None or self._is_another(sketch):
+                self._place(sketch)
+            else:
+                self._sketch = sketch
+                now = time.monotonic()
+                self._engine.send(Plan(self._mirror.changes(), None, (), now, now))
+                self._window.send(StillPlaced(self._mirror.version))
+        except Abandoned:
+            pass
+        except SketchterrainError as error:
+            self._window.send(Trouble("sketch", one_line(error)))
+        except OSError:
+            raise
+        except Exception as error:  # noqa: BLE001 # a defect must not end the program: the last terrain stays
+            traceback.print_exc()
+            line = one_line(f"the sketch could not be placed: {type(error).__name__}: {error}")
+            self._window.send(Trouble("sketch", line))
+
+    def _is_another(self, sketch: Sketch) -> bool:
+        """Whether anything changed of what the terrain's shape depends on."""
+        before = self._sketch
+        if before is None or any(sketch.layers[name] is not before.layers[name] for name in sketch.layers):
+            return True
+        names = [each.name for each in fields(sketch) if each.name not in _LOOKS and each.name != "layers"]
+        return any(getattr(sketch, name) != getattr(before, name) for name in names)
+
+    def _place(self, sketch: Sketch) -> None:
+        from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
+        from sketchterrain.terrain.from_sketch import make_recipe
+
+        version = self._mirror.version
+        self._patience.begin()
+        self._begun = time.monotonic()
+        try:
+            import inspect
+
+            asked = (
+                {"checkpoint": self._checkpoint}
+                if "checkpoint" in inspect.signature(make_recipe).parameters
+                else {}
+            )
+            recipe = make_recipe(sketch, memory=self._memory, **asked)
+        finally:
+            self._say_done()
+        areas = [EVERYWHERE] if self._recipe is None else changed_areas(self._recipe, recipe)
+        seconds = self._patience.end()
+        data = pickled(recipe)
+        self._engine.send(Plan(self._mirror.changes(), data, tuple(areas), self._begun, time.monotonic()))
+        self._sketch, self._recipe = sketch, recipe
+        self._window.send(_placed(version, sketch, recipe, seconds))
+
+    def _checkpoint(self) -> None:
+        if not self._told and time.monotonic() - self._begun > _LONG:
+            self._told = True
+            self._window.send(Working("Placing features"))
+        self._patience.checkpoint()
+
+    def _say_done(self) -> None:
+        if self._told:
+            self._told = False
+            self._window.send(Working(""))
+
+
+def _placed(version: int, sketch: Sketch, recipe: TerrainRecipe, seconds: float) -> Placed:
+    from sketchterrain.terrain.answers import TerrainFeatures
+
+    found = TerrainFeatures.of(recipe, sketch.size)
+    return Placed(
+        version=version,
+        points=found.points,
+        rivers=found.rivers,
+        lakes=found.lakes,
+        resolutions=tuple((each, 0.0, 0.0) if isinstance(each, str) else each for each in recipe.resolutions),
+        orphans=recipe.orphans,
+        seconds=seconds,
+    )
+
+
+def _main(window: int, engine: int) -> None:
+    # Its updates may wait, but never hold up the placing.
+    Placer(Channel.of(window), Channel.of(engine, patient=False)).run()
+
+
+if __name__ == "__main__":
+    _main(int(sys.argv[1]), int(sys.argv[2]))

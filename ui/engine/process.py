@@ -1,0 +1,81 @@
+"""The process behind the window: opens what there is to compute and to draw with, and runs the engine."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sketchterrain.errors import DeviceError, one_line
+from sketchterrain.ui.engine.channel import Channel
+from sketchterrain.ui.engine.messages import EngineFacts, Working
+
+if TYPE_CHECKING:
+    from sketchterrain.ui.engine.stage import Stage
+
+__all__ = ["held_bytes"]
+
+
+def held_bytes(processes: list[int]) -> int:
+    """Return how many bytes of memory processes hold; one that ended holds none."""
+    total = 0
+    for process in processes:
+        try:
+            pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
+        except OSError:
+            continue
+        total += int(pages) * os.sysconf("SC_PAGE_SIZE")
+    return total
+
+
+def _main(options: dict[str, Any]) -> None:
+    """Run the engine.
+
+    Parameters
+    ----------
+    options
+        ``window``, ``placer``, ``frames``: numbers of file descriptors. ``placer_id``: of the process.
+        ``device``: selector, or None. ``draws``: whether to open OpenGL.
+    """
+    window = Channel.of(options["window"], patient=False)
+    window.send(Working("Opening the device"))
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.ui.engine.engine import Engine
+    from sketchterrain.ui.engine.frames import FrameMemory
+    from sketchterrain.ui.engine.jobs import Jobs
+    from sketchterrain.ui.engine.land import Land
+    from sketchterrain.ui.engine.show import Show
+
+    stage, no_picture = _stage() if options["draws"] else (None, "OpenGL failed twice: start it again")
+    land = Land(stage.open_device if stage else ComputeContext, device=options["device"])
+    jobs, own = Jobs(), [os.getpid(), options["placer_id"]]
+    device = land.device
+    facts = EngineFacts(
+        device=device.name if device else "",
+        platform=device.platform if device else "",
+        renderer=stage.name if stage else "",
+        no_device=land.lacks,
+        no_picture=no_picture,
+    )
+    show = None
+    if stage is not None:
+        memory = FrameMemory(options["frames"])
+        show = Show(stage, memory, held=lambda: held_bytes(own + ([jobs.pid] if jobs.pid else [])))
+    Engine(window, Channel.of(options["placer"]), land=land, show=show, jobs=jobs, facts=facts).run()
+    window.close()
+
+
+def _stage() -> tuple[Stage | None, str]:
+    """Open OpenGL; else return a line that says what is missing."""
+    from sketchterrain.ui.engine.stage import Stage
+
+    try:
+        return Stage(), ""
+    except DeviceError as error:
+        return None, one_line(error)
+
+
+if __name__ == "__main__":
+    _main(json.loads(sys.argv[1]))

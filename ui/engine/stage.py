@@ -1,0 +1,194 @@
+"""What the engine draws: a renderer that follows the terrain and the view, and a picture for each frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.render import Quality, Renderer, Weather, open_context
+from sketchterrain.render.overlays import OVERLAYS, Overlay
+from sketchterrain.render.quality import SOFTWARE
+from sketchterrain.render.sharing_probe import open_device
+from sketchterrain.render.sunlight import find_sun, sun_of
+from sketchterrain.ui.engine.messages import ViewState
+
+if TYPE_CHECKING:
+    import moderngl
+
+    from sketchterrain.compute import ComputeContext, Device
+    from sketchterrain.render.camera import Camera
+    from sketchterrain.render.sky import Sun
+    from sketchterrain.render.stats import FrameStats
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.changes import Box
+
+__all__ = ["Stage"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """What a renderer was made for."""
+
+    renderer: Renderer
+    overlay: Overlay | None
+    terrain: Terrain
+    sun: Sun
+
+
+class Stage:
+    """An OpenGL context and what is drawn in it.
+
+    Attributes
+    ----------
+    name : str
+        What the driver calls itself.
+    is_software : bool
+        Whether it draws on the CPU.
+
+    Raises
+    ------
+    DeviceError
+        If there is no OpenGL; one line says what to install.
+    """
+
+    def __init__(self) -> None:
+        self._context = open_context()
+        self.name = str(self._context.info["GL_RENDERER"])
+        self.is_software = any(part in self.name.lower() for part in SOFTWARE)
+        self._view = ViewState()
+        self._shown: _Shown | None = None
+        self._texture: moderngl.Texture | None = None
+        self._framebuffer: moderngl.Framebuffer | None = None
+
+    def open_device(self, device: Device) -> ComputeContext:
+        """Open a device so that it writes where this context draws from."""
+        return open_device(device)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is drawn yet, or any more."""
+        return self._shown is None
+
+    @property
+    def sharing(self) -> str:
+        """How heights get here; ``none`` before anything is drawn."""
+        return "none" if self._shown is None else self._shown.renderer.ground.memory.kind
+
+    @property
+    def sun(self) -> Sun | None:
+        """Where the sun stands; None before anything is drawn."""
+        return None if self._shown is None else self._shown.sun
+
+    def look(self, view: ViewState) -> None:
+        """Show things otherwise from now on."""
+        if view.quality != self._view.quality:
+            self.clear()
+        self._view = view
+
+    def clear(self) -> None:
+        """Forget what is drawn; the next `show` makes all of it anew."""
+        if self._shown is not None:
+            self._shown.renderer.release()
+            self._shown = None
+
+    def show(self, terrain: Terrain, areas: list[Box], camera: Camera) -> str:
+        """Draw a terrain from now on.
+
+        Parameters
+        ----------
+        terrain
+        areas
+            m; elsewhere it has the bits of the one before.
+        camera
+            For which the sun is chosen, if the sketch names no hour.
+
+        Returns
+        -------
+        str
+            One line if the sun does not stand where the sketch says; else empty.
+        """
+        shown = self._shown
+        weather = Weather.of(terrain.sketch)
+        if shown is not None and not _follows(shown.terrain.sketch, terrain.sketch):
+            self.clear()
+            shown = None
+        if shown is None:
+            sun, line = _sun(terrain, camera, weather)
+            renderer = Renderer(self._context, terrain, sun=sun, weather=weather, quality=self._quality())
+            self._shown = _Shown(renderer, None, terrain, sun)
+            return line
+        sun, line = shown.sun, ""
+        if areas:
+            shown.renderer.change(terrain, areas)
+            if shown.overlay is not None:
+                shown.overlay.change(terrain)
+        if weather != Weather.of(shown.terrain.sketch):
+            sun, line = _sun(terrain, camera, weather)
+            shown.renderer.relight(sun=sun, weather=weather)
+        self._shown = _Shown(shown.renderer, shown.overlay, terrain, sun)
+        return line
+
+    def frame(self, camera: Camera, *, elapsed: float, clock: float) -> FrameStats:
+        """Draw a frame; `pixels` has it.
+
+        Parameters
+        ----------
+        camera
+        elapsed
+            s since the last frame.
+        clock
+            s, moves water, plants and clouds.
+        """
+        shown, framebuffer = self._shown, self._sized((self._view.width, self._view.height))
+        assert shown is not None  # noqa: S101 # `show` was called before
+        stats = shown.renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
+        names = [name for name in self._view.overlays if name in OVERLAYS]
+        if names and shown.overlay is None:
+            shown = _Shown(
+                shown.renderer,
+                Overlay(self._context, shown.terrain, shown.renderer.ground),
+                shown.terrain,
+                shown.sun,
+            )
+            self._shown = shown
+        for name in names:
+            assert shown.overlay is not None  # noqa: S101 # made just now
+            shown.overlay.draw(name, camera.eye, framebuffer)
+        return stats
+
+    def pixels(self, into: memoryview) -> None:
+        """Copy the last frame: RGBX, row 0 on top."""
+        assert self._texture is not None  # noqa: S101 # `frame` was called before
+        width, height = self._texture.size
+        read = np.frombuffer(self._texture.read(), np.uint8).reshape(height, width, 4)
+        np.frombuffer(into, np.uint8).reshape(height, width, 4)[:] = read[::-1]
+
+    def _quality(self) -> Quality:
+        number = self._view.quality
+        return Quality.for_renderer(self.name) if number is None else Quality.of(number)
+
+    def _sized(self, size: tuple[int, int]) -> moderngl.Framebuffer:
+        if self._framebuffer is None or self._framebuffer.size != size:
+            for old in (self._framebuffer, self._texture):
+                if old is not None:
+                    old.release()
+            self._texture = self._context.texture(size, 4)
+            self._framebuffer = self._context.framebuffer([self._texture])
+        return self._framebuffer
+
+
+def _sun(terrain: Terrain, camera: Camera, weather: Weather) -> tuple[Sun, str]:
+    """Return where the sun stands; at night, where it would suit the view, and a line that says so."""
+    try:
+        return sun_of(terrain, camera, weather), ""
+    except InputError as error:
+        return find_sun(terrain, camera), one_line(error)
+
+
+def _follows(before: Sketch, after: Sketch) -> bool:
+    """Whether a renderer of the one sketch can go over to the other."""
+    return (before.extent, before.look, before.climate) == (after.extent, after.look, after.climate)

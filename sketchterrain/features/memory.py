@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from sketchterrain.sketch.document import LabelImage, Sketch
 
 Users = npt.NDArray[np.void]
+Part = TypeVar("Part")
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,7 @@ class ShapeMemory:
         self._layers: dict[str, _Seen] = {}
         self._distances: dict[str, tuple[LabelImage, float, PaintedDistance]] = {}
         self._densities: dict[tuple[str, str], DensityMemory] = {}
+        self._parts: dict[type, Any] = {}
 
     def __len__(self) -> int:
         return len(self._shapes)
@@ -65,6 +67,11 @@ class ShapeMemory:
     def density(self, feature: str, term: str) -> DensityMemory:
         """Return the memory of one term of what a type of feature judges its places by."""
         return self._densities.setdefault((feature, term), DensityMemory())
+
+    def part(self, kind: type[Part]) -> Part:
+        """Return what another stage remembers: one thing of a kind, made when it is first asked for."""
+        found: Part = self._parts.setdefault(kind, kind())
+        return found
 
     def user_features(self, sketch: Sketch, layer: str, *, seed: int) -> Users:
         """Return the user features of a layer, sorted by id.

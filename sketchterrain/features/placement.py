@@ -20,6 +20,8 @@ from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import PREFERENCES, SUMMIT_SHUNS_SUMMIT, TYPES, Preference
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sketchterrain.sketch.document import Sketch
 
 LOOSENESS = 0.5
@@ -33,7 +35,13 @@ _LEAST_SHARE = 0.36  # of its label's strength: a lower feature does not reach f
 Floats = npt.NDArray[np.float64]
 
 
-def place(sketch: Sketch, *, seed: int, memory: ShapeMemory | None = None) -> Points:
+def place(
+    sketch: Sketch,
+    *,
+    seed: int,
+    memory: ShapeMemory | None = None,
+    checkpoint: Callable[[], None] | None = None,
+) -> Points:
     """Place the features of everything that was painted, rivers apart.
 
     Parameters
@@ -45,6 +53,9 @@ def place(sketch: Sketch, *, seed: int, memory: ShapeMemory | None = None) -> Po
     memory : ShapeMemory, optional
         From the last time, so that only what was painted since, and what is near it, is worked out anew. The
         bits are the same.
+    checkpoint : callable, optional
+        Called before each layer's shapes are broken up and before each type is placed; it may raise to
+        abandon the work.
 
     Returns
     -------
@@ -52,10 +63,16 @@ def place(sketch: Sketch, *, seed: int, memory: ShapeMemory | None = None) -> Po
     than two of a feature's discs changes it.
     """
     memory = ShapeMemory() if memory is None else memory
-    users = {name: memory.user_features(sketch, name, seed=seed) for name in FEATURE_TYPES}
+    users = {}
+    for name in FEATURE_TYPES:
+        if checkpoint is not None:
+            checkpoint()
+        users[name] = memory.user_features(sketch, name, seed=seed)
     placed: dict[str, Points] = {}
     around = _Around(sketch, users, placed, memory)
     for name in TYPES:
+        if checkpoint is not None:
+            checkpoint()
         positions = _painted_positions(sketch, users[name])
         if sketch.fidelity < 1.0 and len(positions):
             positions = _preferred(around, name, seed)

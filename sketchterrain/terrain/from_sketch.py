@@ -14,7 +14,7 @@ from sketchterrain.features.edits import EditedFill, EditedPoints, edited_fill, 
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.rivers import trace_waters
 from sketchterrain.sketch import resolved_rules
-from sketchterrain.terrain.balance import balanced
+from sketchterrain.terrain.balance import BalanceMemory, balanced
 from sketchterrain.terrain.centrelines import valley_reach
 from sketchterrain.terrain.changes import changed_areas
 from sketchterrain.terrain.recipe import TerrainRecipe
@@ -22,6 +22,8 @@ from sketchterrain.terrain.reference import reference_heights
 from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     from sketchterrain.features.catalogue import Points
@@ -58,10 +60,21 @@ def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeConte
     return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
 
 
-def rebuild(terrain: Terrain, sketch: Sketch) -> tuple[Terrain, list[Box]]:
+def rebuild(
+    terrain: Terrain, sketch: Sketch, *, checkpoint: Callable[[], None] | None = None
+) -> tuple[Terrain, list[Box]]:
     """Return the terrain of a changed sketch on the same device, and where it may differ.
 
     What the terrain remembers of its placing is used again, and the bits are those of `build`.
+
+    Parameters
+    ----------
+    terrain
+        Before.
+    sketch
+        After.
+    checkpoint
+        As for `make_recipe`.
 
     Returns
     -------
@@ -69,12 +82,14 @@ def rebuild(terrain: Terrain, sketch: Sketch) -> tuple[Terrain, list[Box]]:
     areas : list of (west, south, east, north)
         As :func:`~sketchterrain.terrain.changed_areas` says them: only tiles that these touch are other ones.
     """
-    recipe = make_recipe(sketch, memory=terrain.memory)
+    recipe = make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint)
     after = Terrain(sketch, recipe, terrain.context, memory=terrain.memory)
     return after, changed_areas(terrain.recipe, after.recipe)
 
 
-def make_recipe(sketch: Sketch, *, memory: ShapeMemory | None = None) -> TerrainRecipe:
+def make_recipe(
+    sketch: Sketch, *, memory: ShapeMemory | None = None, checkpoint: Callable[[], None] | None = None
+) -> TerrainRecipe:
     """Place the features of a sketch; plain NumPy, no device is needed.
 
     A person's edits come between placing and filling, so that the fill keeps clear of what they moved.
@@ -85,9 +100,13 @@ def make_recipe(sketch: Sketch, *, memory: ShapeMemory | None = None) -> Terrain
     sketch
     memory
         Of recipes made before, of this or of any other sketch. It saves time; the bits are the same.
+    checkpoint
+        Called between the steps of the work. It may raise to abandon it: the memory stays good.
     """
     memory = ShapeMemory() if memory is None else memory
-    painted = edited_painted(place(sketch, seed=sketch.seed, memory=memory), sketch.edits)
+    checkpoint = _go_on if checkpoint is None else checkpoint
+    placed = place(sketch, seed=sketch.seed, memory=memory, checkpoint=checkpoint)
+    painted = edited_painted(placed, sketch.edits)
     fill = Fill(sketch, painted.points, seed=sketch.seed, memory=memory)
     adopted = edited_fill(fill, sketch.edits, size=sketch.size)
     dry = TerrainRecipe(
@@ -101,7 +120,9 @@ def make_recipe(sketch: Sketch, *, memory: ShapeMemory | None = None) -> Terrain
         covers=lay_covers(sketch),
         material_rules=resolved_rules(sketch.material_rules),
     )
-    dry = replace(dry, painted=np.concatenate([_with_strengths(dry, painted), adopted.points]))
+    checkpoint()
+    strong = _with_strengths(dry, painted, memory, checkpoint)
+    dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
     cell = sketch.extent / _RIVER_CELLS_PER_EXTENT
 
     def ground(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -118,9 +139,16 @@ def make_recipe(sketch: Sketch, *, memory: ShapeMemory | None = None) -> Terrain
     )
 
 
-def _with_strengths(dry: TerrainRecipe, edited: EditedPoints) -> Points:
+def _go_on() -> None:
+    """Never abandon the work."""
+
+
+def _with_strengths(
+    dry: TerrainRecipe, edited: EditedPoints, memory: ShapeMemory, checkpoint: Callable[[], None]
+) -> Points:
     """Return the features with their strengths solved for, the locked ones with their own."""
-    solved = balanced(replace(dry, painted=edited.asked), locked=edited.held)
+    asked = replace(dry, painted=edited.asked)
+    solved = balanced(asked, locked=edited.held, memory=memory.part(BalanceMemory), checkpoint=checkpoint)
     points = edited.points.copy()
     points["strength"] = np.where(edited.locked, points["strength"], solved["strength"])
     return points

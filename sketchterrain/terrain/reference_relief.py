@@ -28,6 +28,7 @@ __all__ = [
     "Rise",
     "Site",
     "crags",
+    "deepest_gullies",
     "gullies",
     "hills",
     "joined_mountains",
@@ -233,10 +234,33 @@ def risen(a: Rise, b: Rise, share: Slope) -> Rise:
     return Rise(height, a.erosion + (b.erosion - a.erosion) * part, a.widest + (b.widest - a.widest) * part)
 
 
+def deepest_gullies(w: np.void, octaves: OctaveTable, erosion: Reals, widest: Reals) -> Reals:
+    """Return by how much (m) `gullies` lowers ground, at most, and raises it but for 18 %.
+
+    Parameters
+    ----------
+    w, octaves
+    erosion, widest : (n,) float64
+        At most.
+    """
+    steepest = 1 / (1 + _GENTLE / _TALUS) ** 2  # the most that the slope's say can be
+    depths = (_depth(w, octaves, i, erosion, widest) for i in range(*octaves.ranges["gully"]))
+    return steepest * sum(depths, np.zeros(erosion.shape))
+
+
+def _depth(w: np.void, octaves: OctaveTable, i: int, erosion: Reals, widest: Reals) -> Reals:
+    """Depth (m) of an octave's gullies where the slope has its full say."""
+    t = np.clip((widest * (octaves.scale[i, 1] * w["units_per_metre"]) - 0.5) * 2, 0, 1)
+    return np.asarray(w["gully_depth"] * octaves.scale[i, 0] * erosion * t * t * (3 - 2 * t))
+
+
 def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise) -> Slope:
     """Return what erosion adds to the height, with its slope per metre, the waves' directions held."""
     value, east_sum, north_sum = np.zeros((3, *x.shape))
     for i in range(*octaves.ranges["gully"]):
+        depth = _depth(w, octaves, i, rise.erosion, rise.widest)
+        if not depth.any():
+            continue
         east, north = rise.height.east + _FEED * east_sum, rise.height.north + _FEED * north_sum
         square = east * east + north * north
         across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
@@ -244,8 +268,6 @@ def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise
         even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
         v = cosine * even
         per_metre = octaves.scale[i, 1] * w["units_per_metre"]
-        t = np.clip((rise.widest * per_metre - 0.5) * 2, 0, 1)
-        depth = w["gully_depth"] * octaves.scale[i, 0] * rise.erosion * t * t * (3 - 2 * t)
         depth = depth * square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
         value = value + depth * (v + _SHARP * (v * v - 0.5))
         lean = depth * (1 + 2 * _SHARP * v) * -sine * even * 2 * np.pi * per_metre * across

@@ -23,7 +23,7 @@ from sketchterrain.render.thinning import Thinning, share_of, width_of
 from sketchterrain.render.trees import CUT, DETAILS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     import moderngl
     import numpy.typing as npt
@@ -152,6 +152,16 @@ class Forest:
         self.shade.go_on(camera.eye, elapsed, allowance.part(0.5))
         self._cells.go_on(allowance)
 
+    def change(self, terrain: Terrain, areas: Sequence[tuple[float, float, float, float]]) -> None:
+        """Show the plants of another terrain from now on, by and by; see `PlantCells.change`."""
+        self._cells.change(terrain, areas)
+        self._wanted = ()
+
+    def relight(self, sun: Sun) -> None:
+        """Let another sun shine from now on: shadows stay until there are new ones."""
+        self.shade.relight(sun)
+        self._wanted = ()
+
     def settle(self, camera: Camera, size: tuple[int, int], lit: LitGround) -> None:
         """Make all that a camera's picture of a size (px) needs."""
         self._elapsed = None
@@ -170,7 +180,9 @@ class Forest:
         self._wanted = view
         near = cells_near(camera.eye[0], camera.eye[1], self.reach)
         cells = [self._cells[place] for place in near]
-        bounds = np.array([UNKNOWN if cell is None else (cell.low, cell.high) for cell in cells])
+        bounds = np.array(
+            [UNKNOWN if cell is None or cell.outdated else (cell.low, cell.high) for cell in cells]
+        )
         seen = in_view(camera.frustum(size[0] / size[1]), near, bounds)
         self._seen = [place for place, is_seen in zip(near, seen.tolist(), strict=True) if is_seen]
         shading = [place for place in self.shade.places(camera, lit) if place not in set(self._seen)]
@@ -202,7 +214,8 @@ class Forest:
         place = stand.place - (np.asarray(camera.eye) - [*self._origin, 0.0]).astype(np.float32)
         level = np.hypot(place[:, 0], place[:, 1])
         away = np.maximum(np.hypot(level, place[:, 2]), 1.0)
-        age = np.repeat(np.array([cell.age for cell in cells], np.float32), counts)
+        ages = [cell.ages(count) for cell, count in zip(cells, counts, strict=True)]
+        age = np.concatenate([np.zeros(0, np.float32), *ages])
         there = _present(stand.whim, level, age, self.reach)
         there *= _beside(camera.frustum(size[0] / size[1]), place)
         held = stand.hold / away

@@ -99,6 +99,7 @@ class GroundPool:
         self._commands = context.buffer(reserve=COMMAND.itemsize * room, dynamic=True)
         self._fraction = (0.0, 0.0)
         self._draws: Draws | None = None
+        self._writings = np.zeros(room, np.int64)
         self._corners = np.zeros((0, 2), np.int64)
         self._listed = np.zeros(0, COMMAND)
         self._part = context.buffer(reserve=COMMAND.itemsize * room, dynamic=True)
@@ -177,12 +178,16 @@ class GroundPool:
         meets &= (low[:, 1] > south) & (low[:, 1] - width < north)
         return np.flatnonzero(meets)
 
+    def rewritten(self, slots: npt.NDArray[np.int64]) -> None:
+        """Note that other vertices are written into slots."""
+        self._writings[slots] += 1
+
     def state_of(self, tiles: npt.NDArray[np.intp]) -> bytes:
         """Return bytes that are equal as long as some of the placed tiles look the same."""
         draws = self._draws
         if draws is None:
             return b""
-        parts = (draws.corners, draws.steps, draws.cases, draws.morph)
+        parts = (draws.corners, draws.steps, draws.cases, draws.morph, self._writings[draws.slots])
         return b"".join(part[tiles].tobytes() for part in parts)
 
     def draw(

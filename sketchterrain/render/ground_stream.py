@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
+from sketchterrain.errors import InputError
 from sketchterrain.render.ground import GroundPool
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.sharing_probe import beside_gl
+from sketchterrain.render.sharing_probe import beside_gl, on_context
+from sketchterrain.render.stats import GroundChange, StreamStats
 from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import QUADS, ScreenError, TileStream, View
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
     from sketchterrain.tiles import Batch, DrawList
     from sketchterrain.tiles.metrics import Metric
 
-__all__ = ["GroundStream", "StreamStats"]
+    Box = tuple[float, float, float, float]
+
+__all__ = ["Ground", "GroundStream"]
 
 QUAD, QUAD_A_PIXEL = 24.0, 8.0
 """px; quads are no wider than the first and so much more for each pixel of tolerance."""
@@ -77,31 +80,6 @@ class Ground(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class StreamStats:
-    """What a frame's tiles took.
-
-    Attributes
-    ----------
-    generation_seconds : float
-        s, waiting for the device included.
-    tiles_generated, tiles_drawn, triangles, resident_tiles : int
-        Of this frame; the last, tiles that are held.
-    settled : bool
-        Whether the picture is as good as it gets: nothing is missing, nothing moves.
-    leapt : bool
-        Whether the eye was put elsewhere, and the frame was given more time.
-    """
-
-    generation_seconds: float
-    tiles_generated: int
-    tiles_drawn: int
-    triangles: int
-    resident_tiles: int
-    settled: bool
-    leapt: bool
-
-
 class GroundStream:
     """The ground as a camera sees it, frame by frame.
 
@@ -132,6 +110,8 @@ class GroundStream:
         What the last frame draws.
     memory : DrawnMemory
         Where the vertices live.
+    terrain : Ground
+        Whose ground it is, on the device that writes the vertices.
     written : int
         Tiles generated so far.
     """
@@ -164,8 +144,9 @@ class GroundStream:
         )
         self.draws: DrawList | None = None
         self.written = 0
-        self._terrain = terrain
+        self.terrain = terrain
         self._timer = timer
+        self._view: View | None = None
         self.memory = open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory)
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
         self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads)
@@ -201,14 +182,14 @@ class GroundStream:
         """
         eye = np.asarray(camera.eye)
         gone = np.inf if self._eye is None else float(np.linalg.norm(eye - self._eye))
-        leapt = gone > LEAP * self._terrain.extent
+        leapt = gone > LEAP * self.terrain.extent
         velocity = (0.0, 0.0, 0.0)
         if self._eye is not None and not leapt and elapsed > 0:
             x, y, z = ((eye - self._eye) / elapsed).tolist()
             velocity = (x, y, z)
         self._eye = eye
         self._since_leap = 0.0 if leapt else self._since_leap + elapsed
-        view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
+        self._view = view = view_of(camera, size, draw_distance=draw_distance, velocity=velocity)
         hurries = self._since_leap < HURRY_SECONDS
         if leapt:
             budget = max(LEAP_BUDGET, budget)
@@ -217,7 +198,8 @@ class GroundStream:
         count, seconds = self._generate(view, budget, leapt=leapt)
         if leapt:
             self.tiles.jump(view)
-        self._place(self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed), camera.eye)
+        draws = self.tiles.advance(view, elapsed=HURRY * elapsed if hurries else elapsed)
+        self._place(self._renewed(view, draws), camera.eye)
         if self.tiles.settled:
             self._since_leap = np.inf
         return StreamStats(
@@ -232,9 +214,48 @@ class GroundStream:
 
     def settle(self, camera: Camera, size: tuple[int, int], *, draw_distance: float) -> None:
         """Generate all that a still picture shows; see :meth:`update`."""
-        view = view_of(camera, size, draw_distance=draw_distance)
+        self._view = view = view_of(camera, size, draw_distance=draw_distance)
         self._place(self.tiles.settle(view, self._write), camera.eye)
         self._eye = np.asarray(camera.eye)
+
+    def change(self, terrain: Ground, areas: Sequence[Box]) -> GroundChange:
+        """Show another terrain of the same extent from now on.
+
+        What the last frame's view may show of the areas is written anew before this returns, so that no frame
+        shows some tiles as they were and some as they are; the rest before it is shown.
+
+        Parameters
+        ----------
+        terrain
+            The other one, on the same device.
+        areas
+            West, south, east, north (m): elsewhere it is the same to the bit.
+
+        Raises
+        ------
+        InputError
+            If the extent is another one.
+        """
+        if terrain.extent != self.terrain.extent:
+            raise InputError(
+                f"expected a terrain of the same extent, {self.terrain.extent:g} m, got {terrain.extent:g} m"
+            )
+        start, before = self._timer(), self.written
+        self.terrain = on_context(terrain, self.terrain.context)
+        dropped = self.tiles.change(areas)
+        if self._view is not None and self.draws is not None:
+            self._place(self._renewed(self._view, self.tiles.draws(self._view)), self._view.eye)
+        return GroundChange(self._timer() - start, self.written - before, dropped)
+
+    def _renewed(self, view: View, draws: DrawList) -> DrawList:
+        """Write anew what is outdated of what a view is to show; return what it shows then.
+
+        Ground that has sunk may show more that is outdated behind it.
+        """
+        while batch := self.tiles.overdue(draws):
+            self.tiles.arrived(batch, self._write(batch), seconds=None)
+            draws = self.tiles.draws(view)
+        return draws
 
     def draw(self, eye: tuple[float, float, float]) -> None:
         """Draw the ground; the camera stands in the frame's uniform block, its eye is told once more."""
@@ -267,7 +288,8 @@ class GroundStream:
 
     def _write(self, batch: Batch) -> npt.NDArray[np.void]:
         self.written += len(batch.keys)
-        return self._terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
+        self.pool.rewritten(batch.slots)
+        return self.terrain.write_tiles(batch.keys, batch.slots, batch.parents, self._store)
 
 
 def view_of(

@@ -10,8 +10,11 @@ import numpy as np
 from sketchterrain.render.programs import fill_screen, set_uniforms
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sketchterrain.render.allowance import Allowance
-    from sketchterrain.render.light_map import LightMap, Square
+    from sketchterrain.render.light_map import LightMap
+    from sketchterrain.render.light_square import Box, Square
 
 __all__ = ["FADE", "Layer", "Window", "whole"]
 
@@ -55,8 +58,8 @@ class Layer:
     """One of the maps: what is shown of it, and its successor.
 
     A successor that is ready is shown in three steps: the window of the old one shrinks to what both cover,
-    one light fades into the other there, and the window grows. Where they share nothing, or
-    there was none, the new one fades in.
+    one light fades into the other there, and the window grows. In the same place it need not shrink and grow.
+    Where they share nothing, or there was none, the new one fades in.
     """
 
     def __init__(self, context: moderngl.Context) -> None:
@@ -81,12 +84,30 @@ class Layer:
     @property
     def settled(self) -> bool:
         """Whether one map is shown and none is coming."""
-        return self.coming is None and self.step == 0 and self.strength == 1.0
+        current = self.shown is not None and not self.shown.outdated
+        return current and self.coming is None and self.step == 0 and self.strength == 1.0
+
+    @property
+    def version(self) -> int:
+        """Of the map that is shown, -1 if there is none."""
+        return -1 if self.shown is None else self.shown.version
+
+    @property
+    def catches_up(self) -> bool:
+        """Whether a map is being made because the ground or the sun is another one."""
+        coming = self.coming
+        return self.shown is not None and coming is not None and coming.version != self.version
 
     def show(self, made: LightMap) -> None:
         """Show a map at once."""
         self.shown, self.coming, self.light = made, None, made.light
         self.window, self.strength, self.step = whole(made.square), 1.0, 0
+
+    def change(self, areas: Sequence[Box]) -> None:
+        """Note that the ground is another one in some areas (m)."""
+        for made in (self.shown, self.coming):
+            if made is not None:
+                made.change(areas)
 
     def make(self, allowance: Allowance) -> None:
         """Make a part of the coming map."""
@@ -116,6 +137,8 @@ class Layer:
             self.strength, self.step = 0.0, 4
         else:
             self.step = 1
+            if self._from == self._meet:
+                self._end()
 
     def _change(self, share: float) -> None:
         if self.step == 1:
@@ -141,6 +164,8 @@ class Layer:
         elif self.step == 2 and self.shown is not None:
             self.light = self.shown.light
             self._old = self._target = None
+            if self._meet == whole(self.shown.square):
+                self.step = 3
         self.step = 0 if self.step > 2 else self.step + 1
 
     def _blend(self, share: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
@@ -10,68 +9,27 @@ import moderngl
 import numpy as np
 
 from sketchterrain.render.allowance import Pace
+from sketchterrain.render.light_square import BLOCK, Box, Rectangle, Square, joined, overlap, place_in
 from sketchterrain.render.programs import fill_screen, set_uniforms
 from sketchterrain.render.relief import HeightMap
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sketchterrain.render.allowance import Allowance
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
 __all__ = ["BLOCK", "LightMaker", "LightMap", "Square"]
 
-BLOCK: Final = 64
-"""Squares lie on whole blocks of so many texels, so that mipmaps of two squares agree where both lie."""
 PENUMBRA: Final = 0.022
 """Tangent of half the angle over which the sun sets behind a ridge; the real sun's would alias,"""
 SHARP_PENUMBRA: Final = 0.009
 """but on a map close to the eye less than on wider ones; the real one's is 0.0047."""
 
 
-@dataclass(frozen=True)
-class Square:
-    """A square of texels, counted from the world's origin.
-
-    Attributes
-    ----------
-    col, row : int
-        Of its south-west texel.
-    texels : int
-        Along a side.
-    texel : float
-        Width of one (m).
-    """
-
-    col: int
-    row: int
-    texels: int
-    texel: float
-
-    @classmethod
-    def around(cls, x: float, y: float, *, width: float, texels: int) -> Square:
-        """Return the square of a width (m) whose middle is nearest to a place (m), on whole blocks."""
-        block = BLOCK * width / texels
-        col, row = (round((middle - 0.5 * width) / block) * BLOCK for middle in (x, y))
-        return cls(col, row, texels, width / texels)
-
-    @property
-    def west(self) -> float:
-        """Its corner (m)."""
-        return self.col * self.texel
-
-    @property
-    def south(self) -> float:
-        """Its corner (m)."""
-        return self.row * self.texel
-
-    @property
-    def width(self) -> float:
-        """Its side (m)."""
-        return self.texels * self.texel
-
-
 class LightMaker:
-    """What all maps of one sun share: the program, and how quick the machine is.
+    """What all maps share: the programs, and how quick the machine is.
 
     Parameters
     ----------
@@ -83,19 +41,26 @@ class LightMaker:
         What shines.
     shadows
         Whether ground keeps it from ground.
+
+    Attributes
+    ----------
+    terrain, sun
+        Of maps that are begun from now on.
+    version : int
+        Counts the terrains and suns.
     """
 
     def __init__(
         self, context: moderngl.Context, terrain: Terrain, sun: Sun, *, shadows: bool = True
     ) -> None:
         self.context = context
-        self.terrain = terrain
+        self.terrain, self.sun = terrain, sun
+        self.version = 0
         self._uniforms = {
             "heights": 0,
             "far_heights": 1,
             "widest_heights": 2,
             "far_light": 3,
-            "sun": tuple(sun.direction),
         }
         self._shadows = int(shadows)
         self.shine = self._program(close=False)
@@ -137,8 +102,14 @@ class LightMap:
     ----------
     square : Square
         Where.
-    behind : Square or None
-        Where the wider map was.
+    version : int
+        Of its maker when it was begun.
+    sun : Sun
+        What shines on it.
+    behind : (Square, int) or None
+        Where the wider map was, and its version.
+    outdated : list of (int, int, int, int)
+        Texels, from the world's origin, at which the ground is another one by now.
     relief : HeightMap
         Heights; valid when they are sampled, all of them once the map is ready.
     heights : moderngl.Texture
@@ -164,28 +135,35 @@ class LightMap:
         self.heights = maker.context.texture((n, n), 1, dtype="f4")
         self.light = maker.context.texture((n, n), 4, dtype="f2")
         self.ready = False
-        self._maker = maker
-        self.behind = None if behind is None else behind.square
+        self.version, self.sun = maker.version, maker.sun
+        self.outdated: list[Rectangle] = []
+        self._maker, self._terrain = maker, maker.terrain
+        self.behind = None if behind is None else (behind.square, behind.version)
         self._behind, self._beyond = behind, beyond
         self._close = beyond is not None
-        self._known = known if known is not None and known.ready else None
         self._target = maker.context.framebuffer([self.light])
-        self._sampled = self._lit = 0
+        self._left = [square.whole] if known is None or not known.ready else self._copied(known)
+        self._lit = 0
         self._uploaded = False
         for texture in (self.heights, self.light):
             texture.repeat_x = texture.repeat_y = False
         self.light.filter = (moderngl.LINEAR, moderngl.LINEAR)
 
+    def change(self, areas: Sequence[Box]) -> None:
+        """Note that the ground is another one in some areas (m)."""
+        self.outdated = joined(self.outdated + self.square.texels_in(areas))
+
     def go_on(self, allowance: Allowance) -> None:
         """Make what an allowance allows: rows of heights, then the texture, then rows of light."""
         maker, n = self._maker, self.square.texels
-        while self._sampled < n:
-            rows = min(maker.sampling.fits(allowance, step=n), n - self._sampled)
+        while self._left:
+            west, south, east, north = self._left[0]
+            rows = min(maker.sampling.fits(allowance, step=east - west), north - south)
             if not rows:
                 return
             before = allowance.spent
-            rows = self._sample(rows)
-            maker.sampling.took(rows * n, allowance.spent - before)
+            self._sample(rows)
+            maker.sampling.took(rows * (east - west), allowance.spent - before)
         if not self._uploaded:
             if not maker.uploading.fits(allowance, step=n * n):
                 return
@@ -205,8 +183,8 @@ class LightMap:
     def finish(self) -> None:
         """Make all that is missing at once."""
         n = self.square.texels
-        while self._sampled < n:
-            self._sample(n - self._sampled)
+        while self._left:
+            self._sample(n)
         if not self._uploaded:
             self._upload()
         if self._lit < n:
@@ -222,33 +200,41 @@ class LightMap:
         self.ready = True
         self._behind = self._beyond = None
 
-    def _sample(self, rows: int) -> int:
-        """Sample the next rows, or less where that is one rectangle; return how many."""
-        square, first = self.square, self._sampled
-        left, right = 0, square.texels
-        if self._known is not None:
-            known = self._known.square
-            east, north = square.col - known.col, square.row - known.row  # where this one begins in the known
-            low, high = max(-north, 0), min(known.texels - north, square.texels)
-            if first < low:
-                rows = min(rows, low - first)
-            elif first < high and abs(east) < known.texels:
-                rows = min(rows, high - first)
-                start, stop = max(-east, 0), min(known.texels - east, square.texels)
-                from_known = self._known.relief.heights[first + north : first + north + rows]
-                self.relief.heights[first : first + rows, start:stop] = from_known[
-                    :, start + east : stop + east
-                ]
-                left, right = (0, start) if start else (stop, square.texels)
-        if left < right:
-            x = (square.col + np.arange(left, right) + 0.5) * square.texel
-            y = (square.row + np.arange(first, first + rows) + 0.5) * square.texel
-            self.relief.heights[first : first + rows, left:right] = self._maker.terrain.heights(
-                x[None, :], y[:, None], cell_size=square.texel
-            )
-        self._sampled += rows
-        self._known = self._known if self._sampled < square.texels else None
-        return rows
+    def _copied(self, known: LightMap) -> list[Rectangle]:
+        """Take the heights that are known; return the texels that are left to be sampled."""
+        square = self.square
+        both = overlap(square.whole, known.square.whole)
+        if both is None:
+            return [square.whole]
+        west, south, east, north = both
+        first, last, low, high = square.whole[0], square.whole[2], square.whole[1], square.whole[3]
+        self.relief.heights[south - low : north - low, west - first : east - first] = known.relief.heights[
+            south - known.square.row : north - known.square.row,
+            west - known.square.col : east - known.square.col,
+        ]
+        beside = [
+            (first, low, last, south),
+            (first, south, west, north),
+            (east, south, last, north),
+            (first, north, last, high),
+        ]
+        changed = [overlap(both, each) for each in known.outdated]
+        left = [(w, s, e, n) for w, s, e, n in beside if w < e and s < n]
+        return left + [each for each in changed if each is not None]
+
+    def _sample(self, rows: int) -> None:
+        """Sample the next rows of what is left, of one rectangle at most."""
+        square = self.square
+        west, south, east, north = self._left.pop(0)
+        end = min(south + rows, north)
+        x = (np.arange(west, east) + 0.5) * square.texel
+        y = (np.arange(south, end) + 0.5) * square.texel
+        row, col = south - square.row, west - square.col
+        self.relief.heights[row : row + end - south, col : col + east - west] = self._terrain.heights(
+            x[None, :], y[:, None], cell_size=square.texel
+        )
+        if end < north:
+            self._left.insert(0, (west, end, east, north))
 
     def _upload(self) -> None:
         self.heights.write(self.relief.heights.tobytes())
@@ -261,8 +247,8 @@ class LightMap:
         maker, square, wider = self._maker, self.square, self._behind or self
         widest = self._beyond or wider
         shine = maker.shine_close if self._close else maker.shine
-        places = {"frame": _place_in(square, wider.square), "widest": _place_in(square, widest.square)}
-        set_uniforms(shine.program, places)
+        places = {"frame": place_in(square, wider.square), "widest": place_in(square, widest.square)}
+        set_uniforms(shine.program, places | {"sun": tuple(self.sun.direction)})
         maker.context.enable_only(moderngl.NOTHING)
         self._target.use()
         self._target.scissor = (0, self._lit, square.texels, rows)
@@ -274,9 +260,3 @@ class LightMap:
         self._target.scissor = (0, 0, square.texels, square.texels)
         maker.context.finish()
         self._lit += rows
-
-
-def _place_in(square: Square, wider: Square) -> tuple[float, float, float, float]:
-    """Return a square's corner and width in widths of a wider one, and its width (m)."""
-    west, south = square.west - wider.west, square.south - wider.south
-    return west / wider.width, south / wider.width, square.width / wider.width, square.width

@@ -7,9 +7,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.render.light_layer import Layer, whole
-from sketchterrain.render.light_map import LightMaker, LightMap, Square
+from sketchterrain.render.light_map import LightMaker, LightMap
+from sketchterrain.render.light_square import Box, Square
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import moderngl
 
     from sketchterrain.render.allowance import Allowance
@@ -83,6 +86,12 @@ class LitGround:
         return wide if self._close is None else (*wide, ("close", self._close))
 
     @property
+    def _from_far(self) -> tuple[tuple[str, Layer], ...]:
+        """The same in the order in which they need each other."""
+        near, far, *close = self._layers
+        return (far, near, *close)
+
+    @property
     def textures(self) -> dict[str, moderngl.Texture]:
         """By the names that shaders know them by."""
         lights = {f"{name}_light": layer.light for name, layer in self._layers}
@@ -116,29 +125,57 @@ class LitGround:
         for _, layer in self._layers:
             layer.go_on(elapsed)
         self._ease(elapsed)
-        self._order(self._far, far, None)
-        self._far.make(allowance)
-        if self._far.shown is not None:
-            self._order(self._near, near, self._far.shown)
-            self._near.make(allowance)
-        if self._close is not None and self._near.shown is not None:
-            self._order(self._close, close, self._near.shown, beyond=self._far.shown)
-            self._close.make(allowance)
+        squares = {"far": far, "near": near, "close": close}
+        # What was made longest ago comes first: all get their turn though the ground changes all the time.
+        for name, layer in sorted(self._from_far, key=lambda each: each[1].version):
+            wider = self._wider(name)
+            if None not in wider:
+                self._order(layer, squares[name], *wider)
+                layer.make(allowance)
+            if layer.catches_up:
+                break
+
+    def _wider(self, name: str) -> tuple[LightMap | None, ...]:
+        """Return the maps that go on where one ends, None where one of them is missing yet."""
+        return {
+            "far": (),
+            "near": (self._far.shown,),
+            "close": (self._near.shown, self._far.shown),
+        }[name]
+
+    def change(self, terrain: Terrain, areas: Sequence[Box]) -> None:
+        """Light another terrain from now on: what is shown stays until there are new maps.
+
+        Parameters
+        ----------
+        terrain
+            The other one.
+        areas
+            West, south, east, north (m): elsewhere its ground is the same.
+        """
+        self._maker.terrain = terrain
+        self._maker.version += 1
+        for _, layer in self._layers:
+            layer.change(areas)
+
+    def relight(self, sun: Sun) -> None:
+        """Let another sun shine from now on: what is shown stays until there are new maps."""
+        self._maker.sun = sun
+        self._maker.version += 1
 
     def settle(self, camera: Camera) -> None:
         """Make and show all that a camera's picture needs at once."""
         near, far, close = self._squares(camera)
-        self._show(self._far, far, None)
-        self._show(self._near, near, self._far.shown)
-        if self._close is not None:
-            self._show(self._close, close, self._near.shown, beyond=self._far.shown)
+        squares = {"far": far, "near": near, "close": close}
+        for name, layer in self._from_far:
+            self._show(layer, squares[name], *self._wider(name))
         self.haze_base = self._haze_goal()
         self._haze_known = True
 
     def _show(
-        self, layer: Layer, square: Square, behind: LightMap | None, *, beyond: LightMap | None = None
+        self, layer: Layer, square: Square, behind: LightMap | None = None, beyond: LightMap | None = None
     ) -> None:
-        if layer.shown is None or not _is(layer.shown, square, behind):
+        if layer.shown is None or not self._is(layer.shown, square, behind):
             known = _alike(layer.shown, square)
             made = LightMap(self._maker, square, behind=behind, beyond=beyond, known=known)
             made.finish()
@@ -160,7 +197,7 @@ class LitGround:
         return near, Square.around(x, y, width=FAR * extent, texels=self._texels // 2), close
 
     def _order(
-        self, layer: Layer, square: Square, behind: LightMap | None, *, beyond: LightMap | None = None
+        self, layer: Layer, square: Square, behind: LightMap | None = None, beyond: LightMap | None = None
     ) -> None:
         """Begin another map where neither the shown one nor a coming one is what is wanted.
 
@@ -169,12 +206,19 @@ class LitGround:
         useless = layer.coming is not None and whole(layer.coming.square).meet(whole(square)).empty
         if layer.step in (1, 2, 3) or (layer.coming is not None and not useless):
             return
-        wanted = not _is(layer.shown, square, behind)
+        wanted = not self._is(layer.shown, square, behind)
         if not wanted:
             layer.coming = None
             return
         known = _alike(layer.shown, square)
         layer.coming = LightMap(self._maker, square, behind=behind, beyond=beyond, known=known)
+
+    def _is(self, made: LightMap | None, square: Square, behind: LightMap | None) -> bool:
+        """Tell whether a map is what is wanted: of the ground as it is, under the sun as it stands."""
+        wider = None if behind is None else (behind.square, behind.version)
+        if made is None or made.outdated or made.sun != self._maker.sun:
+            return False
+        return made.square == square and made.behind == wider
 
     def _haze_goal(self) -> float:
         return self.haze_base if self._far.shown is None else self._far.shown.haze_base
@@ -190,11 +234,6 @@ class LitGround:
 
 def _approach(value: float, goal: float, step: float) -> float:
     return goal if abs(goal - value) <= step else value + float(np.copysign(step, goal - value))
-
-
-def _is(made: LightMap | None, square: Square, behind: LightMap | None) -> bool:
-    wider = None if behind is None else behind.square
-    return made is not None and made.square == square and made.behind == wider
 
 
 def _alike(known: LightMap | None, square: Square) -> LightMap | None:

@@ -102,6 +102,11 @@ class Overlay:
         self._lines: FeatureLines | None = None
         self._target: moderngl.Framebuffer | None = None
 
+    def change(self, terrain: Terrain) -> None:
+        """Draw the features of another terrain from now on."""
+        self._terrain = terrain
+        self._lines = None
+
     def draw(self, name: str, eye: tuple[float, float, float], framebuffer: moderngl.Framebuffer) -> None:
         """Draw one over a picture; the camera stands in the frame's uniform block.
 

@@ -41,6 +41,9 @@ ROOM: Final = 12.0
 FADE: Final = 0.55
 """Share of the reach from which on plants are thinned out, to end in a seam that nobody sees."""
 
+TOUCHED: Final = 300.0
+"""m from where the ground changes within which plants may be others: they keep their distances."""
+
 Place = tuple[int, int]
 
 
@@ -58,6 +61,12 @@ class Cell:
         Bounds of all they fill (m).
     age : float
         Seconds since they were made.
+    new : (n,) bool or None
+        Which of them came then, the others stood there before; None: all.
+    version : int
+        Of the terrain they were made for; see `PlantCells.change`.
+    outdated : bool
+        Whether they may be others by now.
     """
 
     corner: Floats
@@ -65,6 +74,15 @@ class Cell:
     low: float
     high: float
     age: float = 0.0
+    new: npt.NDArray[np.bool_] | None = None
+    version: int = 0
+    outdated: bool = False
+
+    def ages(self, count: int) -> npt.NDArray[np.float32]:
+        """Return the ages of the first plants (s), of those that stood there before without end."""
+        if self.new is None:
+            return np.full(count, self.age, np.float32)
+        return np.where(self.new[:count], np.float32(self.age), np.float32(np.inf))
 
     def held(self, eye: tuple[float, float, float], angle: float) -> int:
         """Return how many of its first plants may be above an angle (rad) for an eye (m), see `hold_of`."""
@@ -89,6 +107,7 @@ class PlantCells:
         self._wanted: list[Place] = []
         self._job: tuple[Place, Generator[None, None, npt.NDArray[np.void]]] | None = None
         self._step = 0
+        self._version = self._begun = 0
         self._paces: list[Pace] = []
         self.changes = 0
         """Counts the cells that came."""
@@ -115,6 +134,30 @@ class PlantCells:
         for place in list(self._made)[: max(len(self._made) - KEPT, 0)]:
             del self._made[place]
 
+    def change(self, terrain: Terrain, areas: Sequence[tuple[float, float, float, float]]) -> None:
+        """Show the plants of another terrain from now on.
+
+        Those that are wanted stay until others are made in their place, the rest is forgotten.
+
+        Parameters
+        ----------
+        terrain
+            The other one.
+        areas
+            West, south, east, north (m): farther than `TOUCHED` from them every plant is the same.
+        """
+        self._terrain = terrain
+        self._version += 1
+        wanted = set(self._wanted)
+        for place in [place for place in self._made if _near_any(place, areas)]:
+            if place in wanted:
+                self._made[place].outdated = True
+            else:
+                del self._made[place]
+        up_to_date = self._begun == self._version - 1
+        if self._job is not None and up_to_date and not _near_any(self._job[0], areas):
+            self._begun = self._version
+
     def grow(self, elapsed: float) -> None:
         """Let all cells grow older (s)."""
         for cell in self._made.values():
@@ -128,6 +171,7 @@ class PlantCells:
                 if not missing:
                     return
                 self._job, self._step = (missing[0], self._begin(missing[0])), 0
+                self._begun = self._version
             while len(self._paces) <= self._step:
                 self._paces.append(Pace(0.004))
             pace = self._paces[self._step]
@@ -145,7 +189,7 @@ class PlantCells:
 
     def finish(self) -> None:
         """Make all that is missing at once; it does not grow in any more."""
-        self._job = None
+        self._job, self._begun = None, self._version
         missing = np.array(self._missing(), dtype=np.int64).reshape(-1, 2)
         if len(missing):
             low, high = missing.min(axis=0), missing.max(axis=0) + 1
@@ -159,7 +203,10 @@ class PlantCells:
             cell.age = np.inf
 
     def _missing(self) -> list[Place]:
-        return [place for place in self._wanted if place not in self._made]
+        """Return what is to be made: what is not there, then what is outdated, for the longest time first."""
+        lacking = [place for place in self._wanted if place not in self._made]
+        old = [place for place in self._wanted if place in self._made and self._made[place].outdated]
+        return lacking + sorted(old, key=lambda place: self._made[place].version)
 
     def _begin(self, place: Place) -> Generator[None, None, npt.NDArray[np.void]]:
         col, row = place
@@ -170,8 +217,25 @@ class PlantCells:
         stand = stand_of(plants, corner)
         top = stand.place[:, 2] + stand.tall
         low, high = (float(stand.place[:, 2].min()), float(top.max())) if len(top) else (0.0, 0.0)
-        self._made[place] = Cell(corner, stand, low, high)
+        before = self._made.get(place)
+        new = None if before is None else ~np.isin(_names(stand), _names(before.stand))
+        # What the ground's next change found half made is right for the one before.
+        outdated = self._begun != self._version
+        self._made[place] = Cell(corner, stand, low, high, new=new, version=self._begun, outdated=outdated)
         self.changes += 1
+
+
+def _names(stand: Stand) -> npt.NDArray[np.uint64]:
+    """Return a number for each plant that tells it from the others of its cell: its place and its kind."""
+    place = np.ascontiguousarray(stand.rows[:, :2]).view(np.uint64)[:, 0]
+    return np.asarray(place * np.uint64(0x9E3779B97F4A7C15) + stand.kind.astype(np.uint64))
+
+
+def _near_any(place: Place, areas: Sequence[tuple[float, float, float, float]]) -> bool:
+    """Tell whether plants of a cell may depend on the ground in some areas (m)."""
+    west, south = (CELL * axis - TOUCHED for axis in place)
+    east, north = (CELL * (axis + 1) + TOUCHED for axis in place)
+    return any(w <= east and e >= west and s <= north and n >= south for w, s, e, n in areas)
 
 
 def in_view(planes: Floats, places: Sequence[Place], bounds: Floats) -> npt.NDArray[np.bool_]:

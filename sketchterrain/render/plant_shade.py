@@ -11,6 +11,7 @@ from sketchterrain.render.allowance import Pace
 from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.programs import build_program, set_uniforms
+from sketchterrain.render.sky import Sun
 from sketchterrain.render.thinning import share_of, width_of
 from sketchterrain.render.trees import DETAILS
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.lit_ground import LitGround
     from sketchterrain.render.plant_cells import Cell, PlantCells
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.sky import Sun
 
     Floats = npt.NDArray[np.float64]
 
@@ -50,9 +50,10 @@ class _Place(NamedTuple):
 
     centre: tuple[float, float, float]
     half: float
+    sun: Sun
 
 
-_NOWHERE: Final = _Place((0.0, 0.0, 0.0), 1e-3)
+_NOWHERE: Final = _Place((0.0, 0.0, 0.0), 1e-3, Sun(0.0, 90.0))
 
 
 class _Map:
@@ -127,6 +128,10 @@ class PlantShade:
         self._pace = Pace(1e-6)  # s a plant
         self._origins = [np.zeros(2) for _ in MAPS]
 
+    def relight(self, sun: Sun) -> None:
+        """Let another sun shine on the maps that are begun from now on."""
+        self._sun, self._axes = sun, sun_axes(sun)
+
     @property
     def settled(self) -> bool:
         """Whether all maps show what stands there now, where the eye is now."""
@@ -168,7 +173,7 @@ class PlantShade:
             sunward = self._axes @ np.array([x, y, lit.height_at(x, y)])
             steps = np.array([step, step, DEPTH_STEP])
             u, v, w = (np.round(sunward / steps) * steps).tolist()
-            self._wanted[index] = _Place((u, v, w), half * self._reach)
+            self._wanted[index] = _Place((u, v, w), half * self._reach, self._sun)
             cells.update(dict.fromkeys(cells_near(x, y, half * self._reach)))
         self._covered = list(cells)
         return self._covered
@@ -211,11 +216,11 @@ class PlantShade:
         origin = cells[0].corner if cells else np.zeros(2)
         self._origins[index] = origin
         stand = joined(cells, origin, [cell.held(eye, self.angle) for cell in cells])
-        place = _Place((0.0, 0.0, 0.0), 1.0) if each.coming is None else each.coming
+        place = _Place((0.0, 0.0, 0.0), 1.0, self._sun) if each.coming is None else each.coming
         world = stand.place + np.array([*origin, 0.0])
         level = np.hypot(world[:, 0] - eye[0], world[:, 1] - eye[1])
         away = np.hypot(level, world[:, 2] - eye[2])
-        aside = np.abs(world @ self._axes[:2].T - place.centre[:2]).max(axis=1, initial=0.0)
+        aside = np.abs(world @ sun_axes(place.sun)[:2].T - place.centre[:2]).max(axis=1, initial=0.0)
         stays = (level < reach_of(stand.whim, self._reach)) & (share_of(stand.hold, away, self.angle) > 0.0)
         chosen = np.flatnonzero(stays & (aside < place.half + ROOM))
         chosen = chosen[np.argsort(stand.kind[chosen], kind="stable")]
@@ -246,8 +251,8 @@ class PlantShade:
             each.swap(each.coming)
 
     def _matrix(self, place: _Place, eye: tuple[float, float, float]) -> Floats:
-        centre = np.array(place.centre) @ self._axes - eye
-        return shade_matrix(self._sun, centre, place.half, HALF_DEPTH)
+        centre = np.array(place.centre) @ sun_axes(place.sun) - eye
+        return shade_matrix(place.sun, centre, place.half, HALF_DEPTH)
 
 
 def sun_axes(sun: Sun) -> Floats:

@@ -10,11 +10,12 @@ from sketchterrain.render.allowance import Allowance
 from sketchterrain.render.draw_distance import clipped
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scenery import Scenery
-from sketchterrain.render.stats import FrameStats
+from sketchterrain.render.sharing_probe import beside_gl, on_context
+from sketchterrain.render.stats import Change, FrameStats
 from sketchterrain.render.weather import Weather
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     import moderngl
@@ -78,7 +79,7 @@ class Renderer:
     ) -> None:
         self.timings: dict[str, float] = {}
         self._context = context
-        self._terrain = terrain
+        self._terrain = terrain = beside_gl(terrain)
         self._quality = quality = quality or Quality()
         self._timer = timer
         self._last: Camera | None = None
@@ -134,6 +135,36 @@ class Renderer:
     def triangles(self) -> int:
         """Of the ground and the plants in the last picture."""
         return self.scenery.triangles
+
+    def change(self, terrain: Terrain, areas: Sequence[tuple[float, float, float, float]]) -> Change:
+        """Draw another terrain of the same extent from now on; call it between two frames.
+
+        When this returns, the ground that the last frame's camera may see is the new one wherever an area
+        touches it, and so is the water: no frame shows a part of the old and a part of the new. Light and
+        plants follow in the next frames, within their budget; until then they are as they were.
+
+        Parameters
+        ----------
+        terrain
+            The other one, on the device of `terrain`; `sketchterrain.terrain.rebuild` makes it.
+        areas
+            West, south, east, north (m): elsewhere every bit of the two terrains is the same.
+
+        Raises
+        ------
+        InputError
+            If the extent is another one.
+        """
+        start = self._timer()
+        terrain = on_context(terrain, self._terrain.context)
+        ground = self.scenery.change(terrain, areas)
+        self._terrain = terrain
+        return Change(ground.seconds, self._timer() - start, ground.tiles_rewritten, ground.tiles_dropped)
+
+    @property
+    def terrain(self) -> Terrain:
+        """What is drawn, on the device that writes its tiles: the next one is to be made from it."""
+        return self._terrain
 
     def frame(
         self, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float = 0.0

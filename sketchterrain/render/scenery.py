@@ -23,7 +23,7 @@ from sketchterrain.render.water import Water
 from sketchterrain.tiles import ScreenError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from contextlib import AbstractContextManager
     from pathlib import Path
 
@@ -31,7 +31,10 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
+    from sketchterrain.render.stats import GroundChange
     from sketchterrain.render.weather import Weather
+
+    Box = tuple[float, float, float, float]
 
 __all__ = ["Scenery"]
 
@@ -125,6 +128,23 @@ class Scenery:
     def triangles(self) -> int:
         """Of the ground and of what stands on it, in the last picture."""
         return self.ground.pool.triangles + self.forest.triangles + self.cover.triangles
+
+    def change(self, terrain: Terrain, areas: Sequence[Box]) -> GroundChange:
+        """Show another terrain from now on: its ground and its water at once, light and plants by and by.
+
+        Parameters
+        ----------
+        terrain
+            The other one, of the same extent, on the same device.
+        areas
+            West, south, east, north (m): elsewhere it is the same to the bit.
+        """
+        change = self.ground.change(terrain, areas)
+        self.lit.change(terrain, areas)
+        self.forest.change(terrain, areas)
+        self.surface.change()
+        self._water.change(terrain.features)
+        return change
 
     def draw(
         self,

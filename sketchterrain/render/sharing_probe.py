@@ -16,7 +16,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device
 
-__all__ = ["Sharing", "beside_gl", "open_device", "probe_sharing"]
+__all__ = ["Sharing", "beside_gl", "on_context", "open_device", "probe_sharing"]
 
 T = TypeVar("T")
 
@@ -93,7 +93,14 @@ def beside_gl(terrain: T) -> T:
         return terrain
     before = terrain.context
     context = open_device(before.device, real=before.real, fast=before.fast)
-    if context.gl is None:
+    return terrain if context.gl is None else on_context(terrain, context)
+
+
+def on_context(terrain: T, context: ComputeContext) -> T:
+    """Return a terrain in an open context: itself where it is, and what is no `Terrain`."""
+    from sketchterrain.terrain import Terrain
+
+    if not isinstance(terrain, Terrain) or terrain.context is context:
         return terrain
     return type(terrain)(terrain.sketch, terrain.recipe, context, memory=terrain.memory)
 

@@ -1,10 +1,10 @@
-"""What a frame took and showed."""
+"""What a frame, or a change of what is drawn, took and showed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["FrameStats"]
+__all__ = ["Change", "FrameStats", "GroundChange", "StreamStats"]
 
 
 @dataclass(frozen=True)
@@ -39,3 +39,65 @@ class FrameStats:
     triangles: int
     size: tuple[int, int]
     settled: bool
+
+
+@dataclass(frozen=True)
+class StreamStats:
+    """What a frame's tiles took.
+
+    Attributes
+    ----------
+    generation_seconds : float
+        s, waiting for the device included.
+    tiles_generated, tiles_drawn, triangles, resident_tiles : int
+        Of this frame; the last, tiles that are held.
+    settled : bool
+        Whether the picture is as good as it gets: nothing is missing, nothing moves.
+    leapt : bool
+        Whether the eye was put elsewhere, and the frame was given more time.
+    """
+
+    generation_seconds: float
+    tiles_generated: int
+    tiles_drawn: int
+    triangles: int
+    resident_tiles: int
+    settled: bool
+    leapt: bool
+
+
+@dataclass(frozen=True)
+class GroundChange:
+    """What a change of the ground took.
+
+    Attributes
+    ----------
+    seconds : float
+        s, waiting for the device included.
+    tiles_rewritten, tiles_dropped : int
+        Written anew at once, and forgotten.
+    """
+
+    seconds: float
+    tiles_rewritten: int
+    tiles_dropped: int
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a change of the terrain took.
+
+    Attributes
+    ----------
+    tile_seconds : float
+        s until the view's tiles held the new heights.
+    seconds : float
+        s of all that was done at once.
+    tiles_rewritten, tiles_dropped : int
+        Written anew at once, and forgotten.
+    """
+
+    tile_seconds: float
+    seconds: float
+    tiles_rewritten: int
+    tiles_dropped: int

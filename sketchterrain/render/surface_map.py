@@ -66,6 +66,7 @@ class SurfaceMap:
         self._near = _Square(0, texels, NEAR_WIDTH)
         self._far = _Square(texels, texels, max(2.0 * reach, 2.0 * NEAR_WIDTH))
         self._turn = 0
+        self._changed = False
 
     def update(self, eye: Eye, *, moving: bool) -> None:
         """Draw what has changed since a square was drawn.
@@ -78,9 +79,15 @@ class SurfaceMap:
             Whether squares may wait for their turn.
         """
         self._turn = (self._turn + 1) % TURN
+        waits = moving and not self._changed
         for square, turn in ((self._far, 0), (self._near, TURN // 2)):
-            if not moving or self._turn == turn or square.is_left_by(eye):
+            if not waits or self._turn == turn or square.is_left_by(eye):
                 self._draw(square, eye)
+        self._changed = False
+
+    def change(self) -> None:
+        """Note that the ground is another one: no square waits for its turn in the next picture."""
+        self._changed = True
 
     def uniforms(self, eye: Eye) -> dict[str, object]:
         """Return where both squares lie, seen from an eye (m)."""

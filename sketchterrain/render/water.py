@@ -56,13 +56,25 @@ class Water:
         defines: Mapping[str, int] | None = None,
     ) -> None:
         self._context = context
+        self._part, self._defines = part, dict(defines or {})
         self._arrays: list[moderngl.VertexArray] = []
+        self._programs: list[moderngl.Program] = []
+        self._shown: object = None
+        self._cheap = self._defines.get("MATERIALS") == 1
+        self._layers = 1 if self._cheap else len(LAYERS)
         self.textures: dict[str, moderngl.Texture] = {}
-        parts = surfaces(features) if part else []
+        self.change(features)
+
+    def change(self, features: Features) -> None:
+        """Draw other waters from now on."""
+        state = _state(features) if self._part else ()
+        if state == self._shown:
+            return
+        self._shown = state
+        parts = surfaces(features) if self._part else []
+        self._arrays = []
         if not parts:
             return
-        cheap = (defines or {}).get("MATERIALS") == 1
-        self._layers = 1 if cheap else len(LAYERS)
         self._anchor = parts[0].place[0].copy()
         vertices, indices, base = [], [], 0
         for place, course, inside, nature, triangles in parts:
@@ -71,15 +83,24 @@ class Water:
             vertices.append(rows.astype(np.float32))
             indices.append(triangles + np.uint32(base))
             base += len(place)
-        buffer = context.buffer(np.concatenate(vertices).tobytes())
-        order = context.buffer(np.concatenate(indices).tobytes())
-        for name in ["water"] if cheap else ["water_bank", "water"]:
-            program = build_program(context, f"{name}.vert.glsl", f"{name}.frag.glsl", defines=defines)
+        buffer = self._context.buffer(np.concatenate(vertices).tobytes())
+        order = self._context.buffer(np.concatenate(indices).tobytes())
+        for program in self._built():
             # A driver takes no attribute that a program does not read.
             layout = " ".join(size if name in program else _skipped(size) for size, name in _PARTS)
             names = [name for _, name in _PARTS if name in program]
-            self._arrays.append(context.vertex_array(program, [(buffer, layout, *names)], index_buffer=order))
-        self.textures["wave_slopes"] = wave_texture(context)
+            content = [(buffer, layout, *names)]
+            self._arrays.append(self._context.vertex_array(program, content, index_buffer=order))
+
+    def _built(self) -> list[moderngl.Program]:
+        """Return the programs, and have the waves; both are made when there is water for the first time."""
+        if not self._programs:
+            self._programs = [
+                build_program(self._context, f"{name}.vert.glsl", f"{name}.frag.glsl", defines=self._defines)
+                for name in (["water"] if self._cheap else ["water_bank", "water"])
+            ]
+            self.textures["wave_slopes"] = wave_texture(self._context)
+        return self._programs
 
     def __bool__(self) -> bool:
         return bool(self._arrays)
@@ -128,3 +149,14 @@ def _array(rows: npt.NDArray[np.float64]) -> object:
 def _skipped(size: str) -> str:
     """Return the format of an attribute that is there and is not read."""
     return f"{4 * int(size[0])}x"
+
+
+def _state(features: Features) -> tuple[object, ...]:
+    """Return what is equal for the same waters."""
+    rivers = [(river.centreline.tobytes(), river.centreline_width.tobytes()) for river in features.rivers]
+    lakes = [
+        (lake.level, shape.west, shape.south, shape.spacing, shape.inside.shape, shape.inside.tobytes())
+        for lake in features.lakes
+        for shape in (lake.shape,)
+    ]
+    return (*rivers, *lakes)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 __all__ = ["TilePool"]
 
 _FREE = -1
+_ANY_HEIGHT = 1e5
+"""m"""
 
 
 class TilePool:
@@ -34,6 +36,8 @@ class TilePool:
     ----------
     error, bottom, top : (slots,) float64
         Of the tile in a slot: geometric error, lowest and highest ground, m.
+    outdated : (slots,) bool
+        Whether a slot's tile shows the ground as it was before a change.
     """
 
     def __init__(self, slots: int) -> None:
@@ -42,6 +46,7 @@ class TilePool:
         self._code = np.full(slots, _FREE, np.int64)
         self._used = np.zeros(slots, np.int64)
         self.error, self.bottom, self.top = (np.zeros(slots) for _ in range(3))
+        self.outdated = np.zeros(slots, np.bool_)
         self._sorted: tuple[Codes, Slots] = self._code[:0], self._code[:0]
         self._time = 0
 
@@ -58,6 +63,11 @@ class TilePool:
     def all(self) -> tuple[Codes, Slots]:
         """Return all tiles that are held, sorted, and their slots."""
         return self._sorted
+
+    def all_outdated(self) -> Codes:
+        """Return the outdated tiles that are held, coarser ones first."""
+        codes, slots = self._sorted
+        return codes[self.outdated[slots]]
 
     def find(self, codes: Codes) -> Slots:
         """Return the slot of each tile, -1 where it is not held; any shape."""
@@ -90,10 +100,25 @@ class TilePool:
         slots = np.lexsort((self._used, self._code != _FREE))[: len(codes)]
         self._code[slots] = codes
         self._used[slots] = self._time
+        self.outdated[slots] = False
+        self._sort()
+        return slots
+
+    def drop(self, codes: Codes) -> None:
+        """Forget tiles, all of which are held."""
+        slots = self.find(codes)
+        self._code[slots] = _FREE
+        self.outdated[slots] = False
+        self._sort()
+
+    def of(self, slots: Slots) -> Codes:
+        """Return the tiles that live in slots."""
+        return self._code[slots]
+
+    def _sort(self) -> None:
         held = np.flatnonzero(self._code != _FREE)
         order = held[np.argsort(self._code[held])]
         self._sorted = self._code[order], order
-        return slots
 
     def describe(self, slots: Slots, facts: npt.NDArray[Any]) -> None:
         """Note what tiles are like: fields ``low``, ``high`` and ``error``, m."""
@@ -103,3 +128,9 @@ class TilePool:
         """Return the boxes of held tiles, wide enough for their own surface and for the real one."""
         error = self.error[slots]
         return boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
+
+    def possible_boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
+        """Return the same, of outdated tiles as high and low as any ground may be."""
+        boxes, unknown = self.boxes(codes, slots, extent), self.outdated[slots]
+        boxes.low[unknown, 2], boxes.high[unknown, 2] = -_ANY_HEIGHT, _ANY_HEIGHT
+        return boxes

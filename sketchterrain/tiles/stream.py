@@ -13,12 +13,13 @@ from sketchterrain.tiles.drawn import DrawnTree, Goals
 from sketchterrain.tiles.horizon import behind_ground
 from sketchterrain.tiles.metrics import ScreenError, across, nearest, screen_errors
 from sketchterrain.tiles.orders import Batch, DrawList
+from sketchterrain.tiles.outdated import batch_of, outdate, outdated_above, rewriting, written
 from sketchterrain.tiles.pool import TilePool
 from sketchterrain.tiles.schedule import CostModel
 from sketchterrain.tiles.wanted import ROOT_LEVEL, UNSEEN, Selection, Wanted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
@@ -58,6 +59,8 @@ class TileStream:
     """Which tiles to generate and to draw, frame by frame; it generates and draws none itself.
 
     Each frame: `plan` says what to generate, `arrived` takes what became of it, `advance` says what to draw.
+    After a change of the ground, `change` and whenever a frame's tiles are known: `overdue` says what must be
+    written anew before it is drawn.
 
     Parameters
     ----------
@@ -105,6 +108,7 @@ class TileStream:
         self._wanted: tuple[tuple[Any, ...], tuple[Any, ...], Wanted] | None = None
         self._coasts = False
         self._changes = 0
+        self._needed: Codes = self._tree.codes
         self._ahead = deque(_AHEAD)
 
     @property
@@ -140,7 +144,8 @@ class TileStream:
         # In flight the tree of the last frame does for every second one, and that one looks ahead.
         self._coasts = any(view.velocity) and not self._coasts
         wanted = self._want(view)
-        self._lacking = bool(wanted.missing.size)
+        outdated = self.pool.all_outdated()
+        self._lacking = bool(wanted.missing.size or outdated.size)
         seen = wanted.urgency > UNSEEN
         self._complete = not seen.any()
         self._hold(view, wanted)
@@ -154,10 +159,15 @@ class TileStream:
         elif self._relaxed > 1 and room > self.pool.slots // 4:
             self._relaxed = max(self._relaxed * _STRICTER, 1.0)
         codes = _of_few_levels(codes)[: min(_PER_BATCH, room)]
-        codes = codes[: self._cost.fitting(place_of(codes)[0], budget)]
-        parents = np.where(place_of(codes)[0] > ROOT_LEVEL, self.pool.find(parent_of(codes)), -1)
-        slots = self.pool.take(codes)
-        return Batch(tuple(keys_of(codes)), slots, parents)
+        # What new tiles lie in comes first, and where nothing is lacking, whatever is out of date.
+        renewed = outdated_above(self.pool, codes) if outdated.size and not self._complete else outdated
+        renewed = renewed[:_PER_BATCH]
+        codes = codes[: 0 if self._complete and renewed.size else None]
+        both = np.concatenate([renewed, codes])
+        both = both[: self._cost.fitting(place_of(both)[0], budget)]
+        renewed, codes = both[: len(renewed)], both[len(renewed) :]
+        slots = np.concatenate([self.pool.find(renewed), self.pool.take(codes)])
+        return batch_of(self.pool, both, slots)
 
     def arrived(self, batch: Batch, facts: npt.NDArray[Any], *, seconds: float | None) -> None:
         """Take note of tiles that were generated.
@@ -172,9 +182,29 @@ class TileStream:
             What they took; None where that says nothing about what others will.
         """
         self.pool.describe(batch.slots, facts)
+        written(self.pool, batch)
         if seconds is not None:
             self._cost.learn(np.array([key.level for key in batch.keys]), seconds)
         self._changes += 1
+
+    def change(self, areas: Sequence[tuple[float, float, float, float]]) -> int:
+        """Note that the ground is another one; return how many tiles are forgotten for it.
+
+        What is drawn, or soon will be, is kept and written anew: before it is drawn (`overdue`), or when
+        there is time (`plan`).
+
+        Parameters
+        ----------
+        areas
+            West, south, east and north (m); elsewhere no vertex is another one.
+        """
+        self._changes += 1
+        return outdate(self.pool, areas, extent=self.extent, quads=self.quads, kept=np.sort(self._needed))
+
+    def overdue(self, draws: DrawList) -> Batch:
+        """Return what must be written anew, and told to `arrived`, before these tiles are drawn."""
+        codes = self.pool.of(draws.slots[self.pool.outdated[draws.slots]])
+        return rewriting(self.pool, codes)
 
     def advance(self, view: View, *, elapsed: float) -> DrawList:
         """Go on by a frame.
@@ -194,7 +224,7 @@ class TileStream:
         wanted = self._want(view)
         self._tree.step(self._selection.roots(view), wanted.splits, self.pool)
         self._tree.move(self._goals(view, wanted), elapsed)
-        return self._draws(view)
+        return self.draws(view)
 
     def jump(self, view: View) -> None:
         """Show at once the best that what is held allows: for the first picture, and after a leap."""
@@ -248,7 +278,8 @@ class TileStream:
         while held.size:
             held = np.unique(parent_of(held[place_of(held)[0] > ROOT_LEVEL]))
             codes = np.concatenate([codes, held])
-        self.pool.use(np.concatenate([codes, children_of(wanted.splits).ravel()]))
+        self._needed = np.concatenate([codes, children_of(wanted.splits).ravel()])
+        self.pool.use(self._needed)
 
     def _goals(self, view: View, wanted: Wanted) -> Goals:
         """Say how much of its parent each tile should show in its middle, by how much too coarse that is."""
@@ -274,10 +305,11 @@ class TileStream:
         seen[held] = screen_errors(view, boxes, self.pool.error[slots[held]])
         return seen
 
-    def _draws(self, view: View) -> DrawList:
+    def draws(self, view: View) -> DrawList:
+        """Return what to draw as the tree is; of outdated tiles all that may be seen."""
         codes = self._tree.codes
         slots = self.pool.find(codes)
-        boxes = self.pool.boxes(codes, slots, self.extent)
+        boxes = self.pool.possible_boxes(codes, slots, self.extent)
         distance, _ = across(view, boxes)
         shown = view.sees(boxes) & (distance <= view.draw_distance)
         if self._hide:

@@ -63,7 +63,7 @@ def test_in_flight_no_frame_differs_by_more_than_the_motion(gl, waves):
         camera = camera_towards(place, 0.0, 90.0 + 0.3 * frame, -12.0, REACH)
         if frame:
             view = view_of(camera, SIZE, draw_distance=REACH)
-            stream.pool.place(stream.tiles._draws(view), camera.eye)
+            stream.pool.place(stream.tiles.draws(view), camera.eye)
             before = shade.see(camera, REACH)
         stats = stream.update(camera, SIZE, elapsed=1 / RATE, budget=0.006, draw_distance=REACH)
         assert stats.leapt == (frame == 0)

@@ -1,0 +1,239 @@
+"""The terrain changes while it is drawn: the new one is shown, and in the end as if it had always been."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.render import Camera, Quality, Renderer, Sun
+from sketchterrain.render.gl_functions import gl_function
+from sketchterrain.render.snapshot import read_picture
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import build, rebuild
+from sketchterrain.terrain.changes import EVERYWHERE
+from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.tiles.codes import codes_of, keys_of, parent_of, place_of
+from sketchterrain.tiles.wanted import ROOT_LEVEL
+
+pytestmark = pytest.mark.gl
+
+SIDE, EXTENT = 96, 3072.0
+SIZE = (240, 136)
+SUN = Sun(230.0, 35.0)
+QUALITY = replace(Quality.of(0.25), map_texels=128, budget=0.25, tile_memory=32 << 20)
+
+
+def disc(image, row, column, radius, label=1):
+    rows, columns = np.ogrid[:SIDE, :SIDE]
+    image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = label
+
+
+@pytest.fixture(scope="module")
+def before():
+    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in ("mountain", "forest", "river", "lake")}
+    disc(layers["mountain"], 20, 60, 8)
+    disc(layers["forest"], 66, 40, 9)
+    return build(Sketch(extent=EXTENT, seed=3, layers=layers))
+
+
+def painted(terrain, *strokes):
+    """Layer, row, column, radius, label of each stroke."""
+    layers = {name: layer.copy() for name, layer in terrain.sketch.layers.items()}
+    for layer, *stroke in strokes:
+        disc(layers[layer], *stroke)
+    return rebuild(terrain, terrain.sketch.replace(layers=layers))
+
+
+def river(terrain):
+    layers = {name: layer.copy() for name, layer in terrain.sketch.layers.items()}
+    for step in range(50):
+        disc(layers["river"], 60 + 5 * np.sin(step / 9), 15 + step, 1.0)
+    return rebuild(terrain, terrain.sketch.replace(layers=layers))
+
+
+@pytest.fixture(scope="module")
+def camera(before):
+    height = float(before.heights([1400.0], [600.0])[0])
+    return Camera(eye=(1400.0, 600.0, height + 70.0), target=(1300.0, 1500.0, height - 20.0), fov=50.0)
+
+
+class View:
+    """A renderer and the picture that it draws."""
+
+    def __init__(self, gl, terrain, *, quality=QUALITY):
+        self.texture = gl.texture(SIZE, 4)
+        self.framebuffer = gl.framebuffer([self.texture])
+        self.renderer = Renderer(gl, terrain, sun=SUN, quality=quality)
+
+    def frame(self, camera, *, elapsed=0.1):
+        return self.renderer.frame(camera, self.framebuffer, elapsed=elapsed)
+
+    def settled(self, camera):
+        for _ in range(300):
+            if self.frame(camera).settled:
+                return read_picture(self.texture).astype(int)
+        raise AssertionError("it never settled")
+
+
+@pytest.fixture
+def view(gl, before, camera):
+    view = View(gl, before)
+    view.settled(camera)
+    return view
+
+
+def same(picture, other):
+    """As close as the golden pictures are held."""
+    apart = np.abs(picture - other)
+    return apart.mean() <= 1.0 and (apart.max(axis=-1) > 24).mean() <= 0.01
+
+
+def drawn_vertices(renderer):
+    """Of each drawn tile, as OpenGL holds them."""
+    quads = QUALITY.quads
+    held = np.frombuffer(renderer.ground.memory.read(), VERTEX)
+    tile = (quads + 1) ** 2
+    held = held[: len(held) // tile * tile].reshape(-1, quads + 1, quads + 1)
+    draws = renderer.ground.draws
+    return dict(zip(draws.keys, held[draws.slots], strict=True))
+
+
+def fresh_vertices(terrain, keys):
+    """The same, written by a terrain that was never another one."""
+    codes = every = codes_of(keys)
+    while (place_of(codes)[0] > ROOT_LEVEL).any():
+        codes = np.unique(parent_of(codes[place_of(codes)[0] > ROOT_LEVEL]))
+        every = np.union1d(every, codes)
+    store = terrain.vertex_store(len(every), quads=QUALITY.quads)
+    above = np.searchsorted(every, parent_of(every))
+    parents = np.where(place_of(every)[0] > ROOT_LEVEL, above, -1)
+    terrain.write_tiles(list(keys_of(every)), np.arange(len(every)), parents, store)
+    return dict(zip(keys_of(every), store.download(), strict=True))
+
+
+def test_tiles_hold_the_new_terrain_when_change_returns(view, camera, before):
+    new, areas = painted(before, ("mountain", 50, 44, 7))
+    before_change = drawn_vertices(view.renderer)
+    done = view.renderer.change(new, areas)
+    held = drawn_vertices(view.renderer)
+    wanted = fresh_vertices(new, list(held))
+    assert all((held[key] == wanted[key]).all() for key in held)
+    different = sum((held[key] != before_change[key]).any() for key in held if key in before_change)
+    assert 3 < different <= done.tiles_rewritten < len(view.renderer.ground.tiles.pool.all()[0])
+    assert 0.0 < done.tile_seconds <= done.seconds
+    assert view.renderer.terrain.recipe is new.recipe
+
+
+def test_a_settled_picture_is_that_of_a_fresh_renderer(gl, view, camera, before):
+    old = view.settled(camera)
+    new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
+    view.renderer.change(new, areas)
+    now = view.settled(camera)
+    assert not same(now, old)
+    assert same(now, View(gl, new).settled(camera))
+
+
+def test_the_newest_of_quick_changes_is_shown(gl, view, camera, before):
+    terrain = before
+    for step in range(6):
+        terrain, areas = painted(
+            terrain, ("mountain", 40 + 3 * step, 36 + 4 * step, 4), ("forest", 70, 40 + step, 5)
+        )
+        view.renderer.change(terrain, areas)
+        if step % 2:
+            view.frame(camera)
+            held = drawn_vertices(view.renderer)
+            wanted = fresh_vertices(terrain, list(held))
+            assert all((held[key] == wanted[key]).all() for key in held)
+    assert same(view.settled(camera), View(gl, terrain).settled(camera))
+
+
+def test_an_area_out_of_view_leaves_the_picture_as_it_is(view, camera, before):
+    old = view.settled(camera)
+    done = view.renderer.change(before, [(1200.0, -900.0, 1800.0, 100.0)])  # behind the eye
+    assert done.tiles_rewritten <= 20
+    view.frame(camera)
+    assert (view.settled(camera) == old).all()
+
+
+def test_everything_may_change(gl, view, camera, before):
+    sketch = before.sketch.replace(ground={**before.sketch.ground, "relief": 260.0}, seed=8)
+    new, areas = rebuild(before, sketch)
+    assert areas == [EVERYWHERE]
+    view.renderer.change(new, areas)
+    held = drawn_vertices(view.renderer)
+    wanted = fresh_vertices(new, list(held))
+    assert all((held[key] == wanted[key]).all() for key in held)
+    assert same(view.settled(camera), View(gl, new).settled(camera))
+
+
+def test_water_comes_and_goes(gl, view, camera, before):
+    dry = view.settled(camera)
+    wet, areas = river(before)
+    lake, more = painted(wet, ("lake", 78, 48, 6))
+    view.renderer.change(wet, areas)
+    assert same(view.settled(camera), View(gl, wet).settled(camera))
+    view.renderer.change(lake, more)
+    with_lake = view.settled(camera)
+    assert same(with_lake, View(gl, lake).settled(camera))
+    assert not same(with_lake, dry)
+    view.renderer.change(before, [EVERYWHERE])
+    assert same(view.settled(camera), dry)
+
+
+def test_a_forest_that_is_painted_away_loses_its_plants(view, camera, before):
+    forest = view.renderer.scenery.forest
+    many = forest.count
+    assert many > 50
+    bare, areas = painted(before, ("forest", 66, 40, 12, 0))
+    view.renderer.change(bare, areas)
+    view.frame(camera)
+    view.settled(camera)
+    assert forest.count < 0.2 * many
+    view.renderer.change(before, areas)
+    view.settled(camera)
+    assert forest.count > 0.8 * many
+
+
+def test_plants_stay_until_there_are_others(view, camera, before):
+    """Not one frame is without: what grew there before does not come up anew."""
+    forest = view.renderer.scenery.forest
+    many = forest.count
+    new, areas = painted(before, ("mountain", 60, 40, 3))
+    view.renderer.change(new, areas)
+    counts = []
+    for _ in range(40):
+        done = view.frame(camera, elapsed=0.05).settled
+        counts.append(forest.count)
+        if done:
+            break
+    assert min(counts) > 0.5 * many
+
+
+def test_another_extent_is_refused(view, before):
+    other = build(before.sketch.replace(extent=2 * EXTENT))
+    with pytest.raises(InputError, match="same extent, 3072 m, got 6144 m"):
+        view.renderer.change(other, [EVERYWHERE])
+
+
+def alive(what):
+    """How many of the first names are objects of OpenGL's."""
+    is_one = gl_function(f"glIs{what}", ctypes.c_ubyte, ctypes.c_uint)
+    return sum(bool(is_one(name)) for name in range(1, 6000))
+
+
+def test_nothing_is_left_of_changes(view, camera, before):
+    wet, areas = river(before)
+    terrains = [wet, before]
+    counts = []
+    for step in range(200):
+        view.renderer.change(terrains[step % 2], areas)
+        if step % 10 == 0:
+            view.frame(camera)
+        if step in (59, 199):
+            counts.append([alive(what) for what in ("Texture", "Buffer", "Program", "Framebuffer")])
+    assert np.all(np.array(counts[1]) <= np.array(counts[0]) + 12), counts

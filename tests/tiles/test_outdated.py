@@ -1,0 +1,223 @@
+"""The ground changes while an eye moves: what is drawn is always the newest ground, in all vertices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from sketchterrain.tiles import ScreenError
+from sketchterrain.tiles.codes import codes_of, parent_of
+
+EVERYWHERE = (-math.inf, -math.inf, math.inf, math.inf)
+
+
+class Written:
+    """What each slot holds, told by when its own vertices and its parent's were computed."""
+
+    def __init__(self, toy, stream):
+        self._toy, self._stream = toy, stream
+        self.now, self.changes = 0, []
+        self.own, self.parent, self.count = {}, {}, 0
+
+    def write(self, batch):
+        done = set()
+        for key, slot, parent in zip(batch.keys, batch.slots.tolist(), batch.parents.tolist(), strict=True):
+            if parent >= 0:
+                assert self.own[parent][0] == parent_key(key)
+            done.add(slot)
+            self.own[slot] = key, self.now
+            self.parent[slot] = self.own[parent][1] if parent >= 0 else self.now
+        assert len(done) == len(batch.keys)
+        self.count += len(batch.keys)
+        self._stream.arrived(batch, self._toy.generate(batch), seconds=None)
+
+    def change(self, area):
+        self.now += 1
+        self.changes.append(area)
+        return self._stream.change([area])
+
+    def renewed(self, draws, view):
+        while batch := self._stream.overdue(draws):
+            self.write(batch)
+            draws = self._stream.draws(view)
+        return draws
+
+    def is_new(self, key, slot):
+        held, own = self.own[slot]
+        assert held == key
+        return own >= self._touched(key, 1) and self.parent[slot] >= self._touched(key, 2)
+
+    def _touched(self, key, quads):
+        """When the last change came near a tile."""
+        width = self._toy.EXTENT * 2.0**-key.level
+        margin = quads * width / self._toy.QUADS
+        west, south = key.col * width - margin, key.row * width - margin
+        east, north = west + width + 2 * margin, south + width + 2 * margin
+        times = [
+            number + 1
+            for number, (w, s, e, n) in enumerate(self.changes)
+            if w <= east and e >= west and s <= north and n >= south
+        ]
+        return max(times, default=0)
+
+
+def parent_key(key):
+    from sketchterrain.tiles.codes import keys_of
+
+    return keys_of(parent_of(codes_of([key])))[0]
+
+
+@pytest.fixture
+def world(toy):
+    stream = toy.new_stream(metric=ScreenError(6.0, quad=1e9))
+    return stream, Written(toy, stream)
+
+
+def frame(stream, written, view, *, tiles=6):
+    batch = stream.plan(view, budget=1.0)
+    made = type(batch)(batch.keys[:tiles], batch.slots[:tiles], batch.parents[:tiles])
+    if made:
+        written.write(made)
+    return written.renewed(stream.advance(view, elapsed=1 / 30), view)
+
+
+def all_new(written, draws):
+    slots = draws.slots.tolist()
+    return all(written.is_new(key, slot) for key, slot in zip(draws.keys, slots, strict=True))
+
+
+def settled(stream, written, view):
+    def generate(batch):
+        raise AssertionError("planned by settle")
+
+    for _ in range(400):
+        draws = frame(stream, written, view, tiles=100)
+        if stream.settled:
+            return draws
+    raise AssertionError("it never settled")
+
+
+def areas(rng, count):
+    for _ in range(count):
+        x, y = rng.uniform(-1500, 1500, 2)
+        wide = 10.0 ** rng.uniform(-1, 3)
+        yield (x, y, x + wide, y + wide * rng.uniform(0.3, 3))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_moving_eye_sees_nothing_but_the_newest_ground(toy, world, seed):
+    stream, written = world
+    toy.limited(stream, 6)
+    rng = np.random.default_rng(seed)
+    eye = np.array([300.0, 200.0, 60.0])
+    changes = list(areas(rng, 40))
+    for step in range(120):
+        eye[:2] += rng.uniform(-30, 30, 2)
+        view = toy.view_from(tuple(eye), everywhere=False, heading=step / 15)
+        draws = frame(stream, written, view)
+        assert all_new(written, draws)
+        if step % 3 == 0:
+            written.change(EVERYWHERE if step % 30 == 9 else changes[step // 3])
+            draws = written.renewed(stream.draws(view), view)
+            assert all_new(written, draws)
+    draws = settled(stream, written, view)
+    assert all_new(written, draws)
+    codes, slots = stream.pool.all()
+    assert not stream.pool.outdated[slots].any()
+    assert all(written.is_new(written.own[slot][0], slot) for slot in slots.tolist())
+    assert len(codes) <= stream.pool.slots
+
+
+def test_all_of_a_batch_or_only_its_beginning(toy, world):
+    """A frame that stops amid a batch leaves nothing wrong: the rest is written anew later."""
+    stream, written = world
+    view = toy.view_from((300.0, 200.0, 60.0))
+    settled(stream, written, view)
+    for tiles in (1, 2, 5, 64):
+        toy.limited(stream, tiles)
+        written.change(EVERYWHERE)
+        for _ in range(600):
+            draws = frame(stream, written, view, tiles=tiles)
+            assert all_new(written, draws)
+            if stream.settled:
+                break
+        assert stream.settled
+
+
+def test_a_small_change_writes_few_tiles_and_one_outside_writes_none(toy, world):
+    stream, written = world
+    view = toy.view_from((300.0, 200.0, 60.0), everywhere=False)
+    draws = settled(stream, written, view)
+    before = written.count
+    assert written.change((1e6, 1e6, 1e6 + 5, 1e6 + 5)) == 0
+    settled(stream, written, view)
+    assert written.count == before
+    written.change((310.0, 300.0, 311.0, 301.0))
+    draws = written.renewed(stream.draws(view), view)
+    now = written.count - before
+    assert all_new(written, draws)
+    assert 0 < now <= 12
+    assert now < 0.2 * len(draws.keys)
+
+
+def test_what_is_not_seen_waits(toy, world):
+    stream, written = world
+    north = toy.view_from((300.0, 200.0, 60.0), everywhere=False)
+    settled(stream, written, north)
+    before = written.count
+    written.change((200.0, 0.0, 400.0, 100.0))  # behind the eye
+    written.renewed(stream.draws(north), north)
+    behind = written.count - before
+    everywhere = written.change(EVERYWHERE)
+    written.renewed(stream.draws(north), north)
+    assert everywhere == 0
+    assert behind < 0.3 * (written.count - before)
+    # One turns round before there was time: it is written before it is drawn.
+    south = toy.view_from((300.0, 200.0, 60.0), everywhere=False, heading=np.pi)
+    draws = written.renewed(stream.draws(south), south)
+    assert all_new(written, draws)
+
+
+def test_what_nothing_needs_any_more_is_forgotten(toy, world):
+    stream, written = world
+    here, there = (toy.view_from((x, 200.0, 60.0)) for x in (300.0, 12_000.0))
+    settled(stream, written, here)
+    settled(stream, written, there)
+    held = stream.pool.held
+    gone = written.change(EVERYWHERE)
+    assert gone > 0
+    assert stream.pool.held == held - gone
+    assert all_new(written, settled(stream, written, here))
+
+
+def test_facts_follow_the_ground(toy, world):
+    """Boxes and errors are those of what was written last: levels of detail follow."""
+    stream, written = world
+    view = toy.view_from((300.0, 200.0, 60.0))
+    draws = settled(stream, written, view)
+    few = len(draws.keys)
+    written._toy = Raised(toy)
+    written.change(EVERYWHERE)
+    written.renewed(stream.draws(view), view)
+    draws = settled(stream, written, view)
+    fresh = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).settle(view, Raised(toy).generate)
+    assert len(draws.keys) > 1.2 * few
+    assert set(draws.keys) == set(fresh.keys)
+    assert stream.pool.top[draws.slots].min() > 100.0
+
+
+class Raised:
+    """The same ground, so much higher and rougher."""
+
+    def __init__(self, toy):
+        self._toy = toy
+        self.EXTENT, self.QUADS = toy.EXTENT, toy.QUADS
+
+    def generate(self, batch):
+        facts = self._toy.generate(batch)
+        facts["low"] += 150.0
+        facts["high"] += 150.0
+        facts["error"] *= 3.0
+        return facts

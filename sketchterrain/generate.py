@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain import export
-from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
+from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export import FoliageFiles
 from sketchterrain.jobs import run_job
 from sketchterrain.render import check_view
 from sketchterrain.report import peak_memory, report_of, rounded
+from sketchterrain.sizes import LARGEST_SIZE, check_size
 from sketchterrain.still import weather_at
 from sketchterrain.terrain import build, measure_adherence
 
@@ -28,14 +28,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Terrain
 
 __all__ = ["LARGEST_SIZE", "Extras", "FoliageFiles", "Generated", "check_size", "generate"]
-
-LARGEST_SIZE = 16385
-"""The most vertices along the longer side."""
-
-# Measured at 4097²: heights, normals and weights, once in patches and once joined, take 86.
-_BYTES_PER_VERTEX = 95
-_BYTES_AT_LEAST = 450 << 20
-
 
 @dataclass(frozen=True)
 class Extras:
@@ -77,35 +69,6 @@ class Generated:
     report: dict[str, Any]
     files: tuple[Path, ...]
     problem: str | None
-
-
-def check_size(sketch: Sketch, size: int) -> None:
-    """Refuse a size that is out of range or needs more memory than this machine has.
-
-    Parameters
-    ----------
-    sketch
-    size
-        Vertices along the longer side.
-
-    Raises
-    ------
-    InputError
-        With an estimate of the memory, where that is the reason.
-    """
-    if size < 2:
-        raise InputError(f"size = {size}: expected 2 to {LARGEST_SIZE} vertices")
-    east, north = sketch.size
-    needed = _BYTES_AT_LEAST + _BYTES_PER_VERTEX * size * size * min(east, north) / max(east, north)
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if size > LARGEST_SIZE:
-        raise InputError(
-            f"size = {size}: expected 2 to {LARGEST_SIZE} vertices; this needs about {_gibibytes(needed)}"
-        )
-    if needed > there:
-        raise InputError(
-            f"size = {size} needs about {_gibibytes(needed)} of memory, this machine has {_gibibytes(there)}"
-        )
 
 
 def generate(
@@ -279,7 +242,3 @@ def _add_preview(
         return str(error)
     writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
     return None
-
-
-def _gibibytes(count: float) -> str:
-    return f"{count / (1 << 30):.1f} GiB"

@@ -10,8 +10,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
 
     from rich.progress import Progress
+
+    Show = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 
 __all__ = ["Stages"]
 
@@ -23,16 +26,23 @@ class Stages:
 
     Use it as a context manager: a bar must be taken off the terminal however the command ends.
 
+    Parameters
+    ----------
+    show
+        Takes the title of a stage that begins and returns a context to do it in, which yields what takes the
+        share that is done; by default stages are told on stderr.
+
     Attributes
     ----------
     seconds : dict of str to float
         Wall time of each finished stage, by name.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, show: Show | None = None) -> None:
         self.seconds: dict[str, float] = {}
         self._start = time.perf_counter()
-        self._bars: Progress | None = _bars() if sys.stderr.isatty() else None
+        self._bars: Progress | None = _bars() if show is None and sys.stderr.isatty() else None
+        self._show: Show = show or self._told
 
     def __enter__(self) -> Stages:
         if self._bars is not None:
@@ -65,7 +75,7 @@ class Stages:
             Takes the share that is done, 0 … 1; a stage that does not know need not call it.
         """
         start = time.perf_counter()
-        with self._told(title) as tell:
+        with self._show(title) as tell:
             yield tell
         self.seconds[name] = time.perf_counter() - start
 

@@ -40,6 +40,7 @@ ANYTHING = {
     "progress",
     "queries",
     "report",
+    "sizes",
     "still",
     "ui",
 }

@@ -1,15 +1,51 @@
-"""Undo and redo of everything: the sketches that a person went through, one step a stroke."""
+"""Undo and redo of everything, one step a stroke, within a limit of memory.
+
+A step keeps the tiles of the layers that it changed, before and after, and the settings by reference. The
+sketch at a step is made anew from the current one when it is asked for; a layer that no step in between
+changed stays the same array.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import dataclasses
+from dataclasses import dataclass, field
+from itertools import count
+from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
+
+from sketchterrain.sketch.box import around
+from sketchterrain.sketch.document import Sketch
+from sketchterrain.sketch.label_image import LabelImage, kept_image
+from sketchterrain.sketch.layer_change import LayerChange
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Callable, Hashable, Mapping, Sequence
 
-    from sketchterrain.sketch.document import Sketch
+    from sketchterrain.sketch.box import Box
 
-__all__ = ["History"]
+__all__ = ["MOST_BYTES", "MOST_STEPS", "History"]
+
+MOST_BYTES = 256 << 20
+MOST_STEPS = 1000
+
+_STEP_BYTES = 2048
+"""Of the settings, about: most of them are those of the step before."""
+
+_SETTINGS = tuple(each.name for each in dataclasses.fields(Sketch) if each.name != "layers")
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A sketch, as what differs from the one before."""
+
+    title: str
+    settings: Mapping[str, Any]
+    key: int
+    changes: Mapping[str, LayerChange] = field(default_factory=dict)
+
+    @property
+    def bytes(self) -> int:
+        return _STEP_BYTES + sum(change.bytes for change in self.changes.values())
 
 
 class History:
@@ -19,31 +55,53 @@ class History:
     ----------
     sketch
         Where it begins.
+    most_bytes
+        What the steps may take; the oldest ones are forgotten first, the last one never.
+    most_steps
+        How many there may be.
     """
 
-    def __init__(self, sketch: Sketch) -> None:
-        self._sketches = [sketch]
-        self._titles = ["Open"]
+    def __init__(self, sketch: Sketch, *, most_bytes: int = MOST_BYTES, most_steps: int = MOST_STEPS) -> None:
+        self._sketch = sketch
+        self._keys = count()
+        # Which step a sketch was current at, for as long as somebody holds it.
+        self._key_of: WeakKeyDictionary[Sketch, int] = WeakKeyDictionary()
+        self._steps = [_Step("Open", _settings(sketch), self._new_key(sketch))]
         self._at = 0
+        self._most_bytes, self._most_steps = most_bytes, most_steps
+        self._bytes = self._steps[0].bytes
         self._merge: Hashable | None = None
+        self._before_merge: Sketch | None = None
 
     @property
     def sketch(self) -> Sketch:
         """The sketch as it is now."""
-        return self._sketches[self._at]
+        return self._sketch
 
     @property
     def titles(self) -> tuple[str, ...]:
         """What each step did, the first is where it begins; undone ones too."""
-        return tuple(self._titles)
+        return tuple(step.title for step in self._steps)
 
     @property
     def position(self) -> int:
         """Which of `titles` is the last one that is done."""
         return self._at
 
-    def do(self, title: str, sketch: Sketch, *, merge: Hashable | None = None) -> None:
-        """Add a step; those that were undone are forgotten.
+    @property
+    def bytes(self) -> int:
+        """What the steps take, the current sketch apart."""
+        return self._bytes
+
+    def do(
+        self,
+        title: str,
+        sketch: Sketch,
+        *,
+        merge: Hashable | None = None,
+        known: Mapping[str, LayerChange] | None = None,
+    ) -> Mapping[str, Box]:
+        """Add a step; those that were undone are forgotten. A sketch equal to the current one adds none.
 
         Parameters
         ----------
@@ -53,26 +111,120 @@ class History:
             What it leads to.
         merge
             Steps that follow one another with an equal key are one step: a slider that is dragged.
-        """
-        if merge is not None and merge == self._merge and self._at == len(self._titles) - 1 > 0:
-            self._sketches[self._at] = sketch
-            return
-        del self._sketches[self._at + 1 :], self._titles[self._at + 1 :]
-        self._sketches.append(sketch)
-        self._titles.append(title)
-        self._at += 1
-        self._merge = merge
+        known
+            By layer, how it differs from the current sketch, where the caller knows that already.
 
-    def go_to(self, position: int) -> Sketch:
-        """Undo or redo until a step is the last one that is done; return the sketch.
+        Returns
+        -------
+        mapping of str to Box
+            Where layers differ from what was current until now.
+        """
+        changes = _changes(self._sketch, sketch, known or {})
+        boxes = {name: change.box for name, change in changes.items()}
+        settings = _shared(_settings(sketch), self._steps[self._at].settings)
+        if not changes and all(settings[key] is self._steps[self._at].settings[key] for key in _SETTINGS):
+            return boxes
+        self._forget(self._at + 1, len(self._steps))
+        if merge is not None and merge == self._merge and self._before_merge is not None:
+            changes = _changes(self._before_merge, sketch, {})
+            title = self._steps[-1].title
+            self._forget(self._at, self._at + 1)
+        else:
+            self._merge = merge
+            self._before_merge = None if merge is None else self._sketch
+            self._at += 1
+        self._steps.append(_Step(title, settings, self._new_key(sketch), changes))
+        self._bytes += self._steps[-1].bytes
+        self._sketch = sketch
+        self._keep_within_limits()
+        return boxes
+
+    def go_to(self, position: int) -> Mapping[str, Box]:
+        """Undo or redo until a step is the last one that is done.
+
+        Returns
+        -------
+        mapping of str to Box
+            By layer, around all that the steps in between changed.
 
         Raises
         ------
         IndexError
             If there is no such step.
         """
-        if not 0 <= position < len(self._titles):
-            raise IndexError(f"step {position}: expected 0 to {len(self._titles) - 1}")
+        if not 0 <= position < len(self._steps):
+            raise IndexError(f"step {position}: expected 0 to {len(self._steps) - 1}")
+        back = position < self._at
+        between = self._steps[self._at : position : -1] if back else self._steps[self._at + 1 : position + 1]
+        layers = _walked(self._sketch.layers, between, LayerChange.undone if back else LayerChange.redone)
+        self._sketch = self._sketch.replace(layers=layers, **self._steps[position].settings)
+        self._key_of[self._sketch] = self._steps[position].key
         self._at = position
-        self._merge = None
-        return self.sketch
+        self._merge = self._before_merge = None
+        return _boxes(between, self._sketch)
+
+    def key_of(self, sketch: Sketch) -> int | None:
+        """Return a number that a sketch shares with all that were current at its step, or None."""
+        return self._key_of.get(sketch)
+
+    def _new_key(self, sketch: Sketch) -> int:
+        self._key_of[sketch] = next(self._keys)
+        return self._key_of[sketch]
+
+    def _forget(self, begin: int, end: int) -> None:
+        self._bytes -= sum(step.bytes for step in self._steps[begin:end])
+        del self._steps[begin:end]
+
+    def _keep_within_limits(self) -> None:
+        while self._at > 1 and (self._bytes > self._most_bytes or self._at > self._most_steps):
+            self._forget(0, 1)
+            self._at -= 1
+            # Nothing leads back any more from where it begins now.
+            self._bytes -= self._steps[0].bytes
+            self._steps[0] = dataclasses.replace(self._steps[0], changes={})
+            self._bytes += self._steps[0].bytes
+
+
+def _settings(sketch: Sketch) -> dict[str, Any]:
+    return {key: getattr(sketch, key) for key in _SETTINGS}
+
+
+def _shared(settings: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Return settings in which those that are as before are the same objects."""
+    return {key: before[key] if value == before[key] else value for key, value in settings.items()}
+
+
+def _changes(before: Sketch, after: Sketch, known: Mapping[str, LayerChange]) -> dict[str, LayerChange]:
+    changes = {}
+    for name, image in after.layers.items():
+        if image is not before.layers[name]:
+            change = known.get(name) or LayerChange.between(before.layers[name], image)
+            if change is not None:
+                changes[name] = change
+    return changes
+
+
+def _walked(
+    layers: Mapping[str, LabelImage],
+    steps: Sequence[_Step],
+    turn: Callable[[LayerChange, LabelImage], LabelImage],
+) -> dict[str, LabelImage]:
+    """Return the layers after steps were undone or redone; those that no step changed are the same arrays."""
+    written: dict[str, LabelImage] = {}
+    for step in steps:
+        for name, change in step.changes.items():
+            image = written[name] if name in written else layers[name].copy()
+            written[name] = turn(change, image)
+    return {**layers, **{name: kept_image(image) for name, image in written.items()}}
+
+
+def _boxes(steps: Sequence[_Step], sketch: Sketch) -> dict[str, Box]:
+    """Return by layer the box around what steps changed, in the sketch that they led to."""
+    boxes: dict[str, Box] = {}
+    for step in steps:
+        for name, change in step.changes.items():
+            resized = change.shapes[0] != change.shapes[1]
+            whole = (0, 0, sketch.height_px, sketch.width_px) if resized else None
+            boxes[name] = around(whole, around(boxes.get(name), change.box)) or change.box
+    height, width = sketch.height_px, sketch.width_px
+    return {name: (top, left, min(b, height), min(r, width)) for name, (top, left, b, r) in boxes.items()}

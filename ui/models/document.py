@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
+from weakref import ref
 
-import numpy as np
 from PyQt6.QtCore import QObject, pyqtSignal
 
+from sketchterrain.errors import InputError
 from sketchterrain.sketch import Sketch
+from sketchterrain.sketch.box import Box, around
 from sketchterrain.sketch.history import History
+from sketchterrain.sketch.label_image import MOST_LABELS, checked_image, kept_image, labels_in
+from sketchterrain.sketch.layer_change import LayerChange
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable
+    from collections.abc import Hashable, Mapping
     from pathlib import Path
 
     from sketchterrain.sketch.document import LabelImage
 
 __all__ = ["Box", "Document", "Draft"]
-
-Box = tuple[int, int, int, int]
-"""Top, left, bottom, right: rows and columns of a sketch, the last two exclusive."""
 
 
 class Draft:
@@ -30,6 +31,8 @@ class Draft:
     layer : str
     image : (height, width) uint8
         Labels; whoever writes into it calls `touch`.
+    box : Box or None
+        Around all that was touched.
     """
 
     def __init__(self, document: Document, layer: str) -> None:
@@ -40,16 +43,18 @@ class Draft:
 
     def touch(self, box: Box) -> None:
         """Tell that pixels in a box are others now."""
-        top, left, bottom, right = box
-        if self.box is not None:
-            top, left = min(top, self.box[0]), min(left, self.box[1])
-            bottom, right = max(bottom, self.box[2]), max(right, self.box[3])
-        self.box = (top, left, bottom, right)
+        self.box = around(self.box, box)
         self._document.painted.emit(self.layer, box)
         self._document.live_changed.emit()
 
     def commit(self, title: str) -> None:
-        """Make it a step of the history, if it changed anything."""
+        """Make it a step of the history, if it changed anything.
+
+        Raises
+        ------
+        InputError
+            If the layer has too many labels now; the stroke is cancelled then.
+        """
         self._document.end_draft(self, title)
 
     def cancel(self) -> None:
@@ -82,9 +87,11 @@ class Document(QObject):
     def __init__(self, sketch: Sketch | None = None) -> None:
         super().__init__()
         self._history = History(sketch or Sketch())
-        self._saved: Sketch | None = self._history.sketch
+        self._saved: int | None = self._key
         self._path: Path | None = None
         self._draft: Draft | None = None
+        # Labels that may stand in an image, by layer.
+        self._labels: dict[str, tuple[ref[LabelImage], frozenset[int]]] = {}
 
     @property
     def sketch(self) -> Sketch:
@@ -104,7 +111,7 @@ class Document(QObject):
     @property
     def is_modified(self) -> bool:
         """Whether there is something to save."""
-        return self.sketch is not self._saved
+        return self._key != self._saved
 
     @property
     def draft(self) -> Draft | None:
@@ -117,16 +124,8 @@ class Document(QObject):
             return self._draft.image
         return self.sketch.layers[name]
 
-    def live_sketch(self) -> Sketch:
-        """Return the sketch with the stroke that is being drawn."""
-        if self._draft is None or self._draft.box is None:
-            return self.sketch
-        image = self._draft.image.copy()
-        image.flags.writeable = False
-        return self.sketch.replace(layers={**self.sketch.layers, self._draft.layer: image})
-
     def do(self, title: str, sketch: Sketch, *, merge: Hashable | None = None) -> None:
-        """Make `sketch` the current one, as a step; nothing happens if it is the current one.
+        """Make `sketch` the current one, as a step; nothing happens if it is equal to the current one.
 
         Parameters
         ----------
@@ -137,11 +136,8 @@ class Document(QObject):
         merge
             Steps that follow one another with an equal key are one step.
         """
-        if sketch is self.sketch:
-            return
-        before = self.sketch
-        self._history.do(title, sketch, merge=merge)
-        self._tell(before)
+        if sketch is not self.sketch:
+            self._do(title, sketch, merge=merge)
 
     def undo(self) -> None:
         """Undo the last step, if there is one."""
@@ -156,9 +152,7 @@ class Document(QObject):
         if self._draft is not None:
             self._draft.cancel()
         if position != self._history.position:
-            before = self.sketch
-            self._history.go_to(position)
-            self._tell(before)
+            self._tell(self._history.go_to(position))
 
     def open(self, sketch: Sketch, path: Path | None = None, *, modified: bool = False) -> None:
         """Work on another sketch, with a history of its own.
@@ -173,15 +167,15 @@ class Document(QObject):
         """
         self._draft = None
         self._history = History(sketch)
-        self._saved = None if modified else sketch
+        self._saved = None if modified else self._key
         self._path = path
         self.opened.emit()
-        self._tell(None)
+        self._tell({})
         self.saved_changed.emit()
 
     def saved(self, sketch: Sketch, path: Path) -> None:
-        """Remember that a sketch was saved at a path."""
-        self._saved, self._path = sketch, path
+        """Remember that a sketch, the current one or one that was, is saved at a path."""
+        self._saved, self._path = self._history.key_of(sketch), path
         self.saved_changed.emit()
 
     def begin_draft(self, layer: str) -> Draft:
@@ -201,16 +195,57 @@ class Document(QObject):
         if title is None:
             self.painted.emit(draft.layer, draft.box)
             self.live_changed.emit()
-        elif not np.array_equal(draft.image, self.sketch.layers[draft.layer]):
-            draft.image.flags.writeable = False
-            self.do(title, self.sketch.replace(layers={**self.sketch.layers, draft.layer: draft.image}))
+            return
+        change = LayerChange.between(self.sketch.layers[draft.layer], draft.image, within=draft.box)
+        if change is None:
+            return
+        try:
+            image = self._checked(draft, change)
+            sketch = self.sketch.replace(layers={**self.sketch.layers, draft.layer: image})
+        except InputError:
+            self.painted.emit(draft.layer, draft.box)
+            self.live_changed.emit()
+            raise
+        self._do(title, sketch, known={draft.layer: change})
 
-    def _tell(self, before: Sketch | None) -> None:
-        if before is not None:
-            height, width = self.sketch.height_px, self.sketch.width_px
-            for name, image in self.sketch.layers.items():
-                if image is not before.layers[name]:
-                    self.painted.emit(name, (0, 0, height, width))
+    def _checked(self, draft: Draft, change: LayerChange) -> LabelImage:
+        """Return a draft's image, read-only, looked at no more than it takes to know its labels."""
+        before = self.sketch.layers[draft.layer]
+        image, labels = self._labels.get(draft.layer, (None, frozenset()))
+        if image is None or image() is not before:
+            labels = frozenset(labels_in(before))
+        labels |= change.new_labels - {0}
+        if len(labels) > MOST_LABELS:  # some of them may have been painted over
+            checked_image(draft.layer, draft.image)
+            labels = frozenset(labels_in(draft.image))
+        self._labels[draft.layer] = ref(draft.image), labels
+        return kept_image(draft.image)
+
+    @property
+    def _key(self) -> int | None:
+        return self._history.key_of(self.sketch)
+
+    def _do(
+        self,
+        title: str,
+        sketch: Sketch,
+        *,
+        merge: Hashable | None = None,
+        known: Mapping[str, LayerChange] | None = None,
+    ) -> None:
+        before = self.sketch
+        if (
+            self._draft is not None
+            and sketch.layers[self._draft.layer] is not before.layers[self._draft.layer]
+        ):
+            self._draft.cancel()  # what it was drawn over is no more
+        boxes = self._history.do(title, sketch, merge=merge, known=known)
+        if self.sketch is not before:
+            self._tell(boxes)
+
+    def _tell(self, boxes: Mapping[str, Box]) -> None:
+        for name, box in boxes.items():
+            self.painted.emit(name, box)
         self.sketch_changed.emit()
         self.history_changed.emit()
         self.saved_changed.emit()

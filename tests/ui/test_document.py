@@ -1,0 +1,183 @@
+"""The document against what it tells: drafts, steps, boxes, and whether there is something to save."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.sketch import LAYERS, Sketch
+
+if TYPE_CHECKING:
+    from sketchterrain.ui.models.document import Document
+
+
+@pytest.fixture
+def told(document):
+    """Names of the signals that were emitted, in order, and the boxes that were painted."""
+    names: list[str] = []
+    boxes: list[tuple] = []
+    for name in ("live_changed", "sketch_changed", "history_changed", "saved_changed", "opened"):
+        getattr(document, name).connect(lambda name=name: names.append(name))
+    document.painted.connect(lambda layer, box: boxes.append((layer, box)))
+    return names, boxes
+
+
+def paint(document: Document, layer: str, box: tuple, label: int = 1, *, title: str | None = "Paint") -> None:
+    draft = document.begin_draft(layer)
+    top, left, bottom, right = box
+    draft.image[top:bottom, left:right] = label
+    draft.touch(box)
+    if title:
+        draft.commit(title)
+
+
+def test_a_stroke_is_one_step_and_shows_while_it_goes_on(document, told) -> None:
+    names, boxes = told
+    before = document.sketch
+    draft = document.begin_draft("lake")
+    for column in range(10):
+        draft.image[5:9, column] = 3
+        draft.touch((5, column, 9, column + 1))
+    assert document.sketch is before
+    assert document.layer("lake") is draft.image
+    assert document.layer("hill") is before.layers["hill"]
+    assert set(names) == {"live_changed"}
+    assert boxes == [("lake", (5, column, 9, column + 1)) for column in range(10)]
+    assert draft.box == (5, 0, 9, 10)
+    draft.commit("Paint lakes")
+    assert document.draft is None
+    assert document.history.titles == ("Open", "Paint lakes")
+    assert document.sketch.layers["lake"] is draft.image
+    assert not draft.image.flags.writeable
+    assert (document.sketch.layers["lake"][5:9, :10] == 3).all()
+    assert all(document.sketch.layers[name] is before.layers[name] for name in LAYERS if name != "lake")
+    assert boxes[-1] == ("lake", (5, 0, 9, 10))
+
+
+def test_undo_and_redo_tell_the_box_that_changed(document, told) -> None:
+    names, boxes = told
+    before = document.sketch.layers["lake"].copy()
+    paint(document, "lake", (100, 200, 120, 260), 9)
+    after = document.sketch.layers["lake"].copy()
+    for turn, wanted in ((document.undo, before), (document.redo, after)):
+        del names[:], boxes[:]
+        turn()
+        assert boxes == [("lake", (100, 200, 120, 260))]
+        assert names == ["sketch_changed", "history_changed", "saved_changed", "live_changed"]
+        np.testing.assert_array_equal(document.sketch.layers["lake"], wanted)
+    document.redo()
+    assert names == ["sketch_changed", "history_changed", "saved_changed", "live_changed"]
+
+
+def test_a_cancelled_stroke_leaves_nothing(document, told) -> None:
+    _, boxes = told
+    before = document.sketch
+    paint(document, "lake", (0, 0, 9, 9), title=None)
+    document.draft.cancel()
+    assert document.sketch is before
+    assert document.layer("lake") is before.layers["lake"]
+    assert boxes == [("lake", (0, 0, 9, 9))] * 2
+    assert document.history.titles == ("Open",)
+
+
+def test_paint_over_the_same_paint_is_no_step(document) -> None:
+    paint(document, "lake", (0, 0, 9, 9))
+    sketch = document.sketch
+    paint(document, "lake", (2, 2, 7, 7))
+    paint(document, "lake", (0, 0, 9, 9), title=None)
+    document.begin_draft("lake").commit("Nothing")
+    assert document.sketch is sketch
+    assert document.history.titles == ("Open", "Paint")
+
+
+def test_a_new_stroke_undo_and_another_document_end_the_old_stroke(document) -> None:
+    paint(document, "lake", (0, 0, 9, 9), title=None)
+    old = document.draft
+    paint(document, "lake", (20, 20, 29, 29))
+    old.commit("Too late")
+    assert document.history.titles == ("Open", "Paint")
+    assert not document.sketch.layers["lake"][:9, :9].any()
+    paint(document, "lake", (0, 0, 9, 9), title=None)
+    document.undo()
+    assert document.draft is None
+    paint(document, "lake", (0, 0, 9, 9), title=None)
+    old = document.draft
+    document.open(Sketch())
+    old.commit("Too late")
+    assert document.history.titles == ("Open",)
+
+
+def test_a_step_that_changes_the_layer_of_a_stroke_ends_the_stroke(document) -> None:
+    paint(document, "lake", (0, 0, 9, 9), title=None)
+    document.do("Seed", document.sketch.replace(seed=99))
+    assert document.draft is not None
+    empty = np.zeros_like(document.sketch.layers["lake"])
+    empty[50] = 2
+    document.do("Change lakes", document.sketch.replace(layers={**document.sketch.layers, "lake": empty}))
+    assert document.draft is None
+    assert not document.sketch.layers["lake"][:9, :9].any()
+
+
+def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told) -> None:
+    _, boxes = told
+    document.open(Sketch())
+    for label in range(1, 17):
+        paint(document, "hill", (label, 0, label + 1, 9), label)
+    before = document.sketch
+    with pytest.raises(InputError, match="17 labels, expected at most 16"):
+        paint(document, "hill", (100, 0, 101, 9), 200)
+    assert document.sketch is before
+    assert document.draft is None
+    assert boxes[-1] == ("hill", (100, 0, 101, 9))
+    paint(document, "hill", (1, 0, 2, 9), 200)  # in place of label 1
+    assert set(np.unique(document.sketch.layers["hill"])) == {0, *range(2, 17), 200}
+    assert not document.sketch.layers["hill"].flags.writeable
+
+
+def test_what_is_to_be_saved_follows_undo_and_late_savers(document) -> None:
+    path = Path("valley.sketch")
+    assert not document.is_modified
+    paint(document, "lake", (0, 0, 9, 9))
+    assert document.is_modified
+    saving = document.sketch
+    paint(document, "lake", (20, 0, 29, 9))
+    document.saved(saving, path)  # it took a while
+    assert (document.path, document.is_modified) == (path, True)
+    document.undo()
+    assert not document.is_modified
+    document.undo()
+    assert document.is_modified
+    document.redo()
+    assert not document.is_modified
+    document.do("Seed", document.sketch.replace(seed=5))
+    document.undo()
+    assert not document.is_modified
+
+
+def test_what_was_recovered_is_to_be_saved(document, told) -> None:
+    names, _ = told
+    paint(document, "lake", (0, 0, 9, 9))
+    sketch = document.sketch
+    document.open(sketch, Path("here"), modified=True)
+    assert document.is_modified
+    assert names.count("opened") == 1
+    assert document.history.titles == ("Open",)
+    document.open(sketch, Path("here"))
+    assert not document.is_modified
+
+
+def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told) -> None:
+    names, boxes = told
+    key = object()
+    for seed in range(20, 30):
+        document.do("Set seed", document.sketch.replace(seed=seed), merge=key)
+    assert document.history.titles == ("Open", "Set seed")
+    assert not boxes
+    del names[:]
+    document.do("Set seed", document.sketch.replace(seed=29))
+    document.do("Set seed", document.sketch)
+    assert names == []

@@ -9,8 +9,9 @@ import numpy as np
 
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.packing import noise_share, pack_world
+from sketchterrain.terrain.reference_gullies import deepest_gullies, gullies
 from sketchterrain.terrain.reference_noise import Slope
-from sketchterrain.terrain.reference_relief import Rise, deepest_gullies, gullies
+from sketchterrain.terrain.reference_relief import Rise
 
 if TYPE_CHECKING:
     import numpy.typing as npt

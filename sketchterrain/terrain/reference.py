@@ -16,14 +16,13 @@ from sketchterrain.terrain.arcs import nearest_on_arc
 from sketchterrain.terrain.culling import features_near
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.packing import effective_cell, pack_features, pack_rivers, pack_world
+from sketchterrain.terrain.reference_gullies import crags, gullies
 from sketchterrain.terrain.reference_lakes import lay_lakes
 from sketchterrain.terrain.reference_noise import Slope, fbm, fbm_slope
 from sketchterrain.terrain.reference_relief import (
     Relief,
     Rise,
     Site,
-    crags,
-    gullies,
     hills,
     mountains,
     relief_at,
@@ -157,12 +156,10 @@ def _smooth(x: Reals, low: float, high: float) -> Reals:
 
 
 def _areas(packed: PackedFeatures, place: Site, *, slot: int) -> tuple[Reals, Reals]:
-    total, weights, strengths = (np.zeros(place.x.shape) for _ in range(3))
-    for i in np.flatnonzero(packed.slot == slot):
-        cover = area_profile(place.approach(packed, i)[0].value)
-        total += cover**4
-        weights += cover
-        strengths += cover * packed.shape[i, 1]
+    pairs = place.reached(packed, slot)
+    cover = area_profile(place.approach(packed, pairs)[0].value)
+    strength = packed.shape[pairs.of, 1]
+    total, weights, strengths = (place.summed(pairs, each) for each in (cover**4, cover, cover * strength))
     mean = np.where(weights > 1e-6, strengths / np.maximum(weights, 1e-6), 0)
     return np.minimum(np.sqrt(np.sqrt(total)), 1), mean
 

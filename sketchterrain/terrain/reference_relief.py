@@ -1,18 +1,20 @@
-"""Mountains and hills with their slopes, and the gullies that erosion cuts, in plain NumPy float64.
+"""Mountains and hills with their slopes, in plain NumPy float64.
 
-What ``kernels/features.clh`` and ``kernels/erosion.clh`` are measured against.
+What ``kernels/features.clh`` and ``kernels/relief.clh`` are measured against.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cached_property
+from itertools import chain
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from sketchterrain.features.profiles import hill_profile, hill_slope, mountain_profile, mountain_slope
-from sketchterrain.terrain.octaves import UNSKEW
-from sketchterrain.terrain.reference_noise import Slope, fbm, fbm_slope, gradients, skewed
+from sketchterrain.terrain.reference_noise import Slope, fbm_slope
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -24,12 +26,10 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
 
 __all__ = [
+    "Reached",
     "Relief",
     "Rise",
     "Site",
-    "crags",
-    "deepest_gullies",
-    "gullies",
     "hills",
     "joined_mountains",
     "mountains",
@@ -39,8 +39,6 @@ __all__ = [
 
 _MOUNTAIN, _HILL = 0, 1
 _HILL_SWELL = 0.4
-_TALUS = 2.1445069205095586
-_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 2.2e-10 * 2.0**31, 0.55, 0.3, 0.35, 0.5, 0.7
 
 
 @dataclass(frozen=True)
@@ -91,14 +89,44 @@ class Site:
     unit: float
     bend: tuple[Slope, Slope]
 
-    def approach(self, packed: PackedFeatures, i: np.intp) -> tuple[Slope, Slope]:
-        """See a feature from these positions, as `approached` does."""
-        return approached(
-            np.stack([self.x - packed.at[i, 0], self.y - packed.at[i, 1]]) * self.unit,
-            packed.shape[i, 0],
-            self.bend,
-            crest=packed.shape[i, 8:],
-        )
+    @cached_property
+    def _metres(self) -> Reals:
+        """Positions from the first one (m), (n, 2)."""
+        return np.stack([self.x - self.x[:1], self.y - self.y[:1]], axis=-1) * self.unit
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self._metres)
+
+    def reached(self, packed: PackedFeatures, slot: int) -> Reached:
+        """Pair these positions with the features of a slot that may reach them."""
+        chosen = np.flatnonzero(packed.slot == slot)
+        if not (chosen.size and self.x.size):
+            return Reached(np.zeros(0, np.int64), np.zeros(0, np.int64))
+        centre = (packed.at[chosen] - [self.x[0], self.y[0]]) * self.unit
+        wide = packed.support[chosen] * (1 + 1e-9) + 1e-6
+        found = self._tree.query_ball_point(centre, wide)
+        count = [len(each) for each in found]
+        place = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=sum(count))
+        return Reached(place, np.repeat(chosen, count))
+
+    def approach(self, packed: PackedFeatures, pairs: Reached) -> tuple[Slope, Slope]:
+        """See features from these positions, as `approached` does."""
+        place, of = pairs.place, pairs.of
+        offset = np.stack([self.x[place] - packed.at[of, 0], self.y[place] - packed.at[of, 1]]) * self.unit
+        east, north = (Slope(*(part[place] for part in bend)) for bend in self.bend)
+        return approached(offset, packed.shape[of, 0], (east, north), crest=packed.shape[of, 8:].T)
+
+    def summed(self, pairs: Reached, values: Reals) -> Reals:
+        """Sum values of pairs at each position, in the order of the features."""
+        return np.asarray(np.bincount(pairs.place, values, minlength=len(self.x)), dtype=np.float64)
+
+
+class Reached(NamedTuple):
+    """Pairs of positions and features, by index, in the order of the features."""
+
+    place: npt.NDArray[np.int64]
+    of: npt.NDArray[np.int64]
 
 
 def approached(
@@ -178,18 +206,18 @@ def _over_one(slope: Slope) -> Slope:
 
 def mountains(packed: PackedFeatures, site: Site, spur: Slope) -> tuple[Rise, Slope]:
     """Join the mountains as (Σ h⁴)^¼, and tell how much noise has a say in them."""
-    sums = np.zeros((8, *site.x.shape))
-    for i in np.flatnonzero(packed.slot == _MOUNTAIN):
-        strength, peakiness, flank = packed.shape[i, 1:4]
-        away, keep = site.approach(packed, i)
-        t = carried(away, spur, packed.shape[i, 6])
-        profile = strength * mountain_profile(t.value, peakiness, flank)
-        h = keep.value * profile
-        lean = keep.value * strength * mountain_slope(t.value, peakiness, flank)
-        leans = h**3 * np.stack([lean * t.east + profile * keep.east, lean * t.north + profile * keep.north])
-        parts = np.concatenate([h[None] ** 4, leans])
-        sums += np.concatenate([parts, parts[:1] * packed.shape[i, 4:6, None], parts * packed.shape[i, 6]])
-    return joined_mountains(sums)
+    pairs = site.reached(packed, _MOUNTAIN)
+    shape = packed.shape[pairs.of].T
+    strength, peakiness, flank = shape[1:4]
+    away, keep = site.approach(packed, pairs)
+    t = carried(away, Slope(*(part[pairs.place] for part in spur)), shape[6])
+    profile = strength * mountain_profile(t.value, peakiness, flank)
+    h = keep.value * profile
+    lean = keep.value * strength * mountain_slope(t.value, peakiness, flank)
+    leans = h**3 * np.stack([lean * t.east + profile * keep.east, lean * t.north + profile * keep.north])
+    parts = np.concatenate([h[None] ** 4, leans])
+    parts = np.concatenate([parts, parts[:1] * shape[4:6], parts * shape[6]])
+    return joined_mountains(np.stack([site.summed(pairs, part) for part in parts]))
 
 
 def joined_mountains(sums: Reals) -> tuple[Rise, Slope]:
@@ -209,15 +237,14 @@ def joined_mountains(sums: Reals) -> tuple[Rise, Slope]:
 
 def hills(packed: PackedFeatures, site: Site) -> Rise:
     """Join the hills as (Σ h²)^½."""
-    sums = np.zeros((5, *site.x.shape))
-    for i in np.flatnonzero(packed.slot == _HILL):
-        strength, flank = packed.shape[i, 1], packed.shape[i, 3]
-        t, _ = site.approach(packed, i)
-        h = strength * hill_profile(t.value, flank)
-        lean = h * strength * hill_slope(t.value, flank)
-        sums += np.stack(
-            [h**2, lean * t.east, lean * t.north, h**2 * packed.shape[i, 4], h**2 * packed.shape[i, 5]]
-        )
+    pairs = site.reached(packed, _HILL)
+    shape = packed.shape[pairs.of].T
+    strength, flank = shape[1], shape[3]
+    t, _ = site.approach(packed, pairs)
+    h = strength * hill_profile(t.value, flank)
+    lean = h * strength * hill_slope(t.value, flank)
+    parts = (h**2, lean * t.east, lean * t.north, h**2 * shape[4], h**2 * shape[5])
+    sums = np.stack([site.summed(pairs, part) for part in parts])
     total = np.maximum(sums[0], 1e-18)
     return Rise(Slope(*(sums[:3] * total**-0.5)), *(sums[3:] / total))
 
@@ -232,69 +259,3 @@ def risen(a: Rise, b: Rise, share: Slope) -> Rise:
     say, other = np.maximum(a.height.value, 0), np.maximum(b.height.value, 0)
     part = other / np.maximum(say + other, 1e-9)
     return Rise(height, a.erosion + (b.erosion - a.erosion) * part, a.widest + (b.widest - a.widest) * part)
-
-
-def deepest_gullies(w: np.void, octaves: OctaveTable, erosion: Reals, widest: Reals) -> Reals:
-    """Return by how much (m) `gullies` lowers ground, at most, and raises it but for 18 %.
-
-    Parameters
-    ----------
-    w, octaves
-    erosion, widest : (n,) float64
-        At most.
-    """
-    steepest = 1 / (1 + _GENTLE / _TALUS) ** 2  # the most that the slope's say can be
-    depths = (_depth(w, octaves, i, erosion, widest) for i in range(*octaves.ranges["gully"]))
-    return steepest * sum(depths, np.zeros(erosion.shape))
-
-
-def _depth(w: np.void, octaves: OctaveTable, i: int, erosion: Reals, widest: Reals) -> Reals:
-    """Depth (m) of an octave's gullies where the slope has its full say."""
-    t = np.clip((widest * (octaves.scale[i, 1] * w["units_per_metre"]) - 0.5) * 2, 0, 1)
-    return np.asarray(w["gully_depth"] * octaves.scale[i, 0] * erosion * t * t * (3 - 2 * t))
-
-
-def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise) -> Slope:
-    """Return what erosion adds to the height, with its slope per metre, the waves' directions held."""
-    value, east_sum, north_sum = np.zeros((3, *x.shape))
-    for i in range(*octaves.ranges["gully"]):
-        depth = _depth(w, octaves, i, rise.erosion, rise.widest)
-        if not depth.any():
-            continue
-        east, north = rise.height.east + _FEED * east_sum, rise.height.north + _FEED * north_sum
-        square = east * east + north * north
-        across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
-        cosine, sine, weight = _waves(octaves, i, x, y, -north * across, east * across)
-        even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
-        v = cosine * even
-        per_metre = octaves.scale[i, 1] * w["units_per_metre"]
-        depth = depth * square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
-        value = value + depth * (v + _SHARP * (v * v - 0.5))
-        lean = depth * (1 + 2 * _SHARP * v) * -sine * even * 2 * np.pi * per_metre * across
-        east_sum, north_sum = east_sum - lean * north, north_sum + lean * east
-    return Slope(value, east_sum, north_sum)
-
-
-def _waves(
-    octaves: OctaveTable, i: int, x: Lattice, y: Lattice, east: Reals, north: Reals
-) -> tuple[Reals, Reals, Reals]:
-    """Sum an octave's waves (turns a cell eastward and northward) over the corners around each place."""
-    cell_u, cell_v, fu, fv = skewed(octaves, i, x, y)
-    if octaves.form[i, 2]:
-        east, north = north, -east
-    lower = fu > fv
-    sums = np.zeros((3, *x.shape))
-    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
-        du, dv = fu - iu, fv - iv
-        d = np.stack([du, dv]) - (du + dv) * UNSKEW
-        g = gradients(cell_u + iu, cell_v + iv, seed=int(octaves.form[i, 1]))
-        say = np.maximum(0.5 - (d * d).sum(axis=0), 0) ** 2
-        angle = 2 * np.pi * (east * (d[0] - _PIVOT * g[0]) + north * (d[1] - _PIVOT * g[1]))
-        sums += say * np.stack([np.cos(angle), np.sin(angle), np.ones(x.shape)])
-    return sums[0], sums[1], sums[2]
-
-
-def crags(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, east: Reals, north: Reals) -> Reals:
-    """Return what the roughness of bare rock adds to mountains of a slope."""
-    square = east * east + north * north
-    return np.asarray(w["crag_depth"] * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))

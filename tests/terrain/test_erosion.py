@@ -12,8 +12,9 @@ from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import NoiseStack, octave_table
 from sketchterrain.terrain.packing import pack_world
 from sketchterrain.terrain.reference import reference_ground, reference_slope
+from sketchterrain.terrain.reference_gullies import gullies
 from sketchterrain.terrain.reference_noise import Slope
-from sketchterrain.terrain.reference_relief import Rise, gullies
+from sketchterrain.terrain.reference_relief import Rise
 
 from .conftest import feature
 

@@ -1,0 +1,93 @@
+"""The gullies that erosion cuts and the roughness of bare rock, in plain NumPy float64.
+
+What ``kernels/erosion.clh`` is measured against.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.terrain.octaves import UNSKEW
+from sketchterrain.terrain.reference_noise import Slope, fbm, gradients, skewed
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.terrain.octaves import OctaveTable
+    from sketchterrain.terrain.reference_relief import Rise
+
+    Reals = npt.NDArray[np.float64]
+    Lattice = npt.NDArray[np.int64]
+
+__all__ = ["crags", "deepest_gullies", "gullies"]
+
+_TALUS = 2.1445069205095586
+_WAVES, _PIVOT, _FEED, _CALM, _SHARP, _GENTLE, _ROUGH = 1.4, 2.2e-10 * 2.0**31, 0.55, 0.3, 0.35, 0.5, 0.7
+
+
+def deepest_gullies(w: np.void, octaves: OctaveTable, erosion: Reals, widest: Reals) -> Reals:
+    """Return by how much (m) `gullies` lowers ground, at most, and raises it but for 18 %.
+
+    Parameters
+    ----------
+    w, octaves
+    erosion, widest : (n,) float64
+        At most.
+    """
+    steepest = 1 / (1 + _GENTLE / _TALUS) ** 2  # the most that the slope's say can be
+    depths = (_depth(w, octaves, i, erosion, widest) for i in range(*octaves.ranges["gully"]))
+    return steepest * sum(depths, np.zeros(erosion.shape))
+
+
+def _depth(w: np.void, octaves: OctaveTable, i: int, erosion: Reals, widest: Reals) -> Reals:
+    """Depth (m) of an octave's gullies where the slope has its full say."""
+    t = np.clip((widest * (octaves.scale[i, 1] * w["units_per_metre"]) - 0.5) * 2, 0, 1)
+    return np.asarray(w["gully_depth"] * octaves.scale[i, 0] * erosion * t * t * (3 - 2 * t))
+
+
+def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise) -> Slope:
+    """Return what erosion adds to the height, with its slope per metre, the waves' directions held."""
+    value, east_sum, north_sum = np.zeros((3, *x.shape))
+    for i in range(*octaves.ranges["gully"]):
+        depth = _depth(w, octaves, i, rise.erosion, rise.widest)
+        if not depth.any():
+            continue
+        east, north = rise.height.east + _FEED * east_sum, rise.height.north + _FEED * north_sum
+        square = east * east + north * north
+        across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
+        cosine, sine, weight = _waves(octaves, i, x, y, -north * across, east * across)
+        even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
+        v = cosine * even
+        per_metre = octaves.scale[i, 1] * w["units_per_metre"]
+        depth = depth * square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
+        value = value + depth * (v + _SHARP * (v * v - 0.5))
+        lean = depth * (1 + 2 * _SHARP * v) * -sine * even * 2 * np.pi * per_metre * across
+        east_sum, north_sum = east_sum - lean * north, north_sum + lean * east
+    return Slope(value, east_sum, north_sum)
+
+
+def _waves(
+    octaves: OctaveTable, i: int, x: Lattice, y: Lattice, east: Reals, north: Reals
+) -> tuple[Reals, Reals, Reals]:
+    """Sum an octave's waves (turns a cell eastward and northward) over the corners around each place."""
+    cell_u, cell_v, fu, fv = skewed(octaves, i, x, y)
+    if octaves.form[i, 2]:
+        east, north = north, -east
+    lower = fu > fv
+    sums = np.zeros((3, *x.shape))
+    for iu, iv in ((0, 0), (lower.astype(np.int64), (~lower).astype(np.int64)), (1, 1)):
+        du, dv = fu - iu, fv - iv
+        d = np.stack([du, dv]) - (du + dv) * UNSKEW
+        g = gradients(cell_u + iu, cell_v + iv, seed=int(octaves.form[i, 1]))
+        say = np.maximum(0.5 - (d * d).sum(axis=0), 0) ** 2
+        angle = 2 * np.pi * (east * (d[0] - _PIVOT * g[0]) + north * (d[1] - _PIVOT * g[1]))
+        sums += say * np.stack([np.cos(angle), np.sin(angle), np.ones(x.shape)])
+    return sums[0], sums[1], sums[2]
+
+
+def crags(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, east: Reals, north: Reals) -> Reals:
+    """Return what the roughness of bare rock adds to mountains of a slope."""
+    square = east * east + north * north
+    return np.asarray(w["crag_depth"] * square / (square + _ROUGH) * fbm(octaves, "crag", x, y))

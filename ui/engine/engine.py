@@ -176,7 +176,7 @@ class Engine:
             return
         if self._eye is None or self._eye.size != terrain.size or self._fresh >= 0 <= version - self._fresh:
             mode = "orbit" if self._eye is None else self._eye.mode
-            self._eye, self._fresh = Eye(terrain), -1
+            self._eye, self._fresh = Eye(terrain, aspect=self._aspect), -1
             self._eye.use(self._view.mode if self._view.mode else mode)
         else:
             self._eye.follow(terrain)
@@ -270,7 +270,7 @@ class Engine:
     @property
     def _aspect(self) -> float:
         """Width over height of the picture."""
-        return self._view.width / self._view.height if self._view.height else 1.0
+        return self._view.width / self._view.height if self._view.width and self._view.height else 1.6
 
     def _tell_facts(self, **changes: str) -> None:
         facts = replace(self._facts, **changes)  # type: ignore[arg-type] # all of them are text

@@ -26,7 +26,8 @@ FOV: Final = 50.0
 """Degrees, vertical."""
 REACH: Final = 8.0
 """Extents, how far lines of sight are followed."""
-_START: Final = (0.92, 38.0)  # extents from the middle, and degrees over it: all of the sketch is seen
+_START: Final = (0.8, 30.0)  # extents from the middle, and degrees over it: most of the sketch is seen
+_WIDE: Final = 1.4  # width over height of the narrowest picture for which that holds
 _GLIDE: Final = 0.5  # s
 _STILL: Final = 2e-5  # of the distance to what is looked at; smaller motions are none
 _KEYS: Final = 0.7  # heights of the picture a second, as keys move an orbit's pivot
@@ -40,6 +41,8 @@ class Eye:
     ----------
     terrain
         Above which it moves.
+    aspect
+        Width over height of the picture that shall show all of the sketch to begin with.
 
     Attributes
     ----------
@@ -51,7 +54,7 @@ class Eye:
         m, of the sketch that it was put above.
     """
 
-    def __init__(self, terrain: Terrain) -> None:
+    def __init__(self, terrain: Terrain, *, aspect: float = _WIDE) -> None:
         self._terrain = terrain
         self._near = NearGround(terrain)
         self._way = Fly()
@@ -63,7 +66,7 @@ class Eye:
         east, north = terrain.size
         self._orbit = self._circling(
             (east / 2, north / 2, float(terrain.heights(east / 2, north / 2))),
-            distance=_START[0] * terrain.extent,
+            distance=_START[0] * terrain.extent * max(_WIDE / aspect, 1.0),
             elevation=_START[1],
         )
         self._walk: Walk | None = None

@@ -106,14 +106,7 @@ class Placer:
         self._patience.begin()
         self._begun = time.monotonic()
         try:
-            import inspect
-
-            asked = (
-                {"checkpoint": self._checkpoint}
-                if "checkpoint" in inspect.signature(make_recipe).parameters
-                else {}
-            )
-            recipe = make_recipe(sketch, memory=self._memory, **asked)
+            recipe = make_recipe(sketch, memory=self._memory, checkpoint=self._checkpoint)
         finally:
             self._say_done()
         areas = [EVERYWHERE] if self._recipe is None else changed_areas(self._recipe, recipe)

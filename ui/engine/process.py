@@ -65,6 +65,9 @@ def _main(options: dict[str, Any]) -> None:
         show = Show(stage, memory, held=lambda: held_bytes(own + ([jobs.pid] if jobs.pid else [])))
     Engine(window, Channel.of(options["placer"]), land=land, show=show, jobs=jobs, facts=facts).run()
     window.close()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(0)  # drivers take their time to take themselves down, and some crash at it
 
 
 def _stage() -> tuple[Stage | None, str]:

@@ -1,0 +1,178 @@
+"""The tree widget behind the list of layers: rows follow a model of layers and labels, keys choose layers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from PyQt6.QtCore import QEvent, QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
+from PyQt6.QtGui import QKeyEvent
+from PyQt6.QtWidgets import QAbstractItemView, QFrame, QHeaderView, QTreeWidget, QTreeWidgetItem, QWidget
+
+from sketchterrain.sketch import LAYERS
+from sketchterrain.ui.panels.layer_rows import DETAIL, EYE, HEIGHT, LOCK, NAME, PLACE, SHOWN, LayerRow
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from PyQt6.QtGui import QMouseEvent
+
+__all__ = ["LayerList", "Row"]
+
+_COLUMN = 32
+
+
+class Row(NamedTuple):
+    """What a row shows.
+
+    Attributes
+    ----------
+    layer, label : str, int
+    title, detail : str
+        Its two lines.
+    visible, locked : bool or None
+        Of the layer, in the first of its rows; None in the others.
+    """
+
+    layer: str
+    label: int
+    title: str
+    detail: str
+    visible: bool | None
+    locked: bool | None
+
+
+class LayerList(QTreeWidget):
+    """Layers and their labels. Up and down, or 1 to 7, choose; Space shows and hides."""
+
+    chosen = pyqtSignal(str, int)
+    """A person wants to paint on a layer with a label."""
+    layer_chosen = pyqtSignal(str)
+    """A person wants to paint on a layer."""
+    eye_clicked = pyqtSignal(str)
+    lock_clicked = pyqtSignal(str)
+    delete_asked = pyqtSignal()
+    menu_asked = pyqtSignal(QPoint)
+    """A place on the screen."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._rows: list[Row] = []
+        self.setColumnCount(3)
+        self.setHeaderHidden(True)
+        self.setRootIsDecorated(False)
+        self.setIndentation(0)
+        self.setUniformRowHeights(True)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setItemDelegate(LayerRow(self))
+        self.setMouseTracking(True)
+        self.setVerticalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.setAccessibleName("Layers")
+        self.setToolTip("What is painted. 1 to 7 choose a layer, Space shows or hides it")
+        self._size_columns()
+        self.currentItemChanged.connect(self._choose)
+        self.customContextMenuRequested.connect(self._ask_menu)
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """What it shows, from top to bottom."""
+        return tuple(self._rows)
+
+    def show_rows(self, rows: Sequence[Row], current: int) -> None:
+        """Show rows, one of them as the current one; tells nobody."""
+        with QSignalBlocker(self):
+            while self.topLevelItemCount() > len(rows):
+                self.takeTopLevelItem(self.topLevelItemCount() - 1)
+            while self.topLevelItemCount() < len(rows):
+                self.addTopLevelItem(QTreeWidgetItem())
+            for at, row in enumerate(rows):
+                item = self.topLevelItem(at)
+                if item is not None and (at >= len(self._rows) or self._rows[at] != row):
+                    _fill(item, row)
+            self._rows = list(rows)
+            item = self.topLevelItem(current)
+            if item is not None and item is not self.currentItem():
+                self.setCurrentItem(item)
+                self.scrollToItem(item)
+
+    def event(self, e: QEvent | None) -> bool:
+        """Keep the keys that choose layers from the window's shortcuts."""
+        if isinstance(e, QKeyEvent) and e.type() == QEvent.Type.ShortcutOverride and self._is_own(e):
+            e.accept()
+            return True
+        return super().event(e)
+
+    def keyPressEvent(self, event: QKeyEvent | None) -> None:
+        """Choose a layer, show and hide it, or delete a label."""
+        if event is None or not self._is_own(event):
+            super().keyPressEvent(event)
+            return
+        row = self._current()
+        number = event.key() - Qt.Key.Key_1
+        if 0 <= number < len(LAYERS):
+            self.layer_chosen.emit(list(LAYERS)[number])
+        elif row is not None and event.key() == Qt.Key.Key_Space:
+            self.eye_clicked.emit(row.layer)
+        elif event.key() == Qt.Key.Key_Delete:
+            self.delete_asked.emit()
+
+    def mousePressEvent(self, e: QMouseEvent | None) -> None:
+        """Turn an eye or a lock, or choose a row."""
+        at = None if e is None else self.indexAt(e.position().toPoint())
+        left = e is not None and e.button() == Qt.MouseButton.LeftButton
+        if at is None or not left or at.column() == NAME or at.data(SHOWN) is None:
+            super().mousePressEvent(e)
+            return
+        row = self._rows[at.row()]
+        (self.eye_clicked if at.column() == EYE else self.lock_clicked).emit(row.layer)
+
+    def sizeHint(self) -> QSize:
+        """Return room for a row a layer."""
+        return QSize(280, HEIGHT * len(LAYERS) + 4)
+
+    def _is_own(self, event: QKeyEvent) -> bool:
+        plain = event.modifiers() in (Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.KeypadModifier)
+        own = event.key() in (Qt.Key.Key_Space, Qt.Key.Key_Delete)
+        return plain and (own or 0 <= event.key() - Qt.Key.Key_1 < len(LAYERS))
+
+    def _current(self) -> Row | None:
+        at = self.indexOfTopLevelItem(self.currentItem())
+        return self._rows[at] if 0 <= at < len(self._rows) else None
+
+    def _choose(self) -> None:
+        row = self._current()
+        if row is not None:
+            self.chosen.emit(row.layer, row.label)
+
+    def _ask_menu(self, place: QPoint) -> None:
+        view = self.viewport()
+        if view is not None:
+            self.menu_asked.emit(view.mapToGlobal(place))
+
+    def _size_columns(self) -> None:
+        header = self.header()
+        if header is not None:
+            header.setStretchLastSection(False)
+            header.setMinimumSectionSize(_COLUMN)
+            header.setSectionResizeMode(NAME, QHeaderView.ResizeMode.Stretch)
+            for column in (EYE, LOCK):
+                header.setSectionResizeMode(column, QHeaderView.ResizeMode.Fixed)
+                header.resizeSection(column, _COLUMN)
+
+
+def _fill(item: QTreeWidgetItem, row: Row) -> None:
+    name = LAYERS[row.layer].title.lower()
+    item.setText(NAME, row.title)
+    item.setData(NAME, PLACE, (row.layer, row.label, row.visible is not None))
+    item.setData(NAME, DETAIL, row.detail)
+    item.setData(NAME, Qt.ItemDataRole.AccessibleTextRole, f"{row.title}, {row.detail}")
+    item.setToolTip(NAME, f"{row.title}: {row.detail}")
+    item.setData(EYE, SHOWN, row.visible)
+    item.setData(LOCK, SHOWN, row.locked)
+    shown, held = ("Hide" if row.visible else "Show"), ("Unlock" if row.locked else "Lock")
+    for column, on, verb in ((EYE, row.visible, shown), (LOCK, row.locked, held)):
+        text = "" if on is None else f"{verb} {name}"
+        item.setToolTip(column, text)
+        item.setData(column, Qt.ItemDataRole.AccessibleTextRole, text)

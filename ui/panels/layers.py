@@ -1,0 +1,280 @@
+"""The layers of a sketch: what is painted with, what is shown, what is kept from being painted on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt
+from PyQt6.QtWidgets import QHBoxLayout, QLabel, QMenu, QToolButton, QVBoxLayout, QWidget
+
+from sketchterrain.sketch import LAYERS
+from sketchterrain.sketch.document import MOST_LABELS
+from sketchterrain.ui.commands.labels import (
+    clear_layer,
+    copy_label,
+    delete_label,
+    free_label,
+    new_label,
+)
+from sketchterrain.ui.look.icons import icon
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
+from sketchterrain.ui.panels.area_count import AreaCount
+from sketchterrain.ui.panels.label_page import label_title
+from sketchterrain.ui.panels.layer_list import LayerList, Row
+from sketchterrain.ui.panels.number_box import WAY, PatientSlider
+from sketchterrain.ui.panels.wording import number, with_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.workspace import Workspace
+
+__all__ = ["LayersPanel"]
+
+_MAIN: Final = {
+    "mountain": "height",
+    "hill": "height",
+    "river": "width",
+    "dune": "height",
+    "forest": "density",
+    "lake": "depth",
+    "material": "material",
+}
+"""The property that tells labels of a layer apart best."""
+
+
+class LayersPanel(QWidget):
+    """A list of layers and labels, the opacity of the layer in use, and what can be done with labels.
+
+    Parameters
+    ----------
+    document
+        Whose layers it shows and changes.
+    workspace
+        Says which label is in use, and how layers are shown.
+    """
+
+    def __init__(self, document: Document, workspace: Workspace, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._document = document
+        self._workspace = workspace
+        self._areas: dict[str, dict[int, int]] = {name: {} for name in LAYERS}
+        self._last_label = dict.fromkeys(LAYERS, 1)
+        self.list = LayerList(self)
+        self.opacity = PatientSlider(self)
+        self.opacity.setAccessibleName("Opacity of the layer")
+        self.opacity.setToolTip("How strongly the layer that is painted on covers what lies beneath")
+        self._percent = QLabel(self)
+        self.add = self._button("add", "New label", "Another label of this layer, with properties of its own")
+        self.remove = self._button("delete", "Delete label", "Delete this label and what is painted with it")
+        self.clear = self._button("eraser", "Clear layer", "Erase all that is painted on this layer")
+        self._count = AreaCount(self)
+        self._lay_out()
+        self._connect()
+        self._count.count(document.sketch.layers)
+        self._refresh()
+
+    def new_label(self) -> None:
+        """Paint with a new label of this layer from now on, with the default properties."""
+        layer = self._workspace.layer
+        label = free_label(self._document.sketch, layer)
+        self._document.do(
+            f"New {label_title(layer, label).lower()}", new_label(self._document.sketch, layer, label)
+        )
+        self._workspace.use_label(layer, label)
+
+    def copy_label(self) -> None:
+        """Paint with a new label of this layer from now on, with this one's properties."""
+        layer, source = self._workspace.layer, self._workspace.label
+        label = free_label(self._document.sketch, layer)
+        changed = copy_label(self._document.sketch, layer, label, source=source)
+        self._document.do(f"Copy {label_title(layer, source).lower()}", changed)
+        self._workspace.use_label(layer, label)
+
+    def delete_label(self) -> None:
+        """Delete the label in use and what is painted with it."""
+        layer, label = self._workspace.layer, self._workspace.label
+        changed = delete_label(self._document.sketch, layer, label)
+        if changed is self._document.sketch or self._workspace.look(layer).locked:
+            return
+        others = [each for each in self._labels(layer) if each != label]
+        self._document.do(f"Delete {label_title(layer, label).lower()}", changed)
+        self._workspace.use_label(layer, min(others, key=lambda each: abs(each - label), default=1))
+
+    def clear_layer(self) -> None:
+        """Erase all that is painted on the layer in use."""
+        layer = self._workspace.layer
+        if not self._workspace.look(layer).locked:
+            self._document.do(
+                f"Clear {LAYERS[layer].title.lower()}", clear_layer(self._document.sketch, layer)
+            )
+
+    def choose_layer(self, layer: str) -> None:
+        """Paint on a layer, with the label that was used there last."""
+        labels = self._labels(layer)
+        last = self._last_label[layer]
+        self._workspace.use_label(layer, last if last in labels else labels[0])
+
+    def show_only(self, layer: str) -> None:
+        """Show one layer and hide the others; all of them again if they are hidden already."""
+        alone = all(self._workspace.look(name).visible == (name == layer) for name in LAYERS)
+        for name in LAYERS:
+            self._workspace.set_look(name, visible=alone or name == layer)
+
+    def menu(self) -> QMenu:
+        """Return what can be done with the label in use; it goes when it is closed."""
+        layer = self._workspace.layer
+        look = self._workspace.look(layer)
+        title = LAYERS[layer].title.lower()
+        menu = QMenu(self)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        _add(menu, "add", "&New label", self.new_label, enabled=self.add.isEnabled())
+        _add(menu, "", "&Copy label", self.copy_label, enabled=self.add.isEnabled())
+        _add(menu, "delete", "&Delete label", self.delete_label, enabled=self.remove.isEnabled())
+        _add(menu, "eraser", f"C&lear {title}", self.clear_layer, enabled=self.clear.isEnabled())
+        menu.addSeparator()
+        eye, lock = ("eye-off", "&Hide") if look.visible else ("eye", "S&how"), ("unlock", "Un&lock")
+        _add(menu, eye[0], f"{eye[1]} {title}", lambda: self._turn_eye(layer))
+        _add(menu, "eye", f"Show &only {title}, or all", lambda: self.show_only(layer))
+        lock = lock if look.locked else ("lock", "Loc&k")
+        _add(menu, lock[0], f"{lock[1]} {title}", lambda: self._turn_lock(layer))
+        return menu
+
+    def sizeHint(self) -> QSize:
+        """Return room for a row a layer."""
+        return QSize(300, 400)
+
+    def minimumSizeHint(self) -> QSize:
+        """Return room for a few rows."""
+        return QSize(220, 160)
+
+    def _connect(self) -> None:
+        workspace = self._workspace
+        self.list.chosen.connect(workspace.use_label)
+        self.list.layer_chosen.connect(self.choose_layer)
+        self.list.eye_clicked.connect(self._turn_eye)
+        self.list.lock_clicked.connect(self._turn_lock)
+        self.list.delete_asked.connect(self.delete_label)
+        self.list.menu_asked.connect(self._open_menu)
+        self.add.clicked.connect(self.new_label)
+        self.remove.clicked.connect(self.delete_label)
+        self.clear.clicked.connect(self.clear_layer)
+        self.opacity.valueChanged.connect(
+            lambda _: workspace.set_look(workspace.layer, opacity=self.opacity.share)
+        )
+        workspace.label_changed.connect(self._refresh)
+        workspace.look_changed.connect(self._refresh)
+        self._document.sketch_changed.connect(self._follow)
+        self._count.counted.connect(self._take_areas)
+
+    def _follow(self) -> None:
+        self._count.count(self._document.sketch.layers)
+        self._refresh()
+
+    def _take_areas(self, layer: str, areas: dict[int, int]) -> None:
+        if areas != self._areas[layer]:
+            self._areas[layer] = areas
+            self._refresh()
+
+    def _refresh(self) -> None:
+        workspace = self._workspace
+        layer, label = workspace.layer, workspace.label
+        self._last_label[layer] = label
+        rows = [row for name in LAYERS for row in self._rows(name)]
+        at = next(at for at, row in enumerate(rows) if (row.layer, row.label) == (layer, label))
+        self.list.show_rows(rows, at)
+        look = workspace.look(layer)
+        self._percent.setText(f"{round(100 * look.opacity)} %")
+        with QSignalBlocker(self.opacity):
+            self.opacity.setValue(round(look.opacity * WAY))
+        self.add.setEnabled(len(self._labels(layer)) < MOST_LABELS)
+        declared = (layer, label) in self._document.sketch.labels
+        self.remove.setEnabled((declared or label in self._areas[layer]) and not look.locked)
+        self.clear.setEnabled(bool(self._areas[layer]) and not look.locked)
+
+    def _labels(self, layer: str) -> list[int]:
+        """Return the labels of a layer that have a row."""
+        labels = {label for name, label in self._document.sketch.labels if name == layer}
+        labels |= set(self._areas[layer])
+        if layer == self._workspace.layer:
+            labels.add(self._workspace.label)
+        return sorted(labels) or [1]
+
+    def _rows(self, layer: str) -> list[Row]:
+        look = self._workspace.look(layer)
+        labels = self._labels(layer)
+        title = LAYERS[layer].title
+        return [
+            Row(
+                layer,
+                label,
+                title if labels == [1] else label_title(layer, label),
+                self._detail(layer, label),
+                look.visible if label == labels[0] else None,
+                look.locked if label == labels[0] else None,
+            )
+            for label in labels
+        ]
+
+    def _detail(self, layer: str, label: int) -> str:
+        sketch = self._document.sketch
+        name = _MAIN[layer]
+        main = with_unit(LAYERS[layer].parameters[name], sketch.properties(layer, label)[name])
+        if layer == "forest":
+            main = f"density {main}"
+        square = self._areas[layer].get(label, 0) * sketch.pixel_size**2
+        return f"{main} · {_area(square)}" if square else f"{main} · not painted"
+
+    def _turn_eye(self, layer: str) -> None:
+        self._workspace.set_look(layer, visible=not self._workspace.look(layer).visible)
+
+    def _turn_lock(self, layer: str) -> None:
+        self._workspace.set_look(layer, locked=not self._workspace.look(layer).locked)
+
+    def _open_menu(self, place: QPoint) -> None:
+        self.menu().popup(place)
+
+    def _button(self, name: str, title: str, tip: str) -> QToolButton:
+        button = QToolButton(self)
+        button.setIcon(icon(name))
+        button.setIconSize(QSize(18, 18))
+        button.setAccessibleName(title)
+        button.setToolTip(tip)
+        return button
+
+    def _lay_out(self) -> None:
+        self._percent.setFont(tabular(self._percent.font()))
+        self._percent.setFixedWidth(self._percent.fontMetrics().horizontalAdvance("100 %") + 2)
+        self._percent.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+        title = QLabel("&Opacity", self)
+        title.setBuddy(self.opacity)
+        foot = QHBoxLayout()
+        foot.setContentsMargins(MARGIN, SMALL, SPACING, SMALL)
+        foot.setSpacing(SPACING)
+        foot.addWidget(title)
+        foot.addWidget(self.opacity, 1)
+        foot.addWidget(self._percent)
+        tools = QHBoxLayout()
+        tools.setSpacing(0)
+        for button in (self.add, self.remove, self.clear):
+            tools.addWidget(button)
+        foot.addLayout(tools)
+        down = QVBoxLayout(self)
+        down.setContentsMargins(SMALL, SMALL, SMALL, 0)
+        down.setSpacing(0)
+        down.addWidget(self.list, 1)
+        down.addLayout(foot)
+
+
+def _area(square_metres: float) -> str:
+    if square_metres < 1e4:
+        return f"{number(square_metres, decimals=0)} m²"
+    return f"{number(square_metres / 1e6, decimals=1 if square_metres >= 1e6 else 2)} km²"
+
+
+def _add(menu: QMenu, name: str, text: str, act: Callable[[], None], *, enabled: bool = True) -> None:
+    action = menu.addAction(icon(name), text) if name else menu.addAction(text)
+    if action is not None:
+        action.setEnabled(enabled)
+        action.triggered.connect(lambda _: act())

@@ -1,0 +1,154 @@
+"""The line at the foot of the window: what is worked on, where the pointer is, how long things take."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from PyQt6.QtCore import QTimer
+from PyQt6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+
+from sketchterrain.ui.look.theme import MARGIN, SMALL
+from sketchterrain.ui.panels.busy_mark import BusyMark
+from sketchterrain.ui.panels.memory import own_memory
+from sketchterrain.ui.panels.text import ElidedLabel
+from sketchterrain.ui.panels.wording import number, size_text
+
+if TYPE_CHECKING:
+    from sketchterrain.ui.engine.link import EngineLink
+    from sketchterrain.ui.engine.messages import EngineFacts
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.workspace import Workspace
+
+__all__ = ["StatusLine"]
+
+_EVERY: Final = 250  # ms between two figures: faster ones are not read
+_SHARING: Final = {
+    "extension": "shared memory",
+    "mapped": "mapped memory",
+    "copy": "copied",
+    "none": "not shared",
+}
+
+
+class StatusLine(QWidget):
+    """Figures that keep their places while they change.
+
+    Parameters
+    ----------
+    document
+        Whose size it tells.
+    workspace
+        Says which label is painted with.
+    link
+        Tells what it works on, and how long that took.
+    """
+
+    def __init__(
+        self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        self._document = document
+        self._workspace = workspace
+        self._link = link
+        self.busy = BusyMark(self)
+        self.work = _figure("Ready", "What the engine works on")
+        self.place = _figure("", "Where the pointer is: metres east and north, and the height there", _PLACE)
+        self.brush = _figure("", "Size of the brush", "Brush 888 px, 8888 m")
+        self.placing = _figure("", "How long placing features took", "Placing 8888 ms")
+        self.tiles = _figure("", "How long the last frame's tiles took", "Tiles 8888 ms")
+        self.frame = _figure(
+            "", "How long the last frame took, and how many that are in a second", "Frame 8888 ms, 888/s"
+        )
+        self.memory = _figure("", "What the program's processes hold in memory", "8888 MB")
+        self.device = _figure("", "What the terrain is computed on, and how it reaches the picture")
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(_EVERY)
+        self._lay_out()
+        self._connect()
+        for fill in (self._fill_work, self._fill_device, self._fill_figures, self._fill_brush):
+            fill()
+
+    def hover(self, place: object) -> None:
+        """Show where the pointer is: metres east, north, and up or None; None: it is nowhere."""
+        if not isinstance(place, tuple):
+            self.place.text = ""
+            return
+        x, y, height = place
+        up = "" if height is None else f"   {number(height, decimals=0)} m high"
+        self.place.text = f"{number(x, decimals=0)} E  {number(y, decimals=0)} N{up}"
+
+    def _connect(self) -> None:
+        link = self._link
+        link.working_changed.connect(self._fill_work)
+        link.facts_changed.connect(self._fill_device)
+        link.frame_shown.connect(self._wait)
+        link.placed_changed.connect(self._wait)
+        self._timer.timeout.connect(self._fill_figures)
+        self._workspace.brush_changed.connect(self._fill_brush)
+        self._document.sketch_changed.connect(self._fill_brush)
+
+    def _wait(self) -> None:
+        if not self._timer.isActive():
+            self._timer.start()
+
+    def _fill_work(self) -> None:
+        self.work.text = self._link.working or "Ready"
+        self.busy.busy = bool(self._link.working)
+
+    def _fill_brush(self) -> None:
+        across = 2 * self._workspace.brush
+        metres = across * self._document.sketch.pixel_size
+        ground = (
+            f"{number(metres, decimals=0)} m" if metres < 1e4 else f"{number(metres / 1e3, decimals=1)} km"
+        )
+        self.brush.text = f"Brush {number(across, decimals=0 if across >= 10 else 1)} px, {ground}"
+
+    def _fill_device(self) -> None:
+        facts = self._link.facts
+        self.device.text = _device_text(facts)
+        lines = [f"Terrain: {facts.device or facts.no_device or 'not known yet'}"]
+        lines += [facts.platform] if facts.platform else []
+        lines += [f"Picture: {facts.renderer or facts.no_picture or 'not known yet'}"]
+        lines += [f"Heights reach the picture: {_SHARING.get(facts.sharing, facts.sharing)}"]
+        self.device.setToolTip("\n".join(lines))
+
+    def _fill_figures(self) -> None:
+        placed, frame = self._link.placed, self._link.frame
+        self.placing.text = "" if placed is None else f"Placing {_milliseconds(placed.seconds)}"
+        self.tiles.text = "" if frame is None else f"Tiles {_milliseconds(frame.generation_seconds)}"
+        rate = "" if frame is None or frame.seconds <= 0 else f", {number(1 / frame.seconds, decimals=0)}/s"
+        self.frame.text = "" if frame is None else f"Frame {_milliseconds(frame.seconds)}{rate}"
+        self.memory.text = size_text(own_memory() + (0 if frame is None else frame.memory))
+
+    def _lay_out(self) -> None:
+        across = QHBoxLayout(self)
+        across.setContentsMargins(SMALL, 0, SMALL, 0)
+        across.setSpacing(MARGIN)
+        across.addWidget(self.busy)
+        across.addWidget(self.work, 2)
+        for each in (self.place, self.brush, self.placing, self.tiles, self.frame, self.memory):
+            across.addWidget(each)
+        across.addWidget(self.device, 3)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+
+
+_PLACE: Final = "88888 E  88888 N   −8888 m high"
+
+
+def _figure(text: str, tip: str, sample: str | None = None) -> ElidedLabel:
+    label = ElidedLabel(text, faint=True, sample=sample)
+    label.setToolTip(tip)
+    return label
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{round(1000 * seconds)} ms"
+
+
+def _device_text(facts: EngineFacts) -> str:
+    if facts.no_device:
+        return "no device"
+    if not facts.device:
+        return ""
+    return f"{facts.device} · {_SHARING.get(facts.sharing, facts.sharing)}"

@@ -93,6 +93,11 @@ class History:
         """What the steps take, the current sketch apart."""
         return self._bytes
 
+    @property
+    def capacity(self) -> int:
+        """The most bytes that they may take."""
+        return self._most_bytes
+
     def do(
         self,
         title: str,
@@ -110,7 +115,8 @@ class History:
         sketch
             What it leads to.
         merge
-            Steps that follow one another with an equal key are one step: a slider that is dragged.
+            Steps that follow one another with an equal key are one step: a slider that is dragged. No step is
+            left of them when they lead back to where they began.
         known
             By layer, how it differs from the current sketch, where the caller knows that already.
 
@@ -119,23 +125,27 @@ class History:
         mapping of str to Box
             Where layers differ from what was current until now.
         """
-        changes = _changes(self._sketch, sketch, known or {})
+        before = self._sketch
+        changes = _changes(before, sketch, known or {})
         boxes = {name: change.box for name, change in changes.items()}
-        settings = _shared(_settings(sketch), self._steps[self._at].settings)
-        if not changes and all(settings[key] is self._steps[self._at].settings[key] for key in _SETTINGS):
+        if self._is_equal(self._at, sketch, changes):
             return boxes
         self._forget(self._at + 1, len(self._steps))
+        self._sketch = sketch
         if merge is not None and merge == self._merge and self._before_merge is not None:
-            changes = _changes(self._before_merge, sketch, {})
-            title = self._steps[-1].title
+            title, changes = self._steps[-1].title, _changes(self._before_merge, sketch, {})
             self._forget(self._at, self._at + 1)
+            self._at -= 1
+            if self._is_equal(self._at, sketch, changes):  # a drag that went back to where it began
+                self._key_of[sketch] = self._steps[self._at].key
+                self._merge = self._before_merge = None
+                return boxes
         else:
-            self._merge = merge
-            self._before_merge = None if merge is None else self._sketch
-            self._at += 1
+            self._merge, self._before_merge = merge, None if merge is None else before
+        settings = _shared(_settings(sketch), self._steps[self._at].settings)
         self._steps.append(_Step(title, settings, self._new_key(sketch), changes))
         self._bytes += self._steps[-1].bytes
-        self._sketch = sketch
+        self._at += 1
         self._keep_within_limits()
         return boxes
 
@@ -166,6 +176,9 @@ class History:
     def key_of(self, sketch: Sketch) -> int | None:
         """Return a number that a sketch shares with all that were current at its step, or None."""
         return self._key_of.get(sketch)
+
+    def _is_equal(self, position: int, sketch: Sketch, changes: Mapping[str, LayerChange]) -> bool:
+        return not changes and _settings(sketch) == self._steps[position].settings
 
     def _new_key(self, sketch: Sketch) -> int:
         self._key_of[sketch] = next(self._keys)

@@ -75,7 +75,9 @@ def test_a_random_walk_meets_every_sketch_again_to_the_bit(seed: int) -> None:
             merge = "drag" if rng.random() < 0.3 else None
             steps, position = len(history.titles), history.position
             history.do("Step", sketch, merge=merge)
-            if history.position == position and len(history.titles) == steps:  # merged, or nothing changed
+            if history.position < position:  # a drag back to where it began
+                known[position:] = []
+            elif history.position == position and len(history.titles) == steps:  # merged, or nothing changed
                 known[position] = values(sketch)
             else:
                 known[position + 1 :] = [values(sketch)]
@@ -150,6 +152,23 @@ def test_steps_of_one_drag_are_one_step() -> None:
     assert history.sketch.seed == 19
     history.go_to(0)
     assert history.sketch.seed == 0
+
+
+def test_a_drag_back_to_where_it_began_leaves_no_step() -> None:
+    history = History(Sketch())
+    history.do("Name", history.sketch.replace(name="Alps"))
+    before = history.sketch
+    for seed in (1, 2, 3):
+        history.do("Drag", before.replace(seed=seed), merge="a")
+    history.do("Drag", before, merge="a")
+    assert (history.titles, history.position) == (("Open", "Name"), 1)
+    assert history.sketch is before
+    assert history.key_of(before) == history._steps[1].key
+    history.do("Drag", before.replace(seed=4), merge="a")
+    history.do("Drag", before.replace(seed=5), merge="a")
+    assert history.titles == ("Open", "Name", "Drag")
+    history.go_to(1)
+    assert (history.sketch.seed, history.sketch.name) == (0, "Alps")
 
 
 def test_a_drag_that_paints_undoes_to_where_it_began() -> None:

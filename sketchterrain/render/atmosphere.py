@@ -8,7 +8,7 @@ precision: the tables are small, and take less time than a driver needs to build
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -251,6 +251,12 @@ class Air:
         r = np.asarray(max(height, 1.0) + GROUND)
         length = np.asarray(np.minimum(_length(r, ways[..., 2])[0], longest))
         return self.path(r - GROUND, ways, sun, length, steps=steps)
+
+
+@lru_cache(maxsize=4)
+def air_of(haze: float) -> Air:
+    """Return air with so many aerosols; its tables take longest, and are kept for another hour's sky."""
+    return Air(haze)
 
 
 def rayleigh_phase(cosine: Floats) -> Floats:

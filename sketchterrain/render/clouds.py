@@ -63,23 +63,31 @@ class Clouds:
         defines: dict[str, int],
     ) -> None:
         self._context = context
+        self._cover: float | None = None
+        self._march: moderngl.VertexArray | None = None
+        self._view: moderngl.Texture | None = None
+        self.relight(weather, sky)
+        if defines["CLOUDS"] == WITH_DEPTH:
+            puffs = np.round(cloud_puffs() * 255.0).astype(np.uint8)
+            self._puffs = context.texture3d((PUFFS, PUFFS, PUFFS), 1, puffs.tobytes())
+            marching = defines | {"STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
+            self._march = fill_screen(context, "clouds.frag.glsl", defines=marching)
+
+    def relight(self, weather: Weather, sky: Sky) -> None:
+        """Draw the clouds of another weather, under another sky, of the same `cloud_defines`."""
         self._drift = weather.drift
         lit = sky.air.sunlight(np.array(HEIGHT), np.array(sky.sun.direction[2])) * SUN_IRRADIANCE
         self._uniforms: dict[str, object] = {
             "overcast": sky.veil,
             "cloud_sun": tuple(((1.0 - sky.veil) * lit).tolist()),
         }
+        if weather.clouds == self._cover:
+            return
+        self._cover = weather.clouds
         field = cloud_field(weather.clouds)
-        self._field = context.texture((SIZE, SIZE), 1, field.astype(np.float16).tobytes(), dtype="f2")
+        self._field = self._context.texture((SIZE, SIZE), 1, field.astype(np.float16).tobytes(), dtype="f2")
         self._field.build_mipmaps()
         self._field.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        self._march: moderngl.VertexArray | None = None
-        self._view: moderngl.Texture | None = None
-        if defines["CLOUDS"] == WITH_DEPTH:
-            puffs = np.round(cloud_puffs() * 255.0).astype(np.uint8)
-            self._puffs = context.texture3d((PUFFS, PUFFS, PUFFS), 1, puffs.tobytes())
-            marching = defines | {"STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
-            self._march = fill_screen(context, "clouds.frag.glsl", defines=marching)
 
     def textures(self, targets: Targets) -> dict[str, moderngl.Texture | moderngl.Texture3D]:
         """Return what passes read that draw into targets, by the names that shaders know them by."""

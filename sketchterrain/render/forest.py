@@ -97,20 +97,23 @@ class Forest:
         self._pixels = np.array(PIXELS) / quality.leaves
         self._pixels[-1] = min(self._pixels[-1], HULL)
         self._cells = PlantCells(terrain)
-        meshes = PlantMeshes(context)
-        self._batches = [_batch(context, meshes, details, defines) for details in DRAWN]
-        self.shade = PlantShade(context, meshes, self._cells, sun, quality=quality, reach=self.reach)
+        self._context, self._meshes = context, PlantMeshes(context)
+        self.build(defines)
+        self.shade = PlantShade(context, self._meshes, self._cells, sun, quality=quality, reach=self.reach)
         self._planted = quality.has("trees")
-        self._asked = False
+        self._asked = self._grown = False
         self._seen: list[Place] = []
         self._wanted: tuple[object, ...] = ()
-        self._chosen: tuple[object, ...] = ()
-        self._grown = False
         self._height = 1
         self._elapsed: float | None = None
         self._thin = quality.thin
         self.thinning = Thinning(quality.plants)
         self._origin = np.zeros(2)
+
+    def build(self, defines: Mapping[str, int]) -> None:
+        """Draw plants by programs with other macros from now on."""
+        self._batches = [_batch(self._context, self._meshes, details, defines) for details in DRAWN]
+        self._chosen: tuple[object, ...] = ()
 
     @property
     def settled(self) -> bool:

@@ -264,6 +264,11 @@ class GroundStream:
                 self._place(self.draws, eye)
             self.pool.draw()
 
+    def release(self) -> None:
+        """Give the memory of the vertices back; nothing can be drawn any more."""
+        self.draws = None
+        self.memory.close()
+
     def _place(self, draws: DrawList, eye: tuple[float, float, float]) -> None:
         self.draws, self._placed_for = draws, eye
         self.pool.place(draws, eye)

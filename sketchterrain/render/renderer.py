@@ -81,6 +81,7 @@ class Renderer:
         self._context = context
         self._terrain = terrain = beside_gl(terrain)
         self._quality = quality = quality or Quality()
+        self._sun, self._weather = sun, weather or Weather.of(terrain.sketch)
         self._timer = timer
         self._last: Camera | None = None
         self._still, self._turn = 0.0, 0
@@ -88,7 +89,7 @@ class Renderer:
             context,
             terrain,
             sun=sun,
-            weather=weather or Weather.of(terrain.sketch),
+            weather=self._weather,
             textures=textures,
             quality=quality,
             timed=self._timed,
@@ -165,6 +166,19 @@ class Renderer:
     def terrain(self) -> Terrain:
         """What is drawn, on the device that writes its tiles: the next one is to be made from it."""
         return self._terrain
+
+    def relight(self, *, sun: Sun | None = None, weather: Weather | None = None) -> None:
+        """Draw another hour or another weather from now on; shadows follow within the frames' budget.
+
+        Parameters
+        ----------
+        sun
+            Where the sun stands; as it was by default.
+        weather
+            Clouds, wind and haze; as they were by default.
+        """
+        self._sun, self._weather = sun or self._sun, weather or self._weather
+        self.scenery.relight(self._sun, self._weather)
 
     def frame(
         self, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float = 0.0
@@ -243,6 +257,16 @@ class Renderer:
         x, y, z = camera.eye
         above = max(z - float(self._terrain.heights([x], [y])[0]), 0.0)
         return *clipped(camera, above, extent=self._terrain.extent, reach=self._quality.reach), above
+
+    def release(self) -> None:
+        """Give back all that it holds on the GPU, where the context's ``gc_mode`` is ``auto``; draw no more.
+
+        Textures of materials are kept on the disk: a renderer of another quality is there in a second.
+        Overlays of this one's ground are to be let go of too.
+        """
+        self._context.finish()
+        self.ground.release()
+        del self.ground, self.scenery
 
     @contextmanager
     def _timed(self, stage: str) -> Iterator[None]:

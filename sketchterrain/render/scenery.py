@@ -94,6 +94,9 @@ class Scenery:
         self._context = context
         self._sun = sun
         self._weather = weather
+        self._features = terrain.features
+        self._look = terrain.sketch.look
+        self._extent = terrain.extent
         self._quality = quality
         self._targets: dict[tuple[int, int], Targets] = {}
         self._frame_block = FrameBlock(context)
@@ -103,10 +106,8 @@ class Scenery:
             self._noise = noise_texture(context)
         with timed("sky"):
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
-            look, clouds = terrain.sketch.look, cloud_defines(quality, weather)
-            self.shading = Shading(context, quality, aridity=self._aridity, look=look, clouds=clouds)
-            defines = self.shading.defines
-            self._clouds = Clouds(context, weather, self._sky, quality=quality, defines=defines)
+            self._cloudiness = cloud_defines(quality, weather)
+            self.shading, self._clouds = self._lighting()
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
         self.ground = GroundStream(context, terrain, quality, metric=metric)
         self.lit = LitGround(
@@ -117,12 +118,22 @@ class Scenery:
             close=quality.light_maps > 2,
             shadows=quality.has("shadows"),
         )
-        self.forest = Forest(context, terrain, sun, quality=quality, defines=defines)
+        self.forest = Forest(context, terrain, sun, quality=quality, defines=self.shading.defines)
         self.surface = SurfaceMap(
             context, self.ground.pool, texels=quality.surface_texels, reach=self.forest.reach
         )
         self.cover = GroundCover(context, quality=quality, shading=self.shading)
-        self._water = Water(context, terrain.features, part=quality.has("water"), defines=defines)
+        self._water = Water(context, self._features, part=quality.has("water"), defines=self.shading.defines)
+
+    def _lighting(self) -> tuple[Shading, Clouds]:
+        """Return the passes and the clouds of the weather."""
+        shading = Shading(
+            self._context, self._quality, aridity=self._aridity, look=self._look, clouds=self._cloudiness
+        )
+        clouds = Clouds(
+            self._context, self._weather, self._sky, quality=self._quality, defines=shading.defines
+        )
+        return shading, clouds
 
     @property
     def triangles(self) -> int:
@@ -143,8 +154,31 @@ class Scenery:
         self.lit.change(terrain, areas)
         self.forest.change(terrain, areas)
         self.surface.change()
-        self._water.change(terrain.features)
+        self._features = terrain.features
+        self._water.change(self._features)
         return change
+
+    def relight(self, sun: Sun, weather: Weather) -> None:
+        """Show everything under another sun and another sky: shadows follow by and by.
+
+        Programs are built anew only where clouds come or go, or close.
+        """
+        if (sun, weather) == (self._sun, self._weather):
+            return
+        turned, cloudiness = sun != self._sun, cloud_defines(self._quality, weather)
+        self._sun, self._weather = sun, weather
+        self._sky = Sky(self._context, sun, weather, extent=self._extent)
+        if turned:
+            self.lit.relight(sun)
+            self.forest.relight(sun)
+        if cloudiness == self._cloudiness:
+            self._clouds.relight(weather, self._sky)
+            return
+        self._cloudiness = cloudiness
+        self.shading, self._clouds = self._lighting()
+        self.forest.build(self.shading.defines)
+        self.cover = GroundCover(self._context, quality=self._quality, shading=self.shading)
+        self._water.build(self._features, self.shading.defines)
 
     def draw(
         self,

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.atmosphere import AEROSOL, AEROSOL_ABSORBED, AEROSOL_HEIGHT, Air
+from sketchterrain.render.atmosphere import AEROSOL, AEROSOL_ABSORBED, AEROSOL_HEIGHT, air_of
 from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
 
 if TYPE_CHECKING:
+    from sketchterrain.render.atmosphere import Air
     from sketchterrain.render.weather import Weather
 
 __all__ = ["LOWEST_SUN", "Sky", "Sun"]
@@ -127,7 +128,7 @@ class Sky:
         self, context: moderngl.Context, sun: Sun, weather: Weather, *, extent: float = np.inf
     ) -> None:
         self.sun = sun
-        self.air = Air(weather.haze)
+        self.air = air_of(weather.haze)
         self.haze = weather.haze * np.maximum(HAZE, SMALL_WORLD / extent)
         self._levels: dict[int, Floats] = {}
         ground = sky_table(self.air, sun, LEVELS[0])

@@ -65,6 +65,11 @@ class Water:
         self.textures: dict[str, moderngl.Texture] = {}
         self.change(features)
 
+    def build(self, features: Features, defines: Mapping[str, int]) -> None:
+        """Draw waters by programs with other macros from now on."""
+        self._defines, self._programs, self._shown = dict(defines), [], None
+        self.change(features)
+
     def change(self, features: Features) -> None:
         """Draw other waters from now on."""
         state = _state(features) if self._part else ()

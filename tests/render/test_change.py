@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera, Quality, Renderer, Sun
+from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
 from sketchterrain.render.gl_functions import gl_function
 from sketchterrain.render.snapshot import read_picture
 from sketchterrain.sketch import Sketch
@@ -220,6 +220,9 @@ def test_another_extent_is_refused(view, before):
         view.renderer.change(other, [EVERYWHERE])
 
 
+KINDS = ("Texture", "Buffer", "Program", "Framebuffer", "VertexArray", "Renderbuffer")
+
+
 def alive(what):
     """How many of the first names are objects of OpenGL's."""
     is_one = gl_function(f"glIs{what}", ctypes.c_ubyte, ctypes.c_uint)
@@ -235,5 +238,67 @@ def test_nothing_is_left_of_changes(view, camera, before):
         if step % 10 == 0:
             view.frame(camera)
         if step in (59, 199):
-            counts.append([alive(what) for what in ("Texture", "Buffer", "Program", "Framebuffer")])
+            counts.append([alive(what) for what in KINDS])
     assert np.all(np.array(counts[1]) <= np.array(counts[0]) + 12), counts
+
+
+def test_another_hour_is_that_of_a_fresh_renderer(gl, view, camera, before):
+    old = view.settled(camera)
+    evening, weather = Sun(290.0, 12.0), Weather.of(before.sketch, haze=3.0, wind=9.0)
+    view.renderer.relight(sun=evening, weather=weather)
+    now = view.settled(camera)
+    assert not same(now, old)
+    fresh = View(gl, before)
+    fresh.renderer = Renderer(gl, before, sun=evening, weather=weather, quality=QUALITY)
+    assert same(now, fresh.settled(camera))
+
+
+def test_clouds_that_come_and_go_are_those_of_a_fresh_renderer(gl, view, camera, before):
+    old = view.settled(camera)
+    for clouds in (0.0, 1.0, 0.35):
+        weather = Weather.of(before.sketch, clouds=clouds)
+        view.renderer.relight(weather=weather)
+        fresh = View(gl, before)
+        fresh.renderer = Renderer(gl, before, sun=SUN, weather=weather, quality=QUALITY)
+        assert same(view.settled(camera), fresh.settled(camera))
+    view.renderer.relight(weather=Weather.of(before.sketch))
+    assert same(view.settled(camera), old)
+
+
+def test_another_hour_while_the_ground_changes(gl, view, camera, before):
+    """Neither waits for ever for the other."""
+    terrain = before
+    for step in range(5):
+        terrain, areas = painted(terrain, ("mountain", 40 + 3 * step, 36 + 4 * step, 4))
+        view.renderer.change(terrain, areas)
+        view.frame(camera)
+        view.renderer.relight(sun=Sun(230.0 + 5 * step, 30.0))
+        view.frame(camera)
+    fresh = View(gl, terrain)
+    fresh.renderer = Renderer(gl, terrain, sun=Sun(250.0, 30.0), quality=QUALITY)
+    assert same(view.settled(camera), fresh.settled(camera))
+
+
+def test_light_follows_though_the_ground_changes_all_the_time(view, camera, before):
+    terrains = [painted(before, ("mountain", 50, 44, 7))[0], before]
+    layers = view.renderer.scenery.lit._layers
+    for step in range(50):
+        view.renderer.change(terrains[step % 2], [(1000.0, 1000.0, 2000.0, 2000.0)])
+        view.frame(camera, elapsed=0.05)
+    assert all(layer.version > 20 for _, layer in layers)
+
+
+@pytest.mark.slow
+def test_renderers_leave_nothing_behind(gl, camera, before):
+    counts = []
+    for step in range(50):
+        view = View(gl, before, quality=replace(QUALITY, tile_memory=4 << 20))
+        view.frame(camera)
+        if step % 10 == 0:
+            changed, areas = river(before)
+            view.renderer.change(changed, areas)
+            view.frame(camera)
+        view.renderer.release()
+        del view
+        counts.append([alive(what) for what in KINDS])
+    assert counts[-1] == counts[0]

@@ -9,16 +9,17 @@ bounded neighbourhood, so that a rectangle's features do not depend on which rec
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, STYLE, Points, conifer_code
 from sketchterrain.features.crests import crests
 from sketchterrain.features.fill_proposals import Proposal, proposals_of
+from sketchterrain.features.fill_room import Painted, beaten, distances_of
 from sketchterrain.features.hashing import hashed, unit
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.rules import CLEARANCE, SPACING, TYPES
@@ -30,6 +31,19 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
+
+_HOME_EXTENTS, _HOME_RADII = (
+    0.4,
+    2.0,
+)  # around the sketch: as far as rivers run on, and what reaches them there
+_MOST_AT_HOME = 6000  # candidates
+
+
+@dataclass
+class _ProposedAtHome:
+    """Candidates around the sketch, by type, with all that they depend on."""
+
+    last: dict[str, tuple[tuple[object, ...], Points]] = field(default_factory=dict)
 
 
 class Fill:
@@ -74,11 +88,23 @@ class Fill:
         self.max_radius = max((proposal.high for proposal in self._proposals.values()), default=0.0)
         self.painted = painted
         memory = ShapeMemory() if memory is None else memory
-        distances = _distances(sketch, memory, tuple(self._proposals))
+        distances = distances_of(sketch, memory, tuple(self._proposals))
         self._river_distance = river_distance
         if river_distance is not None:
             distances["river"] = river_distance
-        self._painted = _Painted(painted, distances)
+        self._painted = Painted(painted, distances)
+        self._home = self._worth_keeping()
+        self._at_home: Points | None = None
+        self._proposed_at_home = memory.part(_ProposedAtHome)
+
+    def _worth_keeping(self) -> tuple[float, float, float, float] | None:
+        """Rectangle whose features are kept, as most questions are about it; None if they are too many."""
+        east, north = self.sketch.size
+        wide = _HOME_EXTENTS * self.sketch.extent + _HOME_RADII * self.max_radius
+        rates = (each.per_cell / (each.cell * each.cell) for each in self._proposals.values())
+        if (east + 2.0 * wide) * (north + 2.0 * wide) * sum(rates) > _MOST_AT_HOME:
+            return None
+        return -wide, -wide, east + wide, north + wide
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
         """Say what it was made from; distances are made anew."""
@@ -179,6 +205,17 @@ class Fill:
         box = (float(west), float(south), float(east), float(north))
         if not all(math.isfinite(side) for side in box) or east < west or north < south:
             raise InputError(f"expected finite bounds with west <= east and south <= north, got {box}")
+        home = self._home
+        if home is None or box[0] < home[0] or box[1] < home[1] or box[2] > home[2] or box[3] > home[3]:
+            return self._found(box, min_radius)
+        if self._at_home is None:
+            self._at_home = self._found(home, 0.0)
+        near = self._at_home
+        inside = (box[0] <= near["x"]) & (near["x"] < box[2]) & (box[1] <= near["y"]) & (near["y"] < box[3])
+        kept: Points = near[inside & (near["radius"] >= min_radius)]
+        return kept
+
+    def _found(self, box: tuple[float, float, float, float], min_radius: float) -> Points:
         asked = [proposal for proposal in self._proposals.values() if proposal.high >= min_radius]
         near = self._candidates_around(box, asked)
         parts = [np.zeros(0, dtype=FEATURE)]
@@ -215,13 +252,24 @@ class Fill:
             factor = SPACING.get((rival.name, proposal.name), 0.0)
             if factor > 0.0 and len(mine):
                 reach = factor * (rival.high + proposal.high)
-                alive &= ~_beaten(mine, near[rival.name], factor, reach, same=rival is proposal)
+                alive &= ~beaten(mine, near[rival.name], factor, reach, same=rival is proposal)
         return mine[alive]
 
     def _candidates(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
         """Candidates of a type in a rectangle, without those that stand where something was painted."""
-        proposed = self._proposed(proposal, box)
+        proposed = self._proposed_or_kept(proposal, box)
         return proposed[self._painted.leaves_room(proposal.name, proposed)]
+
+    def _proposed_or_kept(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
+        """Return candidates of a type in a rectangle; around the home they are kept from sketch to sketch."""
+        if self._home is None or box[0] > self._home[0] or box[1] > self._home[1]:
+            return self._proposed(proposal, box)
+        key = (self.seed, proposal, box, tuple(self.sketch.properties(proposal.name, 1).items()))
+        kept = self._proposed_at_home.last.get(proposal.name)
+        if kept is None or kept[0] != key:
+            kept = key, self._proposed(proposal, box)
+            self._proposed_at_home.last[proposal.name] = kept
+        return kept[1]
 
     def _proposed(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
         name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)
@@ -256,8 +304,8 @@ class Fill:
         # A crest leaves less room for the flanks.
         room = 1.0 - np.hypot(*crests(features).T)
         features["strength"] = np.minimum(strength, TYPES[proposal.name].fill_slope * radius) * room
-        for field in STYLE:
-            features[field] = properties.get(field, 0.0)
+        for key in STYLE:
+            features[key] = properties.get(key, 0.0)
         if proposal.name == "forest":
             features["peakiness"] = conifer_code(float(properties["conifers"]))
 
@@ -266,60 +314,3 @@ def _made_again(
     sketch: Sketch, painted: Points, seed: int, river_distance: Callable[[Floats, Floats], Floats] | None
 ) -> Fill:
     return Fill(sketch, painted, seed=seed, river_distance=river_distance)
-
-
-def _distances(
-    sketch: Sketch, memory: ShapeMemory, fills: tuple[str, ...]
-) -> dict[str, Callable[[Floats, Floats], Floats]]:
-    """Distance to what is painted in each layer that any of these types keeps away from."""
-    return {
-        layer: memory.painted_distance(sketch, layer)
-        for layer, image in sketch.layers.items()
-        if any((name, layer) in CLEARANCE for name in fills) and image.any()
-    }
-
-
-class _Painted:
-    """What was painted, as the fill sees it: places to keep away from."""
-
-    def __init__(self, painted: Points, distances: dict[str, Callable[[Floats, Floats], Floats]]) -> None:
-        self._distance = distances
-        self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
-
-    def leaves_room(self, name: str, features: Points) -> Flags:
-        """Which features of a type keep their clearance from paint and their spacing from what it became."""
-        x, y, radius = features["x"], features["y"], features["radius"].astype(np.float64)
-        room = np.ones(len(features), dtype=np.bool_)
-        for layer, distance in self._distance.items():
-            if (name, layer) in CLEARANCE:
-                room &= distance(x, y) > CLEARANCE[name, layer] * radius
-        for other, placed in self._placed.items():
-            factor = SPACING.get((other, name), 0.0)
-            if factor > 0.0 and len(placed) and room.any():
-                reach = factor * float(placed["radius"].max() + radius.max())
-                room &= ~_beaten(features, placed, factor, reach, same=False)
-        return room
-
-
-def _beaten(mine: Points, rivals: Points, factor: float, reach: float, *, same: bool) -> Flags:
-    """Which features have a rival nearer than `factor` times the sum of radii (and, if same, of lower id).
-
-    Ids of the fill are hashes: a lower one is as good as a higher priority.
-    """
-    beaten = np.zeros(len(mine), dtype=np.bool_)
-    if len(mine) == 0 or len(rivals) == 0:
-        return beaten
-    centre = np.array([mine["x"][0], mine["y"][0]])
-    at = np.stack([mine["x"], mine["y"]], axis=-1) - centre
-    others = np.stack([rivals["x"], rivals["y"]], axis=-1) - centre
-    # The tree only proposes pairs, from a little farther than needed; the decision is made on plain numbers
-    # that are the same whichever rectangle was asked for.
-    pairs = cKDTree(at).sparse_distance_matrix(cKDTree(others), reach * 1.001 + 0.01, output_type="ndarray")
-    i, j = pairs["i"], pairs["j"]
-    across, along = mine["x"][i] - rivals["x"][j], mine["y"][i] - rivals["y"][j]
-    radii = mine["radius"][i].astype(np.float64) + rivals["radius"][j].astype(np.float64)
-    near = across * across + along * along < (factor * radii) ** 2
-    if same:
-        near &= rivals["id"][j] < mine["id"][i]
-    beaten[i[near]] = True
-    return beaten

@@ -17,23 +17,18 @@ from sketchterrain.sketch import resolved_rules
 from sketchterrain.terrain.balance import BalanceMemory, balanced
 from sketchterrain.terrain.centrelines import valley_reach
 from sketchterrain.terrain.changes import changed_areas
+from sketchterrain.terrain.dry_ground import DryGround, GroundMemory
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.reference import reference_heights
 from sketchterrain.terrain.terrain import Terrain
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    import numpy.typing as npt
 
     from sketchterrain.features.catalogue import Points
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.changes import Box
 
 __all__ = ["build", "make_recipe", "rebuild"]
-
-# Rivers see the ground as samples so far apart would: its lie, not its stones.
-_RIVER_CELLS_PER_EXTENT = 256
 
 
 def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeContext | None = None) -> Terrain:
@@ -123,12 +118,9 @@ def make_recipe(
     checkpoint()
     strong = _with_strengths(dry, painted, memory, checkpoint)
     dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
-    cell = sketch.extent / _RIVER_CELLS_PER_EXTENT
-
-    def ground(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return reference_heights(dry, x, y, cell_size=cell)
-
+    ground = DryGround(dry, memory.part(GroundMemory))
     waters = trace_waters(sketch, seed=sketch.seed, ground=ground)
+    ground.remember()
     return replace(
         dry,
         rivers=waters.rivers,

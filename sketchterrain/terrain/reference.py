@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.terrain.octaves import OctaveTable
-    from sketchterrain.terrain.packing import PackedFeatures, PackedRivers
+    from sketchterrain.terrain.packing import PackedFeatures, PackedRivers, PackedWorld
     from sketchterrain.terrain.recipe import TerrainRecipe
 
     Reals = npt.NDArray[np.float64]
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ReferenceGround",
     "Relief",
+    "dry_heights",
     "reference_ground",
     "reference_heights",
     "reference_slope",
@@ -88,24 +89,14 @@ def reference_ground(
 ) -> ReferenceGround:
     """Return the terrain at lattice positions of shape (n,), in float64."""
     world = pack_world(recipe, cell_size, real=np.float64)
-    w = world.scalars[0]
+    w, octaves = world.scalars[0], world.octaves
     packed = _packed_around(recipe, x, y, cell_size)
-    octaves = world.octaves
-
-    height = w["half_relief"] * fbm(octaves, "ground", x, y)
     relief = relief_at(w, octaves, x, y)
     place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
-    eroded, mountain = _eroded(w, octaves, packed, place, relief)
-    height = height + eroded.value + mountain * crags(w, octaves, x, y, *eroded[1:])
+    height, mountain, dune = _dry(world, packed, place, relief)
     cover, share = _areas(packed, place, slot=2)
     mottle = 2.2 * fbm(octaves, "mottle", x, y)
     forest = share * _smooth(cover + 0.8 * mottle, 0.4, 0.65) * _smooth(cover, 0, 0.25)
-    dune = np.zeros(x.shape)
-    crest = fbm(octaves, "crest", x, y)
-    for number in range(int(w["dune_styles"])):
-        cover, amplitude = _areas(packed, place, slot=3 + number)
-        height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
-        dune = np.maximum(dune, cover)
     cell = 1 / float(w["inverse_cell"])
     water, lake = np.zeros((2, *x.shape))
     if recipe.lakes:
@@ -116,6 +107,31 @@ def reference_ground(
         height = carved + (np.minimum(carved, height) - carved) * lake
         water = np.maximum(water, river)
     return ReferenceGround(height, mountain, dune, forest, water, lake)
+
+
+def dry_heights(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Reals:
+    """Return heights (m) of the land without its rivers and lakes at lattice positions of shape (n,)."""
+    world = pack_world(recipe, cell_size, real=np.float64)
+    relief = relief_at(world.scalars[0], world.octaves, x, y)
+    place = Site(x, y, metres_per_unit(recipe.extent), relief.bend)
+    return _dry(world, _packed_around(recipe, x, y, cell_size), place, relief)[0]
+
+
+def _dry(
+    world: PackedWorld, packed: PackedFeatures, place: Site, relief: Relief
+) -> tuple[Reals, Reals, Reals]:
+    """Heights (m) without water, how much of a mountain each place is, and of a field of dunes."""
+    w, octaves, x, y = world.scalars[0], world.octaves, place.x, place.y
+    height = w["half_relief"] * fbm(octaves, "ground", x, y)
+    eroded, mountain = _eroded(w, octaves, packed, place, relief)
+    height = height + eroded.value + mountain * crags(w, octaves, x, y, *eroded[1:])
+    dune, styles = np.zeros(x.shape), range(int(w["dune_styles"]))
+    crest = fbm(octaves, "crest", x, y) if styles else dune
+    for number in styles:
+        cover, amplitude = _areas(packed, place, slot=3 + number)
+        height = height + cover * amplitude * _dune_pattern(world.styles[number], x, y, crest)
+        dune = np.maximum(dune, cover)
+    return height, mountain, dune
 
 
 def reference_slope(recipe: TerrainRecipe, x: Lattice, y: Lattice, *, cell_size: float = 0.0) -> Slope:

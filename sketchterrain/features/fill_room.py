@@ -1,0 +1,78 @@
+"""Room for what fills unpainted ground: how far its candidates stand from paint, and from each other."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from sketchterrain.features.catalogue import FEATURE_TYPES, Points
+from sketchterrain.features.rules import CLEARANCE, SPACING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sketchterrain.features.memory import ShapeMemory
+    from sketchterrain.sketch.document import Sketch
+
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
+
+
+def distances_of(
+    sketch: Sketch, memory: ShapeMemory, fills: tuple[str, ...]
+) -> dict[str, Callable[[Floats, Floats], Floats]]:
+    """Distance to what is painted in each layer that any of these types keeps away from."""
+    return {
+        layer: memory.painted_distance(sketch, layer)
+        for layer, image in sketch.layers.items()
+        if any((name, layer) in CLEARANCE for name in fills) and image.any()
+    }
+
+
+class Painted:
+    """What was painted, as the fill sees it: places to keep away from."""
+
+    def __init__(self, painted: Points, distances: dict[str, Callable[[Floats, Floats], Floats]]) -> None:
+        self._distance = distances
+        self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
+
+    def leaves_room(self, name: str, features: Points) -> Flags:
+        """Which features of a type keep their clearance from paint and their spacing from what it became."""
+        x, y, radius = features["x"], features["y"], features["radius"].astype(np.float64)
+        room = np.ones(len(features), dtype=np.bool_)
+        for layer, distance in self._distance.items():
+            if (name, layer) in CLEARANCE:
+                room &= distance(x, y) > CLEARANCE[name, layer] * radius
+        for other, placed in self._placed.items():
+            factor = SPACING.get((other, name), 0.0)
+            if factor > 0.0 and len(placed) and room.any():
+                reach = factor * float(placed["radius"].max() + radius.max())
+                room &= ~beaten(features, placed, factor, reach, same=False)
+        return room
+
+
+def beaten(mine: Points, rivals: Points, factor: float, reach: float, *, same: bool) -> Flags:
+    """Which features have a rival nearer than `factor` times the sum of radii (and, if same, of lower id).
+
+    Ids of the fill are hashes: a lower one is as good as a higher priority.
+    """
+    beaten = np.zeros(len(mine), dtype=np.bool_)
+    if len(mine) == 0 or len(rivals) == 0:
+        return beaten
+    centre = np.array([mine["x"][0], mine["y"][0]])
+    at = np.stack([mine["x"], mine["y"]], axis=-1) - centre
+    others = np.stack([rivals["x"], rivals["y"]], axis=-1) - centre
+    # The tree only proposes pairs, from a little farther than needed; the decision is made on plain numbers
+    # that are the same whichever rectangle was asked for.
+    pairs = cKDTree(at).sparse_distance_matrix(cKDTree(others), reach * 1.001 + 0.01, output_type="ndarray")
+    i, j = pairs["i"], pairs["j"]
+    across, along = mine["x"][i] - rivals["x"][j], mine["y"][i] - rivals["y"][j]
+    radii = mine["radius"][i].astype(np.float64) + rivals["radius"][j].astype(np.float64)
+    near = across * across + along * along < (factor * radii) ** 2
+    if same:
+        near &= rivals["id"][j] < mine["id"][i]
+    beaten[i[near]] = True
+    return beaten

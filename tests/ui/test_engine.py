@@ -1,0 +1,378 @@
+"""The real processes behind a link: what is painted is placed, computed, drawn and answered."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PyQt6.QtCore import QEventLoop
+
+from sketchterrain.sketch import Sketch
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.messages import (
+    Fly,
+    GoTo,
+    Look,
+    MeasureAdherence,
+    Pose,
+    TakePicture,
+    Turn,
+    ViewState,
+    Zoom,
+)
+from sketchterrain.ui.models.document import Document
+
+pytestmark = [pytest.mark.gl, pytest.mark.slow]
+
+SIDE = 96
+VIEW = ViewState(width=160, height=100, quality=0.0, plays=False)
+
+
+def sketch() -> Sketch:
+    image = np.zeros((SIDE, SIDE), np.uint8)
+    image[20:40, 20:40] = 1
+    return Sketch(extent=4000.0, layers={"mountain": image})
+
+
+def wait(qapp, until, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not until():
+        assert time.monotonic() < end, "nothing came of it"
+        qapp.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, 20)
+        time.sleep(0.002)
+
+
+def pixels(link) -> np.ndarray:
+    image = link.picture
+    data = image.constBits().asarray(image.sizeInBytes())
+    return np.frombuffer(data, np.uint8).reshape(image.height(), image.width(), 4)[..., :3].copy()
+
+
+def stroke(document, row, column, layer="mountain", label=1):
+    draft = document.begin_draft(layer)
+    box = (row, column, row + 12, column + 12)
+    draft.image[row : row + 12, column : column + 12] = label
+    draft.touch(box)
+    return draft
+
+
+class Listener:
+    """Remembers what a link told."""
+
+    def __init__(self, link):
+        self.troubles, self.followed, self.frames, self.picked, self.written = [], [], [], [], []
+        link.trouble.connect(self.troubles.append)
+        link.followed.connect(self.followed.append)
+        link.frame_shown.connect(self.frames.append)
+        link.picked.connect(self.picked.append)
+        link.picture_written.connect(self.written.append)
+
+
+def settled(link, version=0):
+    return lambda: (
+        link.frame is not None
+        and link.frame.version >= version
+        and link.frame.settled
+        and link.relief is not None
+        and link.relief.version >= version
+    )
+
+
+def newest(link) -> int:
+    return link._updates._version
+
+
+@pytest.fixture(scope="module")
+def running(qapp):
+    """A document and its link, which has drawn a picture."""
+    document = Document(sketch())
+    link = EngineLink(document)
+    listener = Listener(link)
+    link.show(VIEW)
+    link.start()
+    wait(qapp, settled(link), 120.0)
+    yield document, link, listener
+    link.stop()
+    assert listener.troubles == []
+
+
+def test_it_tells_what_it_runs_on(running):
+    _, link, _ = running
+    assert link.facts.device
+    assert link.facts.platform
+    assert link.facts.renderer
+    assert link.facts.sharing in ("extension", "mapped", "copy")
+    assert not link.facts.no_device
+    assert not link.facts.no_picture
+
+
+def test_a_picture_and_a_relief_are_there(running):
+    _, link, _ = running
+    assert (link.picture.width(), link.picture.height()) == (160, 100)
+    assert pixels(link).std() > 5.0  # not one colour
+    assert link.relief.step == 1
+    assert link.relief.height.shape == link.relief.shade.shape == (SIDE, SIDE)
+    assert link.relief.height[22:38, 22:38].max() > link.relief.height[60:].max()
+    assert link.frame.tiles > 0
+    assert link.frame.triangles > 0
+    assert link.frame.memory > 1 << 20
+
+
+def test_the_sky_is_above_and_the_ground_below(running, qapp):
+    _, link, _ = running
+    look(qapp, link, elevation=0.15)
+    image = pixels(link)
+    top, bottom = image[:10].reshape(-1, 3).mean(axis=0), image[-10:].reshape(-1, 3).mean(axis=0)
+    assert top[0] > bottom[0]  # bytes of RGB32 are blue, green, red: the sky is the bluer one
+
+
+def look(qapp, link, *, elevation=0.7):
+    """Be south of the sketch at an elevation (tangent), and wait for the whole picture."""
+    target = np.array([2000.0, 2000.0, 300.0])
+    eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
+    link.tell(Look(Pose(tuple(eye.tolist()), tuple(target.tolist()))))
+    wait(qapp, lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.settled)
+
+
+def test_painting_changes_heights_and_the_picture_and_undo_brings_them_back(running, qapp):
+    document, link, _ = running
+    look(qapp, link)
+    before, heights = pixels(link), link.relief.height
+    draft = stroke(document, 60, 60)
+    wait(qapp, settled(link, newest(link) + 1))
+    assert link.relief.height[62:70, 62:70].max() > heights[62:70, 62:70].max() + 50.0
+    assert np.array_equal(link.relief.height[:10, :10], heights[:10, :10])
+    assert np.abs(pixels(link).astype(int) - before).max() > 30
+    draft.commit("Paint mountains")
+    document.undo()
+    wait(qapp, lambda: settled(link, newest(link))() and not link._timer.isActive())
+    assert np.array_equal(link.relief.height, heights)
+    assert np.abs(pixels(link).astype(int) - before).mean() < 1.0
+
+
+def test_the_newest_of_many_quick_strokes_wins(running, qapp):
+    document, link, listener = running
+    listener.followed.clear()
+    listener.frames.clear()
+    draft = document.begin_draft("hill")
+    for step in range(20):
+        draft.image[50:60, 10 + step : 14 + step] = 1
+        draft.touch((50, 10 + step, 60, 14 + step))
+        qapp.processEvents()
+        time.sleep(0.016)
+    draft.commit("Paint hills")
+    qapp.processEvents()
+    wait(qapp, lambda: settled(link, newest(link))() and not link._timer.isActive())
+    versions = [each.version for each in listener.followed]
+    assert versions == sorted(set(versions))
+    assert versions[-1] == newest(link)
+    shown = {frame.version for frame in listener.frames}
+    assert shown <= {*versions, versions[0] - 1} | set(range(versions[0]))
+    assert link.placed.version == newest(link)
+    document.undo()
+    wait(qapp, settled(link, newest(link) + 1))
+
+
+def test_what_is_picked_lies_on_the_ground_and_is_seen_there(running, qapp):
+    _, link, listener = running
+    listener.picked.clear()
+    tokens = [link.pick(x, y) for x, y in ((0.5, 0.5), (0.3, 0.7), (0.5, 0.001))]
+    wait(qapp, lambda: len(listener.picked) == 3)
+    assert [each.token for each in listener.picked] == tokens
+    frame = link.frame
+    to_clip = np.array(frame.to_clip).reshape(4, 4)
+    for answer, (x, y) in zip(listener.picked[:2], ((0.5, 0.5), (0.3, 0.7)), strict=True):
+        clip = to_clip @ [*np.subtract(answer.place, frame.pose.eye), 1.0]
+        at = 0.5 + 0.5 * clip[0] / clip[3], 0.5 - 0.5 * clip[1] / clip[3]
+        assert np.allclose(at, (x, y), atol=2e-3)
+
+
+def test_the_eye_moves_and_comes_to_rest(running, qapp):
+    _, link, listener = running
+    before = link.frame.pose
+    link.tell(Turn(30.0, 10.0))
+    link.tell(Zoom(0.5, 0.4, 0.6))
+    listener.frames.clear()
+    wait(qapp, lambda: len(listener.frames) > 3 and link.frame.settled)
+    after = link.frame.pose
+    distances = [np.linalg.norm(np.subtract(pose.target, pose.eye)) for pose in (before, after)]
+    assert distances[1] == pytest.approx(0.5 * distances[0], rel=0.02)
+    count = len(listener.frames)
+    time.sleep(0.3)
+    qapp.processEvents()
+    assert len(listener.frames) <= count + 2  # nothing moves: nothing is drawn
+
+
+def test_modes_keep_the_eye_where_it_is(running, qapp):
+    _, link, listener = running
+    start = np.array(link.frame.pose.eye)
+    for mode in ("fly", "orbit"):
+        listener.frames.clear()
+        link.show(replace(link.view, mode=mode))
+        wait(qapp, lambda: listener.frames)
+        assert np.linalg.norm(np.array(link.frame.pose.eye) - start) < 2.0
+    link.show(replace(link.view, mode="fly"))
+    link.tell(Fly(forward=1.0))
+    wait(qapp, lambda: np.linalg.norm(np.array(link.frame.pose.eye) - start) > 100.0)
+    link.tell(Fly())
+    link.show(replace(link.view, mode="orbit"))
+    link.tell(GoTo(1000.0, 1000.0, 1500.0))
+    wait(qapp, lambda: np.allclose(link.frame.pose.target[:2], 1000.0, atol=5.0))
+    look(qapp, link)
+
+
+def test_another_size_another_quality_and_an_overlay(running, qapp):
+    _, link, _ = running
+    link.show(replace(VIEW, width=200, height=140))
+    wait(qapp, lambda: link.picture.width() == 200 and link.frame.settled)
+    plain = pixels(link)
+    link.show(replace(link.view, overlays=("features",)))
+    wait(qapp, lambda: not np.array_equal(pixels(link), plain))
+    link.show(replace(VIEW, quality=0.25))
+    wait(qapp, lambda: link.picture.width() == 160 and link.frame.settled)
+    link.show(VIEW)
+    wait(qapp, lambda: link.frame.settled)
+
+
+def test_the_hour_changes_the_light_and_nothing_that_is_placed(running, qapp):
+    document, link, listener = running
+    look(qapp, link)
+    listener.followed.clear()
+    before, heights = pixels(link), link.relief.height
+    document.do("Set hour", document.sketch.replace(weather={"hour": 16.5, "clouds": 0.0}))
+    wait(qapp, lambda: link.frame.version == newest(link) + 0 and link.frame.settled and listener.followed)
+    assert np.abs(pixels(link).astype(int) - before).mean() > 1.0
+    assert link.relief.height is heights
+    document.undo()
+    wait(qapp, lambda: link.frame.version == newest(link) and not link._timer.isActive())
+
+
+def test_hidden_it_draws_nothing_and_goes_on_placing(running, qapp):
+    document, link, listener = running
+    link.show(replace(VIEW, width=0, height=0))
+    time.sleep(0.5)
+    qapp.processEvents()
+    listener.frames.clear()
+    draft = stroke(document, 70, 20)
+    wait(qapp, lambda: link.relief.version > 0 and link.relief.height[72:80, 22:30].max() > 100.0)
+    assert listener.frames == []
+    draft.cancel()
+    link.show(VIEW)
+    wait(qapp, lambda: link.frame.version >= newest(link) and link.frame.settled)
+
+
+def test_adherence_and_a_picture_come_while_frames_go_on(running, qapp, tmp_path):
+    from PIL import Image
+
+    _, link, listener = running
+    path = tmp_path / "view.png"
+    link.show(replace(VIEW, plays=True))
+    link.tell(MeasureAdherence())
+    link.tell(TakePicture(str(path), 320, 200))
+    listener.frames.clear()
+    wait(qapp, lambda: listener.written, 120.0)
+    assert listener.written == [str(path)]
+    with Image.open(path) as picture:
+        assert picture.size == (320, 200)
+    assert link.adherence.figures["layers"]["mountain"]["shapes"] == 1
+    painted, shown = link.adherence.images["mountain"]
+    assert painted.shape == shown.shape == (SIDE, SIDE)
+    assert len(listener.frames) > 5
+    link.show(VIEW)
+
+
+def test_another_document_is_shown_from_the_start(running, qapp):
+    document, link, listener = running
+    link.tell(Zoom(0.2))
+    wait(qapp, lambda: link.frame.settled)
+    other = Sketch(extent=9000.0, layers={"hill": np.ones((64, SIDE), np.uint8)})
+    document.open(other)
+    wait(qapp, lambda: link.relief.height.shape == (64, SIDE) and link.frame.version >= newest(link))
+    wait(qapp, lambda: link.frame.settled)
+    assert link.frame.pose.target[0] == pytest.approx(4500.0, abs=50.0)
+    document.open(sketch())
+    wait(qapp, settled(link, newest(link) + 1))
+
+
+def test_a_killed_engine_is_told_and_comes_back(running, qapp):
+    document, link, listener = running
+    os.kill(link._children._engine.pid, signal.SIGKILL)
+    wait(qapp, lambda: listener.troubles)
+    assert listener.troubles[0].what == "engine"
+    assert "signal 9" in listener.troubles[0].line
+    listener.troubles.clear()
+    listener.frames.clear()
+    wait(qapp, lambda: listener.frames and link.frame.settled)
+    stroke(document, 60, 60).commit("Paint mountains")
+    wait(qapp, settled(link, newest(link) + 1))
+    assert link.relief.height[62:70, 62:70].max() > 100.0
+
+
+def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running, qapp):
+    document, link, listener = running
+    os.kill(link._children._placer.pid, signal.SIGKILL)
+    wait(qapp, lambda: listener.troubles)
+    listener.troubles.clear()
+    wait(qapp, lambda: link.facts.no_picture)
+    placed = newest(link)
+    stroke(document, 10, 70).commit("Paint mountains")
+    wait(qapp, lambda: link.relief.version > placed and link.placed.version > placed)
+    assert link.relief.height[12:20, 72:80].max() > 100.0
+    link.start()
+    assert not link.facts.no_picture or link.facts.no_picture
+    wait(qapp, lambda: link.facts.renderer and not link.facts.no_picture)
+
+
+def test_stop_is_quick_and_leaves_nothing(qapp):
+    link = EngineLink(Document(sketch()))
+    link.show(VIEW)
+    open_before = len(os.listdir("/proc/self/fd"))
+    for pause in (0.0, 1.5):
+        link.start()
+        children = [link._children._engine, link._children._placer]
+        end = time.monotonic() + pause
+        while time.monotonic() < end:
+            qapp.processEvents()
+            time.sleep(0.01)
+        start = time.monotonic()
+        link.stop()
+        assert time.monotonic() - start < 1.0
+        assert all(child.returncode is not None for child in children)
+        assert not any(Path(f"/proc/{child.pid}").exists() for child in children)
+    assert len(os.listdir("/proc/self/fd")) == open_before
+
+
+def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
+    import subprocess
+    import sys
+
+    code = (
+        "import sys, time\n"
+        "from sketchterrain.ui.engine.children import Children\n"
+        "c = Children()\n"
+        "print(c._engine.pid, c._placer.pid, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    window = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    children = [int(word) for word in window.stdout.readline().split()]
+    time.sleep(1.0)
+    window.kill()
+    window.wait()
+    window.stdout.close()
+    end = time.monotonic() + 20.0
+    while any(_lives(child) for child in children):
+        assert time.monotonic() < end, "a process was left behind"
+        time.sleep(0.05)
+
+
+def _lives(pid):
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    except OSError:
+        return False
+    return state != "Z"

@@ -56,7 +56,7 @@ def _drawn(kind: str, period: int) -> Floats:
     middles = ((np.arange(period) + 0.5) * (PERIOD / period)).astype(np.float32)
     x, y = np.meshgrid(middles, middles)
     distance, half_width = HATCHES[kind](x, y)
-    covered = np.clip((half_width - distance) * (period / PERIOD) + 0.5, 0.0, 1.0).astype(np.float32)
+    covered: Floats = np.clip((half_width - distance) * (period / PERIOD) + 0.5, 0.0, 1.0).astype(np.float32)
     covered.flags.writeable = False
     return covered
 
@@ -72,7 +72,7 @@ def _peaks(x: Floats, y: Floats) -> tuple[Floats, float]:
 
 
 def _waves(x: Floats, y: Floats) -> tuple[Floats, float]:
-    swing = 1.9 * np.sin(2.0 * np.pi * x / PERIOD)
+    swing = np.float32(1.9) * np.sin(np.float32(2.0 * np.pi / PERIOD) * x)
     return _from_line(y + swing, 8.0) * np.float32(0.88), 0.5 * _LINE
 
 

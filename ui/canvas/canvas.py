@@ -1,0 +1,342 @@
+"""The sketch as one paints on it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+from PyQt6.QtCore import QEvent, QPointF, QRect, QRectF, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QHelpEvent, QKeyEvent, QPainter, QPen
+from PyQt6.QtWidgets import QSizePolicy, QToolTip, QWidget
+
+from sketchterrain.ui.canvas import furniture
+from sketchterrain.ui.canvas.desk import Desk
+from sketchterrain.ui.canvas.hands import Hands
+from sketchterrain.ui.canvas.keys import Keys
+from sketchterrain.ui.canvas.marks import Marks
+from sketchterrain.ui.canvas.shown import Shown
+from sketchterrain.ui.canvas.viewport import Viewport
+from sketchterrain.ui.look.theme import looks, theme
+
+if TYPE_CHECKING:
+    from PyQt6.QtGui import (
+        QContextMenuEvent,
+        QEnterEvent,
+        QFocusEvent,
+        QHideEvent,
+        QMouseEvent,
+        QPaintEvent,
+        QResizeEvent,
+        QTabletEvent,
+        QWheelEvent,
+    )
+
+    from sketchterrain.ui.engine.link import EngineLink
+    from sketchterrain.ui.engine.messages import FrameFacts, Pose
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.workspace import Workspace
+
+__all__ = ["Canvas"]
+
+_MARGIN = 28  # logical px around a sheet that is fitted
+_ZOOM = 1.25
+_LINE_SECONDS = 3.5  # a line for a person stays
+
+
+class Canvas(QWidget):
+    """Shows the sketch of a document, and lets a person paint on it.
+
+    Parameters
+    ----------
+    document
+    workspace
+    link
+    parent
+    """
+
+    hovered = pyqtSignal(object)
+    """Where the mouse is: (x, y, height or None), m; None: not on the sketch."""
+    message = pyqtSignal(str)
+    """A line for a person."""
+
+    def __init__(
+        self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        self._desk = Desk(document, workspace, link)
+        self._marks = Marks(self._desk)
+        self._shown = Shown(self._desk)
+        self._hands = Hands(self._desk, self._marks, self)
+        self._keys = Keys(self._desk, self._hands, self)
+        self._fits = True
+        self._eye: Pose | None = None
+        self._line = ""
+        self._line_timer = QTimer(self)
+        self._line_timer.setSingleShot(True)
+        self._line_timer.timeout.connect(lambda: self._say(""))
+        self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setMouseTracking(True)
+        self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
+        self.setAttribute(Qt.WidgetAttribute.WA_InputMethodEnabled, False)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self.setMinimumSize(160, 120)
+        self.setAccessibleName("Sketch")
+        self.setAccessibleDescription("The layers of the sketch, to paint on; the arrow keys move it")
+        self.setWhatsThis(
+            "Paint here: the terrain follows. The wheel zooms, the middle button or the space bar moves the "
+            "sheet, [ and ] change the brush, the right button erases, Alt picks what is painted."
+        )
+        self._connect()
+
+    def sizeHint(self) -> QSize:
+        """Return the size that it likes."""
+        return QSize(720, 720)
+
+    @property
+    def viewport(self) -> Viewport:
+        """Where the sheet lies, in device pixels."""
+        return self._desk.viewport
+
+    def fit(self) -> None:
+        """Show the whole sketch."""
+        self._fits = True
+        self.look(self._desk.viewport.fitted(margin=round(_MARGIN * self._desk.ratio)), fits=True)
+
+    def zoom_in(self) -> None:
+        """Show the middle larger."""
+        self.zoom(_ZOOM, QPointF(self.rect().center()))
+
+    def zoom_out(self) -> None:
+        """Show the middle smaller."""
+        self.zoom(1.0 / _ZOOM, QPointF(self.rect().center()))
+
+    def actual_size(self) -> None:
+        """Show a pixel of the sketch as a pixel of the screen."""
+        self.zoom(1.0 / self._desk.viewport.scale, QPointF(self.rect().center()))
+
+    def show_place(self, x: float, y: float) -> None:
+        """Bring a place (m) into the middle."""
+        self.look(self._desk.viewport.with_middle(*self._desk.pixels(x, y)))
+
+    def zoom(self, factor: float, about: QPointF) -> None:
+        """Show the sheet larger by a factor; what lies at a place (logical px) stays there."""
+        ratio = self._desk.ratio
+        self.look(self._desk.viewport.zoomed(factor, about.x() * ratio, about.y() * ratio))
+
+    def scroll_by(self, right: float, down: float) -> None:
+        """Move the sheet by logical px."""
+        self.look(self._desk.viewport.moved(right * self._desk.ratio, down * self._desk.ratio))
+
+    def look(self, viewport: Viewport, *, fits: bool = False) -> None:
+        """Show the sheet through another viewport; `fits`: it stays fitted when the canvas is resized."""
+        if viewport != self._desk.viewport:
+            self._fits = fits
+            self._desk.viewport = viewport
+            self._eye = None
+            self.update()
+
+    # ── what models tell ─────────────────────────────────────────────────────────────────────────────────
+
+    def _connect(self) -> None:
+        document, workspace, link = self._desk.document, self._desk.workspace, self._desk.link
+        document.painted.connect(self._on_painted)
+        document.sketch_changed.connect(self._on_sketch)
+        document.opened.connect(self._on_opened)
+        workspace.look_changed.connect(self._on_look)
+        workspace.overlays_changed.connect(self._on_overlays)
+        workspace.label_changed.connect(self._on_overlays)
+        workspace.chosen_changed.connect(self._redraw)
+        link.placed_changed.connect(self._redraw)
+        link.relief_changed.connect(self._on_relief)
+        link.adherence_changed.connect(self._on_overlays)
+        link.frame_shown.connect(self._on_frame)
+        self._desk.tells.message.connect(self._say)
+        self._desk.tells.stale.connect(self._redraw)
+        looks.changed.connect(self._on_theme)
+
+    def _redraw(self, area: object = None) -> None:
+        if isinstance(area, QRectF) and not area.isEmpty():
+            self.update(area.toAlignedRect().adjusted(-2, -2, 2, 2))
+        else:
+            self.update()
+
+    def _on_painted(self, layer: str, box: object) -> None:
+        area = self._shown.painted(layer, box)  # type: ignore[arg-type] # a signal's object is a Box
+        if not area.isEmpty():
+            self.update(self._logical(area))
+
+    def _on_sketch(self) -> None:
+        sketch, viewport = self._desk.document.sketch, self._desk.viewport
+        if (sketch.width_px, sketch.height_px) != (viewport.columns, viewport.rows):
+            self._on_opened()
+        self.update()
+
+    def _on_opened(self) -> None:
+        self._hands.forget()
+        self._shown.refresh()
+        self._resize(fits=True)
+
+    def _on_look(self, layer: str) -> None:
+        self._shown.refresh()
+        self.update()
+
+    def _on_overlays(self) -> None:
+        self._shown.refresh_pictures()
+        self.update()
+
+    def _on_relief(self) -> None:
+        area = self._shown.relieved()
+        if not area.isEmpty():
+            self.update(self._logical(area))
+
+    def _on_theme(self) -> None:
+        self._shown.refresh()
+        self.update()
+
+    def _on_frame(self, facts: object) -> None:
+        pose = cast("FrameFacts", facts).pose
+        if pose != self._eye and "eye" in self._desk.workspace.overlays:
+            for each in (self._eye, pose):
+                if each is not None:
+                    self._redraw(furniture.eye_area(self._desk, each))
+            self._eye = pose
+
+    def _say(self, line: str) -> None:
+        if line:
+            self.message.emit(line)
+            self._line_timer.start(round(1000 * _LINE_SECONDS))
+        self._line = line
+        self.update(QRect(0, self.height() - 60, self.width(), 60))
+
+    # ── drawing ──────────────────────────────────────────────────────────────────────────────────────────
+
+    def _logical(self, area: QRect) -> QRect:
+        ratio = self._desk.ratio
+        logical = QRectF(area.x() / ratio, area.y() / ratio, area.width() / ratio, area.height() / ratio)
+        return logical.toAlignedRect()
+
+    def _resize(self, *, fits: bool) -> None:
+        sketch, desk = self._desk.document.sketch, self._desk
+        desk.ratio = self.devicePixelRatioF()
+        size = round(self.width() * desk.ratio), round(self.height() * desk.ratio)
+        sides = (sketch.width_px, sketch.height_px)
+        if fits or sides != (desk.viewport.columns, desk.viewport.rows):
+            self._fits = True
+            desk.viewport = Viewport(*size, *sides).fitted(margin=round(_MARGIN * desk.ratio))
+        else:
+            desk.viewport = desk.viewport.resized(*size)
+        self._eye = None
+        self.update()
+
+    def resizeEvent(self, event: QResizeEvent | None) -> None:
+        """Keep what was in the middle there, or the whole sheet in sight if it was."""
+        self._resize(fits=self._fits)
+
+    def paintEvent(self, event: QPaintEvent | None) -> None:
+        """Show the picture that is kept, and over it what lives."""
+        desk = self._desk
+        if desk.ratio != self.devicePixelRatioF():  # it came to another screen
+            self._resize(fits=self._fits)
+        area = event.rect() if event is not None else self.rect()
+        painter = QPainter(self)
+        self._shown.draw(painter, area)
+        placed = desk.link.placed
+        if placed is not None and "features" in desk.workspace.overlays:
+            image, ratio = self._marks.image(placed), desk.ratio
+            source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
+            painter.drawImage(QRectF(area), image, source)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        self._draw_furniture(painter)
+        if self.hasFocus():
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.setPen(QPen(theme().accent, 2.0))
+            painter.drawRect(QRectF(self.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
+        painter.end()
+
+    def _draw_furniture(self, painter: QPainter) -> None:
+        desk, shown = self._desk, self._desk.workspace.overlays
+        if "contradictions" in shown:
+            furniture.draw_warnings(painter, desk)
+        if "eye" in shown and desk.link.frame is not None:
+            furniture.draw_eye(painter, desk, desk.link.frame.pose)
+        self._hands.tool.draw(painter)
+        furniture.draw_scale_bar(painter, desk, self.height())
+        if "adherence" in shown:
+            furniture.draw_agreement(painter, desk.link.adherence, desk.workspace.layer, self.width())
+        if self._line:
+            furniture.draw_line(painter, self._line, self.width(), self.height())
+
+    # ── input: see `hands` and `keys` ────────────────────────────────────────────────────────────────────
+
+    def event(self, event: QEvent | None) -> bool:
+        """Keep keys that mean something here from being shortcuts; show what was decided at a warning."""
+        kind = event.type() if event is not None else None
+        if kind == QEvent.Type.ShortcutOverride and self._keys.wants(cast("QKeyEvent", event)):
+            cast("QKeyEvent", event).accept()
+            return True
+        if kind == QEvent.Type.ToolTip:
+            asked = cast("QHelpEvent", event)
+            text = ""
+            if "contradictions" in self._desk.workspace.overlays:
+                text = furniture.warning_at(self._desk, QPointF(asked.pos()))
+            QToolTip.showText(asked.globalPos(), text, self)
+            return True
+        return super().event(event)
+
+    def mousePressEvent(self, event: QMouseEvent | None) -> None:
+        """Begin what the tool does."""
+        self._hands.press(event)
+
+    def mouseMoveEvent(self, event: QMouseEvent | None) -> None:
+        """Go on with it."""
+        self._hands.move(event)
+
+    def mouseReleaseEvent(self, event: QMouseEvent | None) -> None:
+        """Let go."""
+        self._hands.release(event)
+
+    def mouseDoubleClickEvent(self, event: QMouseEvent | None) -> None:
+        """Do what the tool does at a double click."""
+        self._hands.double(event)
+
+    def wheelEvent(self, event: QWheelEvent | None) -> None:
+        """Zoom, or change the brush."""
+        self._hands.wheel(event)
+
+    def tabletEvent(self, event: QTabletEvent | None) -> None:
+        """Paint with a pen."""
+        self._hands.pen(event)
+
+    def contextMenuEvent(self, event: QContextMenuEvent | None) -> None:
+        """Offer what can be done with a feature."""
+        self._hands.menu(event)
+
+    def enterEvent(self, event: QEnterEvent | None) -> None:
+        """Show the tool's cursor."""
+        self._hands.show_cursor()
+
+    def leaveEvent(self, event: QEvent | None) -> None:
+        """Show the brush no longer."""
+        self._hands.leave()
+
+    def keyPressEvent(self, event: QKeyEvent | None) -> None:
+        """Do what a key means."""
+        if event is not None and not self._keys.press(event):
+            super().keyPressEvent(event)
+
+    def keyReleaseEvent(self, event: QKeyEvent | None) -> None:
+        """Let the sheet lie where it was moved."""
+        if event is not None and not self._keys.release(event):
+            super().keyReleaseEvent(event)
+
+    def focusInEvent(self, event: QFocusEvent | None) -> None:
+        """Show the focus."""
+        self.update()
+
+    def focusOutEvent(self, event: QFocusEvent | None) -> None:
+        """Finish what was begun."""
+        self._hands.finish()
+        self.update()
+
+    def hideEvent(self, event: QHideEvent | None) -> None:
+        """Finish what was begun."""
+        self._hands.finish()

@@ -1,0 +1,157 @@
+"""What stands on the canvas beside the sketch: scale bar, the eye of the 3-D view, warnings, figures."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QPointF, QRectF, Qt
+from PyQt6.QtGui import QColor, QFontMetricsF, QPainterPath, QPen, QPolygonF
+
+from sketchterrain.sketch import LAYERS
+from sketchterrain.ui.canvas.glyphs import draw_glyph, draw_haloed
+from sketchterrain.ui.canvas.underlays import AGREEMENT
+from sketchterrain.ui.canvas.writing import plate, write_beside
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
+
+if TYPE_CHECKING:
+    from PyQt6.QtGui import QPainter
+
+    from sketchterrain.ui.canvas.desk import Desk
+    from sketchterrain.ui.engine.messages import Adherence, Pose
+
+__all__ = [
+    "draw_agreement",
+    "draw_eye",
+    "draw_line",
+    "draw_scale_bar",
+    "draw_warnings",
+    "eye_area",
+    "nice_length",
+    "warning_at",
+]
+
+_BAR = 120.0  # px, about as long as the scale bar is
+_EYE = 34.0  # px, how far the eye's cone reaches
+_WARNING = 10.0  # px around a warning that are the warning
+
+
+def nice_length(most: float) -> float:
+    """Return the longest of 1, 2 and 5 times a power of ten that is no longer than `most` (m)."""
+    power = 10.0 ** math.floor(math.log10(most))
+    return max(step for step in (1.0, 2.0, 5.0) if step * power <= most * (1.0 + 1e-9)) * power
+
+
+def draw_scale_bar(painter: QPainter, desk: Desk, height: float) -> None:
+    """Draw how long a round number of metres is, in the lower left corner."""
+    metres = nice_length(_BAR / desk.per_metre)
+    length = metres * desk.per_metre
+    text = f"{metres / 1000.0:g} km" if metres >= 1000.0 else f"{metres:g} m"
+    painter.setFont(tabular(painter.font()))
+    font = QFontMetricsF(painter.font())
+    size = (length + 2.0 * SPACING, font.height() + 3.0 * SMALL + 4.0)
+    place = QRectF(MARGIN, height - MARGIN - size[1], *size)
+    plate(painter, place)
+    painter.setPen(theme().text)
+    painter.drawText(place.adjusted(0, SMALL / 2, 0, -8.0), Qt.AlignmentFlag.AlignCenter, text)
+    left, right, base = place.left() + SPACING, place.left() + SPACING + length, place.bottom() - 6.0
+    painter.setPen(QPen(theme().text, 1.6, cap=Qt.PenCapStyle.FlatCap))
+    ends = (left, base - 4.0), (left, base), (right, base), (right, base - 4.0)
+    painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in ends]))
+
+
+def eye_area(desk: Desk, pose: Pose) -> QRectF:
+    """Return the rectangle (logical px) of the canvas in which `draw_eye` draws."""
+    at = _eye_place(desk, pose)
+    return QRectF(at.x() - _EYE - 4, at.y() - _EYE - 4, 2 * _EYE + 8, 2 * _EYE + 8)
+
+
+def draw_eye(painter: QPainter, desk: Desk, pose: Pose) -> None:
+    """Draw where the 3-D view looks from, and which way; at the border if that is outside of the canvas."""
+    at = _eye_place(desk, pose)
+    east, north = pose.target[0] - pose.eye[0], pose.target[1] - pose.eye[1]
+    heading = math.degrees(math.atan2(north, east))
+    opening = pose.fov * 1.2
+    cone = QPainterPath(at)
+    around = QRectF(at.x() - _EYE, at.y() - _EYE, 2 * _EYE, 2 * _EYE)
+    cone.arcTo(around, heading - 0.5 * opening, opening)
+    cone.closeSubpath()
+    fill = QColor(theme().accent)
+    fill.setAlpha(70)
+    painter.setBrush(fill)
+    painter.setPen(QPen(QColor(255, 255, 255, 190), 2.4))
+    painter.drawPath(cone)
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.setPen(QPen(theme().accent, 1.3))
+    painter.drawPath(cone)
+    painter.setPen(QPen(QColor(255, 255, 255), 1.5))
+    painter.setBrush(theme().accent)
+    painter.drawEllipse(at, 4.5, 4.5)
+
+
+def _eye_place(desk: Desk, pose: Pose) -> QPointF:
+    at = desk.of_world(pose.eye[0], pose.eye[1])
+    width, height = desk.viewport.width / desk.ratio, desk.viewport.height / desk.ratio
+    edge = 14.0
+    return QPointF(
+        min(max(at.x(), edge), max(width - edge, edge)), min(max(at.y(), edge), max(height - edge, edge))
+    )
+
+
+def draw_warnings(painter: QPainter, desk: Desk) -> None:
+    """Mark the places where layers contradict each other."""
+    placed = desk.link.placed
+    for _, x, y in placed.resolutions if placed is not None else ():
+        at = desk.of_world(x, y)
+        draw_glyph(painter, "warning", at, colour=QColor(150, 88, 0), size=1.15)
+        sign = QPainterPath(at + QPointF(0.0, -2.5))
+        sign.lineTo(at + QPointF(0.0, 1.6))
+        sign.moveTo(at + QPointF(0.0, 4.2))
+        sign.lineTo(at + QPointF(0.0, 4.3))
+        draw_haloed(painter, sign, QColor(150, 88, 0), 1.6)
+
+
+def warning_at(desk: Desk, place: QPointF) -> str:
+    """Return what was decided at a place of the screen, a line each; empty where nothing was."""
+    placed = desk.link.placed
+    lines = []
+    for line, x, y in placed.resolutions if placed is not None else ():
+        off = desk.of_world(x, y) - place
+        if math.hypot(off.x(), off.y()) <= _WARNING:
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def draw_agreement(painter: QPainter, adherence: Adherence | None, layer: str, width: float) -> None:
+    """Write in the upper right corner how far a layer is as painted, and what the colours mean."""
+    title = LAYERS[layer].title
+    figures = adherence.figures.get("layers", {}).get(layer) if adherence is not None else None
+    if figures is None:
+        rows: list[tuple[QColor | None, str]] = [
+            (None, f"{title}: {'measuring …' if adherence is None else 'nothing is measured'}")
+        ]
+    else:
+        overlap, spill = figures.get("iou_mean"), figures.get("spill")
+        heading = f"{title}: overlap {overlap:.0%}" if overlap is not None else f"{title}"
+        rows = [(None, heading), (AGREEMENT["as painted"], "as painted"), (AGREEMENT["missing"], "missing")]
+        rows.append((AGREEMENT["spill"], "spill" if spill is None else f"spill {spill:.0%}"))
+    painter.setFont(tabular(painter.font()))
+    font = QFontMetricsF(painter.font())
+    wide = max(font.horizontalAdvance(text) + (18.0 if colour else 0.0) for colour, text in rows)
+    line = font.height() + 2.0
+    place = QRectF(0, MARGIN, wide + 2 * SPACING, len(rows) * line + SPACING)
+    place.moveRight(width - MARGIN)
+    plate(painter, place)
+    for number, (colour, text) in enumerate(rows):
+        row = QRectF(place.left() + SPACING, place.top() + SPACING / 2 + number * line, wide, line)
+        if colour is not None:
+            painter.fillRect(QRectF(row.left(), row.center().y() - 5.0, 10.0, 10.0), colour)
+            row.setLeft(row.left() + 18.0)
+        painter.setPen(theme().text)
+        painter.drawText(row, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
+
+
+def draw_line(painter: QPainter, text: str, width: float, height: float) -> None:
+    """Write a line for a person at the bottom, in the middle."""
+    advance = QFontMetricsF(painter.font()).horizontalAdvance(text)
+    write_beside(painter, QPointF(0.5 * (width - advance) - 5.0, height - MARGIN), text)

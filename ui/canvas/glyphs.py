@@ -1,0 +1,77 @@
+"""Small signs of what was placed: one a type of feature, readable on light and dark paint."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from PyQt6.QtCore import QPointF, QRectF, Qt
+from PyQt6.QtGui import QColor, QPainter, QPainterPath, QPen, QPolygonF
+
+__all__ = ["DARK", "LIGHT", "draw_glyph", "draw_haloed"]
+
+LIGHT = QColor(255, 255, 255, 205)
+"""Around lines."""
+DARK = QColor(24, 26, 30)
+"""Lines."""
+
+
+def draw_glyph(
+    painter: QPainter, kind: str, at: QPointF, *, colour: QColor = DARK, size: float = 1.0
+) -> None:
+    """Draw the sign of a type of feature around a place.
+
+    Parameters
+    ----------
+    painter
+    kind : {'mountain', 'hill', 'dune', 'forest', 'warning'}
+    at : QPointF
+        Its middle, logical px.
+    colour : QColor
+        Of its lines.
+    size : float
+        1 is about 11 px.
+    """
+    painter.save()
+    painter.translate(at)
+    painter.scale(size, size)
+    draw_haloed(painter, _glyph(kind), colour, 1.5, fill=kind in ("mountain", "forest"))
+    painter.restore()
+
+
+def draw_haloed(
+    painter: QPainter, path: QPainterPath, colour: QColor, width: float, *, fill: bool = False
+) -> None:
+    """Draw a path in a colour, with a light border around it."""
+    join, cap = Qt.PenJoinStyle.RoundJoin, Qt.PenCapStyle.RoundCap
+    halo = QColor(LIGHT)
+    halo.setAlphaF(LIGHT.alphaF() * colour.alphaF())
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.setPen(QPen(halo, width + 2.2, Qt.PenStyle.SolidLine, cap, join))
+    painter.drawPath(path)
+    painter.setPen(QPen(colour, width, Qt.PenStyle.SolidLine, cap, join))
+    if fill:
+        painter.setBrush(colour)
+    painter.drawPath(path)
+
+
+@cache
+def _glyph(kind: str) -> QPainterPath:
+    path = QPainterPath()
+    if kind == "mountain":
+        path.addPolygon(QPolygonF([QPointF(-5.0, 4.0), QPointF(0.0, -5.0), QPointF(5.0, 4.0)]))
+        path.closeSubpath()
+    elif kind == "hill":
+        path.moveTo(-5.5, 3.0)
+        path.cubicTo(-3.5, -5.0, 3.5, -5.0, 5.5, 3.0)
+    elif kind == "dune":
+        path.moveTo(-6.0, 2.5)
+        path.cubicTo(-3.0, 1.5, -1.5, -1.0, 0.5, -3.5)
+        path.cubicTo(0.5, -0.5, 2.5, 2.0, 6.0, 2.5)
+    elif kind == "forest":
+        path.addEllipse(QRectF(-3.2, -5.5, 6.4, 6.4))
+        path.moveTo(0.0, 1.0)
+        path.lineTo(0.0, 5.0)
+    else:
+        path.addPolygon(QPolygonF([QPointF(-7.0, 5.5), QPointF(0.0, -6.5), QPointF(7.0, 5.5)]))
+        path.closeSubpath()
+    return path

@@ -1,0 +1,243 @@
+"""What mouse and pen do on the canvas: to the tool, to the sheet, to the brush."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QEvent, QPointF, Qt
+from PyQt6.QtGui import QPointingDevice
+
+from sketchterrain.ui.canvas.brush_tool import BrushTool
+from sketchterrain.ui.canvas.desk import Pointer
+from sketchterrain.ui.canvas.feature_menu import feature_menu
+from sketchterrain.ui.canvas.fill_tools import FillTool, PickTool, pick_label
+from sketchterrain.ui.canvas.line_tool import LineTool
+from sketchterrain.ui.canvas.select_tool import SelectTool
+from sketchterrain.ui.canvas.tool import Tool
+from sketchterrain.ui.engine.messages import GoTo
+
+if TYPE_CHECKING:
+    from PyQt6.QtGui import QContextMenuEvent, QMouseEvent, QTabletEvent, QWheelEvent
+
+    from sketchterrain.ui.canvas.canvas import Canvas
+    from sketchterrain.ui.canvas.desk import Desk
+    from sketchterrain.ui.canvas.marks import Marks
+
+__all__ = ["Hands", "PanTool"]
+
+_WHEEL_ZOOM = 1.2  # a notch
+_WHEEL_BRUSH = 1.15
+_PAINTERS = ("brush", "eraser", "line", "fill")
+
+
+class PanTool(Tool):
+    """Moves the sheet, which the canvas does itself; a double click brings the 3-D view there."""
+
+    cursor = Qt.CursorShape.OpenHandCursor
+
+    def double(self, pointer: Pointer) -> None:
+        """Bring the 3-D view there."""
+        self.desk.link.tell(GoTo(*self.desk.metres(pointer.x, pointer.y)))
+
+
+class Hands:
+    """Brings mouse and pen to the tool that the workspace says.
+
+    Parameters
+    ----------
+    desk : Desk
+    marks : Marks
+    canvas : Canvas
+    """
+
+    def __init__(self, desk: Desk, marks: Marks, canvas: Canvas) -> None:
+        self._desk = desk
+        self._canvas = canvas
+        self._tools: dict[str, Tool] = {
+            "select": SelectTool(desk, marks),
+            "brush": BrushTool(desk),
+            "eraser": BrushTool(desk, erases=True),
+            "line": LineTool(desk),
+            "fill": FillTool(desk),
+            "pick": PickTool(desk),
+            "pan": PanTool(desk),
+        }
+        self._name = desk.workspace.tool
+        self._place: QPointF | None = None
+        self._grabbed: QPointF | None = None
+        self._space = False
+        desk.workspace.tool_changed.connect(self._on_tool)
+        desk.workspace.brush_changed.connect(self._on_brush)
+
+    @property
+    def tool(self) -> Tool:
+        """The one that is used."""
+        return self._tools[self._name]
+
+    def press(self, event: QMouseEvent | None) -> None:
+        """Begin: move the sheet, pick, or what the tool does."""
+        if event is None:
+            return
+        self._place = event.position()
+        pointer = self._pointer(event.position(), event)
+        if event.button() == Qt.MouseButton.MiddleButton or self._space or self._pans(event):
+            self._grabbed = event.position()
+        elif pointer.picks and self._name in _PAINTERS:
+            pick_label(self._desk, pointer)
+        elif event.button() == Qt.MouseButton.LeftButton or self._name in _PAINTERS:
+            self.tool.press(pointer)
+        self.show_cursor()
+
+    def move(self, event: QMouseEvent | None) -> None:
+        """Go on."""
+        if event is None:
+            return
+        self._place = event.position()
+        if self._grabbed is not None:
+            moved = event.position() - self._grabbed
+            self._grabbed = event.position()
+            self._canvas.scroll_by(moved.x(), moved.y())
+        else:
+            self.tool.move(self._pointer(event.position(), event))
+        self._tell_place()
+        self.show_cursor()
+
+    def release(self, event: QMouseEvent | None) -> None:
+        """Let go."""
+        if event is None:
+            return
+        if self._grabbed is not None:
+            self._grabbed = None
+        else:
+            self.tool.release(self._pointer(event.position(), event))
+        self.show_cursor()
+
+    def double(self, event: QMouseEvent | None) -> None:
+        """Do what the tool does at a double click."""
+        if event is not None and event.button() == Qt.MouseButton.LeftButton and not self._space:
+            self.tool.double(self._pointer(event.position(), event))
+
+    def wheel(self, event: QWheelEvent | None) -> None:
+        """Zoom about the mouse; with Ctrl or Shift change the brush."""
+        if event is None:
+            return
+        notches = (event.angleDelta().y() or event.angleDelta().x()) / 120.0
+        event.accept()
+        changes = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
+        if event.modifiers() & changes:
+            self._desk.workspace.brush *= _WHEEL_BRUSH**notches
+        else:
+            self._canvas.zoom(_WHEEL_ZOOM**notches, event.position())
+
+    def pen(self, event: QTabletEvent | None) -> None:
+        """Use the tool with a pen: its pressure counts, its eraser erases."""
+        if event is None:
+            return
+        self._place = event.position()
+        erases = event.pointerType() == QPointingDevice.PointerType.Eraser
+        if event.buttons() & Qt.MouseButton.RightButton:
+            erases = True
+        pressed = event.type() != QEvent.Type.TabletMove or bool(event.buttons())
+        at = self._desk.on_sketch(event.position())
+        pointer = Pointer(*at, pressure=event.pressure() if pressed else 1.0, erases=erases)
+        if self._name == "pan" or self._space:
+            event.ignore()  # it comes again as the mouse
+            return
+        event.accept()
+        if event.type() == QEvent.Type.TabletPress:
+            self.tool.press(pointer)
+        elif event.type() == QEvent.Type.TabletRelease:
+            self.tool.release(pointer)
+        else:
+            self.tool.move(pointer)
+        self._tell_place()
+
+    def menu(self, event: QContextMenuEvent | None) -> None:
+        """Offer what can be done with a feature, with the tools that choose."""
+        select = self._tools["select"]
+        if event is None or self._name not in ("select", "pan") or not isinstance(select, SelectTool):
+            return
+        place = QPointF(event.pos())
+        chosen = select.chosen_under(place)
+        self._desk.workspace.chosen = chosen
+        at = self._desk.metres(*self._desk.on_sketch(place))
+        menu = feature_menu(self._canvas, self._desk, chosen, *at)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        menu.popup(event.globalPos())
+
+    def leave(self) -> None:
+        """Forget where the mouse was."""
+        self._place = None
+        if not self.tool.is_busy:
+            self.tool.leave()
+        self._canvas.hovered.emit(None)
+
+    def hold_space(self, held: bool) -> None:
+        """Move the sheet with any tool while the space bar is held."""
+        self._space = held
+        self.show_cursor()
+
+    def finish(self) -> None:
+        """Come to an end with what was begun."""
+        self._grabbed = None
+        self._space = False
+        self.tool.finish()
+
+    def forget(self) -> None:
+        """Cancel what was begun: the document is another one."""
+        self._grabbed = None
+        for tool in self._tools.values():
+            tool.cancel()
+
+    def show_cursor(self) -> None:
+        """Show what the mouse would do."""
+        if self._grabbed is not None:
+            shape = Qt.CursorShape.ClosedHandCursor
+        elif self._space:
+            shape = Qt.CursorShape.OpenHandCursor
+        else:
+            shape = self.tool.cursor_at(self._place or QPointF())
+        if shape != self._canvas.cursor().shape():
+            self._canvas.setCursor(shape)
+
+    def _pans(self, event: QMouseEvent) -> bool:
+        return self._name == "pan" and event.button() == Qt.MouseButton.LeftButton
+
+    def _pointer(self, place: QPointF, event: QMouseEvent) -> Pointer:
+        x, y = self._desk.on_sketch(place)
+        return Pointer(
+            x,
+            y,
+            erases=bool((event.buttons() | event.button()) & Qt.MouseButton.RightButton),
+            picks=bool(event.modifiers() & Qt.KeyboardModifier.AltModifier),
+            adds=bool(event.modifiers() & Qt.KeyboardModifier.ShiftModifier),
+        )
+
+    def _on_tool(self, name: str) -> None:
+        self.tool.finish()
+        self.tool.leave()
+        self._name = name
+        self._on_brush()
+        self.show_cursor()
+        self._canvas.update()
+
+    def _on_brush(self) -> None:
+        if isinstance(self.tool, BrushTool):
+            self.tool.show_size(self._place)
+        elif self._name == "line":
+            self._desk.tells.redraw()
+
+    def _tell_place(self) -> None:
+        if self._place is None:
+            return
+        x, y = self._desk.on_sketch(self._place)
+        sketch, relief = self._desk.document.sketch, self._desk.link.relief
+        if not (0.0 <= x < sketch.width_px and 0.0 <= y < sketch.height_px):
+            self._canvas.hovered.emit(None)
+            return
+        height = None
+        if relief is not None:
+            row, column = int(y // relief.step), int(x // relief.step)
+            if row < relief.height.shape[0] and column < relief.height.shape[1]:
+                height = float(relief.height[row, column])
+        self._canvas.hovered.emit((*self._desk.metres(x, y), height))

@@ -1,0 +1,251 @@
+"""Choosing and dragging what was placed."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QPointF, QRectF, Qt
+from PyQt6.QtGui import QColor, QPen
+
+from sketchterrain.ui.canvas.marks import draw_chosen
+from sketchterrain.ui.canvas.tool import Tool
+from sketchterrain.ui.canvas.writing import write_beside
+from sketchterrain.ui.commands.chosen_parts import is_there, name_of
+from sketchterrain.ui.commands.placed_edits import deleted
+from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.look.theme import theme
+from sketchterrain.ui.models.drags import FeatureDrag
+from sketchterrain.ui.models.handles import chosen_at, handles_of
+
+if TYPE_CHECKING:
+    from PyQt6.QtGui import QPainter
+
+    from sketchterrain.ui.canvas.desk import Desk, Pointer
+    from sketchterrain.ui.canvas.marks import Marks
+    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.models.handles import Handle
+    from sketchterrain.ui.models.workspace import Chosen
+
+__all__ = ["SelectTool"]
+
+_REACH = 9.0  # logical px by which a click may miss
+_DRAG = 4.0  # logical px after which a press is a drag
+_OUT = 12.0  # logical px that a width's handle stands off its bank
+_DELETES = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
+
+
+class SelectTool(Tool):
+    """A click chooses, a drag moves, handles resize.
+
+    Parameters
+    ----------
+    desk : Desk
+    marks : Marks
+        Knows the shores of lakes.
+    """
+
+    def __init__(self, desk: Desk, marks: Marks) -> None:
+        super().__init__(desk)
+        self._marks = marks
+        self._hovered: Chosen | None = None
+        self._drag: FeatureDrag | None = None
+        self._pressed: tuple[float, float] | None = None
+        self._shown: tuple[Placed | None, FeatureDrag] | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is dragged."""
+        return self._drag is not None
+
+    def press(self, pointer: Pointer) -> None:
+        """Choose, or take hold of a handle."""
+        placed = self.desk.link.placed
+        if placed is None or pointer.erases:
+            return
+        at = self.desk.metres(pointer.x, pointer.y)
+        handle = self._handle_at(placed, pointer)
+        if handle is not None:
+            self.desk.workspace.chosen = handle.chosen
+            self._begin(placed, handle, at)
+            return
+        self.desk.workspace.chosen = self._chosen_at(placed, at)
+        self._pressed = at
+        self.desk.tells.redraw()
+
+    def move(self, pointer: Pointer) -> None:
+        """Drag, or show what would be chosen."""
+        at = self.desk.metres(pointer.x, pointer.y)
+        placed = self.desk.link.placed
+        if self._drag is not None:
+            self._drag.to(*at)
+            if self._drag.problem:
+                self.desk.tells.message.emit(self._drag.problem)
+            self.desk.tells.redraw()
+        elif placed is not None and self._pressed is not None:
+            if math.dist(at, self._pressed) * self.desk.per_metre > _DRAG:
+                handles = handles_of(placed, self.desk.workspace.chosen)
+                if handles and handles[0].role == "move":
+                    self._begin(placed, handles[0], self._pressed)
+                    self.move(pointer)
+        elif placed is not None:
+            hovered = None if self._handle_at(placed, pointer) else self._chosen_at(placed, at)
+            if hovered != self._hovered:
+                self._hovered = hovered
+                self.desk.tells.redraw()
+
+    def release(self, pointer: Pointer) -> None:
+        """Let go."""
+        self._pressed = None
+        self.finish()
+
+    def double(self, pointer: Pointer) -> None:
+        """Bring the 3-D view there."""
+        self.desk.link.tell(GoTo(*self.desk.metres(pointer.x, pointer.y)))
+
+    def finish(self) -> None:
+        """Let go: what was dragged is a step of the history."""
+        drag, self._drag = self._drag, None
+        self._pressed = None
+        if drag is not None:
+            drag.finish()
+            self.desk.tells.redraw()
+
+    def cancel(self) -> None:
+        """Put what was dragged back."""
+        drag, self._drag = self._drag, None
+        self._shown = self._pressed = None
+        if drag is not None:
+            drag.cancel()
+            self.desk.tells.redraw()
+
+    def leave(self) -> None:
+        """Show no longer what would be chosen."""
+        self._hovered = None
+        self.desk.tells.redraw()
+
+    def takes(self, key: int) -> bool:
+        """Take Escape and Delete while something is chosen."""
+        chosen = self.desk.workspace.chosen
+        return (key == Qt.Key.Key_Escape and (self.is_busy or chosen is not None)) or (
+            key in _DELETES and chosen is not None
+        )
+
+    def key(self, key: int) -> bool:
+        """Let go or choose nothing by Escape; delete what is chosen."""
+        workspace, placed = self.desk.workspace, self.desk.link.placed
+        if not self.takes(key):
+            return False
+        if key == Qt.Key.Key_Escape and self.is_busy:
+            self.cancel()
+        elif key == Qt.Key.Key_Escape:
+            workspace.chosen = None
+        elif placed is not None and workspace.chosen is not None:
+            chosen = workspace.chosen
+            self.finish()
+            document = self.desk.document
+            document.do(f"Delete {name_of(placed, chosen)}", deleted(document.sketch, chosen))
+            workspace.chosen = None
+        return True
+
+    def chosen_under(self, place: QPointF) -> Chosen | None:
+        """Return what a click at a place of the screen would choose."""
+        placed = self.desk.link.placed
+        at = self.desk.metres(*self.desk.on_sketch(place))
+        return None if placed is None else self._chosen_at(placed, at)
+
+    def cursor_at(self, place: QPointF) -> Qt.CursorShape:
+        """Return what shows whether there is something to take hold of."""
+        if self._drag is not None:
+            return Qt.CursorShape.ClosedHandCursor
+        placed = self.desk.link.placed
+        handle = None if placed is None else self._handle_near(placed, place)
+        if handle is not None:
+            return Qt.CursorShape.SizeAllCursor
+        return Qt.CursorShape.PointingHandCursor if self._hovered else Qt.CursorShape.ArrowCursor
+
+    def draw(self, painter: QPainter) -> None:
+        """Draw what is chosen with its handles, and what would be chosen."""
+        placed, chosen = self.desk.link.placed, self.desk.workspace.chosen
+        if placed is None:
+            return
+        hover, accent = QColor(theme().accent), QColor(theme().accent)
+        hover.setAlpha(150)
+        if self._hovered is not None and self._drag is None and is_there(placed, self._hovered):
+            draw_chosen(painter, self._marks, self.desk, placed, self._hovered, hover)
+            if chosen is None or self._hovered.id != chosen.id:
+                self._draw_name(painter, placed, self._hovered)
+        if chosen is None or not is_there(placed, chosen):
+            return
+        draw_chosen(painter, self._marks, self.desk, placed, chosen, accent)
+        for handle in handles_of(placed, chosen):
+            self._draw_handle(painter, handle, chosen)
+        self._draw_drag(painter, placed)
+
+    def _draw_handle(self, painter: QPainter, handle: Handle, chosen: Chosen) -> None:
+        at, base = self._shown_at(handle), self.desk.of_world(handle.base_x, handle.base_y)
+        if handle.role in ("radius", "width"):
+            painter.setPen(QPen(theme().accent, 1.0, Qt.PenStyle.DashLine))
+            painter.drawLine(base, at)
+        strong = handle.chosen.index is not None and handle.chosen.index == chosen.index
+        painter.setPen(QPen(theme().accent, 1.8))
+        painter.setBrush(theme().accent if strong else QColor(255, 255, 255))
+        if handle.role == "point":
+            painter.drawRect(QRectF(at.x() - 3.5, at.y() - 3.5, 7.0, 7.0))
+        else:
+            painter.drawEllipse(at, 5.0, 5.0)
+
+    def _draw_drag(self, painter: QPainter, placed: Placed) -> None:
+        """Draw where the handle is, before the engine has placed it there."""
+        if self._shown is None or (self._drag is None and self._shown[0] is not placed):
+            self._shown = None
+            return
+        drag = self._shown[1]
+        at = self.desk.of_world(drag.x, drag.y)
+        if self._drag is not None or self._shown[0] is placed:
+            painter.setPen(QPen(QColor(255, 255, 255), 2.0))
+            painter.setBrush(theme().accent)
+            painter.drawEllipse(at, 5.5, 5.5)
+        if self._drag is None:
+            return
+        handle = drag.handle
+        away = math.dist((drag.x, drag.y), (handle.base_x, handle.base_y))
+        texts = {"radius": f"{away:.0f} m", "width": f"{2.0 * away:.0f} m wide"}
+        text = texts.get(handle.role, f"{drag.x:.0f} m, {drag.y:.0f} m")
+        write_beside(painter, at + QPointF(12.0, -10.0), text)
+
+    def _draw_name(self, painter: QPainter, placed: Placed, chosen: Chosen) -> None:
+        handles = handles_of(placed, chosen)
+        if handles and handles[0].role == "move":
+            at = self.desk.of_world(handles[0].x, handles[0].y)
+            write_beside(painter, at + QPointF(10.0, -9.0), name_of(placed, chosen).capitalize())
+
+    def _begin(self, placed: Placed, handle: Handle, at: tuple[float, float]) -> None:
+        self._drag = FeatureDrag(self.desk.document, placed, handle, grab=at)
+        self._shown = (placed, self._drag)
+        self._hovered = None
+        self.desk.tells.redraw()
+
+    def _chosen_at(self, placed: Placed, at: tuple[float, float]) -> Chosen | None:
+        return chosen_at(placed, *at, reach=_REACH / self.desk.per_metre)
+
+    def _handle_at(self, placed: Placed, pointer: Pointer) -> Handle | None:
+        return self._handle_near(placed, self.desk.at(pointer.x, pointer.y))
+
+    def _handle_near(self, placed: Placed, place: QPointF) -> Handle | None:
+        """Find the handle that is shown near a place of the screen."""
+        near = []
+        for handle in handles_of(placed, self.desk.workspace.chosen):
+            off = self._shown_at(handle) - place
+            near.append((math.hypot(off.x(), off.y()), handle))
+        best = min(near, key=lambda pair: pair[0], default=None)
+        return best[1] if best is not None and best[0] <= _REACH else None
+
+    def _shown_at(self, handle: Handle) -> QPointF:
+        """Where a handle is drawn: that of a width stands off its bank, clear of the course."""
+        at = self.desk.of_world(handle.x, handle.y)
+        if handle.role != "width":
+            return at
+        off = at - self.desk.of_world(handle.base_x, handle.base_y)
+        length = math.hypot(off.x(), off.y())
+        return at + (off * (_OUT / length) if length > 0.0 else QPointF(0.0, -_OUT))

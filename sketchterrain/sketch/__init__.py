@@ -4,16 +4,17 @@
 material covers the ground (their table is in `material_rules`), `edits` what can be changed of what was
 generated, and `reference` makes a page of all that. `document` holds it as a value, checked against these
 declarations. `files` reads and writes it as a folder or a ``.sketch`` zip; `toml_text`, `layer_images` and
-`archive` know the three formats involved, `contents` which files are a sketch's, `starter` the first sketch
-a person gets, `wording` how an error shows what was given, `toml_reading` any TOML. Nothing here knows what
-becomes of a sketch.
+`archive` know the three formats involved, `folder_save` replaces a folder's files as a whole, `contents`
+knows which files are a sketch's, `starter` the first sketch a person gets, `wording` how an error shows what
+was given, `toml_reading` any TOML. `history` holds the steps of undo, each as a `layer_change` of tiles.
+Nothing here knows what becomes of a sketch.
 """
 
 from __future__ import annotations
 
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.edits import ACTIONS, ADDED_BIT, Edit
-from sketchterrain.sketch.files import load_sketch, new_sketch, save_sketch
+from sketchterrain.sketch.files import load_sketch, new_sketch, packed_sketch, save_sketch
 from sketchterrain.sketch.material_rule import (
     FACTOR,
     INPUTS,
@@ -66,6 +67,7 @@ __all__ = [
     "Sketch",
     "load_sketch",
     "new_sketch",
+    "packed_sketch",
     "reference_table",
     "resolved_rules",
     "rule_table",

@@ -10,7 +10,7 @@ from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
     from importlib.resources.abc import Traversable
 
 __all__ = [
@@ -65,8 +65,18 @@ def sketch_files(names: Iterable[str], place: str) -> list[str]:
     return [name for name in visible if name == SETTINGS or name in images]
 
 
-def read_folder(folder: Traversable, place: str) -> dict[str, bytes]:
+def read_folder(
+    folder: Traversable, place: str, *, given: Mapping[str, bytes] | None = None
+) -> dict[str, bytes]:
     """Return the content of the sketch's files in a folder, by name.
+
+    Parameters
+    ----------
+    folder
+    place
+        How errors name it.
+    given
+        Content that counts in place of what the folder has by that name.
 
     Raises
     ------
@@ -74,8 +84,12 @@ def read_folder(folder: Traversable, place: str) -> dict[str, bytes]:
         If a file is missing, unknown, too large or cannot be read.
     """
     contents: dict[str, bytes] = {}
+    given = given or {}
     try:
-        for name in sketch_files([entry.name for entry in folder.iterdir()], place):
+        for name in sketch_files({*given, *(entry.name for entry in folder.iterdir())}, place):
+            if name in given:
+                contents[name] = given[name]
+                continue
             entry, limit = folder.joinpath(name), file_limit(name)
             if not entry.is_file():
                 raise InputError(f"{place}/{name}: expected a file")

@@ -5,11 +5,13 @@ from __future__ import annotations
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
+from weakref import ref
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.resources import preset, preset_names
 from sketchterrain.sketch.archive import pack_zip, read_zip
 from sketchterrain.sketch.contents import SETTINGS, read_folder
+from sketchterrain.sketch.folder_save import PLEDGE, read_saved_folder, replace_files
 from sketchterrain.sketch.layer_images import decode_layer, encode_layer
 from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.starter import starter_sketch
@@ -22,9 +24,11 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch.document import LabelImage, Sketch
 
-__all__ = ["load_sketch", "new_sketch", "save_sketch"]
+__all__ = ["load_sketch", "new_sketch", "packed_sketch", "save_sketch"]
 
 _ZIP_SUFFIX = ".sketch"
+
+_last_written: dict[str, tuple[ref[LabelImage], bytes]] = {}
 
 
 def load_sketch(path_or_preset: str | Path) -> Sketch:
@@ -44,7 +48,8 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
     path = Path(path_or_preset)
     place = one_line(path)
     try:
-        is_file, is_sketch, exists = path.is_file(), (path / SETTINGS).is_file(), path.exists()
+        is_file, exists = path.is_file(), path.exists()
+        is_sketch = (path / SETTINGS).is_file() or (path / PLEDGE).is_file()
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     if is_file:
@@ -53,7 +58,7 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
         place = f"preset {path_or_preset}"
         return _read_sketch(read_folder(preset(path_or_preset), place), place)
     if exists:
-        return _read_sketch(read_folder(path, place), place)
+        return _read_sketch(read_saved_folder(path, place), place)
     names = preset_names()
     raise InputError(
         f"no sketch {shown(str(path_or_preset))}: expected a folder, a {_ZIP_SUFFIX} file or a preset "
@@ -64,8 +69,9 @@ def load_sketch(path_or_preset: str | Path) -> Sketch:
 def save_sketch(sketch: Sketch, path: str | Path) -> None:
     """Write a sketch: its settings and the image of every layer, painted or not.
 
-    Loading it again gives the same sketch. Each file is written whole or not at all, and other files
-    in the folder are left alone. The same sketch gives the same bytes.
+    Loading it again gives the same sketch. It is written as a whole or not at all: whoever loads it, even
+    after a crash, gets the old sketch or the new one. Other files in the folder, and those that need no
+    change, are left alone. The same sketch gives the same bytes.
 
     Parameters
     ----------
@@ -85,7 +91,7 @@ def save_sketch(sketch: Sketch, path: str | Path) -> None:
     if target.is_dir() or target.suffix.lower() != _ZIP_SUFFIX:
         _save_folder(sketch, target)
     else:
-        write_whole(target, pack_zip(_encode(sketch)))
+        write_whole(target, packed_sketch(sketch))
 
 
 def new_sketch(folder: str | Path) -> None:
@@ -126,9 +132,31 @@ def _check_one_size(images: Mapping[str, LabelImage], name: str) -> None:
         )
 
 
+def packed_sketch(sketch: Sketch, *, beside: Mapping[str, bytes] | None = None) -> bytes:
+    """Return what a ``.sketch`` file of a sketch holds.
+
+    Parameters
+    ----------
+    sketch
+    beside
+        Other files in it, by name; loading the sketch does not look at them.
+    """
+    return pack_zip({**_encode(sketch), **(beside or {})})
+
+
 def _encode(sketch: Sketch) -> dict[str, bytes]:
-    files = {f"{name}.png": encode_layer(sketch.layers[name], layer.colour) for name, layer in LAYERS.items()}
+    files = {f"{name}.png": _encoded_layer(name, sketch.layers[name]) for name in LAYERS}
     return files | {SETTINGS: settings_text(sketch).encode("utf-8")}
+
+
+def _encoded_layer(name: str, image: LabelImage) -> bytes:
+    """Return a layer's file; one that was written last time is still known, for whoever saves often."""
+    known = _last_written.get(name)
+    if known is not None and known[0]() is image:
+        return known[1]
+    content = encode_layer(image, LAYERS[name].colour)
+    _last_written[name] = ref(image), content
+    return content
 
 
 def _save_folder(sketch: Sketch, folder: Path) -> None:
@@ -136,9 +164,7 @@ def _save_folder(sketch: Sketch, folder: Path) -> None:
         if folder.exists() and not folder.is_dir():
             raise InputError(f"{one_line(folder)}: expected a folder or a name that ends in {_ZIP_SUFFIX}")
         files = _encode(sketch)
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, content in files.items():
-            write_whole(folder / name, content)
+        replace_files(folder, files)
 
 
 @contextmanager

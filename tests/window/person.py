@@ -1,0 +1,139 @@
+"""A person before the program: sees its window on a screen of its own, has a mouse and a keyboard."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import ImageGrab
+
+_DRIVEN = Path(__file__).with_name("driven.py")
+_PATIENCE = 120.0  # s; machines are shared
+
+
+class Person:
+    """Starts the program and uses it through X's own events.
+
+    Parameters
+    ----------
+    display
+        Of the X server.
+    home
+        Folder for all that the program keeps.
+    """
+
+    def __init__(self, display: str, home: Path) -> None:
+        self.display = display
+        folders = ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "XDG_DATA_HOME")
+        kept = {name: str(home / name.lower()) for name in folders}
+        self._environment = {**os.environ, **kept, "DISPLAY": display, "QT_QPA_PLATFORM": "xcb"}
+        self._program: subprocess.Popen[str] | None = None
+
+    def start(self, *arguments: str) -> float:
+        """Start ``sketchterrain edit`` and wait until its window is there; return the seconds it took."""
+        begun = time.monotonic()
+        self._program = subprocess.Popen(
+            [sys.executable, str(_DRIVEN), "edit", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=self._environment,
+        )
+        self.wait("window is not None and window.isVisible()")
+        took = time.monotonic() - begun
+        self.x("windowfocus", "--sync", str(self.ask("int(window.winId())")))
+        return took
+
+    def ask(self, question: str) -> Any:
+        """Return the value of an expression about the window."""
+        assert self._program is not None
+        assert self._program.stdin is not None
+        assert self._program.stdout is not None
+        self._program.stdin.write(question.replace("\n", " ") + "\n")
+        self._program.stdin.flush()
+        line = self._program.stdout.readline()
+        assert line, f"the program ended with code {self._program.wait(timeout=10)}"
+        told = json.loads(line)
+        assert "error" not in told, f"{question}: {told['error']}"
+        return told["value"]
+
+    def wait(self, question: str, *, seconds: float = _PATIENCE) -> None:
+        """Wait until an expression about the window holds."""
+        end = time.monotonic() + seconds
+        while not self.ask(question):
+            assert time.monotonic() < end, f"waited {seconds:g} s for: {question}"
+            time.sleep(0.05)
+
+    def x(self, *arguments: str) -> None:
+        """Move the mouse, press buttons and keys: xdotool's words."""
+        subprocess.run(["xdotool", *arguments], check=True, env=self._environment, stdout=subprocess.DEVNULL)
+
+    def key(self, *keys: str) -> None:
+        """Press keys one after another, ``ctrl+z`` together."""
+        for each in keys:
+            self.x("key", "--clearmodifiers", each)
+            time.sleep(0.05)
+
+    def write(self, text: str) -> None:
+        """Type a text."""
+        self.x("type", "--delay", "15", text)
+
+    def click(self, x: float, y: float, *, button: int = 1, times: int = 1) -> None:
+        """Click at a place of the screen."""
+        self.x("mousemove", str(round(x)), str(round(y)))
+        self.x("click", "--repeat", str(times), "--delay", "60", str(button))
+
+    def drag(self, *places: tuple[float, float], button: int = 1, steps: int = 12) -> None:
+        """Press at the first place, go through the others and let go at the last."""
+        words = ["mousemove", *map(str, map(round, places[0])), "mousedown", str(button), "sleep", "0.05"]
+        for (x0, y0), (x1, y1) in itertools.pairwise(places):
+            for step in range(1, steps + 1):
+                share = step / steps
+                x, y = round(x0 + share * (x1 - x0)), round(y0 + share * (y1 - y0))
+                words += ["mousemove", str(x), str(y), "sleep", "0.012"]
+        self.x(*words, "sleep", "0.05", "mouseup", str(button))
+
+    def see(self, path: Path | None = None) -> np.ndarray:
+        """Return the screen, (height, width, 3) uint8; keep it as a picture if a path is given."""
+        picture = ImageGrab.grab(xdisplay=self.display).convert("RGB")
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            picture.save(path)
+        return np.asarray(picture)
+
+    def kill(self) -> None:
+        """End the program as the system does it: at once."""
+        assert self._program is not None
+        self._program.send_signal(signal.SIGKILL)
+        self._end()
+
+    def leave(self) -> int:
+        """Quit without saving; return the exit code."""
+        assert self._program is not None
+        document = "window.canvas._document"
+        self.ask(f"{document}.saved({document}.sketch, {document}.path), QTimer.singleShot(0, window.close)")
+        code = self._program.wait(timeout=30)
+        self._end()
+        return code
+
+    def close(self) -> None:
+        """Make sure that no program runs."""
+        if self._program is not None and self._program.poll() is None:
+            self._program.kill()
+        self._end()
+
+    def _end(self) -> None:
+        if self._program is not None:
+            for stream in (self._program.stdin, self._program.stdout):
+                if stream is not None:
+                    stream.close()
+            self._program.wait(timeout=30)
+            self._program = None

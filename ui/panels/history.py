@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from PyQt6.QtCore import QAbstractListModel, QModelIndex, QSignalBlocker, QSize, Qt
+from PyQt6.QtCore import QAbstractListModel, QModelIndex, QSize, Qt
 from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
 from sketchterrain.ui.look.theme import MARGIN, SMALL
@@ -30,6 +30,7 @@ class HistoryPanel(QWidget):
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._document = document
+        self._filling = False
         self._steps = _Steps(document, self)
         self.list = plain_list("History", "Click a step to undo or redo up to there", self)
         self.list.setUniformItemSizes(True)
@@ -57,22 +58,18 @@ class HistoryPanel(QWidget):
 
     def _refresh(self) -> None:
         history = self._document.history
-        selection = self.list.selectionModel()
-        with QSignalBlocker(selection):
-            self._steps.refresh()
-            current = self._steps.index(history.position)
-            if selection is not None:
-                selection.setCurrentIndex(current, selection.SelectionFlag.ClearAndSelect)
+        self._filling = True  # a blocked selection would leave the list with what is gone
+        self._steps.refresh()
+        current = self._steps.index(history.position)
+        self.list.setCurrentIndex(current)
+        self._filling = False
         self.list.scrollTo(current)
-        port = self.list.viewport()
-        if port is not None:
-            port.update()  # the selection told nobody
         done, undone = history.position, len(history.titles) - 1 - history.position
         words = f"{done} step{'' if done == 1 else 's'}" + (f", {undone} undone" if undone else "")
         self._memory.setText(f"{words} · {size_text(history.bytes)}")
 
     def _go(self, index: QModelIndex) -> None:
-        if index.isValid():
+        if index.isValid() and not self._filling:
             self._document.go_to(index.row())
 
 
@@ -100,3 +97,5 @@ class _Steps(QAbstractListModel):
             self.beginResetModel()
             self._titles = titles
             self.endResetModel()
+        else:
+            self.dataChanged.emit(self.index(0), self.index(len(titles) - 1), [PALE])

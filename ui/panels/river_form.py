@@ -56,6 +56,7 @@ class RiverForm(QWidget):
         self._workspace = workspace
         self._placed: Placed | None = None
         self._chosen: Chosen | None = None
+        self._asked: tuple[Placed, Chosen, float, float] | None = None
         self.layer, self.label, self.line = "river", 1, ""
         self.width_row = NumberRow(ACTIONS["width"].needs["width"], resets=False, decimals=1)
         self.points = self._make_points()
@@ -100,14 +101,21 @@ class RiverForm(QWidget):
         east, north = self._document.sketch.size
         self.east.set_span(0.0, east)
         self.north.set_span(0.0, north)
-        self.east.show_value(float(river.points[index, 0]))
-        self.north.show_value(float(river.points[index, 1]))
+        x, y = self._place(placed, river, index)
+        self.east.show_value(x)
+        self.north.show_value(y)
         level = number(float(river.points[index, 2]), decimals=1)
         self._note.setText(
             "Here it joins another river, and follows it."
             if joins
             else f"The water stands at {level} m there."
         )
+
+    def _place(self, placed: Placed, river: River, index: int) -> tuple[float, float]:
+        """Return where a control point lies, or will lie once what was asked for is placed."""
+        if self._asked is not None and self._asked[0] is placed and self._asked[1] == self._chosen:
+            return self._asked[2:]
+        return float(river.points[index, 0]), float(river.points[index, 1])
 
     def _choose_point(self, number: float) -> None:
         if self._chosen is not None:
@@ -124,6 +132,7 @@ class RiverForm(QWidget):
         placed, chosen = self._placed, self._chosen
         if placed is not None and chosen is not None:
             changed = point_moved(self._document.sketch, placed, chosen, x, y)
+            self._asked = (placed, chosen, x, y)
             self._document.do(f"Move a point of {name_of(placed, chosen)}", changed, merge=key)
 
     def _make_points(self) -> NumberBox:

@@ -63,10 +63,11 @@ class Scale:
     def _rounded(self, value: float) -> float:
         if self.whole:
             return float(round(value))
-        span = self.high - self.low if self.kind == "even" else abs(value)
-        grain = 10.0 ** (math.floor(math.log10(max(span, 1e-9))) - 2)
-        if self.kind != "even":
-            grain *= 5  # 600, 605, …: two figures and a half
+        size = max(self.high - self.low if self.kind == "even" else abs(value), 1e-9)
+        power = math.floor(math.log10(size))
+        grain = 10.0 ** (power - 2)
+        if self.kind != "even":  # about a hundredth of the value: 100, 101, … 200, 202, … 500, 505
+            grain *= next(n for n in (5, 2, 1) if n * 10.0**power <= size * 1.0001)
         return round(round(value / grain) * grain, 9)
 
 

@@ -1,0 +1,155 @@
+"""What holds for every panel: names for all controls, nothing is changed by showing it, nothing leaks."""
+
+from __future__ import annotations
+
+import pytest
+from PyQt6.QtCore import QCoreApplication, QEvent, Qt
+from PyQt6.QtWidgets import (
+    QAbstractButton,
+    QAbstractItemView,
+    QAbstractSlider,
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QLineEdit,
+    QScrollBar,
+    QWidget,
+)
+
+from sketchterrain.sketch import load_sketch
+from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.panels.adherence import AdherencePanel
+from sketchterrain.ui.panels.contradictions import ContradictionsPanel
+from sketchterrain.ui.panels.history import HistoryPanel
+from sketchterrain.ui.panels.layers import LayersPanel
+from sketchterrain.ui.panels.properties import PropertiesPanel
+from sketchterrain.ui.panels.status_line import StatusLine
+from sketchterrain.ui.panels.view import ViewPanel
+from sketchterrain.ui.panels.world import WorldPanel
+
+PANELS = {
+    "layers": lambda document, workspace, _: LayersPanel(document, workspace),
+    "properties": PropertiesPanel,
+    "world": lambda document, _, __: WorldPanel(document),
+    "history": lambda document, _, __: HistoryPanel(document),
+    "view": lambda document, _, link: ViewPanel(document, link),
+    "adherence": lambda _, workspace, link: AdherencePanel(workspace, link),
+    "contradictions": lambda _, workspace, link: ContradictionsPanel(workspace, link),
+    "status": StatusLine,
+}
+CONTROLS = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit, QAbstractItemView)
+
+
+@pytest.fixture(params=PANELS)
+def make(request, document, workspace, link):
+    return lambda: PANELS[request.param](document, workspace, link)
+
+
+@pytest.fixture
+def panel(qtbot, make):
+    panel = make()
+    qtbot.addWidget(panel)
+    panel.resize(300, 600)
+    panel.show()
+    return panel
+
+
+def shown_in_every_way(workspace, link, placed):
+    """Go through all that the panels can show."""
+    link.placed = placed
+    link.placed_changed.emit(placed)
+    for layer in ("mountain", "river", "forest", "material", "dune"):
+        workspace.use_label(layer, 1)
+        yield
+    for chosen in (
+        Chosen("feature", int(placed.points["id"][0])),
+        Chosen("river", placed.rivers[0].id, 1),
+        Chosen("lake", placed.lakes[0].id),
+        Chosen("lake", 12345),
+        None,
+    ):
+        workspace.chosen = chosen
+        yield
+
+
+def parts(panel):
+    """Controls of a panel that are the program's, not parts of Qt's own widgets."""
+    for each in panel.findChildren(QWidget):
+        inner = isinstance(each.parent(), QAbstractSpinBox | QComboBox | QAbstractItemView)
+        if isinstance(each, CONTROLS) and not inner and not isinstance(each, QScrollBar):
+            popup = each.window() is not panel.window()
+            if not popup:
+                yield each
+
+
+def test_every_control_has_a_name_and_a_tool_tip(panel, workspace, link, placed):
+    for _ in shown_in_every_way(workspace, link, placed):
+        for control in parts(panel):
+            assert control.accessibleName(), f"{control} has no name: {control.parent()}"
+            assert control.toolTip(), f"{control.accessibleName()} has no tool tip"
+
+
+def test_every_enabled_control_is_reached_by_the_keyboard(panel, workspace, link, placed):
+    for _ in shown_in_every_way(workspace, link, placed):
+        for control in parts(panel):
+            if control.isVisible() and control.isEnabled():
+                assert control.focusPolicy() & Qt.FocusPolicy.TabFocus, control.accessibleName()
+
+
+def test_showing_changes_nothing(panel, document, workspace, link, placed):
+    before, looks = document.sketch, [workspace.look(name) for name in document.sketch.layers]
+    tool, brush, overlays, view = workspace.tool, workspace.brush, workspace.overlays, link.view
+    for _ in shown_in_every_way(workspace, link, placed):
+        QCoreApplication.processEvents()
+    assert document.sketch is before
+    assert len(document.history.titles) == 1
+    assert [workspace.look(name) for name in document.sketch.layers] == looks
+    assert (workspace.tool, workspace.brush, workspace.overlays) == (tool, brush, overlays)
+    assert link.view == view
+    assert link.told == []
+
+
+def test_another_document_is_shown_without_a_change(panel, document):
+    for name in ("alpine_range", "desert_mountains", "rolling_hills"):
+        sketch = load_sketch(name)
+        document.open(sketch)
+        QCoreApplication.processEvents()
+        assert document.sketch is sketch
+        assert len(document.history.titles) == 1
+
+
+def test_nothing_is_cut_in_a_narrow_dock(panel, workspace, link, placed):
+    if isinstance(panel, StatusLine):  # a line of the window, no dock
+        assert panel.minimumSizeHint().width() <= 900
+        return
+    assert panel.minimumSizeHint().width() <= 220
+    for _ in shown_in_every_way(workspace, link, placed):
+        QCoreApplication.processEvents()
+        for control in parts(panel):
+            if control.isVisible():
+                left = control.mapTo(panel, control.rect().topLeft()).x()
+                right = control.mapTo(panel, control.rect().topRight()).x()
+                assert 0 <= left <= right < 300, control.accessibleName()
+
+
+def test_a_hundred_panels_come_and_go(qtbot, make, document, workspace, link, placed):
+    def come_and_go():
+        panel = make()
+        panel.show()
+        QCoreApplication.processEvents()
+        panel.close()
+        panel.deleteLater()
+        QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        QCoreApplication.processEvents()
+
+    for _ in shown_in_every_way(workspace, link, placed):
+        come_and_go()
+    before = len(QApplication.allWidgets())
+    for _ in range(100):
+        come_and_go()
+    assert len(QApplication.allWidgets()) == before
+    document.sketch_changed.emit()  # nobody listens any more
+    document.history_changed.emit()
+    document.opened.emit()
+    workspace.overlays_changed.emit()
+    link.placed_changed.emit(placed)

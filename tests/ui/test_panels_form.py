@@ -1,0 +1,317 @@
+"""What rows of a form are made of: scales, words, gestures; and rows for every declared parameter."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+from PyQt6.QtCore import QPoint, Qt
+from PyQt6.QtTest import QTest
+
+from sketchterrain.sketch import LAYERS, SKETCH, TABLES
+from sketchterrain.ui.panels import gesture as gesture_module
+from sketchterrain.ui.panels.form import ParameterForm, row_of
+from sketchterrain.ui.panels.gesture import Gesture
+from sketchterrain.ui.panels.number_box import WAY
+from sketchterrain.ui.panels.number_row import NumberRow
+from sketchterrain.ui.panels.parameter_row import ChoiceRow, TextRow
+from sketchterrain.ui.panels.scale import Scale, scale_of
+from sketchterrain.ui.panels.wording import (
+    comfortable_range,
+    help_of,
+    number,
+    size_text,
+    special_of,
+    suffix_of,
+    title_of,
+    tool_tip,
+    with_unit,
+)
+
+HEIGHT = LAYERS["mountain"].parameters["height"]
+FLOW = LAYERS["river"].parameters["flow"]
+EVERY = {
+    **{f"sketch.{name}": each for name, each in SKETCH.items()},
+    **{f"{table}.{name}": each for table, all_ in TABLES.items() for name, each in all_.items()},
+    **{f"{layer.name}.{name}": each for layer in LAYERS.values() for name, each in layer.parameters.items()},
+}
+NUMBERS = {name: each for name, each in EVERY.items() if each.kind is not str}
+SCALES = [Scale(0.0, 1.0), Scale(1.0, 9000.0, "ratio"), Scale(0.0, 2000.0, "cube"), Scale(-90.0, 90.0)]
+
+
+@pytest.mark.parametrize("scale", [*SCALES, Scale(1, 500, "ratio", whole=True)])
+def test_a_scale_goes_from_end_to_end_and_never_back(scale):
+    values = [scale.at(n / 500) for n in range(501)]
+    assert values[0] == scale.low
+    assert values[-1] == scale.high
+    assert values == sorted(values)
+    assert all(float(value).is_integer() for value in values) or not scale.whole
+
+
+@pytest.mark.parametrize("scale", SCALES)
+def test_share_and_value_belong_together(scale):
+    for n in range(11):
+        value = scale.at(n / 10)
+        assert scale.share(value) == pytest.approx(n / 10, abs=0.004)  # values are rounded
+        assert scale.at(scale.share(value)) == pytest.approx(value, rel=1e-9, abs=1e-9)
+
+
+def test_values_are_what_a_person_would_type():
+    assert Scale(1.0, 9000.0, "ratio").at(0.7) == 585.0
+    assert Scale(0.0, 1.0).at(0.3337) == 0.33
+    assert Scale(0.0, 1.0).step == 0.05
+    assert Scale(0.0, 360.0).step == 10.0
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_every_number_has_a_scale_within_its_range(name):
+    parameter = NUMBERS[name]
+    low, high = comfortable_range(parameter)
+    assert parameter.low <= low < high <= parameter.high
+    scale = scale_of(parameter, low, high)
+    for n in range(21):
+        parameter.check(int(scale.at(n / 20)) if parameter.kind is int else scale.at(n / 20))
+
+
+def test_wide_ranges_go_by_ratios():
+    assert scale_of(HEIGHT, 1.0, 9000.0).kind == "ratio"
+    assert scale_of(TABLES["ground"]["relief"], 0.0, 2000.0).kind == "cube"
+    assert scale_of(LAYERS["dune"].parameters["wind"], 0.0, 360.0).kind == "even"
+    assert scale_of(LAYERS["forest"].parameters["density"], 0.0, 1.0).kind == "even"
+
+
+def test_words():
+    assert title_of("snow_line") == "Snow line"
+    assert suffix_of(HEIGHT) == " m"
+    assert suffix_of(FLOW) == "°"
+    assert suffix_of(TABLES["density"]["hill"]) == " /km²"
+    assert suffix_of(SKETCH["name"]) == ""
+    assert with_unit(HEIGHT, 600.0) == "600 m"
+    assert with_unit(FLOW, -1.0) == "downhill"
+    assert with_unit(LAYERS["material"].parameters["material"], "river_bed") == "river bed"
+    assert number(12.250) == "12.25"
+    assert number(-0.0) == "0"
+    assert number(100.0, decimals=0) == "100"
+    assert number(-3.5) == "−3.5"
+    assert [size_text(size) for size in (900, 14_200, 812e6, 2.5e9)] == [
+        "0.9 kB",
+        "14 kB",
+        "812 MB",
+        "2.5 GB",
+    ]
+    assert "1 to 9000 m" in tool_tip(HEIGHT)
+    assert "600 m" in tool_tip(HEIGHT)
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_help_says_nothing_of_values_that_have_a_box(name):
+    parameter = EVERY[name]
+    assert help_of(parameter)[0] == help_of(parameter)[0].upper()
+    if special_of(parameter) is not None and parameter.help.count(";"):
+        assert help_of(parameter).lower() != parameter.help.lower()
+    assert "-1" not in help_of(parameter)
+
+
+def test_special_values_are_those_at_an_end_of_the_range():
+    special = {name for name, each in EVERY.items() if special_of(each)}
+    expected = {"river.flow", "river.width", "forest.conifers", "weather.hour"}
+    assert special == expected | {"climate.snow_line", "climate.tree_line"}
+    assert special_of(dataclasses.replace(LAYERS["river"].parameters["width"], low=0.5)) is None
+
+
+def test_a_drag_is_one_gesture_and_keys_in_a_row_are_one(monkeypatch):
+    now = 100.0
+    monkeypatch.setattr(gesture_module.time, "monotonic", lambda: now)
+    gesture = Gesture()
+    first = gesture.key
+    now += 0.5
+    assert gesture.key is first
+    now += 5.0
+    later = gesture.key
+    assert later is not first
+    gesture.begin()
+    dragged = gesture.key
+    now += 60.0
+    assert gesture.key is dragged is not later
+    gesture.end()
+    assert gesture.key is not dragged
+
+
+@pytest.fixture
+def told():
+    return []
+
+
+@pytest.fixture
+def listened(qtbot, told):
+    """Show a row, write down what it tells, and hold it until the test has ended: Qt may still draw it."""
+    held = []
+
+    def listen(row):
+        held.append(row)
+        qtbot.addWidget(row)
+        row.edited.connect(lambda value, key: told.append((value, key)))
+        row.show_value(row.parameter.default)
+        row.resize(280, 60)
+        row.show()
+        return row
+
+    yield listen
+    held.clear()
+
+
+@pytest.mark.parametrize("name", EVERY)
+def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told, name):
+    row = listened(row_of(EVERY[name]))
+    kind = EVERY[name].kind
+    value = (
+        EVERY[name].choices[-1] if EVERY[name].choices else "words" if kind is str else kind(EVERY[name].high)
+    )
+    row.show_value(value)
+    assert not told
+    assert row.reset.isVisible() == (value != EVERY[name].default)
+    row.show_value(EVERY[name].default)
+    assert not row.reset.isVisible()
+    assert not told
+
+
+def test_a_dragged_slider_tells_values_with_one_key(listened, told):
+    row = listened(NumberRow(HEIGHT))
+    row.slider.setSliderDown(True)
+    for value in (500, 600, 700):
+        row.slider.setValue(value)
+    row.slider.setSliderDown(False)
+    row.slider.setValue(800)
+    keys = [key for _, key in told]
+    assert [value for value, _ in told] == sorted(value for value, _ in told)
+    assert len(told) == 4
+    assert keys[0] is keys[1] is keys[2]
+    assert keys[3] is not keys[2]
+
+
+def test_a_slider_stays_where_it_is_while_its_value_is_shown(listened, told):
+    row = listened(NumberRow(HEIGHT))
+    row.edited.connect(lambda value, _: row.show_value(value))
+    for place in (501, 502, 503, 650, 1000, 0):
+        row.slider.setValue(place)
+        assert row.slider.value() == place
+        assert row.box.value() == pytest.approx(told[-1][0])
+    row.slider.setFocus()
+    before = row.slider.value()
+    for _ in range(30):  # keys go on however small a step is
+        QTest.keyClick(row.slider, Qt.Key.Key_Right)
+    assert row.slider.value() == before + 30 * row.slider.singleStep()
+    assert row.slider.maximum() == WAY
+
+
+def test_a_typed_number_is_told_once_when_typing_has_ended(listened, told):
+    row = listened(NumberRow(HEIGHT))
+    row.box.selectAll()
+    QTest.keyClicks(row.box, "1234,5")
+    assert not told
+    QTest.keyClick(row.box, Qt.Key.Key_Return)
+    assert [value for value, _ in told] == [1234.5]
+
+
+def test_a_number_beyond_the_slider_is_kept(listened, told):
+    row = listened(NumberRow(TABLES["climate"]["snow_line"]))
+    row.show_value(-250.0)
+    assert row.box.value() == -250.0
+    assert row.slider.value() == 0
+    row = listened(NumberRow(SKETCH["extent"]))
+    row.show_value(1e6)
+    assert row.box.value() == 1e6
+    assert not told
+
+
+def test_a_number_is_not_rounded_by_being_shown(listened, told):
+    row = listened(NumberRow(HEIGHT, decimals=1))
+    row.show_value(123.456789)
+    row.box.setFocus()
+    row.slider.setFocus()
+    assert row.number == 123.456789
+    assert not told
+
+
+def test_a_special_value_is_a_box_to_check(listened, told):
+    row = listened(NumberRow(FLOW))
+    assert row.check.isChecked()
+    assert not row.box.isEnabled()
+    assert not row.slider.isEnabled()
+    row.check.click()
+    assert told[-1][0] == 180.0
+    row.show_value(90.0)
+    assert row.box.isEnabled()
+    assert row.box.value() == 90.0
+    row.check.click()
+    assert told[-1][0] == -1.0
+    row.show_value(-1.0)
+    row.check.click()
+    assert told[-1][0] == 90.0, "the number that stood there comes back"
+
+
+@pytest.mark.parametrize("widget", ["box", "slider"])
+def test_a_wheel_that_scrolls_past_changes_nothing(listened, told, widget):
+    from PyQt6.QtCore import QPointF
+    from PyQt6.QtGui import QWheelEvent
+    from PyQt6.QtWidgets import QApplication
+
+    row = listened(NumberRow(HEIGHT))
+    control = getattr(row, widget)
+
+    def turn():
+        event = QWheelEvent(
+            QPointF(5, 5),
+            QPointF(5, 5),
+            QPoint(),
+            QPoint(0, 120),
+            Qt.MouseButton.NoButton,
+            Qt.KeyboardModifier.NoModifier,
+            Qt.ScrollPhase.NoScrollPhase,
+            False,
+        )
+        QApplication.sendEvent(control, event)
+
+    row.setFocus()
+    turn()
+    assert not told
+    row.activateWindow()
+    control.setFocus()
+    if control.hasFocus():
+        turn()
+        assert told
+
+
+def test_a_choice_tells_what_is_chosen(listened, told):
+    parameter = LAYERS["material"].parameters["material"]
+    row = listened(ChoiceRow(parameter))
+    assert row.box.currentData() == "rock"
+    QTest.keyClick(row.box, Qt.Key.Key_Down)
+    assert told[-1][0] == parameter.choices[parameter.choices.index("rock") + 1]
+
+
+def test_a_text_is_told_when_it_was_typed(listened, told):
+    row = listened(TextRow(SKETCH["name"]))
+    row.field.selectAll()
+    QTest.keyClicks(row.field, "Alps")
+    assert not told
+    QTest.keyClick(row.field, Qt.Key.Key_Return)
+    assert told[-1][0] == "Alps"
+    row.show_value("Alps")
+    QTest.keyClick(row.field, Qt.Key.Key_Return)
+    assert len(told) == 1
+
+
+def test_a_form_names_its_parameters(qtbot):
+    form = ParameterForm(LAYERS["mountain"].parameters.values())
+    qtbot.addWidget(form)
+    edited, reset = [], []
+    form.edited.connect(lambda *each: edited.append(each[:2]))
+    form.reset_asked.connect(reset.append)
+    form.show_values({name: each.default for name, each in LAYERS["mountain"].parameters.items()})
+    form.rows["height"].box.setValue(700.0)
+    form.rows["multitude"].slider.setValue(WAY)
+    form.rows["erosion"].reset.click()
+    assert edited == [("height", 700.0), ("multitude", 500)]
+    assert isinstance(edited[1][1], int)
+    assert reset == ["erosion"]

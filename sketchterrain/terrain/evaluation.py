@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.recipe import TerrainRecipe
 
 __all__ = ["MASKS", "Evaluator"]
@@ -81,6 +82,24 @@ class Evaluator:
         other.vertices = VertexWriter(other._arguments)
         other._detail = None
         other.recipe = other._arguments.recipe
+        return other
+
+    def after(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> Evaluator:
+        """Return an evaluator of a changed recipe of the same extent; what stays the same is shared.
+
+        Parameters
+        ----------
+        recipe
+            The changed one.
+        areas
+            Rectangles (m) that hold all that is another one.
+        """
+        other = copy(self)
+        other.recipe = recipe
+        other._arguments = self._arguments.after(recipe, areas)
+        other._launcher = self._launcher.of(other._arguments)
+        other.vertices = self.vertices.after(other._arguments, areas)
+        other._detail = None
         return other
 
     def surface(

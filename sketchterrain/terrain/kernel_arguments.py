@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -14,14 +13,16 @@ from sketchterrain.terrain.culling import field_index, item_lists, river_index
 from sketchterrain.terrain.field_packing import pack_covers, pack_fields, pack_lakes
 from sketchterrain.terrain.material_rules import pack_rules
 from sketchterrain.terrain.packing import effective_cell, pack_rivers, pack_world
+from sketchterrain.terrain.sameness import of_the_world, same
 from sketchterrain.terrain.surroundings import Surroundings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Hashable, Mapping, Sequence
 
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.culling import Lists
     from sketchterrain.terrain.packing import PackedRivers
     from sketchterrain.terrain.reach_index import ReachIndex
@@ -30,9 +31,14 @@ if TYPE_CHECKING:
 
 __all__ = ["KernelArguments", "Reaching"]
 
+K = TypeVar("K", bound="Hashable")
+V = TypeVar("V")
+
 _PARTS = ("starts", "list")
 # Lists of a block, as kernels/world.clh counts them.
 _MOUNTAIN, _FOREST, _DUNES = 0, 2, slice(3, None)
+_MOST_WORLDS = 64  # cell sizes
+_MOST_RIVERS = 16  # tolerances
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,16 +81,12 @@ class KernelArguments:
     def __init__(self, recipe: TerrainRecipe, context: ComputeContext) -> None:
         self.recipe = recipe
         self.context = context
-        self._rivers = lru_cache(maxsize=16)(self._upload_rivers)
-        self._lakes = pack_fields(recipe, [lake.shape for lake in recipe.lakes])
-        self._lake_index = field_index(self._lakes)
-        self._lake_samples = context.upload(self._lakes.samples.astype(context.real_dtype))
-        self._covers = pack_fields(recipe, [cover.shape for cover in recipe.covers])
-        self._cover_index = field_index(self._covers)
-        self._cover_buffers = self._upload_covers()
         self.rules = self._upload_rules()
+        self._worlds: dict[float, dict[str, Any]] = {}
+        self._put_rivers()
+        self._put_lakes()
+        self._put_covers()
         self._around = Surroundings(recipe, context)
-        self._world = lru_cache(maxsize=64)(self._upload_world)
 
     def with_strengths(self, strength: npt.NDArray[np.floating]) -> KernelArguments:
         """Return those of the same recipe but for the painted features' strengths, shape (n,).
@@ -98,9 +100,54 @@ class KernelArguments:
         other._around = self._around.with_recipe(other.recipe)
         return other
 
+    def after(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> KernelArguments:
+        """Return those of a changed recipe; what stays the same stays on the device.
+
+        Parameters
+        ----------
+        recipe
+            The changed one.
+        areas
+            Rectangles (m) that hold all that is another one, as `changed_areas` tells them.
+        """
+        before = self.recipe
+        if of_the_world(before) != of_the_world(recipe):
+            return KernelArguments(recipe, self.context)
+        other = copy(self)
+        other.recipe = recipe
+        other._worlds = dict(self._worlds)
+        if not same((before.rivers, before.river_reach), (recipe.rivers, recipe.river_reach)):
+            other._put_rivers()
+        if not same(before.lakes, recipe.lakes):
+            other._put_lakes()
+        if not same(before.covers, recipe.covers):
+            other._put_covers()
+        other._around = self._around.after(recipe, areas)
+        return other
+
+    def _put_rivers(self) -> None:
+        self._river_sets: dict[float, _Rivers] = {}
+
+    def _put_lakes(self) -> None:
+        self._lakes = pack_fields(self.recipe, [lake.shape for lake in self.recipe.lakes])
+        self._lake_index = field_index(self._lakes)
+        self._lake_samples = self.context.upload(self._lakes.samples.astype(self.context.real_dtype))
+        self._lake_worlds: dict[float, dict[str, Any]] = {}
+
+    def _put_covers(self) -> None:
+        self._covers = pack_fields(self.recipe, [cover.shape for cover in self.recipe.covers])
+        self._cover_index = field_index(self._covers)
+        self._cover_buffers = self._upload_covers()
+
     def world(self, cell_size: float) -> dict[str, Any]:
         """Return what does not depend on the place, by the names of the kernels' arguments; kept."""
-        return self._world(effective_cell(cell_size))
+        cell = effective_cell(cell_size)
+        world = _kept(self._worlds, cell, self._upload_world, _MOST_WORLDS)
+        lakes = _kept(self._lake_worlds, cell, self._upload_lakes, _MOST_WORLDS)
+        return {**world, **lakes}
+
+    def _rivers(self, tolerance: float) -> _Rivers:
+        return _kept(self._river_sets, tolerance, self._upload_rivers, _MOST_RIVERS)
 
     def reaching(
         self,
@@ -172,11 +219,18 @@ class KernelArguments:
     def _upload_world(self, cell: float) -> dict[str, Any]:
         upload, real = self.context.upload, self.context.real_dtype
         packed = pack_world(self.recipe, cell, real=real)
-        lakes = pack_lakes(self.recipe, self._lakes, cell)
         octaves = packed.octaves
         return {
             "scalars": upload(packed.scalars),
             "styles": upload(packed.styles),
+            "table": octaves,
+            "octaves": [upload(octaves.form), upload(octaves.offset), upload(octaves.scale.astype(real))],
+        }
+
+    def _upload_lakes(self, cell: float) -> dict[str, Any]:
+        upload, real = self.context.upload, self.context.real_dtype
+        lakes = pack_lakes(self.recipe, self._lakes, cell)
+        return {
             "lakes_shown": lakes.shown,
             "lakes": [
                 upload(self._lakes.at),
@@ -184,8 +238,6 @@ class KernelArguments:
                 upload(lakes.shape.astype(real)),
                 upload(lakes.profile.astype(real)),
             ],
-            "table": octaves,
-            "octaves": [upload(octaves.form), upload(octaves.offset), upload(octaves.scale.astype(real))],
         }
 
     def _upload_rules(self) -> list[Any]:
@@ -231,3 +283,12 @@ def _named(lists: Mapping[str, Lists]) -> dict[str, npt.NDArray[np.int32]]:
         for name, pair in lists.items()
         for part, array in zip(_PARTS, pair, strict=True)
     }
+
+
+def _kept(known: dict[K, V], key: K, make: Callable[[K], V], most: int) -> V:
+    """Return what is known under a key, made of it where it is new; so many are known at most."""
+    if key not in known:
+        while len(known) >= most:
+            del known[next(iter(known))]
+        known[key] = make(key)
+    return known[key]

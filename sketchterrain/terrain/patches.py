@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -55,6 +56,12 @@ class PatchLauncher:
         self._most = lru_cache(maxsize=8)(self._context.most_in_group)
         self._rows = lru_cache(maxsize=16)(self._whole_rows)
         self._staged = {name: Staging(self._context) for name in ("whole", "bare")}
+
+    def of(self, arguments: KernelArguments) -> PatchLauncher:
+        """Return one of another recipe of the same extent on the same device; room on it is shared."""
+        other = copy(self)
+        other._arguments = arguments
+        return other
 
     def surfaces(self, patches: Patches, store: SurfaceStore, slots: npt.NDArray[np.integer]) -> Reaching:
         """Enqueue heights, normals and materials of patches.

@@ -20,10 +20,13 @@ from sketchterrain.terrain.packing import pack_features, slot_count, support_rad
 from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.features.catalogue import Points
+    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.culling import Lists
     from sketchterrain.terrain.packing import PackedFeatures
     from sketchterrain.terrain.reach_index import ReachIndex
@@ -45,6 +48,7 @@ _WIDEST_BLOCK = 6
 _ALIGNED = 2
 _MOST_AROUND = 6
 _FOUND_TOGETHER_BITS = 2
+_ROUNDING = 4  # lattice units
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +118,41 @@ class Surroundings:
         other._gathered = OrderedDict()
         return other
 
+    def after(self, recipe: TerrainRecipe, areas: Sequence[Box]) -> Surroundings:
+        """Return those of a changed recipe, which keep what stands where nothing has changed.
+
+        Parameters
+        ----------
+        recipe
+            With the same noises and kinds of feature.
+        areas
+            Rectangles (m) that hold all that another feature reaches.
+        """
+        other = Surroundings(recipe, self._context)
+        if other._margin != self._margin or abs(other._bits - self._bits) > 1:
+            return other
+        other._bits = self._bits
+        changed = np.array(areas, np.float64).reshape(-1, 4) / metres_per_unit(recipe.extent)
+        changed += [-_ROUNDING, -_ROUNDING, _ROUNDING, _ROUNDING]
+        sheets = list(self._sheets.items())
+        ground = self._ground_of(np.array([key for key, _ in sheets], np.int64).reshape(-1, 2))
+        for (key, points), meets in zip(sheets, _meet_any(ground, changed).tolist(), strict=True):
+            if not meets:
+                other._sheets[key] = points
+        for known, found in self._gathered.items():
+            if not _meet_any(self._ground_of_key(known[1]), changed).any():
+                other._gathered[known] = found
+        return other
+
+    def _ground_of(self, sheets: Lattice) -> Lattice:
+        """Return west, south, east and north of sheets, lattice units."""
+        return np.concatenate([sheets, sheets + 1], axis=1) << self._bits
+
+    def _ground_of_key(self, where: bytes) -> Lattice:
+        """Return the ground of what was gathered under a key."""
+        numbers = np.frombuffer(where, np.int64, offset=1)
+        return numbers.reshape(-1, 4) if where[0] else self._ground_of(numbers.reshape(-1, 2))
+
     def gathered(self, blocks: Lattice, cell: float) -> Gathered:
         """Return the features that may reach any of the blocks.
 
@@ -176,7 +215,7 @@ class Surroundings:
 
     def _features_of(self, sheets: Lattice, cell: float) -> Points:
         """All features of sheets, sorted by id, without the fill where none of it shows at a cell size."""
-        ground = np.concatenate([sheets, sheets + 1], axis=1) << self._bits
+        ground = self._ground_of(sheets)
         found = painted_near(self._recipe, ground)
         if self._margin and self._recipe.fill.max_radius >= cell:
             found = np.concatenate([found, *self._fill_of(sheets)])
@@ -220,3 +259,9 @@ class Surroundings:
         found = np.concatenate(parts)
         _, unique = np.unique(found["id"], return_index=True)
         return found[unique]
+
+
+def _meet_any(ground: Lattice, areas: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Tell which rectangles meet any of some areas, both in lattice units."""
+    low, high = ground[:, None, :2], ground[:, None, 2:]
+    return np.asarray(((areas[:, :2] <= high) & (areas[:, 2:] >= low)).all(axis=-1).any(axis=-1))

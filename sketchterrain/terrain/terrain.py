@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
     from sketchterrain.terrain.vertices import VertexMemory
@@ -58,6 +60,26 @@ class Terrain:
         self.context = context
         self._evaluator = Evaluator(recipe, context)
         self._foliage = FoliageSampler(self._evaluator)
+
+    def after(self, sketch: Sketch, recipe: TerrainRecipe, areas: Sequence[Box]) -> Terrain:
+        """Return the terrain of a changed recipe on the same device; what stays the same is not made anew.
+
+        Its bits are those of a terrain that was never another one. Both stay usable, in one thread.
+
+        Parameters
+        ----------
+        sketch, recipe
+            The changed ones.
+        areas
+            As :func:`~sketchterrain.terrain.changed_areas` tells them of the two recipes.
+        """
+        if recipe.extent != self.recipe.extent:
+            return Terrain(sketch, recipe, self.context, memory=self.memory)
+        other = copy(self)
+        other.sketch, other.recipe = sketch, recipe
+        other._evaluator = self._evaluator.after(recipe, areas)
+        other._foliage = FoliageSampler(other._evaluator)
+        return other
 
     @property
     def extent(self) -> float:

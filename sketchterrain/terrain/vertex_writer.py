@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -20,8 +21,11 @@ from sketchterrain.terrain.vertices import FACTS
 from sketchterrain.terrain.wide_errors import WideErrors
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
+    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.kernel_arguments import KernelArguments
     from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.vertices import VertexStore
@@ -55,6 +59,14 @@ class VertexWriter:
         self._wide = WideErrors(arguments.recipe, self._heights)
         self._at_once: dict[int, Batches] = {}
         self._rooms: dict[str, tuple[int, Any]] = {}
+
+    def after(self, arguments: KernelArguments, areas: Sequence[Box]) -> VertexWriter:
+        """Return one of a changed recipe on the same device, in areas (m); room on it is shared."""
+        other = copy(self)
+        other._arguments = arguments
+        other._launcher = self._launcher.of(arguments)
+        other._wide = self._wide.after(arguments.recipe, other._heights, areas)
+        return other
 
     def write(
         self, keys: Lattice, slots: Lattice, parents: Lattice, store: VertexStore

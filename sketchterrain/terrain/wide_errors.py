@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.lattice import LATTICE_BITS
 from sketchterrain.terrain.patch_places import tile_samples
 from sketchterrain.terrain.recipe import FINEST_CELL
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     import numpy.typing as npt
 
+    from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.patch_places import Patches
     from sketchterrain.terrain.recipe import TerrainRecipe
 
     Floats = npt.NDArray[np.float32]
+    _Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]
 
 __all__ = ["WideErrors"]
 
@@ -44,8 +46,22 @@ class WideErrors:
         self._recipe = recipe
         self._heights = heights
         self._square_level = int(np.ceil(np.log2(recipe.extent / _WIDEST)))
-        self._samples = lru_cache(maxsize=_MOST_KEPT)(self._sampled)
-        self._unpainted = lru_cache(maxsize=_MOST_KEPT)(self._left_out)
+        self._sampled: dict[tuple[int, int], _Samples] = {}
+        self._left_out: dict[float, Floats] = {}
+
+    def after(
+        self, recipe: TerrainRecipe, heights: Callable[[Patches], Floats], areas: Sequence[Box]
+    ) -> WideErrors:
+        """Return those of a changed recipe of the same extent, which differs in some areas (m)."""
+        other = WideErrors(recipe, heights)
+        side = recipe.extent / 2.0**self._square_level
+        for (column, row), samples in self._sampled.items():
+            square = (column * side, row * side, (column + 1) * side, (row + 1) * side)
+            if not touches(areas, square):
+                other._sampled[column, row] = samples
+        if (self._beside, 0) in other._sampled:
+            other._left_out = dict(self._left_out)
+        return other
 
     def is_wide(self, level: int) -> bool:
         """Whether the tiles of a level are wider than what is looked at."""
@@ -64,7 +80,7 @@ class WideErrors:
         square = self._painted_square(level, column, row)
         if square is None:
             return self._unpainted(self._recipe.extent * 2.0**-level / (len(height) - 1))
-        x, y, full = self._samples(*square)
+        x, y, full = self._samples(square)
         width, quads = 1 << (LATTICE_BITS - level), len(height) - 1
         u = np.asarray((x - column * width) * (quads / width), np.float64)
         v = np.asarray(((row + 1) * width - y[:, None]) * (quads / width), np.float64)
@@ -84,17 +100,28 @@ class WideErrors:
         best = at[inside[np.argmax(painted["strength"][inside])]]
         return int(best[0]), int(best[1])
 
-    def _left_out(self, cell_size: float) -> Floats:
-        """How far full detail is from what a cell size shows of ground that nothing was painted on, m."""
-        beside = int(np.ceil(2.0**self._square_level)) + 1
-        _, _, full = self._samples(beside, 0)
-        coarse = tile_samples(self._square_level, [(beside, 0)], cell_size=cell_size)
-        return np.asarray(np.abs(full - self._heights(coarse)[0]), np.float32).ravel()
+    @property
+    def _beside(self) -> int:
+        """Column of a square beside the sketch."""
+        return int(np.ceil(2.0**self._square_level)) + 1
 
-    def _sampled(self, column: int, row: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
-        """Where the samples of a square lie (lattice units), and full detail there."""
-        patches = tile_samples(self._square_level, [(column, row)], cell_size=FINEST_CELL)
-        return patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
+    def _unpainted(self, cell_size: float) -> Floats:
+        """How far full detail is from what a cell size shows of ground that nothing was painted on, m."""
+        if cell_size not in self._left_out:
+            place = self._beside, 0
+            coarse = tile_samples(self._square_level, [place], cell_size=cell_size)
+            apart = np.abs(self._samples(place)[2] - self._heights(coarse)[0])
+            self._left_out[cell_size] = np.asarray(apart, np.float32).ravel()
+        return self._left_out[cell_size]
+
+    def _samples(self, place: tuple[int, int]) -> _Samples:
+        """Where the samples of a square lie (lattice units), and full detail there; kept."""
+        if place not in self._sampled:
+            patches = tile_samples(self._square_level, [place], cell_size=FINEST_CELL)
+            while len(self._sampled) >= _MOST_KEPT:
+                del self._sampled[next(iter(self._sampled))]
+            self._sampled[place] = patches.axis_x[0], patches.axis_y[0], self._heights(patches)[0]
+        return self._sampled[place]
 
 
 def _on_triangles(height: Floats, u: npt.NDArray[np.float64], v: npt.NDArray[np.float64]) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 from PyQt6.QtCore import QObject, QPointF, pyqtSignal
 
@@ -11,13 +11,17 @@ from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.canvas.viewport import Viewport
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
     from PyQt6.QtCore import QRectF
 
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 
-__all__ = ["Desk", "Pointer"]
+    Floats = npt.NDArray[np.float64]
+
+__all__ = ["Desk", "Pointer", "Tells"]
 
 
 @dataclass(frozen=True)
@@ -85,8 +89,12 @@ class Desk:
         sketch = self.document.sketch
         return x * sketch.pixel_size, (sketch.height_px - y) * sketch.pixel_size
 
-    def pixels(self, x: float, y: float) -> tuple[float, float]:
-        """Return the place of the sketch (px) of a place of the world (m)."""
+    @overload
+    def pixels(self, x: float, y: float) -> tuple[float, float]: ...
+    @overload
+    def pixels(self, x: Floats, y: Floats) -> tuple[Floats, Floats]: ...
+    def pixels(self, x: Any, y: Any) -> Any:
+        """Return the place of the sketch (px) of a place of the world (m), or of many."""
         sketch = self.document.sketch
         return x / sketch.pixel_size, sketch.height_px - y / sketch.pixel_size
 

@@ -9,7 +9,7 @@ from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.canvas.glyphs import draw_glyph, draw_haloed
+from sketchterrain.ui.canvas.glyphs import CHOSEN, draw_glyph, draw_haloed
 from sketchterrain.ui.canvas.underlays import AGREEMENT
 from sketchterrain.ui.canvas.writing import plate, write_beside
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
@@ -76,16 +76,16 @@ def draw_eye(painter: QPainter, desk: Desk, pose: Pose) -> None:
     around = QRectF(at.x() - _EYE, at.y() - _EYE, 2 * _EYE, 2 * _EYE)
     cone.arcTo(around, heading - 0.5 * opening, opening)
     cone.closeSubpath()
-    fill = QColor(theme().accent)
+    fill = QColor(CHOSEN)
     fill.setAlpha(70)
     painter.setBrush(fill)
     painter.setPen(QPen(QColor(255, 255, 255, 190), 2.4))
     painter.drawPath(cone)
     painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.setPen(QPen(theme().accent, 1.3))
+    painter.setPen(QPen(CHOSEN, 1.3))
     painter.drawPath(cone)
     painter.setPen(QPen(QColor(255, 255, 255), 1.5))
-    painter.setBrush(theme().accent)
+    painter.setBrush(CHOSEN)
     painter.drawEllipse(at, 4.5, 4.5)
 
 

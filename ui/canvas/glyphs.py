@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from functools import cache
+import math
+from functools import cache, lru_cache
 
 from PyQt6.QtCore import QPointF, QRectF, Qt
-from PyQt6.QtGui import QColor, QPainter, QPainterPath, QPen, QPolygonF
+from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 
-__all__ = ["DARK", "LIGHT", "draw_glyph", "draw_haloed"]
+__all__ = ["CHOSEN", "DARK", "LIGHT", "draw_glyph", "draw_haloed", "stamp_glyph"]
 
 LIGHT = QColor(255, 255, 255, 205)
 """Around lines."""
 DARK = QColor(24, 26, 30)
 """Lines."""
+CHOSEN = QColor(112, 38, 200)
+"""What is chosen: a hue that no layer has, as dark on paper in either theme."""
 
 
 def draw_glyph(
@@ -36,6 +39,42 @@ def draw_glyph(
     painter.scale(size, size)
     draw_haloed(painter, _glyph(kind), colour, 1.5, fill=kind in ("mountain", "forest"))
     painter.restore()
+
+
+def stamp_glyph(painter: QPainter, kind: str, at: QPointF, *, alpha: int, size: float, ratio: float) -> None:
+    """Draw the sign of a type of feature as `draw_glyph` does, from a picture that is kept.
+
+    Parameters
+    ----------
+    painter
+        On logical pixels.
+    kind, at
+        As for `draw_glyph`; it is put on whole device pixels.
+    alpha
+        0 … 255, of its lines.
+    size
+    ratio
+        Device pixels a logical one.
+    """
+    picture = _picture(kind, alpha, round(size, 2), ratio)
+    half = 0.5 * picture.width()
+    x, y = round(at.x() * ratio - half), round(at.y() * ratio - half)
+    painter.drawImage(QPointF(x / ratio, y / ratio), picture)
+
+
+@lru_cache(maxsize=64)
+def _picture(kind: str, alpha: int, size: float, ratio: float) -> QImage:
+    side = 2 * math.ceil(9.0 * size * ratio)
+    picture = QImage(side, side, QImage.Format.Format_ARGB32_Premultiplied)
+    picture.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(picture)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    colour = QColor(DARK)
+    colour.setAlpha(alpha)
+    draw_glyph(painter, kind, QPointF(0.5 * side, 0.5 * side), colour=colour, size=size * ratio)
+    painter.end()
+    picture.setDevicePixelRatio(ratio)
+    return picture
 
 
 def draw_haloed(

@@ -20,7 +20,7 @@ __all__ = ["HatchTable", "LayerHatch"]
 
 _BENEATH = 0.35  # share of its strength that a hatch keeps below another layer
 _OUTLINE = (30, 26, 22)  # red, green, blue
-_OUTLINE_STRENGTH = 0.6
+_OUTLINE_STRENGTH = 0.5
 
 
 @dataclass(frozen=True)

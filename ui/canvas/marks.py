@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from PyQt6.QtCore import QLineF, QRectF, Qt
+from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.ui.canvas.glyphs import DARK, draw_glyph, draw_haloed
+from sketchterrain.ui.canvas.glyphs import DARK, draw_haloed, stamp_glyph
+from sketchterrain.ui.canvas.scrolling import scrolled
 from sketchterrain.ui.canvas.shores import shore_lines
 from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
 
@@ -25,12 +27,14 @@ __all__ = ["Marks", "draw_chosen"]
 
 _RIVER = QColor(12, 52, 110)
 _SHORE = QColor(8, 70, 110)
-_STEP = 2.0  # px between points of a line that is drawn
+_STEP = 3.0  # px between points of a line that is drawn
 _CROWDED = 14.0  # px between features below which their glyphs would hide one another
 
 
 class Marks:
     """A picture of what was placed, kept while neither it nor the viewport changes.
+
+    Rings, how far features reach, are drawn while one chooses; while one paints they would be in the way.
 
     Parameters
     ----------
@@ -40,30 +44,49 @@ class Marks:
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
         self._image = QImage()
-        self._of: tuple[Placed | None, Viewport | None] = (None, None)
+        self._of: tuple[Placed | None, Viewport | None, bool] = (None, None, False)
         self._shores: dict[int, tuple[Lake, npt.NDArray[np.float64]]] = {}
 
     def image(self, placed: Placed) -> QImage:
         """Return the picture for the whole canvas, of device pixels, premultiplied."""
-        viewport = self._desk.viewport
-        if self._of[0] is placed and self._of[1] == viewport:
+        viewport, rings = self._desk.viewport, self._desk.workspace.tool == "select"
+        before, self._of = self._of, (placed, viewport, rings)
+        whole = QRect(0, 0, viewport.width, viewport.height)
+        if self._of == before:
             return self._image
-        self._of = (placed, viewport)
-        if (self._image.width(), self._image.height()) != (viewport.width, viewport.height):
-            form = QImage.Format.Format_ARGB32_Premultiplied
-            self._image = QImage(viewport.width, viewport.height, form)
-        self._image.setDevicePixelRatio(1.0)
-        self._image.fill(Qt.GlobalColor.transparent)
-        painter = QPainter(self._image)
-        painter.scale(self._desk.ratio, self._desk.ratio)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for lake in placed.lakes:
-            self._draw_shore(painter, lake)
-        for river in placed.rivers:
-            draw_river(painter, self._desk, river, QColor(_RIVER))
-        self._draw_points(painter, placed)
-        painter.end()
+        if (
+            before[1] is not None
+            and (before[0] is placed, before[2]) == (True, rings)
+            and replace(before[1], left=viewport.left, top=viewport.top) == viewport
+        ):
+            for area in scrolled(self._image, viewport.left - before[1].left, viewport.top - before[1].top):
+                self._draw(placed, area)
+            return self._image
+        if self._image.size() != whole.size():
+            self._image = QImage(whole.size(), QImage.Format.Format_ARGB32_Premultiplied)
+        self._draw(placed, whole)
         return self._image
+
+    def _draw(self, placed: Placed, area: QRect) -> None:
+        """Draw all that shows in an area of device pixels."""
+        desk, ratio = self._desk, self._desk.ratio
+        painter = QPainter(self._image)
+        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
+        painter.fillRect(area, Qt.GlobalColor.transparent)
+        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_SourceOver)
+        painter.setClipRect(area)
+        painter.scale(ratio, ratio)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if not self._of[2]:
+            sheet = QRectF(desk.at(0, 0), desk.at(desk.viewport.columns, desk.viewport.rows))
+            painter.setClipRect(sheet, Qt.ClipOperation.IntersectClip)
+        shown = QRectF(area.x() / ratio, area.y() / ratio, area.width() / ratio, area.height() / ratio)
+        for lake in placed.lakes:
+            draw_pieces(painter, desk, self.shore(lake), QColor(_SHORE), 1.2, shown)
+        for river in placed.rivers:
+            draw_river(painter, desk, river, QColor(_RIVER), shown)
+        self._draw_points(painter, placed, shown)
+        painter.end()
 
     def shore(self, lake: Lake) -> npt.NDArray[np.float64]:
         """Return the shore of a lake, (n, 4) m."""
@@ -72,34 +95,38 @@ class Marks:
             kept = self._shores[lake.id] = (lake, shore_lines(lake.shape))
         return kept[1]
 
-    def _draw_shore(self, painter: QPainter, lake: Lake) -> None:
-        draw_pieces(painter, self._desk, self.shore(lake), QColor(_SHORE), 1.2)
-
-    def _draw_points(self, painter: QPainter, placed: Placed) -> None:
+    def _draw_points(self, painter: QPainter, placed: Placed, area: QRectF) -> None:
         desk, points = self._desk, placed.points
-        width, height = desk.viewport.width / desk.ratio, desk.viewport.height / desk.ratio
-        at = [desk.of_world(float(x), float(y)) for x, y in zip(points["x"], points["y"], strict=True)]
         # A glyph shrinks before it hides its neighbours.
         spread = float(np.sqrt(max(desk.document.sketch.size) ** 2 / max(len(points), 1))) * desk.per_metre
         size = min(max(spread / (2.0 * _CROWDED), 0.45), 1.0)
-        for place, point in zip(at, points, strict=True):
-            reach = float(point["radius"]) * desk.per_metre
-            if not QRectF(-reach, -reach, width + 2 * reach, height + 2 * reach).contains(place):
-                continue
-            ring = QColor(DARK)
-            ring.setAlpha(95 if point["painted"] else 45)
-            painter.setBrush(Qt.BrushStyle.NoBrush)
-            painter.setPen(QPen(ring, 1.0))
-            painter.drawEllipse(place, reach, reach)
-            shade = QColor(DARK)
-            shade.setAlpha(235 if point["painted"] else 115)
-            draw_glyph(painter, FEATURE_TYPES[int(point["type"])], place, colour=shade, size=size)
+        column, row = desk.pixels(points["x"], points["y"])
+        ratio, scale = desk.ratio, desk.viewport.scale
+        x = (desk.viewport.left + column * scale) / ratio
+        y = (desk.viewport.top + row * scale) / ratio
+        reach = points["radius"].astype(np.float64) * desk.per_metre
+        near = np.maximum(reach if self._of[2] else 0.0, _CROWDED)
+        seen = (np.abs(x - area.center().x()) < near + 0.5 * area.width()) & (
+            np.abs(y - area.center().y()) < near + 0.5 * area.height()
+        )
+        for at in np.flatnonzero(seen).tolist():
+            painted = bool(points["painted"][at])
+            place = QPointF(float(x[at]), float(y[at]))
+            if self._of[2]:
+                ring = QColor(DARK)
+                ring.setAlpha(90 if painted else 45)
+                painter.setBrush(Qt.BrushStyle.NoBrush)
+                painter.setPen(QPen(ring, 1.0))
+                painter.drawEllipse(place, float(reach[at]), float(reach[at]))
+            kind = FEATURE_TYPES[int(points["type"][at])]
+            stamp_glyph(painter, kind, place, alpha=235 if painted else 115, size=size, ratio=ratio)
 
 
 def draw_chosen(
     painter: QPainter, marks: Marks, desk: Desk, placed: Placed, chosen: Chosen, colour: QColor
 ) -> None:
     """Draw what is chosen, or what the mouse is over, in a colour that stands out."""
+    everywhere = QRectF(0.0, 0.0, desk.viewport.width / desk.ratio, desk.viewport.height / desk.ratio)
     point, river, lake = point_of(placed, chosen), river_of(placed, chosen), lake_of(placed, chosen)
     if point is not None:
         reach = float(point["radius"]) * desk.per_metre
@@ -107,41 +134,74 @@ def draw_chosen(
         path.addEllipse(desk.of_world(float(point["x"]), float(point["y"])), reach, reach)
         draw_haloed(painter, path, colour, 2.0)
     elif river is not None:
-        draw_river(painter, desk, river, colour, strong=True)
+        draw_river(painter, desk, river, colour, everywhere, strong=True)
     elif lake is not None:
-        draw_pieces(painter, desk, marks.shore(lake), colour, 2.4)
+        draw_pieces(painter, desk, marks.shore(lake), colour, 2.4, everywhere)
 
 
-def draw_river(painter: QPainter, desk: Desk, river: River, colour: QColor, *, strong: bool = False) -> None:
-    """Draw a river's course and, where there is room, its banks."""
+def draw_river(
+    painter: QPainter, desk: Desk, river: River, colour: QColor, area: QRectF, *, strong: bool = False
+) -> None:
+    """Draw a river's course and, where there is room, its banks, as far as they show in an area."""
     line = river.centreline[:, :2]
     half = 0.5 * river.centreline_width.astype(np.float64)
     scale = desk.per_metre
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))]) * scale
     kept = np.unique(np.searchsorted(way, np.arange(0.0, way[-1] + _STEP, _STEP)).clip(max=len(line) - 1))
-    if len(kept) < 2:
-        return
+    x, y = (np.array(each) for each in desk.pixels(*line[kept].T))
+    corner, far = desk.on_sketch(area.topLeft()), desk.on_sketch(area.bottomRight())
+    room = float(half.max()) / desk.document.sketch.pixel_size + 2.0 * _STEP / desk.scale
+    seen = (x > corner[0] - room) & (x < far[0] + room) & (y > corner[1] - room) & (y < far[1] + room)
+    runs = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]])))
+    for first, last in runs.reshape(-1, 2).tolist():
+        run = kept[max(first - 1, 0) : last + 1]
+        if len(run) > 1:
+            _draw_reach(painter, desk, line, half, run, colour, strong)
+
+
+def _draw_reach(
+    painter: QPainter,
+    desk: Desk,
+    line: npt.NDArray[np.float64],
+    half: npt.NDArray[np.float64],
+    kept: npt.NDArray[np.intp],
+    colour: QColor,
+    strong: bool,
+) -> None:
     line, half = line[kept], half[kept]
     course = _path(desk, line)
-    if 2.0 * float(half.max()) * scale > 5.0:
+    if 2.0 * float(half.max()) * desk.per_metre > 5.0:
         ahead = np.gradient(line, axis=0)
         ahead /= np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
         aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) * half[:, None]
         faint = QColor(colour)
         faint.setAlphaF(colour.alphaF() * 0.75)
         for bank in (line + aside, line - aside):
-            draw_haloed(painter, _path(desk, bank), faint, 1.6 if strong else 0.9)
+            painter.setBrush(Qt.BrushStyle.NoBrush)
+            painter.setPen(QPen(faint, 1.6 if strong else 0.9))
+            painter.drawPath(_path(desk, bank))
     draw_haloed(painter, course, colour, 2.4 if strong else 1.4)
 
 
 def draw_pieces(
-    painter: QPainter, desk: Desk, pieces: npt.NDArray[np.float64], colour: QColor, width: float
+    painter: QPainter,
+    desk: Desk,
+    pieces: npt.NDArray[np.float64],
+    colour: QColor,
+    width: float,
+    area: QRectF,
 ) -> None:
-    """Draw straight pieces, (n, 4) m, with a light border."""
+    """Draw straight pieces, (n, 4) m, with a light border, as far as they show in an area."""
+    margin = 4.0 / desk.per_metre
+    west, north = desk.metres(*desk.on_sketch(area.topLeft()))
+    east, south = desk.metres(*desk.on_sketch(area.bottomRight()))
+    x, y = pieces[:, 0], pieces[:, 1]
+    seen = (x > west - margin) & (x < east + margin) & (y > south - margin) & (y < north + margin)
+    pieces = pieces[seen]
     if not len(pieces):
         return
     lines = [QLineF(desk.of_world(a, b), desk.of_world(c, d)) for a, b, c, d in pieces.tolist()]
-    for shade, wide in ((QColor(255, 255, 255, 120), width + 2.0), (colour, width)):
+    for shade, wide in ((QColor(255, 255, 255, 130), width + 2.0), (colour, width)):
         painter.setPen(QPen(shade, wide, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
         painter.drawLines(*lines)
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QPen
 
+from sketchterrain.ui.canvas.glyphs import CHOSEN
 from sketchterrain.ui.canvas.marks import draw_chosen
 from sketchterrain.ui.canvas.tool import Tool
 from sketchterrain.ui.canvas.writing import write_beside
 from sketchterrain.ui.commands.chosen_parts import is_there, name_of
 from sketchterrain.ui.commands.placed_edits import deleted
 from sketchterrain.ui.engine.messages import GoTo
-from sketchterrain.ui.look.theme import theme
 from sketchterrain.ui.models.drags import FeatureDrag
 from sketchterrain.ui.models.handles import chosen_at, handles_of
 
@@ -169,7 +169,7 @@ class SelectTool(Tool):
         placed, chosen = self.desk.link.placed, self.desk.workspace.chosen
         if placed is None:
             return
-        hover, accent = QColor(theme().accent), QColor(theme().accent)
+        hover, accent = QColor(CHOSEN), CHOSEN
         hover.setAlpha(150)
         if self._hovered is not None and self._drag is None and is_there(placed, self._hovered):
             draw_chosen(painter, self._marks, self.desk, placed, self._hovered, hover)
@@ -185,11 +185,11 @@ class SelectTool(Tool):
     def _draw_handle(self, painter: QPainter, handle: Handle, chosen: Chosen) -> None:
         at, base = self._shown_at(handle), self.desk.of_world(handle.base_x, handle.base_y)
         if handle.role in ("radius", "width"):
-            painter.setPen(QPen(theme().accent, 1.0, Qt.PenStyle.DashLine))
+            painter.setPen(QPen(CHOSEN, 1.0, Qt.PenStyle.DashLine))
             painter.drawLine(base, at)
         strong = handle.chosen.index is not None and handle.chosen.index == chosen.index
-        painter.setPen(QPen(theme().accent, 1.8))
-        painter.setBrush(theme().accent if strong else QColor(255, 255, 255))
+        painter.setPen(QPen(CHOSEN, 1.8))
+        painter.setBrush(CHOSEN if strong else QColor(255, 255, 255))
         if handle.role == "point":
             painter.drawRect(QRectF(at.x() - 3.5, at.y() - 3.5, 7.0, 7.0))
         else:
@@ -204,7 +204,7 @@ class SelectTool(Tool):
         at = self.desk.of_world(drag.x, drag.y)
         if self._drag is not None or self._shown[0] is placed:
             painter.setPen(QPen(QColor(255, 255, 255), 2.0))
-            painter.setBrush(theme().accent)
+            painter.setBrush(CHOSEN)
             painter.drawEllipse(at, 5.5, 5.5)
         if self._drag is None:
             return

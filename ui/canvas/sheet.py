@@ -10,6 +10,7 @@ from PyQt6.QtCore import QPoint, QRect, QRectF, QSizeF
 from PyQt6.QtGui import QImage, QPainter
 
 from sketchterrain.ui.canvas.flattening import level_for
+from sketchterrain.ui.canvas.scrolling import scrolled
 from sketchterrain.ui.canvas.surround import draw_surround
 from sketchterrain.ui.canvas.underlays import PAPER
 
@@ -122,25 +123,9 @@ class Sheet:
         return self._image
 
     def _scroll(self, right: int, down: int) -> None:
-        image = self._image
-        if abs(right) >= image.width() or abs(down) >= image.height():
-            self.spoil()
-            return
         stale, self._stale = self._stale, []
-        for area in stale:
-            self.spoil(area.translated(right, down))
-        moved = image.copy(
-            max(-right, 0), max(-down, 0), image.width() - abs(right), image.height() - abs(down)
-        )
-        painter = QPainter(image)
-        painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
-        painter.drawImage(max(right, 0), max(down, 0), moved)
-        painter.end()
-        width, height = image.width(), image.height()
-        if right:
-            self.spoil(QRect(0 if right > 0 else width + right, 0, abs(right), height))
-        if down:
-            self.spoil(QRect(0, 0 if down > 0 else height + down, width, abs(down)))
+        for area in [*(each.translated(right, down) for each in stale), *scrolled(self._image, right, down)]:
+            self.spoil(area)
 
     def _compose(self, painter: QPainter, area: QRect) -> None:
         viewport = self._viewport

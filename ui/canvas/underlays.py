@@ -24,13 +24,14 @@ AGREEMENT = {
 }
 """Okabe and Ito's colours for what is painted and shown, only painted, only shown."""
 
-_DARKEST = (0.40, 0.39, 0.43)  # of the paper's red, green and blue, in the deepest shade
+_LEVEL = 196.0  # shade from which the paper is bare; level ground has a little less
+_DARKEST = (0.44, 0.42, 0.41)  # of the paper's red, green and blue, in the deepest shade
 _TINT = 0.62  # opacity of the colours of agreement
 
 
 def relief_image(relief: Relief) -> QImage:
     """Return the relief as light and shade on paper."""
-    share = np.linspace(0.0, 1.0, 256, dtype=np.float32)[:, None]
+    share = np.minimum(np.arange(256, dtype=np.float32) / _LEVEL, 1.0)[:, None]
     paper = np.array([PAPER.red(), PAPER.green(), PAPER.blue()], np.float32)
     colours = paper * (np.array(_DARKEST, np.float32) * (1.0 - share) + share)
     red, green, blue = np.rint(colours).astype(np.uint32).T

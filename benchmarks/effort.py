@@ -92,6 +92,8 @@ class Effort:
         Measured rounds of each.
     picture_size : (int, int)
         Width and height of pictures, px.
+    live_strokes, live_dabs : int
+        Strokes, and single dabs, that are painted while the terrain follows.
     """
 
     rounds: int
@@ -140,6 +142,8 @@ class Effort:
     picture_parts: tuple[str, ...]
     picture_rounds: int
     picture_size: tuple[int, int]
+    live_strokes: int
+    live_dabs: int
 
 
 QUICK = Effort(
@@ -189,6 +193,8 @@ QUICK = Effort(
     picture_parts=PARTS,
     picture_rounds=2,
     picture_size=(640, 360),
+    live_strokes=3,
+    live_dabs=6,
 )
 """Under a minute on two shared cores."""
 
@@ -239,5 +245,7 @@ FULL = Effort(
     picture_parts=PARTS,
     picture_rounds=3,
     picture_size=(1280, 720),
+    live_strokes=60,
+    live_dabs=120,
 )
 """Minutes; what ``benchmarks/results/`` holds."""

@@ -14,6 +14,7 @@ from sketchterrain.benchmarks import (
     erosion,
     flight,
     kernel_times,
+    live,
     noise,
     part_costs,
     pictures,
@@ -105,6 +106,7 @@ BENCHMARKS = {
             "splines", "splines and places that drive methods to failure", str(splines.SEED), splines.measure
         ),
         Benchmark("flight", "valley_river over 4096 m, and a round over it", _OWN, flight.measure),
+        Benchmark("live", "20 shapes on 512 px", str(live.SEED), live.measure),
         Benchmark(
             "pictures", "valley_river, from the ground; full run: from high above too", _OWN, pictures.measure
         ),

@@ -125,7 +125,7 @@ def test_the_newest_of_many_is_placed_and_plans_add_up(around):
     assert around.answer().version == 20  # all of them waited when it looked first
     plan = around.engine.receive()
     wanted = make_recipe(Sketch(extent=4000.0, layers={"mountain": painted(19, 20)}))
-    assert np.array_equal(pickle.loads(plan.recipe).painted, wanted.painted)
+    assert np.array_equal(pickle.loads(plan.recipe).painted, wanted.painted)  # noqa: S301
     assert plan.update.version == 20
     around.send(sketch, {"mountain": painted(19, 40)})
     placed = around.answer()

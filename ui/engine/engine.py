@@ -167,7 +167,9 @@ class Engine:
         self._show_land(areas)
         placed = next((plan for plan in reversed(plans) if plan.recipe is not None), plans[-1])
         self._window.send(
-            Followed(self._land.version, placed.begun, placed.ready, received, time.monotonic(), len(areas))
+            Followed(
+                self._land.version, placed.begun, placed.placed, placed.ready, received, time.monotonic()
+            )
         )
 
     def _show_land(self, areas: list[Box]) -> None:
@@ -221,11 +223,12 @@ class Engine:
             self._show.taken()
 
     def _expect(self, coming: Coming) -> None:
+        # From the first one on that is not there: who paints on and on must see a picture that gets better.
+        if self._show is not None and self._expected <= self._land.version:
+            self._show.expect(coming=True)
         self._expected = coming.version
         if coming.fresh:
             self._fresh = coming.version
-        if self._show is not None:
-            self._show.expect(coming=True)
 
     def _move(self, motion: Any) -> None:
         if self._eye is not None:

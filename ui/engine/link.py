@@ -74,6 +74,8 @@ class EngineLink(QObject):
     adherence_changed = pyqtSignal(object)
     frame_shown = pyqtSignal(object)
     """A new picture is there: its `FrameFacts`; see `picture`."""
+    sent = pyqtSignal(int, float)
+    """A sketch is on its way: its version, and when it was made (s of the system's monotonic clock)."""
     followed = pyqtSignal(object)
     """The view's tiles hold the heights of another version: `Followed`."""
     picked = pyqtSignal(object)
@@ -188,6 +190,7 @@ class EngineLink(QObject):
         update, fresh = self._updates.next()
         self._children.placer.send(update)
         self._children.engine.send(Coming(update.version, fresh=fresh))
+        self.sent.emit(update.version, self._sent)
 
     def _take(self, start: int, name: str, message: Any) -> None:
         """Take what a process told over, on the window's thread."""

@@ -77,7 +77,7 @@ class Placer:
             else:
                 self._sketch = sketch
                 now = time.monotonic()
-                self._engine.send(Plan(self._mirror.changes(), None, (), now, now))
+                self._engine.send(Plan(self._mirror.changes(), None, (), now, now, now))
                 self._window.send(StillPlaced(self._mirror.version))
         except Abandoned:
             pass
@@ -109,10 +109,13 @@ class Placer:
             recipe = make_recipe(sketch, memory=self._memory, checkpoint=self._checkpoint)
         finally:
             self._say_done()
+        placed = time.monotonic()
         areas = [EVERYWHERE] if self._recipe is None else changed_areas(self._recipe, recipe)
         seconds = self._patience.end()
         data = pickled(recipe)
-        self._engine.send(Plan(self._mirror.changes(), data, tuple(areas), self._begun, time.monotonic()))
+        self._engine.send(
+            Plan(self._mirror.changes(), data, tuple(areas), self._begun, placed, time.monotonic())
+        )
         self._sketch, self._recipe = sketch, recipe
         self._window.send(_placed(version, sketch, recipe, seconds))
 

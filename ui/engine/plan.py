@@ -42,14 +42,15 @@ class Plan:
         A pickled `TerrainRecipe`; None: that of the plan before.
     areas : tuple of (west, south, east, north)
         m; everywhere else every height has the bits of the plan before.
-    begun, ready : float
-        When placing began and when this was sent, s of the system's monotonic clock.
+    begun, placed, ready : float
+        When placing began and ended, and when this was sent: s of the system's monotonic clock.
     """
 
     update: SketchUpdate
     recipe: bytes | None
     areas: tuple[Box, ...]
     begun: float
+    placed: float
     ready: float
 
 
@@ -60,19 +61,17 @@ class Followed:
     Attributes
     ----------
     version : int
-    begun, ready, received, shown : float
-        When placing began and ended, when the engine had it and when its tiles were written: s of the
-        system's monotonic clock.
-    areas : int
-        Rectangles that changed.
+    begun, placed, ready, received, shown : float
+        When placing began and ended, when its recipe was sent, when the engine took it and when its tiles
+        were written: s of the system's monotonic clock.
     """
 
     version: int
     begun: float
+    placed: float
     ready: float
     received: float
     shown: float
-    areas: int
 
 
 @dataclass(frozen=True)

@@ -85,10 +85,7 @@ class Show:
 
     def expect(self, *, coming: bool) -> None:
         """Be told whether another terrain is on its way."""
-        if not coming:
-            self._coming = None
-        elif self._coming is None:
-            self._coming = time.monotonic()
+        self._coming = time.monotonic() if coming else None
 
     def taken(self) -> None:
         """Be told that the window has shown a frame."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
@@ -246,7 +247,7 @@ def test_the_line_tells_where_the_pointer_is(line):
 def test_figures_keep_their_places(qtbot, line, link, placed):
     def places():
         line.layout().activate()
-        return [each.geometry() for each in (line.place, line.brush, line.frame, line.memory, line.device)]
+        return [each.geometry() for each in (line.place, line.paint, line.frame, line.memory, line.device)]
 
     before = places()
     link.frame = frame(1.234)
@@ -258,9 +259,17 @@ def test_figures_keep_their_places(qtbot, line, link, placed):
     assert places() == before
 
 
-def test_brush_in_pixels_and_metres(line, workspace, document):
-    workspace.brush = 20.0
-    assert line.brush.text == f"Brush 40 px, {40 * document.sketch.pixel_size:.0f} m"
+def test_the_line_names_the_paint_under_the_pointer(line, workspace, document):
+    sketch = document.sketch
+    row, column = np.argwhere((sketch.layers["mountain"] == 1) & (sketch.layers["river"] == 0))[0]
+    place = ((column + 0.5) * sketch.pixel_size, (sketch.height_px - row - 0.5) * sketch.pixel_size, None)
+    line.hover(place)
+    assert line.paint.text.startswith("Mountains 1")
+    workspace.set_look("mountain", visible=False)
+    line.hover(place)
+    assert "mountains" not in line.paint.text.lower()
+    line.hover((-5.0, 1e9, None))
+    assert line.paint.text == ""
 
 
 def test_memory_is_that_of_a_process():

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Final
 
 from PyQt6.QtCore import QTimer
 from PyQt6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
+from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.look.theme import MARGIN, SMALL
 from sketchterrain.ui.panels.busy_mark import BusyMark
+from sketchterrain.ui.panels.label_page import label_title
 from sketchterrain.ui.panels.memory import own_memory
 from sketchterrain.ui.panels.text import ElidedLabel
 from sketchterrain.ui.panels.wording import number, size_text
@@ -36,9 +39,9 @@ class StatusLine(QWidget):
     Parameters
     ----------
     document
-        Whose size it tells.
+        Whose paint it names under the pointer.
     workspace
-        Says which label is painted with.
+        Says which layers are seen.
     link
         Tells what it works on, and how long that took.
     """
@@ -53,7 +56,7 @@ class StatusLine(QWidget):
         self.busy = BusyMark(self)
         self.work = _figure("Ready", "What the engine works on")
         self.place = _figure("", "Where the pointer is: metres east and north, and the height there", _PLACE)
-        self.brush = _figure("", "Size of the brush", "Brush 888 px, 8888 m")
+        self.paint = _figure("", "What is painted where the pointer is", "Mountains 1, forests 1")
         self.placing = _figure("", "How long placing features took", "Placing 8888 ms")
         self.tiles = _figure("", "How long the last frame's tiles took", "Tiles 8888 ms")
         self.frame = _figure(
@@ -66,17 +69,18 @@ class StatusLine(QWidget):
         self._timer.setInterval(_EVERY)
         self._lay_out()
         self._connect()
-        for fill in (self._fill_work, self._fill_device, self._fill_figures, self._fill_brush):
+        for fill in (self._fill_work, self._fill_device, self._fill_figures):
             fill()
 
     def hover(self, place: object) -> None:
         """Show where the pointer is: metres east, north, and up or None; None: it is nowhere."""
         if not isinstance(place, tuple):
-            self.place.text = ""
+            self.place.text = self.paint.text = ""
             return
         x, y, height = place
         up = "" if height is None else f"   {number(height, decimals=0)} m high"
         self.place.text = f"{number(x, decimals=0)} E  {number(y, decimals=0)} N{up}"
+        self.paint.text = ", ".join(self._painted_at(x, y)).capitalize()
 
     def _connect(self) -> None:
         link = self._link
@@ -85,8 +89,6 @@ class StatusLine(QWidget):
         link.frame_shown.connect(self._wait)
         link.placed_changed.connect(self._wait)
         self._timer.timeout.connect(self._fill_figures)
-        self._workspace.brush_changed.connect(self._fill_brush)
-        self._document.sketch_changed.connect(self._fill_brush)
 
     def _wait(self) -> None:
         if not self._timer.isActive():
@@ -96,13 +98,19 @@ class StatusLine(QWidget):
         self.work.text = self._link.working or "Ready"
         self.busy.busy = bool(self._link.working)
 
-    def _fill_brush(self) -> None:
-        across = 2 * self._workspace.brush
-        metres = across * self._document.sketch.pixel_size
-        ground = (
-            f"{number(metres, decimals=0)} m" if metres < 1e4 else f"{number(metres / 1e3, decimals=1)} km"
-        )
-        self.brush.text = f"Brush {number(across, decimals=0 if across >= 10 else 1)} px, {ground}"
+    def _painted_at(self, x: float, y: float) -> list[str]:
+        """Return the labels that are seen at a place (m), the layer in use first."""
+        sketch = self._document.sketch
+        column = math.floor(x / sketch.pixel_size)
+        row = math.floor(sketch.height_px - y / sketch.pixel_size)
+        if not (0 <= row < sketch.height_px and 0 <= column < sketch.width_px):
+            return []
+        found = []
+        for name in sorted(LAYERS, key=lambda each: each != self._workspace.layer):
+            label = int(self._document.layer(name)[row, column])
+            if label and self._workspace.look(name).visible:
+                found.append(label_title(name, label).lower())
+        return found
 
     def _fill_device(self) -> None:
         facts = self._link.facts
@@ -127,7 +135,7 @@ class StatusLine(QWidget):
         across.setSpacing(MARGIN)
         across.addWidget(self.busy)
         across.addWidget(self.work, 2)
-        for each in (self.place, self.brush, self.placing, self.tiles, self.frame, self.memory):
+        for each in (self.place, self.paint, self.placing, self.tiles, self.frame, self.memory):
             across.addWidget(each)
         across.addWidget(self.device, 3)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)

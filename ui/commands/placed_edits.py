@@ -15,6 +15,7 @@ import numpy as np
 from sketchterrain.errors import InputError
 from sketchterrain.features.edits import lock_of
 from sketchterrain.features.river_edits import move_of
+from sketchterrain.features.rules import TYPES
 from sketchterrain.sketch import ACTIONS, Edit
 from sketchterrain.ui.commands.chosen_parts import name_of, parent_of, point_of, river_of
 
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "added",
+    "added_at",
     "deleted",
     "dragged",
     "is_edited",
@@ -48,6 +50,7 @@ __all__ = [
 
 _DIGITS = 3  # of a metre: what a person drags is no finer
 _SAME_PLACE = 0.01  # m; a control point that lies so near an edit's place was put there by it
+_ADDED_EXTENT = {"mountain": 0.12, "hill": 0.05, "dune": 0.06, "forest": 0.05}  # radius over the extent
 _TITLES = {
     "move": "Move {}",
     "radius": "Resize {}",
@@ -225,6 +228,15 @@ def added(sketch: Sketch, kind: str, x: float, y: float, radius: float, strength
             strength=_within("add", "strength", strength),
         )
     )
+
+
+def added_at(sketch: Sketch, kind: str, x: float, y: float) -> Sketch:
+    """Return a sketch with one more feature at a place (m), as large and strong as suits its type there."""
+    radius = _ADDED_EXTENT[kind] * sketch.extent
+    properties = sketch.properties(kind, 1)
+    if kind == "forest":
+        return added(sketch, kind, x, y, radius, properties["density"])
+    return added(sketch, kind, x, y, radius, min(properties["height"], TYPES[kind].fill_slope * radius))
 
 
 def _with(sketch: Sketch, edit: Edit) -> Sketch:

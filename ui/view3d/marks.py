@@ -1,0 +1,247 @@
+"""What is laid over a picture: features, rivers and handles where they are seen, and what the mouse hits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.ui.commands.chosen_parts import point_of, river_of
+from sketchterrain.ui.models.handles import Handle, handles_of
+from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.view3d.draped import ring
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.features import River
+    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.view3d.draped import Ground
+    from sketchterrain.ui.view3d.projection import Projection
+
+    Floats = npt.NDArray[np.float64]
+    Flags = npt.NDArray[np.bool_]
+
+__all__ = ["Dot", "Grip", "Line", "Marks", "marks_of"]
+
+_MOST_DOTS = 300
+_MOST_PIECES = 200  # of a river's line
+_LEAST_RADIUS = 5.0  # px; smaller features are not marked
+_WIDTH_ARM = 14.0  # px, between a river's bank and the handle of its width: rivers are thin
+
+
+@dataclass(frozen=True)
+class Dot:
+    """The middle of a feature: px, its type, whether ground hides it."""
+
+    chosen: Chosen
+    kind: str
+    x: float
+    y: float
+    hidden: bool
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A handle as it is seen.
+
+    Attributes
+    ----------
+    handle : Handle
+    x, y : float
+        px.
+    base_x, base_y : float
+        px, of what it is counted from.
+    z : float
+        m, the height of the level on which it is dragged.
+    hidden : bool
+        Whether ground hides it.
+    """
+
+    handle: Handle
+    x: float
+    y: float
+    base_x: float
+    base_y: float
+    z: float
+    hidden: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line as it is seen: px (n, 2), and which of its n − 1 pieces ground hides."""
+
+    at: Floats
+    hidden: Flags
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """All that is laid over a picture.
+
+    Attributes
+    ----------
+    dots : tuple of Dot
+        Features that can be clicked.
+    rivers : tuple of Line
+        Those that are not selected.
+    outline : tuple of Line
+        Of what is selected.
+    grips : tuple of Grip
+    """
+
+    dots: tuple[Dot, ...] = ()
+    rivers: tuple[Line, ...] = ()
+    outline: tuple[Line, ...] = ()
+    grips: tuple[Grip, ...] = field(default=())
+
+    def dot_at(self, x: float, y: float, *, reach: float) -> Dot | None:
+        """Return the nearest feature's middle within `reach` px that no ground hides."""
+        seen = [each for each in self.dots if not each.hidden]
+        near = min(seen, key=lambda dot: np.hypot(dot.x - x, dot.y - y), default=None)
+        return near if near is not None and np.hypot(near.x - x, near.y - y) <= reach else None
+
+    def grip_at(self, x: float, y: float, *, reach: float) -> Grip | None:
+        """Return the nearest handle within `reach` px; one that ground hides only if no other is there."""
+        near = [each for each in self.grips if np.hypot(each.x - x, each.y - y) <= reach]
+        return min(near, key=lambda grip: (grip.hidden, np.hypot(grip.x - x, grip.y - y)), default=None)
+
+
+def marks_of(
+    projection: Projection,
+    ground: Ground,
+    placed: Placed,
+    chosen: Chosen | None,
+    *,
+    all_features: bool,
+    dragged: tuple[Handle, float, float] | None = None,
+) -> Marks:
+    """Return what is laid over a picture.
+
+    Parameters
+    ----------
+    projection, ground, placed
+    chosen
+        What is selected.
+    all_features
+        Whether what could be selected is shown too.
+    dragged
+        A handle that is being dragged, and where it is now (m): what was placed is always a little behind.
+    """
+    dots = _dots(projection, ground, placed, chosen) if all_features else ()
+    others = (
+        [each for each in placed.rivers if chosen is None or each.id != chosen.id] if all_features else []
+    )
+    rivers = tuple(line for each in others for line in _lines(projection, ground, _course(ground, each)))
+    outline = _outline(projection, ground, placed, chosen, dragged)
+    grips = _grips(projection, ground, handles_of(placed, chosen), dragged)
+    return Marks(dots, rivers, outline, grips)
+
+
+def _dots(projection: Projection, ground: Ground, placed: Placed, chosen: Chosen | None) -> tuple[Dot, ...]:
+    points = placed.points[placed.points["painted"]]
+    if not len(points):
+        return ()
+    places = ground.on(np.column_stack([points["x"], points["y"]]))
+    seen = projection.see(places)
+    size = points["radius"] / np.maximum(seen.away, 1e-3)
+    _, _, _, height = projection.place
+    shown = seen.before & (size * height > _LEAST_RADIUS)
+    if chosen is not None and chosen.kind == "feature":
+        shown &= points["id"] != np.uint64(chosen.id)
+    kept = np.flatnonzero(shown)
+    kept = kept[np.argsort(-size[kept], kind="stable")][:_MOST_DOTS]
+    hidden = ground.hides(projection.eye, places[kept])
+    return tuple(
+        Dot(
+            Chosen("feature", int(points["id"][at])),
+            FEATURE_TYPES[int(points["type"][at])],
+            float(seen.at[at, 0]),
+            float(seen.at[at, 1]),
+            bool(off),
+        )
+        for at, off in zip(kept, hidden, strict=True)
+    )
+
+
+def _course(ground: Ground, river: River) -> Floats:
+    """Return a river's line (n, 3) in few pieces; in the sketch it lies on the ground that is shown."""
+    last = len(river.centreline) - 1
+    step = max(last // _MOST_PIECES, 1)
+    line: Floats = river.centreline[[*range(0, last, step), last]]
+    inside = ground.covers(line[:, 0], line[:, 1])
+    line[inside, 2] = np.maximum(line[inside, 2], ground.height(line[inside, 0], line[inside, 1]))
+    return line
+
+
+def _outline(
+    projection: Projection,
+    ground: Ground,
+    placed: Placed,
+    chosen: Chosen | None,
+    dragged: tuple[Handle, float, float] | None,
+) -> tuple[Line, ...]:
+    if chosen is None:
+        return ()
+    river, point = river_of(placed, chosen), point_of(placed, chosen)
+    if river is not None:
+        return tuple(_lines(projection, ground, _course(ground, river)))
+    if point is None:
+        return ()
+    x, y, radius = float(point["x"]), float(point["y"]), float(point["radius"])
+    if dragged is not None and dragged[0].role == "move":
+        x, y = dragged[1:]
+    elif dragged is not None and dragged[0].role == "radius":
+        radius = float(np.hypot(dragged[1] - x, dragged[2] - y))
+    return tuple(_lines(projection, ground, ground.on(ring(x, y, radius))))
+
+
+def _lines(projection: Projection, ground: Ground, places: Floats) -> list[Line]:
+    """Return the parts of a line (n, 3) that are seen; a piece is hidden if both of its ends are."""
+    found = []
+    for first, at in projection.runs(places):
+        own = places[np.clip(np.arange(first, first + len(at)), 0, len(places) - 1)]
+        off = ground.hides(projection.eye, own)
+        found.append(Line(at, off[1:] & off[:-1]))
+    return found
+
+
+def _grips(
+    projection: Projection,
+    ground: Ground,
+    handles: tuple[Handle, ...],
+    dragged: tuple[Handle, float, float] | None,
+) -> tuple[Grip, ...]:
+    if not handles:
+        return ()
+    now = [
+        (dragged[1], dragged[2]) if dragged is not None and dragged[0] == each else (each.x, each.y)
+        for each in handles
+    ]
+    shift = np.zeros(2)
+    if dragged is not None and dragged[0].role == "move":  # what hangs on the middle comes along
+        shift = np.array(dragged[1:]) - [dragged[0].x, dragged[0].y]
+        now = [
+            at if each.role == "move" else (each.x + shift[0], each.y + shift[1])
+            for each, at in zip(handles, now, strict=True)
+        ]
+    places = ground.on(now)
+    bases = ground.on(np.array([(each.base_x, each.base_y) for each in handles]) + shift)
+    seen, below = projection.see(places), projection.see(bases)
+    hidden = ground.hides(projection.eye, places)
+    found = []
+    for i, handle in enumerate(handles):
+        if not seen.before[i]:
+            continue
+        (x, y), (base_x, base_y) = seen.at[i], below.at[i] if below.before[i] else seen.at[i]
+        if handle.role == "width":
+            away = max(float(np.hypot(x - base_x, y - base_y)), 1e-6)
+            x, y = x + (x - base_x) * _WIDTH_ARM / away, y + (y - base_y) * _WIDTH_ARM / away
+        found.append(
+            Grip(
+                handle, float(x), float(y), float(base_x), float(base_y), float(places[i, 2]), bool(hidden[i])
+            )
+        )
+    return tuple(found)

@@ -1,0 +1,228 @@
+"""What the view shows: the last picture, where it lies in the widget, and the marks over it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QPointF, QRectF, Qt
+from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPen
+
+from sketchterrain.ui.commands.chosen_parts import name_of, point_of, river_of
+from sketchterrain.ui.commands.placed_edits import is_locked
+from sketchterrain.ui.look.theme import theme
+from sketchterrain.ui.view3d.draped import Ground
+from sketchterrain.ui.view3d.mark_painting import draw_marks, draw_tag
+from sketchterrain.ui.view3d.marks import Marks, marks_of
+from sketchterrain.ui.view3d.projection import Projection
+from sketchterrain.ui.view3d.readout import length_text, scale_bar, standing_text
+
+if TYPE_CHECKING:
+    from sketchterrain.ui.engine.link import EngineLink
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.handles import Handle
+    from sketchterrain.ui.models.workspace import Chosen, Workspace
+
+__all__ = ["Scene"]
+
+_LIGHT, _RIM = QColor(255, 255, 255, 225), QColor(12, 16, 20, 140)
+_BAR = 110.0  # px, the longest scale bar
+_REFINES = "refining …"
+_EDGE = 12.0  # px, from the widget's edge
+
+
+class Scene:
+    """Looks after what is drawn; remembers marks until something that they depend on is another one.
+
+    Parameters
+    ----------
+    document, workspace, link
+
+    Attributes
+    ----------
+    dragged : (Handle, float, float) or None
+        A handle that is being dragged, and where it is (m).
+    """
+
+    def __init__(self, document: Document, workspace: Workspace, link: EngineLink) -> None:
+        self._document, self._workspace, self._link = document, workspace, link
+        self.dragged: tuple[Handle, float, float] | None = None
+        self._marks = Marks()
+        self._marks_of: tuple[object, ...] = ()
+        self._ground: tuple[object, Ground] | None = None
+
+    def place(self, width: int, height: int) -> QRectF:
+        """Return where the picture lies in a widget of a size (px): it covers it all and is not stretched."""
+        picture = self._link.picture
+        if picture is None or picture.isNull():
+            return QRectF(0.0, 0.0, width, height)
+        scale = max(width / picture.width(), height / picture.height())
+        shown = QRectF(0.0, 0.0, picture.width() * scale, picture.height() * scale)
+        shown.moveCenter(QPointF(0.5 * width, 0.5 * height))
+        return shown
+
+    def projection(self, width: int, height: int) -> Projection | None:
+        """Return the camera of the picture that is shown; None while there is none."""
+        frame = self._link.frame
+        if frame is None or self._link.picture is None or width < 1 or height < 1:
+            return None
+        at = self.place(width, height)
+        return Projection(frame, (at.left(), at.top(), at.width(), at.height()))
+
+    def ground(self) -> Ground | None:
+        """Return the heights of the sketch's ground; None until they are known."""
+        relief = self._link.relief
+        if relief is None:
+            return None
+        if self._ground is None or self._ground[0] is not relief:
+            sketch = self._document.sketch
+            self._ground = relief, Ground(relief, sketch.pixel_size * relief.step)
+        return self._ground[1]
+
+    def marks(self, width: int, height: int) -> Marks:
+        """Return what is laid over the picture."""
+        link, workspace = self._link, self._workspace
+        all_features = "features" in workspace.overlays and workspace.tool == "select"
+        key = (
+            link.frame,
+            link.placed,
+            link.relief,
+            workspace.chosen,
+            all_features,
+            self.dragged,
+            width,
+            height,
+        )
+        if key == self._marks_of:
+            return self._marks
+        self._marks_of = key
+        projection, ground = self.projection(width, height), self.ground()
+        if projection is None or ground is None or link.placed is None:
+            self._marks = Marks()
+        else:
+            self._marks = marks_of(
+                projection,
+                ground,
+                link.placed,
+                workspace.chosen,
+                all_features=all_features,
+                dragged=self.dragged,
+            )
+        return self._marks
+
+    def paint(
+        self,
+        painter: QPainter,
+        size: QRectF,
+        ratio: float,
+        *,
+        hovered: Handle | Chosen | None,
+        dim: bool,
+        refines: bool,
+    ) -> None:
+        """Draw everything.
+
+        Parameters
+        ----------
+        painter
+        size
+            Of the widget, px.
+        ratio
+            Pixels of the screen a px.
+        hovered
+            What is under the mouse.
+        dim
+            Whether the picture is an old one that is not to be looked at.
+        refines
+            Whether to say that a better picture comes.
+        """
+        picture = self._link.picture
+        painter.fillRect(size, theme().canvas)
+        if picture is None or picture.isNull():
+            return
+        width, height = round(size.width()), round(size.height())
+        at = self.place(width, height)
+        sharp = abs(at.width() * ratio - picture.width()) < 1.0
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform, not sharp)
+        painter.drawImage(at, picture)
+        if dim:
+            veil = QColor(theme().canvas)
+            veil.setAlpha(190)
+            painter.fillRect(size, veil)
+            return
+        marks = self.marks(width, height)
+        draw_marks(painter, marks, hovered=hovered)
+        self._paint_tag(painter, marks, size)
+        self._paint_readout(painter, size)
+        if refines:
+            wide = QFontMetricsF(painter.font()).horizontalAdvance(_REFINES)
+            _write(painter, _REFINES, size.right() - _EDGE - wide, size.bottom() - _EDGE)
+
+    def paint_focus(self, painter: QPainter, size: QRectF) -> None:
+        """Show that keys go to the view."""
+        painter.setBrush(Qt.BrushStyle.NoBrush)
+        painter.setPen(QPen(theme().accent, 2.0))
+        painter.drawRect(size.adjusted(1.0, 1.0, -1.0, -1.0))
+
+    def _paint_tag(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
+        """Name what is selected, beside its first handle or amid a river."""
+        placed, chosen = self._link.placed, self._workspace.chosen
+        if placed is None or chosen is None or not marks.grips:
+            return
+        index = chosen.index
+        river = river_of(placed, chosen)
+        role = "move" if river is None else "width" if index is None else "point"
+        own = [each for each in marks.grips if each.handle.role == role]
+        own = [each for each in own if index is None or each.handle.chosen.index == index]
+        if not own:
+            return
+        text = name_of(placed, chosen).capitalize()
+        point = point_of(placed, chosen)
+        if river is not None and index is None:
+            text += f" · {length_text(float(river.centreline_width[len(river.centreline_width) // 2]))} wide"
+        elif point is not None and self.dragged is not None and self.dragged[0].role == "radius":
+            x, y = self.dragged[1] - self.dragged[0].base_x, self.dragged[2] - self.dragged[0].base_y
+            text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
+        elif point is not None and text != "Forest":
+            text += f" · {length_text(float(point['strength']))}"
+        if is_locked(self._document.sketch, chosen):
+            text += " · locked"
+        draw_tag(painter, text, own[0].x, own[0].y, painter.font(), size)
+
+    def _paint_readout(self, painter: QPainter, size: QRectF) -> None:
+        """Draw a scale bar, or say how high the eye is, in the lower left corner."""
+        frame = self._link.frame
+        projection = self.projection(round(size.width()), round(size.height()))
+        if frame is None or projection is None:
+            return
+        left, below = size.left() + _EDGE, size.bottom() - _EDGE
+        font = QFont(painter.font())
+        font.setPointSizeF(max(font.pointSizeF() * 0.88, 7.0))
+        painter.setFont(font)
+        if self._link.view.mode != "orbit":
+            _write(painter, standing_text(frame.pose, self.ground()), left, below)
+            return
+        bar = scale_bar(projection, frame.pose, most=_BAR)
+        if bar is None:
+            return
+        length, wide = bar
+        ticks = [
+            (QPointF(left, below - 5.0), QPointF(left, below)),
+            (QPointF(left, below), QPointF(left + wide, below)),
+            (QPointF(left + wide, below), QPointF(left + wide, below - 5.0)),
+        ]
+        for colour, thick in ((_RIM, 3.4), (_LIGHT, 1.4)):
+            pen = QPen(colour, thick)
+            pen.setCapStyle(Qt.PenCapStyle.SquareCap)
+            painter.setPen(pen)
+            for start, end in ticks:
+                painter.drawLine(start, end)
+        _write(painter, length_text(length), left + 1.0, below - 9.0)
+
+
+def _write(painter: QPainter, text: str, x: float, y: float) -> None:
+    """Write light text with a dark rim, its base line's start at a place (px)."""
+    painter.setPen(_RIM)
+    for right, down in ((-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)):
+        painter.drawText(QPointF(x + right, y + down), text)
+    painter.setPen(_LIGHT)
+    painter.drawText(QPointF(x, y), text)

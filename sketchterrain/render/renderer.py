@@ -181,7 +181,13 @@ class Renderer:
         self.scenery.relight(self._sun, self._weather)
 
     def frame(
-        self, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float = 0.0
+        self,
+        camera: Camera,
+        framebuffer: moderngl.Framebuffer,
+        *,
+        elapsed: float,
+        clock: float = 0.0,
+        budget: float | None = None,
     ) -> FrameStats:
         """Draw a frame of a moving picture: what is ready now, a little more of it each time.
 
@@ -199,8 +205,10 @@ class Renderer:
             Seconds since the last frame.
         clock
             Seconds, moves the water.
+        budget
+            Seconds for what is new; by default the quality's. An eye at rest can spare more.
         """
-        size, budget = framebuffer.size, self._quality.budget
+        size, budget = framebuffer.size, self._quality.budget if budget is None else budget
         moves = self._last is None or (camera.eye, camera.target, camera.fov) != (
             self._last.eye,
             self._last.target,

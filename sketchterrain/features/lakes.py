@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +12,13 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.features.catalogue import Lake, ShapeField
 from sketchterrain.features.hashing import smooth_noise
+from sketchterrain.features.recent import Same
 from sketchterrain.features.river_path import arc_length
 from sketchterrain.features.river_water import StillWater, falling_levels, joined_levels
 from sketchterrain.features.rules import LAYER_CODES
 from sketchterrain.features.shape_fields import shape_field
 from sketchterrain.features.shapes import label_shapes
+from sketchterrain.features.water_memory import WaterMemory
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -41,7 +43,11 @@ _MOUTH_DEPTHS = 3.0  # of the river: depth of that lake
 _BEYOND_BIT = 1 << 47  # in the id of a lake that was not painted
 
 
-def painted_lakes(sketch: Sketch, ground: Callable[[Floats, Floats], npt.NDArray[np.floating]]) -> list[Lake]:
+def painted_lakes(
+    sketch: Sketch,
+    ground: Callable[[Floats, Floats], npt.NDArray[np.floating]],
+    memory: WaterMemory | None = None,
+) -> list[Lake]:
     """Lay out what the lake layer paints; each as high as the low parts of its shore allow.
 
     Parameters
@@ -49,30 +55,51 @@ def painted_lakes(sketch: Sketch, ground: Callable[[Floats, Floats], npt.NDArray
     sketch : Sketch
     ground : callable
         As for `trace_rivers`.
+    memory : WaterMemory, optional
+        Of shapes and shores.
 
     Returns
     -------
     list of Lake, in reading order of their first pixels; rivers may still lower them.
     """
-    margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
-    shapes = label_shapes("lake", sketch.layers["lake"])
-    if not shapes:
+    memory = WaterMemory() if memory is None else memory
+    image = sketch.layers["lake"]
+    outlines: list[_Outline] = memory.images.of(
+        ("lakes", Same(image), sketch.extent, sketch.fidelity), lambda: _outlines(sketch)
+    )
+    if not outlines:
         return []
-    fields = [shape_field(sketch, shape, margin=margin) for shape in shapes]
-    shores = [_shore(field) for field in fields]
-    at = np.concatenate(shores)
+    at = np.concatenate([each.shore for each in outlines])
     heights = np.asarray(ground(at[:, 0].copy(), at[:, 1].copy()), dtype=np.float64)
-    ends = np.cumsum([len(shore) for shore in shores])
+    ends = np.cumsum([len(each.shore) for each in outlines])
     return [
         Lake(
-            id=LAYER_CODES["lake"] << 48 | shape.id,
-            label=shape.label,
-            shape=field,
-            level=float(np.percentile(heights[end - len(shore) : end], _LOW_SHORE)) - _FREEBOARD,
-            depth=float(sketch.properties("lake", shape.label)["depth"]),
+            id=each.id,
+            label=each.label,
+            shape=each.field,
+            level=float(np.percentile(heights[end - len(each.shore) : end], _LOW_SHORE)) - _FREEBOARD,
+            depth=float(sketch.properties("lake", each.label)["depth"]),
         )
-        for shape, field, shore, end in zip(shapes, fields, shores, ends, strict=True)
+        for each, end in zip(outlines, ends, strict=True)
     ]
+
+
+class _Outline(NamedTuple):
+    """A painted lake without its water."""
+
+    id: int
+    label: int
+    field: ShapeField
+    shore: Floats
+
+
+def _outlines(sketch: Sketch) -> list[_Outline]:
+    margin = max(_MARGIN_PIXELS * sketch.pixel_size, _MARGIN)
+    found = []
+    for shape in label_shapes("lake", sketch.layers["lake"]):
+        field = shape_field(sketch, shape, margin=margin)
+        found.append(_Outline(LAYER_CODES["lake"] << 48 | shape.id, shape.label, field, _shore(field)))
+    return found
 
 
 def mouth_lakes(sketch: Sketch, courses: Sequence[Course], *, seed: int) -> list[Lake]:

@@ -32,7 +32,8 @@ def kept_apart(courses: list[Course], size: tuple[float, float]) -> list[Course]
     Returns
     -------
     list of Course
-        In the same order; joints and parents are those of the new ones.
+        In the same order; joints and parents are those of the new ones. Those left as they are are the very
+        same objects.
     """
     done: list[Course] = []
     now: dict[
@@ -50,7 +51,8 @@ def kept_apart(courses: list[Course], size: tuple[float, float]) -> list[Course]
         part = _part(course, min(first, last - 2), max(last, first + 2))
         if part.parent is not None:
             parent, lost = now[id(course.parent)]
-            part = dataclasses.replace(part, parent=parent, joint=course.joint - lost)
+            if parent is not part.parent or lost:
+                part = dataclasses.replace(part, parent=parent, joint=course.joint - lost)
         now[id(course)] = part, min(first, last - 2)
         done.append(part)
     return done
@@ -75,6 +77,8 @@ def _free(line: Floats, width: Floats, others: list[Course]) -> int:
 
 
 def _part(course: Course, first: int, last: int) -> Course:
+    if first == 0 and last == len(course.line):
+        return course
     controls = course.controls[(course.controls > first) & (course.controls < last - 1)] - first
     return dataclasses.replace(
         course,

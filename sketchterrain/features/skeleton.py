@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, sparse
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 from skimage.morphology import skeletonize
+
+from sketchterrain.features.shapes import regions_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sketchterrain.features.shapes import Region
 
 Ints = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -62,49 +70,58 @@ def skeletons(painted: npt.NDArray[np.bool_], weight: Floats | None = None) -> t
     -------
     tuple of Skeleton, in reading order of their first pixels.
     """
-    if not painted.any():
-        return ()
-    rows, columns = (np.flatnonzero(painted.any(axis=axis)) for axis in (1, 0))
-    top, left = int(rows[0]), int(columns[0])
-    window = painted[top : int(rows[-1]) + 1, left : int(columns[-1]) + 1]
-    thin = _thinned(window)
+    weight = np.ones(painted.shape) if weight is None else weight
+    return in_order(
+        skeleton_of(region, weight[region.rows, region.columns], painted.shape)
+        for region in regions_of(painted.astype(np.uint8))
+    )
+
+
+def in_order(found: Iterable[Skeleton]) -> tuple[Skeleton, ...]:
+    """Return skeletons in reading order of their first pixels."""
+    return tuple(sorted(found, key=lambda each: (int(each.rows[0]), int(each.columns[0]))))
+
+
+def skeleton_of(region: Region, weight: Floats, size: tuple[int, ...]) -> Skeleton:
+    """Thin one 8-connected region.
+
+    Parameters
+    ----------
+    region : Region
+    weight : (h, w) float64
+        As for `skeletons`, in the region's bounding box.
+    size : (height, width)
+        Of the whole image.
+    """
+    thin = _thinned(region.mask)
     at_row, at_column = np.nonzero(thin)
-    depth = _depth(painted)[at_row + top, at_column + left]
-    importance = (
-        np.ones(len(depth)) if weight is None else weight[at_row + top, at_column + left].astype(np.float64)
-    )
-    graph = _graph(thin, at_row, at_column)
-    count, member = connected_components(graph, directed=False)
-    by_member = np.argsort(member, kind="stable")
-    groups = np.split(by_member, np.cumsum(np.bincount(member, minlength=count))[:-1])
-    return tuple(
-        Skeleton(
-            rows=at_row[group] + top,
-            columns=at_column[group] + left,
-            depth=depth[group],
-            weight=importance[group],
-            graph=graph[group][:, group],
-        )
-        for group in groups
+    return Skeleton(
+        rows=at_row + int(region.rows.start),
+        columns=at_column + int(region.columns.start),
+        depth=_depth(region, size)[at_row, at_column],
+        weight=weight[at_row, at_column].astype(np.float64),
+        graph=_graph(thin, at_row, at_column),
     )
 
 
-def _thinned(painted: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Thin to lines; every region keeps at least its first pixel (thinning can eat a 2x2 dab whole)."""
-    thin = np.asarray(skeletonize(np.pad(painted, 1)))[1:-1, 1:-1].astype(np.bool_)
-    regions, count = ndimage.label(painted, structure=np.ones((3, 3)))
-    lost = np.bincount(regions[thin], minlength=count + 1)[1:] == 0
-    if lost.any():
-        numbers, first = np.unique(regions, return_index=True)
-        thin.flat[first[(numbers > 0) & np.concatenate([[False] * (numbers[0] == 0), lost])]] = True
+def _thinned(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Thin to lines; at least the first pixel is kept (thinning can eat a 2x2 dab whole)."""
+    thin = np.asarray(skeletonize(np.pad(mask, 1)))[1:-1, 1:-1].astype(np.bool_)
+    if not thin.any():
+        thin.flat[int(np.argmax(mask))] = True
     return thin
 
 
-def _depth(painted: npt.NDArray[np.bool_]) -> Floats:
-    if painted.all():
-        height, width = painted.shape
-        return np.full(painted.shape, 0.5 * min(height, width))
-    return np.asarray(ndimage.distance_transform_edt(painted), dtype=np.float64) - 0.5
+def _depth(region: Region, size: tuple[int, ...]) -> Floats:
+    """Distance (px) to the border; the image's edge is none."""
+    rows, columns = region.rows, region.columns
+    sides = ((rows.start == 0, rows.stop == size[0]), (columns.start == 0, columns.stop == size[1]))
+    padding = tuple((int(not low), int(not high)) for low, high in sides)
+    padded = np.pad(region.mask, padding)
+    if padded.all():
+        return np.full(region.mask.shape, 0.5 * min(size))
+    distance = np.asarray(ndimage.distance_transform_edt(padded), dtype=np.float64) - 0.5
+    return distance[padding[0][0] :, padding[1][0] :][: region.mask.shape[0], : region.mask.shape[1]]
 
 
 def _graph(thin: npt.NDArray[np.bool_], rows: Ints, columns: Ints) -> sparse.csr_array:

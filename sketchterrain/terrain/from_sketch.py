@@ -78,8 +78,8 @@ def rebuild(
         As :func:`~sketchterrain.terrain.changed_areas` says them: only tiles that these touch are other ones.
     """
     recipe = make_recipe(sketch, memory=terrain.memory, checkpoint=checkpoint)
-    after = Terrain(sketch, recipe, terrain.context, memory=terrain.memory)
-    return after, changed_areas(terrain.recipe, after.recipe)
+    areas = changed_areas(terrain.recipe, recipe)
+    return terrain.after(sketch, recipe, areas), areas
 
 
 def make_recipe(
@@ -119,7 +119,7 @@ def make_recipe(
     strong = _with_strengths(dry, painted, memory, checkpoint)
     dry = replace(dry, painted=np.concatenate([strong, adopted.points]))
     ground = DryGround(dry, memory.part(GroundMemory))
-    waters = trace_waters(sketch, seed=sketch.seed, ground=ground)
+    waters = trace_waters(sketch, seed=sketch.seed, ground=ground, memory=memory, checkpoint=checkpoint)
     ground.remember()
     return replace(
         dry,

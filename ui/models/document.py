@@ -174,9 +174,14 @@ class Document(QObject):
         self.saved_changed.emit()
 
     def saved(self, sketch: Sketch, path: Path) -> None:
-        """Remember that a sketch, the current one or one that was, is saved at a path."""
-        self._saved, self._path = self._history.key_of(sketch), path
-        self.saved_changed.emit()
+        """Remember that a sketch, the current one or one that was, is saved at a path.
+
+        One that was opened before the current one was opened is none of this document's.
+        """
+        key = self._history.key_of(sketch)
+        if key is not None:
+            self._saved, self._path = key, path
+            self.saved_changed.emit()
 
     def begin_draft(self, layer: str) -> Draft:
         """Begin a stroke on a layer; one that is still being drawn is cancelled."""

@@ -1,0 +1,179 @@
+"""What is kept in case of a crash, by whom, and until when."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sketchterrain.sketch import Sketch, load_sketch
+from sketchterrain.ui.models.autosave import Autosave
+from sketchterrain.ui.models.recovery import Lock, new_place, write_recovery
+
+if TYPE_CHECKING:
+    from sketchterrain.ui.models.document import Document
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "recovery"
+
+
+@pytest.fixture
+def autosave(document, folder):
+    made = Autosave(document, folder, interval_s=0.05)
+    yield made
+    made.close()
+
+
+def left_by_a_crash(folder: Path, sketch: Sketch, original: Path | None = None) -> Path:
+    """A sketch that a program kept which is no more."""
+    folder.mkdir(exist_ok=True)
+    path = new_place(folder)
+    path.with_suffix(".lock").touch()
+    write_recovery(path, sketch, original)
+    return path
+
+
+def seed(document: Document, number: int) -> None:
+    document.do("Seed", document.sketch.replace(seed=number))
+
+
+def test_a_modified_document_is_kept_and_dropped_when_it_is_saved(
+    document, autosave, qtbot, tmp_path
+) -> None:
+    qtbot.wait(100)
+    assert not autosave.path.exists()
+    seed(document, 5)
+    qtbot.waitUntil(autosave.path.exists)
+    assert load_sketch(autosave.path).seed == 5
+    document.saved(document.sketch, tmp_path / "a.sketch")
+    qtbot.waitUntil(lambda: not autosave.path.exists())
+    seed(document, 6)
+    qtbot.waitUntil(autosave.path.exists)
+    document.undo()
+    qtbot.waitUntil(lambda: not autosave.path.exists())
+
+
+def test_steps_without_a_pause_are_kept_at_the_interval(document, autosave, qtbot) -> None:
+    found = set()
+    start = time.monotonic()
+    for number in range(1, 10_000):
+        seed(document, number)
+        qtbot.wait(5)
+        if autosave.path.exists():
+            found.add(load_sketch(autosave.path).seed)
+        if len(found) > 3:
+            break
+    assert len(found) > 3
+    assert time.monotonic() - start < 10
+
+
+def test_a_clean_end_leaves_nothing(document, folder) -> None:
+    autosave = Autosave(document, folder)
+    seed(document, 5)
+    autosave.keep()
+    autosave.wait()
+    assert autosave.path.exists()
+    autosave.close()
+    assert list(folder.iterdir()) == []
+    seed(document, 6)  # nobody listens any more
+    unused = Autosave(document, folder / "never")
+    unused.close()
+    assert not (folder / "never").exists()
+
+
+def test_what_another_program_left_is_found_opened_and_discarded(document, autosave, folder, qtbot) -> None:
+    sketch = document.sketch.replace(seed=77, name="Lost")
+    old = left_by_a_crash(folder, document.sketch)
+    path = left_by_a_crash(folder, sketch, Path("/home/valley.sketch"))
+    newest, older = autosave.recoverable()
+    assert (newest.path, newest.name, newest.original) == (path, "Lost", Path("/home/valley.sketch"))
+    assert (older.path, older.original) == (old, None)
+    assert older.when < newest.when
+    assert [each.path for each in autosave.recoverable()] == [path, old]
+    document.open(load_sketch(newest.path), newest.original, modified=True)
+    autosave.discard(newest)
+    assert path.exists()  # until this program has kept it itself
+    qtbot.waitUntil(lambda: not path.exists())
+    assert load_sketch(autosave.path).seed == 77
+    autosave.discard(older)
+    qtbot.waitUntil(lambda: not old.exists())
+    assert {each.suffix for each in folder.iterdir()} == {".sketch", ".lock"}
+    assert {each.stem for each in folder.iterdir()} == {autosave.path.stem}
+
+
+def test_what_was_not_discarded_is_left_to_the_next_program(document, folder) -> None:
+    path = left_by_a_crash(folder, document.sketch)
+    first = Autosave(document, folder)
+    assert [each.path for each in first.recoverable()] == [path]
+    second = Autosave(document, folder)
+    assert second.recoverable() == []  # the first one has it
+    first.close()
+    assert [each.path for each in second.recoverable()] == [path]
+    second.close()
+    assert path.exists()
+
+
+def test_what_a_living_program_keeps_is_not_taken(document, folder) -> None:
+    program = (
+        "import sys, time; from pathlib import Path\n"
+        "from sketchterrain.sketch import Sketch\n"
+        "from sketchterrain.ui.models.recovery import Lock, write_recovery\n"
+        "path = Path(sys.argv[1]); lock = Lock(path); write_recovery(path, Sketch(seed=3), None)\n"
+        "print('kept', flush=True); time.sleep(60)\n"
+    )
+    folder.mkdir()
+    path = folder / "1-other.sketch"
+    autosave = Autosave(document, folder)
+    with subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE) as child:
+        try:
+            assert child.stdout.readline() == b"kept\n"
+            assert autosave.recoverable() == []
+        finally:
+            child.kill()
+    assert [each.path for each in autosave.recoverable()] == [path]
+    autosave.close()
+
+
+def test_locks_without_a_sketch_and_files_that_are_none_of_ours(document, autosave, folder) -> None:
+    folder.mkdir()
+    (folder / "1-dead.lock").touch()
+    (folder / "2-strange.sketch").write_bytes(b"not a zip")
+    (folder / "notes.txt").write_text("mine")
+    assert autosave.recoverable() == []
+    assert not (folder / "1-dead.lock").exists()
+    assert (folder / "2-strange.sketch").read_bytes() == b"not a zip"
+
+
+def test_a_lock_that_was_removed_meanwhile_is_made_anew(tmp_path) -> None:
+    lock = Lock(tmp_path / "a.sketch")
+    with pytest.raises(BlockingIOError):
+        Lock(tmp_path / "a.sketch")
+    lock.remove()
+    again = Lock(tmp_path / "a.sketch")
+    assert (tmp_path / "a.lock").exists()
+    with pytest.raises(BlockingIOError):
+        Lock(tmp_path / "a.sketch")
+    again.remove()
+
+
+def test_a_folder_that_cannot_be_is_told_once(document, tmp_path) -> None:
+    (tmp_path / "recovery").write_text("a file")
+    check_told_once(document, tmp_path / "recovery")
+
+
+def check_told_once(document: Document, folder: Path) -> None:
+    autosave = Autosave(document, folder)
+    told: list[str] = []
+    autosave.failed.connect(told.append)
+    for number in range(3):
+        seed(document, 100 + number)
+        autosave.keep()
+        autosave.wait()
+    assert len(told) == 1
+    autosave.close()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import time
+from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -14,6 +16,8 @@ from sketchterrain.errors import DeviceError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from PyQt6.QtCore import QCoreApplication
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
@@ -81,13 +85,13 @@ class _Painting:
     """A document, its link and a heart that beats in the event loop."""
 
     def __init__(self, sketch: Sketch) -> None:
-        from PyQt6.QtCore import QCoreApplication, Qt, QTimer
+        from PyQt6.QtCore import Qt, QTimer
 
         from sketchterrain.ui.engine.link import EngineLink
         from sketchterrain.ui.engine.messages import ViewState
         from sketchterrain.ui.models.document import Document
 
-        self._application = QCoreApplication.instance() or QCoreApplication([])
+        self._application = _application()
         self._document: Document = Document(sketch)
         self._link: EngineLink = EngineLink(self._document)
         self._rng = np.random.default_rng(SEED)
@@ -182,6 +186,16 @@ class _Painting:
                 lines = "; ".join(each.line for each in self._troubles)
                 raise DeviceError(f"the terrain does not follow what is painted: {lines or 'no answer'}")
             self._pause(time.monotonic() + 0.002)
+
+
+@cache
+def _application() -> QCoreApplication:
+    """Return the program's Qt, without a screen unless there is one."""
+    from PyQt6.QtWidgets import QApplication
+
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
+    return QApplication.instance() or QApplication([])
 
 
 def _found(painting: str, times: list[tuple[float, ...]], stalls: list[float]) -> Row:

@@ -54,6 +54,8 @@ TINY = Effort(
     picture_parts=("water",),
     picture_rounds=2,
     picture_size=(96, 54),
+    live_strokes=1,
+    live_dabs=2,
 )
 
 

@@ -276,7 +276,7 @@ class Engine:
         return self._view.width / self._view.height if self._view.width and self._view.height else 1.6
 
     def _tell_facts(self, **changes: str) -> None:
-        facts = replace(self._facts, **changes)  # type: ignore[arg-type] # all of them are text
+        facts = replace(self._facts, **changes)
         if facts != self._facts:
             self._facts = facts
             self._window.send(facts)

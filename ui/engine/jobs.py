@@ -59,7 +59,7 @@ class Jobs:
         """Return an answer that is there, and begin the next job."""
         assert self._channel is not None  # noqa: S101 # who asks saw that it has something to say
         try:
-            answer = self._channel.receive()
+            answer: Adherence | PictureWritten | Trouble = self._channel.receive()
         except EOFError:
             what = "picture" if isinstance(self._doing, PictureJob) else "engine"
             answer = Trouble(what, f"{self.doing or 'what takes long'}: the process that does it ended")

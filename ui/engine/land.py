@@ -81,9 +81,9 @@ class Land:
         self.sketch = self._mirror.sketch()
         if recipe is not None:
             self.recipe = recipe
-            self._make(pickle.loads(recipe))  # noqa: S301 # the placer's
+            self._make(pickle.loads(recipe), areas)  # noqa: S301 # the placer's
         elif self.terrain is not None:
-            self._make(self.terrain.recipe)
+            self._make(self.terrain.recipe, areas)
         return areas
 
     def go_over(self) -> str:
@@ -101,7 +101,7 @@ class Land:
             try:
                 self._context = self._open_device(spare)
                 if self.recipe:
-                    self._make(pickle.loads(self.recipe))  # noqa: S301 # the placer's
+                    self._make(pickle.loads(self.recipe), [])  # noqa: S301 # the placer's
             except DeviceError:
                 self._failed.append(spare)
                 continue
@@ -118,8 +118,12 @@ class Land:
         except DeviceError as error:
             self.lacks = one_line(error)
 
-    def _make(self, recipe: TerrainRecipe) -> None:
+    def _make(self, recipe: TerrainRecipe, areas: list[Box]) -> None:
         from sketchterrain.terrain import Terrain
 
-        if self._context is not None and self.sketch is not None:
+        if self._context is None or self.sketch is None:
+            return
+        if self.terrain is None:
             self.terrain = Terrain(self.sketch, recipe, self._context)
+        else:
+            self.terrain = self.terrain.after(self.sketch, recipe, areas)

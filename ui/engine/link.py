@@ -112,7 +112,7 @@ class EngineLink(QObject):
         self._timer.setSingleShot(True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._send_sketch)
-        self._came.connect(self._take, Qt.ConnectionType.QueuedConnection)
+        self._came.connect(self._take, type=Qt.ConnectionType.QueuedConnection)
 
     def start(self) -> None:
         """Start the processes; again after they ended, and anew while they run."""

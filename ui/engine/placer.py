@@ -140,7 +140,7 @@ def _placed(version: int, sketch: Sketch, recipe: TerrainRecipe, seconds: float)
         points=found.points,
         rivers=found.rivers,
         lakes=found.lakes,
-        resolutions=tuple((each, 0.0, 0.0) if isinstance(each, str) else each for each in recipe.resolutions),
+        resolutions=recipe.resolutions,
         orphans=recipe.orphans,
         seconds=seconds,
     )

@@ -1,0 +1,200 @@
+"""The eye behind the view: modes follow one another without a jump, motions end, and no ground is entered."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.render import Camera
+from sketchterrain.ui.engine.eye import Eye
+from sketchterrain.ui.engine.messages import Fly, GoTo, Pan, Turn, Zoom
+
+ASPECT = 1.6
+EXTENT = 4000.0
+
+
+class Hills:
+    """Ground that a formula gives."""
+
+    extent = EXTENT
+    size = (EXTENT, 3000.0)
+
+    def __init__(self, lift=0.0):
+        self.lift = lift
+
+    def heights(self, x, y, *, cell_size=0.0):
+        x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
+        return (self.lift + 80.0 * np.sin(x / 300.0) * np.cos(y / 400.0)).astype(np.float32)
+
+
+@pytest.fixture
+def ground():
+    return Hills()
+
+
+@pytest.fixture
+def eye(ground):
+    made = Eye(ground, aspect=ASPECT)
+    made.advance(0.016)
+    return made
+
+
+def rest(eye, seconds=20.0):
+    """Let time pass until it comes to rest."""
+    for _ in range(round(seconds / 0.016)):
+        eye.advance(0.016)
+        if not eye.restless:
+            return
+    raise AssertionError("it does not come to rest")
+
+
+def distance(eye):
+    camera = eye.camera()
+    return float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
+
+
+@pytest.mark.parametrize("aspect", [0.7, 1.0, 1.6, 2.4])
+def test_it_begins_where_the_middle_of_all_sides_is_seen(ground, aspect):
+    eye = Eye(ground, aspect=aspect)
+    eye.advance(0.016)
+    camera = eye.camera()
+    to_clip = camera.to_clip(aspect)
+    for place in ((0, 1500), (4000, 1500), (2000, 0), (2000, 3000), (2000, 1500)):
+        clip = to_clip @ [*np.subtract((*place, 0.0), camera.eye), 1.0]
+        assert abs(clip[0]) < clip[3]
+        assert abs(clip[1]) < clip[3]
+
+
+def test_without_motion_it_rests_and_says_so(eye):
+    rest(eye)
+    camera = eye.camera()
+    assert not eye.advance(1.0)
+    assert eye.camera() is camera
+
+
+def test_a_turn_keeps_the_distance_and_comes_to_rest(eye):
+    before = distance(eye)
+    eye.take(Turn(90.0, 5.0), aspect=ASPECT)
+    assert eye.restless
+    assert eye.advance(0.05)
+    rest(eye)
+    assert distance(eye) == pytest.approx(before, rel=1e-3)
+    assert eye.camera().eye[0] > 3500.0  # to the east of what it looks at
+
+
+def test_a_zoom_keeps_the_place_under_the_mouse(eye):
+    place = eye.seen(0.3, 0.7, aspect=ASPECT)
+    before = distance(eye)
+    eye.take(Zoom(0.4, 0.3, 0.7), aspect=ASPECT)
+    rest(eye)
+    assert distance(eye) == pytest.approx(0.4 * before, rel=1e-3)
+    assert np.allclose(eye.seen(0.3, 0.7, aspect=ASPECT), place, atol=5.0)
+
+
+def test_pan_and_keys_move_the_pivot_over_the_ground(eye):
+    before = np.array(eye.camera().target)
+    eye.take(Pan(0.0, 0.2), aspect=ASPECT)
+    rest(eye)
+    north = np.array(eye.camera().target)
+    assert north[1] > before[1] + 100.0
+    eye.take(Fly(right=1.0), aspect=ASPECT)
+    for _ in range(30):
+        eye.advance(0.016)
+    assert eye.restless  # as long as the key is down
+    assert eye.camera().target[0] > north[0] + 100.0
+    eye.take(Fly(), aspect=ASPECT)
+    rest(eye)
+
+
+@pytest.mark.parametrize(
+    "modes", [("fly",), ("fly", "orbit"), ("fly", "orbit", "fly"), ("orbit", "fly", "orbit")]
+)
+def test_another_mode_leaves_the_eye_where_it_is(eye, modes):
+    eye.take(Turn(35.0, -10.0), aspect=ASPECT)
+    rest(eye)
+    before = eye.camera()
+    for mode in modes:
+        eye.use(mode)
+        eye.advance(0.016)
+        camera = eye.camera()
+        assert np.allclose(camera.eye, before.eye, atol=0.5)
+        assert np.allclose(camera.forward, before.forward, atol=1e-3)
+
+
+def test_on_foot_it_comes_down_to_the_ground_and_stays_there(eye, ground):
+    eye.use("walk")
+    rest(eye)
+    x, y, z = eye.camera().eye
+    assert z - ground.heights(x, y) == pytest.approx(1.7, abs=0.3)
+    eye.take(Fly(forward=1.0, boost=20.0), aspect=ASPECT)
+    for _ in range(200):
+        eye.advance(0.016)
+        x, y, z = eye.camera().eye
+        assert z > ground.heights(x, y) + 0.5
+
+
+def test_flying_goes_where_it_looks(eye):
+    eye.use("fly")
+    start, forward = np.array(eye.camera().eye), eye.camera().forward
+    eye.take(Fly(forward=1.0), aspect=ASPECT)
+    for _ in range(20):
+        eye.advance(0.016)
+    way = np.array(eye.camera().eye) - start
+    assert way @ forward > 0.99 * np.linalg.norm(way) > 1.0
+
+
+@pytest.mark.parametrize("mode", ["orbit", "fly"])
+def test_it_glides_to_a_place_and_looks_at_it(eye, ground, mode):
+    eye.use(mode)
+    eye.advance(0.016)
+    eye.take(GoTo(1200.0, 2000.0, 900.0), aspect=ASPECT)
+    eye.advance(0.05)
+    on_its_way = np.array(eye.camera().eye)
+    rest(eye)
+    camera = eye.camera()
+    place = np.array([1200.0, 2000.0, float(ground.heights(1200.0, 2000.0))])
+    assert np.linalg.norm(np.subtract(camera.eye, place)) == pytest.approx(900.0, rel=0.01)
+    assert camera.forward @ (place - camera.eye) / np.linalg.norm(place - camera.eye) > 0.9999
+    assert np.linalg.norm(on_its_way - camera.eye) > 10.0
+
+
+def test_flying_a_wheel_goes_towards_what_is_under_the_mouse(eye):
+    eye.use("fly")
+    eye.advance(0.016)
+    place = np.array(eye.seen(0.3, 0.7, aspect=ASPECT))
+    before = np.linalg.norm(place - eye.camera().eye)
+    eye.take(Zoom(0.5, 0.3, 0.7), aspect=ASPECT)
+    rest(eye)
+    assert np.linalg.norm(place - eye.camera().eye) == pytest.approx(0.5 * before, rel=0.02)
+
+
+@pytest.mark.parametrize("mode", ["orbit", "fly"])
+def test_it_is_at_once_where_one_puts_it(eye, mode):
+    eye.use(mode)
+    wanted = Camera((500.0, 300.0, 700.0), (2000.0, 1500.0, 0.0), fov=50.0)
+    eye.be_at(wanted)
+    eye.advance(0.0)
+    assert np.allclose(eye.camera().eye, wanted.eye, atol=0.5)
+    assert np.allclose(eye.camera().forward, wanted.forward, atol=1e-3)
+
+
+@pytest.mark.parametrize("mode", ["orbit", "fly", "walk"])
+def test_ground_that_rises_lifts_it_out(eye, mode):
+    eye.use(mode)
+    rest(eye)
+    x, y, z = eye.camera().eye
+    higher = Hills(lift=z + 500.0)
+    eye.follow(higher)
+    rest(eye)
+    x, y, z = eye.camera().eye
+    assert z > higher.heights(x, y)
+
+
+def test_the_sky_is_no_place(eye):
+    eye.use("fly")
+    eye.take(Turn(0.0, 80.0), aspect=ASPECT)
+    rest(eye)
+    assert eye.seen(0.5, 0.1, aspect=ASPECT) is None
+    eye.use("orbit")  # around something before it all the same
+    rest(eye)
+    assert np.isfinite(eye.camera().eye).all()

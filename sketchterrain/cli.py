@@ -281,6 +281,19 @@ def adherence(
         say(*adherence_lines(entry), *([f"picture: {output}"] if output is not None else []))
 
 
+@app.command()
+def edit(
+    sketch: Annotated[
+        str | None,
+        typer.Argument(metavar="[SKETCH]", help="A sketch's folder or .sketch file, or a preset's name."),
+    ] = None,
+) -> None:
+    """Open the desktop program: paint, see the terrain follow, change what was generated."""
+    from sketchterrain.ui.app import run
+
+    raise typer.Exit(run(sketch))
+
+
 for _command in (queries.bench, queries.devices, queries.presets):
     app.command()(_command)
 

@@ -145,6 +145,13 @@ COMMANDS: Final[dict[str, Command]] = {
     "look-all": Command("&See the whole terrain", "Look at all of it from the best place", "fit"),
     "look-chosen": Command("See the s&election", "Look at the selected feature", "target"),
     "play": Command("Water and clouds &move", "Let water, plants and clouds move", "play", (), "check"),
+    "bookmark": Command("&Bookmark this view", "Remember where the eye is", "bookmark", ("Ctrl+B",)),
+    **{
+        f"bookmark-{number}": Command(
+            f"View &{number}", f"Be where bookmark {number} was made", "", (f"Alt+{number}",)
+        )
+        for number in range(1, 10)
+    },
     "restart": Command(
         "&Start the engine again", "End what works out the terrain and start it anew", "restart"
     ),

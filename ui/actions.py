@@ -42,6 +42,7 @@ class Actions(QObject):
             if command.icon:
                 action.setIcon(icon(command.icon))
             action.setCheckable(bool(command.kind))
+            action.setIconVisibleInMenu(not command.kind)  # there the tick says more
             if command.kind in groups:
                 groups[command.kind].addAction(action)
             self._actions[name] = action

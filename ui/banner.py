@@ -1,11 +1,11 @@
-"""Messages at the top of the window: one at a time, never in the way of work."""
+"""Messages that float at the top of the window: one at a time, and nothing moves to make room."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QEvent, QObject, QSize, Qt, QTimer
 from PyQt6.QtGui import QColor, QPainter
 from PyQt6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QToolButton, QWidget
 
@@ -21,6 +21,7 @@ __all__ = ["Banner", "Message"]
 
 _LONG = 8000  # ms that good news stay
 _MOST = 8  # messages that wait
+_WIDE = 640  # px
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,23 @@ class Message:
 
 
 class Banner(QFrame):
-    """Shows the last of the messages that were not dismissed; hidden when there is none."""
+    """Shows the last of the messages that were not dismissed; hidden when there is none.
 
-    shown_changed = pyqtSignal(bool)
-    """Whether there is a message."""
+    Parameters
+    ----------
+    window
+        Over which it floats.
+    below
+        The bar under which it does so.
+    """
 
-    def __init__(self, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
+    def __init__(self, window: QWidget, *, below: QWidget) -> None:
+        super().__init__(window)
+        self._window, self._below = window, below
         self._messages: list[Message] = []
+        self.setObjectName("banner")
+        self.setAutoFillBackground(True)
+        window.installEventFilter(self)
         self._mark = _Mark(self)
         self._line = QLabel(self)
         self._line.setTextFormat(Qt.TextFormat.PlainText)
@@ -72,10 +82,18 @@ class Banner(QFrame):
         self._row.addWidget(self._line, 1)
         self._row.addWidget(close)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self._timer = QTimer(self, singleShot=True, interval=_LONG)
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(_LONG)
         self._timer.timeout.connect(self.dismiss)
         self.setAccessibleName("Messages")
         self.hide()
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
+        """Keep to the middle of the window when that changes its size."""
+        if event is not None and watched is self._window and event.type() == QEvent.Type.Resize:
+            self._place()
+        return super().eventFilter(watched, event)
 
     @property
     def message(self) -> Message | None:
@@ -125,8 +143,17 @@ class Banner(QFrame):
                 self._buttons.append(button)
             if message.kind in ("info", "good"):
                 self._timer.start()
+        self._place()
         self.setVisible(message is not None)
-        self.shown_changed.emit(message is not None)
+        self.raise_()
+
+    def _place(self) -> None:
+        width = min(_WIDE, self._window.width() - 2 * MARGIN)
+        bar = self._below
+        top = bar.geometry().bottom() + 1 if bar.isVisible() else 0
+        self._row.activate()
+        height = max(self._row.heightForWidth(width), self._row.minimumSize().height())
+        self.setGeometry((self._window.width() - width) // 2, top + SPACING, width, height)
 
     def _do(self, message: Message, do: Callable[[], object]) -> None:
         if message in self._messages:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtCore import QSize, Qt
 from PyQt6.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QSizePolicy, QToolButton, QWidget
 
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import SMALL, SPACING
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QResizeEvent
 
 __all__ = ["Dock"]
 
@@ -49,8 +44,8 @@ class Dock(QDockWidget):
         self.raise_()
 
     def show_title(self, shown: bool) -> None:
-        """Say its name above it, or leave that to its tab."""
-        self._title.name.setVisible(shown)
+        """Have a title above it, or leave that to its tab."""
+        self._title.show_all(shown)
 
 
 class _Title(QWidget):
@@ -62,11 +57,11 @@ class _Title(QWidget):
         row = QHBoxLayout(self)
         row.setContentsMargins(SPACING, SMALL, SMALL, 0)
         row.setSpacing(0)
-        self.name = QLabel(dock.windowTitle())
-        font = self.name.font()
+        name = QLabel(dock.windowTitle())
+        font = name.font()
         font.setBold(True)
-        self.name.setFont(font)
-        row.addWidget(self.name)
+        name.setFont(font)
+        row.addWidget(name)
         row.addStretch(1)
         self._float = _button("float", f"Float {dock.windowTitle()}")
         self._float.clicked.connect(lambda: dock.setFloating(not dock.isFloating()))
@@ -74,6 +69,8 @@ class _Title(QWidget):
         close.clicked.connect(dock.close)
         row.addWidget(self._float)
         row.addWidget(close)
+        self._parts = (name, self._float, close)
+        self._shown = True
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
 
     def show_state(self, floats: bool) -> None:
@@ -81,13 +78,19 @@ class _Title(QWidget):
         what = "Dock" if floats else "Float"
         self._float.setToolTip(f"{what} {self._dock.windowTitle()}")
 
+    def show_all(self, shown: bool) -> None:
+        if shown != self._shown:
+            self._shown = shown
+            for part in self._parts:
+                part.setVisible(shown)
+            self.updateGeometry()
+
+    def sizeHint(self) -> QSize:
+        return super().sizeHint() if self._shown else QSize(60, 0)
+
     def minimumSizeHint(self) -> QSize:
         # A long title must not keep a narrow panel from being narrow.
-        return QSize(60, super().minimumSizeHint().height())
-
-    def resizeEvent(self, event: QResizeEvent | None) -> None:
-        super().resizeEvent(event)
-        self.update()
+        return QSize(60, super().minimumSizeHint().height() if self._shown else 0)
 
 
 def _button(name: str, tip: str) -> QToolButton:

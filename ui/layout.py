@@ -32,7 +32,7 @@ PARTS: Final = {
     "layers": Part("Layers", "left"),
     "properties": Part("Properties", "left below"),
     "world": Part("World", "left below"),
-    "light": Part("Light & view", "left below"),
+    "light": Part("Light", "left below"),
     "view": Part("3-D view", "right"),
     "history": Part("History", "right below"),
     "adherence": Part("Adherence", "right below"),
@@ -64,7 +64,9 @@ class Layout(QObject):
             window.setCorner(corner, Qt.DockWidgetArea.LeftDockWidgetArea)
         for corner in (Qt.Corner.TopRightCorner, Qt.Corner.BottomRightCorner):
             window.setCorner(corner, Qt.DockWidgetArea.RightDockWidgetArea)
-        self._titles = QTimer(self, singleShot=True, interval=0)
+        self._titles = QTimer(self)
+        self._titles.setSingleShot(True)
+        self._titles.setInterval(0)
         self._titles.timeout.connect(self._show_titles)
         for dock in self.docks.values():
             dock.dockLocationChanged.connect(lambda _: self._titles.start())

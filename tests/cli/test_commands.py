@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-COMMANDS = ("new", "generate", "render", "fly", "adherence", "bench", "devices", "presets")
+COMMANDS = ("new", "generate", "render", "fly", "adherence", "edit", "bench", "devices", "presets")
 
 
 def test_help_loads_no_numbers_no_driver_and_no_picture() -> None:
-    heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib"]
+    heavy = ["numpy", "scipy", "pyopencl", "moderngl", "PIL", "rasterio", "matplotlib", "PyQt6"]
     code = (
         "import sys\n"
         "from sketchterrain.cli import main\n"

@@ -20,7 +20,7 @@ QMenuBar::item { padding: 4px 9px; border-radius: 4px; background: transparent; 
 QMenuBar::item:selected { background: $line; }
 QMenu { background: $base; border: 1px solid $line; padding: 4px; }
 QMenu::item { padding: 5px 26px 5px 8px; border-radius: 4px; }
-QMenu::item:selected { background: $accent; color: $on_accent; }
+QMenu::item:selected { background: $line; }
 QMenu::item:disabled { color: $faint; }
 QMenu::icon { padding-left: 8px; }
 QMenu::separator { height: 1px; background: $line; margin: 4px 8px; }
@@ -35,6 +35,9 @@ QToolButton:pressed { background: $accent; }
 QToolButton:checked { background: $accent; color: $on_accent; }
 QToolButton:focus { border-color: $accent; }
 QToolButton::menu-indicator { image: none; }
+QToolButton::menu-button { border: none; background: transparent; width: 14px; }
+
+QFrame#banner { background: $raised; border: 1px solid $faint; border-radius: 7px; }
 
 QStatusBar { background: $window; border-top: 1px solid $line; }
 QStatusBar::item { border: none; }
@@ -57,13 +60,22 @@ QPushButton:default:focus { border-color: $text; }
 QPushButton:disabled, QPushButton:default:disabled {
     background: $window; color: $faint; border-color: $line; }
 
-QLineEdit, QAbstractSpinBox, QPlainTextEdit, QTextEdit {
+QLineEdit, QPlainTextEdit, QTextEdit {
     background: $base; border: 1px solid $line; border-radius: 4px; padding: 3px 5px;
     selection-background-color: $accent; selection-color: $on_accent; }
-QLineEdit:focus, QAbstractSpinBox:focus, QPlainTextEdit:focus, QTextEdit:focus { border-color: $accent; }
+QLineEdit:focus, QPlainTextEdit:focus, QTextEdit:focus { border-color: $accent; }
+QLineEdit:disabled { background: $window; }
 QAbstractSpinBox QLineEdit { border: none; padding: 0; background: transparent; }
+QComboBox QAbstractItemView { background: $base; border: 1px solid $line; padding: 3px; outline: none;
+    selection-background-color: $accent; selection-color: $on_accent; }
+QCheckBox, QRadioButton { spacing: 7px; }
+QCheckBox:focus, QRadioButton:focus { color: $accent; }
 QListView, QTreeView, QTableView { background: $base; border: 1px solid $line; border-radius: 4px; }
 QListView:focus, QTreeView:focus, QTableView:focus { border-color: $accent; }
+QListView#gallery { border: none; background: transparent; }
+QListView#gallery::item { border-radius: 9px; padding: 9px 3px 3px 3px; }
+QListView#gallery::item:hover { background: $line; }
+QListView#gallery::item:selected { background: $accent; color: $on_accent; }
 QHeaderView::section { background: $window; color: $faint; border: none; border-bottom: 1px solid $line;
                        padding: 4px 6px; }
 QScrollArea { border: none; background: transparent; }

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from PyQt6.QtCore import QObject, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QFont, QGuiApplication, QPalette
-from PyQt6.QtWidgets import QApplication, QStyleFactory
 
+from sketchterrain.ui.look.style import Marks
 from sketchterrain.ui.look.style_sheet import style_sheet
+
+if TYPE_CHECKING:
+    from PyQt6.QtWidgets import QApplication
 
 __all__ = [
     "CHOICES",
@@ -143,7 +146,7 @@ class Looks(QObject):
         if not self._follows and hints is not None:
             hints.colorSchemeChanged.connect(lambda _: self._show(app))
             self._follows = True
-            app.setStyle(QStyleFactory.create("Fusion"))
+            app.setStyle(Marks(theme))
         self._show(app, always=True)
 
     def _show(self, app: QApplication, *, always: bool = False) -> None:

@@ -1,0 +1,151 @@
+"""The desktop program from its start to its end."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sketchterrain.resources import preset_names
+from sketchterrain.sketch import load_sketch
+from sketchterrain.ui.screen import check_screen
+
+if TYPE_CHECKING:
+    from PyQt6.QtWidgets import QApplication
+
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.ui.models.autosave import Autosave
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.recovery import Recovery
+    from sketchterrain.ui.window import MainWindow
+
+__all__ = ["run"]
+
+FIRST = "valley_river"
+"""The preset that a new user sees first."""
+
+
+def run(name: str | None = None) -> int:
+    """Show the window until it is closed.
+
+    Parameters
+    ----------
+    name
+        A sketch's folder, its file, or a preset's name; by default the first preset.
+
+    Returns
+    -------
+    int
+        The exit code.
+
+    Raises
+    ------
+    InputError
+        If there is no such sketch; before any window.
+    SketchterrainError
+        If there is no screen, or Qt lacks something.
+    """
+    check_screen()
+    sketch, path = load_sketch(name or FIRST), _path_of(name)
+    from PyQt6.QtWidgets import QApplication
+
+    app = QApplication(sys.argv[:1])
+    app.setApplicationName("sketchterrain")
+    app.setApplicationDisplayName("Sketchterrain")
+    app.setDesktopFileName("sketchterrain")
+    return _show(app, sketch, path)
+
+
+def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
+    from PyQt6.QtCore import QTimer
+
+    from sketchterrain.ui.engine.link import EngineLink
+    from sketchterrain.ui.look.theme import apply_theme
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.preferences import Preferences, config_folder, state_folder
+    from sketchterrain.ui.models.workspace import Workspace
+
+    settings = config_folder() / "desktop.ini"
+    is_new = not settings.exists()
+    preferences = Preferences(settings)
+    document = Document(sketch)
+    document.open(sketch, path)
+    link = EngineLink(document)
+    link.device = preferences.device
+    link.start()  # its processes load their libraries while this one builds the window
+    apply_theme(app, preferences.theme)
+    from sketchterrain.ui.banner import Message
+    from sketchterrain.ui.models.autosave import Autosave
+    from sketchterrain.ui.models.bookmarks import Bookmarks
+    from sketchterrain.ui.models.recent import RecentFiles
+    from sketchterrain.ui.models.saving import Saving
+    from sketchterrain.ui.window import MainWindow
+
+    recent = RecentFiles(state_folder() / "recent")
+    if path is not None:
+        recent.add(path.absolute())
+    bookmarks = Bookmarks(document, state_folder() / "bookmarks")
+    window = MainWindow(
+        document,
+        Workspace(),
+        link,
+        preferences=preferences,
+        recent=recent,
+        saving=Saving(document),
+        bookmarks=bookmarks,
+    )
+    window.surprises.catch_all()
+    autosave = Autosave(document, state_folder() / "recovery")
+    for keeper in (autosave, bookmarks):
+        keeper.failed.connect(lambda line: window.banner.tell(Message("warning", line, "keeping")))
+    preferences.theme_changed.connect(lambda theme: apply_theme(app, theme))
+
+    def change_device() -> None:
+        link.stop()
+        link.device = preferences.device
+        link.start()
+
+    preferences.device_changed.connect(change_device)
+    window.show()
+    QTimer.singleShot(0, lambda: _welcome(window, document, autosave, is_new=is_new))
+    code = app.exec()
+    link.stop()
+    autosave.close()
+    return code
+
+
+def _welcome(window: MainWindow, document: Document, autosave: Autosave, *, is_new: bool) -> None:
+    """Offer what a crash left behind; tell a new user where to begin."""
+    from sketchterrain.ui.banner import Message
+
+    found = autosave.recoverable()
+    if found:
+        _offer(found, window, document, autosave)
+    elif is_new:
+        steps = window.actions_by_name["first-steps"].trigger
+        message = Message(
+            "info", "New here? Six steps lead to a terrain.", "welcome", (("First steps", steps),)
+        )
+        window.banner.tell(message)
+
+
+def _offer(found: list[Recovery], window: MainWindow, document: Document, autosave: Autosave) -> None:
+    from sketchterrain.ui.dialogs.recovery import RecoveryDialog
+
+    dialog = RecoveryDialog(found, window)
+    if dialog.exec():
+        recovery = dialog.chosen
+        if not dialog.discarded:
+            sketch = load_sketch(recovery.path)
+            document.open(sketch, recovery.original, modified=True)
+        autosave.discard(recovery)
+    dialog.deleteLater()
+
+
+def _path_of(name: str | None) -> Path | None:
+    """Return where a sketch is saved; None for a preset, which is no file of the person's."""
+    if name is None:
+        return None
+    path = Path(name)
+    is_preset = name in preset_names() and not path.is_file() and not (path / "sketch.toml").is_file()
+    return None if is_preset else path

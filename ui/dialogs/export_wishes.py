@@ -1,0 +1,122 @@
+"""Which files an export shall write, as controls: the command line's choices, with what they take."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from PyQt6.QtCore import pyqtSignal
+from PyQt6.QtWidgets import QCheckBox, QComboBox, QVBoxLayout, QWidget
+
+from sketchterrain.sizes import gibibytes, memory_needed
+from sketchterrain.ui.dialogs.sheet import form, note
+from sketchterrain.ui.export_process import Wish
+from sketchterrain.ui.look.theme import MARGIN
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.sketch import Sketch
+
+__all__ = ["ExportWishes"]
+
+_SIZES: Final = (257, 513, 1025, 2049, 4097, 8193)
+_FOLIAGE: Final = {
+    "csv": "Trees and shrubs as a table (CSV)",
+    "ply": "Trees and shrubs as a point cloud (PLY)",
+    "both": "As a table and as a point cloud",
+    "none": "None",
+}
+_MAPS: Final = {"": "None", "png": "As a picture (PNG)", "svg": "As vectors (SVG)"}
+_VIEWS: Final = {
+    "auto": "From the best place",
+    "ground": "From near the ground",
+    "hill": "From a hill",
+    "air": "From the air",
+    "": "None",
+}
+# Of a vertex: 4 of height.tif, 2 of height.png, 3 of normals, 8 of materials, compressed to about two thirds.
+_DISK = 11
+
+
+class ExportWishes(QWidget):
+    """Asks how large, and which files besides.
+
+    Parameters
+    ----------
+    sketch
+        That shall be exported.
+    """
+
+    changed = pyqtSignal()
+
+    def __init__(self, sketch: Sketch, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._sketch = sketch
+        self.sizes = QComboBox()
+        for size in _SIZES:
+            self.sizes.addItem(self._size_text(size), size)
+        self.sizes.setCurrentIndex(_SIZES.index(1025))
+        self.foliage, self.maps, self.views = QComboBox(), QComboBox(), QComboBox()
+        for box, choices in ((self.foliage, _FOLIAGE), (self.maps, _MAPS), (self.views, _VIEWS)):
+            for key, title in choices.items():
+                box.addItem(title, key)
+        self.grass = QCheckBox("Grass, flowers and ferns too (millions)")
+        self._told = note()
+        fields = form()
+        for title, control, tip in (
+            ("&Heights", self.sizes, "Samples of heights, normals and materials"),
+            ("&Plants", self.foliage, "Which file holds the plants"),
+            ("", self.grass, "Only a point cloud holds so many"),
+            ("&Map", self.maps, "A topographic map"),
+            ("Pre&view", self.views, "A rendered picture"),
+        ):
+            fields.addRow(title, control)
+            control.setToolTip(tip)
+            control.setAccessibleName(title.replace("&", "") or "Grass")
+        rows = QVBoxLayout(self)
+        rows.setContentsMargins(0, 0, 0, 0)
+        rows.setSpacing(MARGIN)
+        rows.addLayout(fields)
+        rows.addWidget(self._told)
+        for box in (self.sizes, self.foliage, self.maps, self.views):
+            box.currentIndexChanged.connect(lambda _: self._show())
+        self.grass.toggled.connect(lambda _: self._show())
+        self._show()
+
+    @property
+    def samples(self) -> int:
+        """Vertices along the longer side."""
+        return int(self.sizes.currentData())
+
+    def wish(self, folder: Path, device: str | None) -> Wish:
+        """Return what is asked for, into a folder, on a device."""
+        view = str(self.views.currentData())
+        return Wish(
+            folder,
+            size=self.samples,
+            foliage=str(self.foliage.currentData()),
+            grass=self.grass.isChecked() and self.grass.isEnabled(),
+            preview=bool(view),
+            view=view or "auto",
+            map=str(self.maps.currentData()) or None,
+            device=device,
+        )
+
+    def _size_text(self, size: int) -> str:
+        east, north = self._sketch.size
+        short = max(2, round((size - 1) * min(east, north) / max(east, north)) + 1)
+        columns, rows = (size, short) if east >= north else (short, size)
+        return f"{columns} × {rows}, {max(east, north) / (size - 1):.3g} m apart"
+
+    def _show(self) -> None:
+        self.grass.setEnabled(self.foliage.currentData() in ("ply", "both"))
+        east, north = self._sketch.size
+        disk = _DISK * self.samples**2 * min(east, north) / max(east, north) / (1 << 20)
+        room = f"{disk:.0f} MiB" if disk < 1024 else gibibytes(disk * (1 << 20))
+        plants = "" if self.foliage.currentData() == "none" else " without the plants"
+        needed = gibibytes(memory_needed(self._sketch, self.samples))
+        self._told.setText(
+            f"height.tif, height.png, normal.png, materials.png and features.json: about {room}{plants}. "
+            f"Takes about {needed} of memory."
+        )
+        self.changed.emit()

@@ -1,0 +1,108 @@
+"""The dialog for a new sketch: how many pixels, how much land."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+from PyQt6.QtWidgets import QCheckBox, QComboBox, QDialog, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
+
+from sketchterrain.sketch import SKETCH, Sketch
+from sketchterrain.sketch.starter import starter_sketch
+from sketchterrain.ui.dialogs.sheet import button_row, column, form, note
+
+__all__ = ["NewSketchDialog"]
+
+_SIZES = {
+    "512 × 512": (512, 512),
+    "768 × 512": (768, 512),
+    "1024 × 1024": (1024, 1024),
+    "1536 × 1024": (1536, 1024),
+    "2048 × 2048": (2048, 2048),
+    "4096 × 4096": (4096, 4096),
+    "Other": None,
+}
+_SIDES = (32, 16384)  # px
+_SEEDS = 1_000_000
+
+
+class NewSketchDialog(QDialog):
+    """Asks what a new sketch shall be like; see `sketch` when it was accepted."""
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        rows = column(self, "New sketch")
+        self.name = QLineEdit("My terrain")
+        self.name.setMaxLength(int(SKETCH["name"].high))
+        self.name.selectAll()
+        self.sheet = QComboBox()
+        self.sheet.addItems(_SIZES)
+        self.columns, self.rows = _side(512), _side(512)
+        self.extent = QDoubleSpinBox()
+        self.extent.setDecimals(0)
+        self.extent.setRange(SKETCH["extent"].low, SKETCH["extent"].high)
+        self.extent.setSingleStep(1024)
+        self.extent.setSuffix(" m")
+        self.extent.setGroupSeparatorShown(True)
+        self.extent.setValue(float(SKETCH["extent"].default))
+        self.starter = QCheckBox("With a mountain and a river to begin with")
+        self._told = note()
+        fields = form()
+        controls: tuple[tuple[str, QWidget, str], ...] = (
+            ("&Name", self.name, "What the sketch is called"),
+            ("&Sheet", self.sheet, "Pixels that you paint on"),
+            ("&Width", self.columns, "Pixels from west to east"),
+            ("Hei&ght", self.rows, "Pixels from north to south"),
+            ("&Extent", self.extent, SKETCH["extent"].help[:1].upper() + SKETCH["extent"].help[1:]),
+        )
+        for title, control, tip in controls:
+            fields.addRow(title, control)
+            control.setToolTip(tip)
+            control.setAccessibleName(title.replace("&", ""))
+        fields.addRow("", self.starter)
+        rows.addLayout(fields)
+        rows.addWidget(self._told)
+        rows.addStretch(1)
+        rows.addWidget(button_row(self, "Create")[0])
+        self.sheet.currentTextChanged.connect(lambda _: self._show())
+        for box in (self.columns, self.rows, self.extent):
+            box.valueChanged.connect(lambda _: self._show())
+        self.setMinimumWidth(420)
+        self._show()
+
+    def sketch(self) -> Sketch:
+        """Return the new sketch, with a seed of its own."""
+        if self.starter.isChecked() and self.starter.isEnabled():
+            begun = starter_sketch()
+        else:
+            width, height = self._pixels()
+            begun = Sketch(layers={"mountain": np.zeros((height, width), np.uint8)})
+        return begun.replace(
+            name=self.name.text().strip() or "Untitled",
+            extent=self.extent.value(),
+            seed=random.randrange(_SEEDS),  # noqa: S311 - a terrain, no secret
+        )
+
+    def _pixels(self) -> tuple[int, int]:
+        chosen = _SIZES[self.sheet.currentText()]
+        return chosen or (self.columns.value(), self.rows.value())
+
+    def _show(self) -> None:
+        width, height = self._pixels()
+        other = _SIZES[self.sheet.currentText()] is None
+        for box, value in ((self.columns, width), (self.rows, height)):
+            box.setEnabled(other)
+            if not other:
+                box.setValue(value)
+        self.starter.setEnabled((width, height) == (512, 512))
+        pixel = self.extent.value() / max(width, height)
+        east, north = width * pixel / 1000.0, height * pixel / 1000.0
+        self._told.setText(f"{east:.3g} km × {north:.3g} km of land, {pixel:.3g} m a pixel.")
+
+
+def _side(value: int) -> QSpinBox:
+    box = QSpinBox()
+    box.setRange(*_SIDES)
+    box.setSuffix(" px")
+    box.setValue(value)
+    return box

@@ -1,0 +1,72 @@
+"""What to do with work that a crash left behind."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QDateTime, QLocale, Qt
+from PyQt6.QtWidgets import QDialog, QDialogButtonBox, QListWidget, QListWidgetItem, QWidget
+
+from sketchterrain.ui.dialogs.sheet import button_row, column, heading, note
+from sketchterrain.ui.look.theme import SMALL
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.ui.models.recovery import Recovery
+
+__all__ = ["RecoveryDialog"]
+
+
+class RecoveryDialog(QDialog):
+    """Offers sketches that were not saved when the program ended.
+
+    Parameters
+    ----------
+    found
+        At least one; the newest first.
+
+    Attributes
+    ----------
+    discarded : bool
+        Whether the chosen one shall be deleted.
+    """
+
+    def __init__(self, found: Sequence[Recovery], parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._found = tuple(found)
+        self.discarded = False
+        rows = column(self, "Sketchterrain")
+        rows.addWidget(heading("Your work was kept"))
+        rows.addWidget(note("The program ended before this was saved. Recover it?"))
+        self.list = QListWidget()
+        self.list.setAccessibleName("Sketches that were kept")
+        self.list.setSpacing(SMALL)
+        when = QLocale().toString
+        for place, recovery in enumerate(self._found):
+            path = recovery.original
+            where = f"\n{path}" if path is not None else "\nNever saved"
+            kept = QDateTime.fromSecsSinceEpoch(int(recovery.when.timestamp()))
+            time = when(kept, QLocale.FormatType.ShortFormat)
+            item = QListWidgetItem(f"{recovery.name}    {time}{where}")
+            item.setData(Qt.ItemDataRole.UserRole, place)
+            self.list.addItem(item)
+        self.list.setCurrentRow(0)
+        self.list.itemActivated.connect(lambda _: self.accept())
+        rows.addWidget(self.list, 1)
+        box, _ = button_row(self, "Recover", cancel="Later")
+        discard = box.addButton("Delete it", QDialogButtonBox.ButtonRole.DestructiveRole)
+        if discard is not None:
+            discard.clicked.connect(self._discard)
+        rows.addWidget(box)
+        self.resize(460, 300)
+
+    @property
+    def chosen(self) -> Recovery:
+        """The one that is marked."""
+        item = self.list.currentItem()
+        return self._found[0 if item is None else int(item.data(Qt.ItemDataRole.UserRole))]
+
+    def _discard(self) -> None:
+        self.discarded = True
+        self.accept()

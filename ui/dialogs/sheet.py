@@ -1,0 +1,91 @@
+"""How every dialog is laid out: a column, rows of a form, buttons at the end."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import Qt
+from PyQt6.QtGui import QPalette
+from PyQt6.QtWidgets import QDialog, QDialogButtonBox, QFormLayout, QLabel, QSizePolicy, QVBoxLayout
+
+from sketchterrain.ui.look.theme import MARGIN, SPACING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from PyQt6.QtWidgets import QPushButton
+
+__all__ = ["button_row", "column", "fix_width", "form", "heading", "note"]
+
+
+def column(dialog: QDialog, title: str) -> QVBoxLayout:
+    """Give a dialog its title and the column in which everything stands."""
+    dialog.setWindowTitle(title)
+    rows = QVBoxLayout(dialog)
+    rows.setContentsMargins(2 * MARGIN, 2 * MARGIN, 2 * MARGIN, MARGIN + SPACING)
+    rows.setSpacing(MARGIN)
+    return rows
+
+
+def form() -> QFormLayout:
+    """Return a layout for rows of a name and a control."""
+    rows = QFormLayout()
+    rows.setContentsMargins(0, 0, 0, 0)
+    rows.setHorizontalSpacing(MARGIN)
+    rows.setVerticalSpacing(SPACING)
+    rows.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+    rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
+    return rows
+
+
+def heading(text: str) -> QLabel:
+    """Return a line that says what a dialog is for."""
+    label = QLabel(text)
+    font = label.font()
+    font.setPointSizeF(font.pointSizeF() * 1.25)
+    font.setBold(True)
+    label.setFont(font)
+    return label
+
+
+def note(text: str = "") -> QLabel:
+    """Return text that is read second."""
+    label = QLabel(text)
+    label.setWordWrap(True)
+    label.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Minimum)
+    label.setForegroundRole(QPalette.ColorRole.PlaceholderText)
+    return label
+
+
+def button_row(
+    dialog: QDialog, accept: str, *, cancel: str = "Cancel", on_accept: Callable[[], object] | None = None
+) -> tuple[QDialogButtonBox, QPushButton]:
+    """Return the buttons at the end of a dialog, and the one that agrees.
+
+    Parameters
+    ----------
+    dialog
+    accept
+        What agreeing does; empty: there is only one button, which closes.
+    cancel
+        What the other button says.
+    on_accept
+        In place of accepting the dialog.
+    """
+    box = QDialogButtonBox(dialog)
+    agree = box.addButton(accept or cancel, QDialogButtonBox.ButtonRole.AcceptRole)
+    if agree is None:
+        raise RuntimeError("expected a button")
+    agree.setDefault(True)
+    if accept:
+        box.addButton(cancel, QDialogButtonBox.ButtonRole.RejectRole)
+    box.accepted.connect(on_accept or dialog.accept)
+    box.rejected.connect(dialog.reject)
+    return box, agree
+
+
+def fix_width(dialog: QDialog, width: int) -> None:
+    """Give a dialog of text a width, px, and the height that its text needs then."""
+    rows = dialog.layout()
+    if rows is not None:
+        dialog.setFixedSize(width, rows.totalHeightForWidth(width))

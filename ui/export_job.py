@@ -1,0 +1,122 @@
+"""An export that runs beside the window: begun, followed, cancelled."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import sys
+from typing import TYPE_CHECKING, cast
+
+from PyQt6.QtCore import QObject, QProcess, QTimer, pyqtSignal
+
+from sketchterrain.ui.models.reading import Reading
+
+if TYPE_CHECKING:
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.ui.export_process import Wish
+
+__all__ = ["ExportJob"]
+
+_PATIENCE = 5000  # ms until a process that was asked to end is ended
+
+
+class ExportJob(QObject):
+    """Exports one sketch.
+
+    Parameters
+    ----------
+    wish, sketch
+        Which files, of what.
+    """
+
+    stage_changed = pyqtSignal(str)
+    """What is being done."""
+    share_changed = pyqtSignal(float)
+    """How much of the stage is done, 0 … 1."""
+    finished = pyqtSignal(object)
+    """All files are there: a dict, see `export_process`."""
+    failed = pyqtSignal(str)
+    """Why there are no files; empty if it was cancelled."""
+
+    def __init__(self, wish: Wish, sketch: Sketch, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._wish, self._sketch = wish, sketch
+        self._reading = Reading(self)
+        self._cancelled = False
+        self._over = False
+        self._buffer = b""
+        self._process = QProcess(self)
+        self._process.setProgram(sys.executable)
+        self._process.setArguments(["-P", "-m", "sketchterrain.ui.export_process"])
+        self._process.setProcessChannelMode(QProcess.ProcessChannelMode.ForwardedErrorChannel)
+        self._process.readyReadStandardOutput.connect(self._read)
+        self._process.finished.connect(self._ended)
+        self._process.errorOccurred.connect(self._not_started)
+        self._kill = QTimer(self)
+        self._kill.setSingleShot(True)
+        self._kill.setInterval(_PATIENCE)
+        self._kill.timeout.connect(self._process.kill)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the process is there."""
+        return self._process.state() != QProcess.ProcessState.NotRunning
+
+    def start(self) -> None:
+        """Begin."""
+        self.stage_changed.emit("Starting")
+        self._process.start()
+        self._reading.read(lambda: pickle.dumps((self._wish, self._sketch), protocol=5), self._send)
+
+    def cancel(self) -> None:
+        """End it; no files come into the folder."""
+        self._cancelled = True
+        if self.is_running:
+            self._process.terminate()
+            self._kill.start()
+        else:
+            self._fail("")
+
+    def wait(self) -> None:
+        """Wait until a process that was asked to end has ended."""
+        if self.is_running and not self._process.waitForFinished(_PATIENCE):
+            self._process.kill()
+            self._process.waitForFinished(_PATIENCE)
+
+    def _send(self, pickled: object) -> None:
+        self._process.write(cast(bytes, pickled))
+        self._process.closeWriteChannel()
+
+    def _read(self) -> None:
+        self._buffer += self._process.readAllStandardOutput().data()
+        *lines, self._buffer = self._buffer.split(b"\n")
+        for line in lines:
+            told = json.loads(line)
+            if "stage" in told:
+                self.stage_changed.emit(told["stage"])
+            elif "share" in told:
+                self.share_changed.emit(float(told["share"]))
+            elif "failed" in told:
+                self._fail(str(told["failed"]))
+            elif not self._over:
+                self._over = True
+                self.finished.emit(told)
+
+    def _ended(self, code: int, status: QProcess.ExitStatus) -> None:
+        self._kill.stop()
+        self._read()
+        if self._cancelled:
+            self._fail("")
+        elif status == QProcess.ExitStatus.CrashExit:
+            self._fail(f"The export ended unexpectedly (signal {code}); nothing was written.")
+        else:
+            self._fail(f"The export ended unexpectedly (exit code {code}); nothing was written.")
+
+    def _not_started(self, error: QProcess.ProcessError) -> None:
+        if error == QProcess.ProcessError.FailedToStart:
+            self._fail(f"The export cannot be started: {self._process.errorString()}.")
+
+    def _fail(self, line: str) -> None:
+        if not self._over:
+            self._over = True
+            self.failed.emit(line)

@@ -1,0 +1,159 @@
+"""The actions that open a dialog, and what comes of each."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QObject, QUrl
+from PyQt6.QtGui import QDesktopServices
+
+from sketchterrain.ui.banner import Message
+from sketchterrain.ui.engine.messages import TakePicture
+
+if TYPE_CHECKING:
+    from PyQt6.QtWidgets import QDialog, QWidget
+
+    from sketchterrain.ui.actions import Actions
+    from sketchterrain.ui.banner import Banner
+    from sketchterrain.ui.engine.link import EngineLink
+    from sketchterrain.ui.files import Files
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.preferences import Preferences
+
+__all__ = ["OpenDialogs"]
+
+
+class OpenDialogs(QObject):
+    """Opens dialogs over a window. Each is loaded when it is first asked for: the window is there sooner.
+
+    Parameters
+    ----------
+    window, actions, document, link, preferences, files, banner
+    """
+
+    def __init__(
+        self,
+        window: QWidget,
+        actions: Actions,
+        *,
+        document: Document,
+        link: EngineLink,
+        preferences: Preferences,
+        files: Files,
+        banner: Banner,
+    ) -> None:
+        super().__init__(window)
+        self._window = window
+        self._actions = actions
+        self._document = document
+        self._link = link
+        self._preferences = preferences
+        self._files = files
+        self._banner = banner
+        actions.bind(
+            {
+                "new": self.new,
+                "presets": self.presets,
+                "export": self.export,
+                "save-picture": self.save_picture,
+                "preferences": self.preferences,
+                "first-steps": self.first_steps,
+                "keys": self.keys,
+                "find": self.find,
+                "about": self.about,
+            }
+        )
+        link.picture_written.connect(self._tell_picture)
+
+    def new(self) -> None:
+        """Begin another sketch."""
+        from sketchterrain.ui.dialogs.new_sketch import NewSketchDialog
+
+        dialog = NewSketchDialog(self._window)
+        if self._run(dialog):
+            self._files.begin(dialog.sketch())
+
+    def presets(self) -> None:
+        """Begin with a preset."""
+        from sketchterrain.ui.dialogs.presets import PresetsDialog
+
+        dialog = PresetsDialog(self._window)
+        if self._run(dialog):
+            self._files.open_preset(dialog.name)
+
+    def export(self) -> None:
+        """Export the terrain."""
+        from sketchterrain.ui.dialogs.export import ExportDialog
+
+        kept = self._preferences.export_folder
+        folder = kept or self._preferences.last_folder / "terrain"
+        dialog = ExportDialog(
+            self._document.sketch, folder, device=self._preferences.device, parent=self._window
+        )
+        self._run(dialog)
+        if dialog.job is not None:
+            self._preferences.export_folder = dialog.target
+
+    def save_picture(self) -> None:
+        """Save what the 3-D view shows."""
+        from sketchterrain.ui.dialogs.picture import PictureDialog
+
+        shown = self._link.picture
+        size = (0, 0) if shown is None else (shown.width(), shown.height())
+        folder = self._preferences.last_folder
+        dialog = PictureDialog(size, folder, self._document.sketch.name or "terrain", self._window)
+        if not self._run(dialog) or dialog.path is None:
+            return
+        wanted = dialog.size_wanted
+        if wanted is not None:
+            self._banner.tell(Message("info", "Drawing the picture …", "picture"))
+            self._link.tell(TakePicture(str(dialog.path), *wanted))
+        elif shown is not None and shown.save(str(dialog.path), "PNG"):
+            self._tell_picture(str(dialog.path))
+        else:
+            self._banner.tell(Message("error", f"{dialog.path}: cannot be written", "picture"))
+
+    def preferences(self) -> None:
+        """Choose theme and device."""
+        from sketchterrain.ui.dialogs.preferences import PreferencesDialog
+
+        self._run(PreferencesDialog(self._preferences, self._window))
+
+    def first_steps(self) -> None:
+        """Show how to begin."""
+        from sketchterrain.ui.dialogs.first_steps import FirstStepsDialog
+
+        self._run(FirstStepsDialog(self._window))
+
+    def keys(self) -> None:
+        """Show all keys."""
+        from sketchterrain.ui.dialogs.keys import KeysDialog
+
+        self._run(KeysDialog(self._window))
+
+    def find(self) -> None:
+        """Find a command and do it."""
+        from sketchterrain.ui.dialogs.find import FindDialog
+
+        dialog = FindDialog(self._actions, self._window)
+        if self._run(dialog) and dialog.chosen is not None:
+            dialog.chosen.trigger()
+
+    def about(self) -> None:
+        """Show what this is."""
+        from sketchterrain.ui.dialogs.about import AboutDialog
+
+        self._run(AboutDialog(self._link.facts, self._window))
+
+    @staticmethod
+    def _run(dialog: QDialog) -> bool:
+        accepted = bool(dialog.exec())
+        dialog.deleteLater()
+        return accepted
+
+    def _tell_picture(self, path: str) -> None:
+        folder = QUrl.fromLocalFile(str(Path(path).parent))
+        button = ("Open folder", partial(QDesktopServices.openUrl, folder))
+        self._banner.tell(Message("good", f"The picture is saved: {path}", "picture", (button,)))

@@ -1,0 +1,121 @@
+"""Whether a window can be opened at all: Qt ends the process where it cannot, so this is asked before."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import re
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import SketchterrainError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+__all__ = ["check_screen"]
+
+_PACKAGES = {
+    "libxcb-cursor": "libxcb-cursor0",
+    "libxkbcommon-x11": "libxkbcommon-x11-0",
+    "libxkbcommon": "libxkbcommon0",
+    "libEGL": "libegl1",
+    "libGL": "libgl1",
+    "libxcb-icccm": "libxcb-icccm4",
+    "libxcb-image": "libxcb-image0",
+    "libxcb-keysyms": "libxcb-keysyms1",
+    "libxcb-render-util": "libxcb-render-util0",
+    "libxcb-shape": "libxcb-shape0",
+    "libxcb-xinerama": "libxcb-xinerama0",
+    "libdbus-1": "libdbus-1-3",
+    "libfontconfig": "libfontconfig1",
+    "libglib-2.0": "libglib2.0-0",
+}
+"""What Debian and Ubuntu call the libraries that may lack."""
+
+
+def check_screen(environment: Mapping[str, str] = os.environ) -> None:
+    """Make sure that Qt finds a screen.
+
+    Parameters
+    ----------
+    environment
+        In place of the process's own.
+
+    Raises
+    ------
+    SketchterrainError
+        In one line, what is missing and what to do.
+    """
+    _check_qt()
+    platform = environment.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
+    if platform and platform not in ("xcb", "wayland"):
+        return  # such as offscreen: whoever sets this knows
+    display, wayland = environment.get("DISPLAY", ""), environment.get("WAYLAND_DISPLAY", "")
+    if wayland and platform != "xcb" and _wayland_answers(environment, wayland):
+        return
+    if platform == "wayland":
+        raise SketchterrainError("no screen: expected WAYLAND_DISPLAY to name a running compositor")
+    if not display:
+        raise SketchterrainError(
+            "no screen: neither DISPLAY nor WAYLAND_DISPLAY is set; start this in a desktop session, or with "
+            "`xvfb-run sketchterrain edit`"
+        )
+    _check_plugin()
+    if not _x_answers(display):
+        raise SketchterrainError(f"no screen: the X server at DISPLAY={display} does not answer")
+
+
+def _check_qt() -> None:
+    # The C extension tells of a missing library of the system in its error.
+    try:
+        import PyQt6.QtWidgets  # noqa: F401
+    except ModuleNotFoundError:
+        raise SketchterrainError("the desktop program needs Qt: pip install PyQt6") from None
+    except ImportError as error:
+        raise SketchterrainError(_told(str(error))) from None
+
+
+def _check_plugin() -> None:
+    """Try the libraries that Qt's windows need on X; QApplication would end the process without them."""
+    spec = find_spec("PyQt6")
+    if spec is None or spec.origin is None:
+        return
+    plugin = Path(spec.origin).parent / "Qt6/plugins/platforms/libqxcb.so"
+    if not plugin.is_file():
+        return  # a distribution's own Qt: its packages bring what it needs
+    try:
+        ctypes.CDLL(str(plugin))
+    except OSError as error:
+        raise SketchterrainError(_told(str(error))) from None
+
+
+def _told(line: str) -> str:
+    """Return what to do about a library that is not there."""
+    match = re.search(r"(lib[\w.+-]+?)\.so", line)
+    if match is None:
+        return f"Qt cannot be loaded: {line}"
+    package = _PACKAGES.get(match[1])
+    advice = f"; on Debian and Ubuntu: apt install {package}" if package else ""
+    return f"Qt needs {match[1]}, which is not installed{advice}"
+
+
+def _x_answers(display: str) -> bool:
+    try:
+        xcb = ctypes.CDLL("libxcb.so.1")
+    except OSError:
+        return True  # the plugin could be loaded, so Qt brings its own
+    xcb.xcb_connect.restype = ctypes.c_void_p
+    xcb.xcb_connect.argtypes = [ctypes.c_char_p, ctypes.c_void_p]
+    xcb.xcb_connection_has_error.argtypes = [ctypes.c_void_p]
+    xcb.xcb_disconnect.argtypes = [ctypes.c_void_p]
+    connection = xcb.xcb_connect(display.encode(), None)
+    answers = bool(xcb.xcb_connection_has_error(connection) == 0)
+    xcb.xcb_disconnect(connection)
+    return answers
+
+
+def _wayland_answers(environment: Mapping[str, str], name: str) -> bool:
+    folder = environment.get("XDG_RUNTIME_DIR", "")
+    return (Path(name) if name.startswith("/") else Path(folder) / name).is_socket()

@@ -1,0 +1,306 @@
+"""The window: the sketch, the 3-D view, the panels around them, and what joins them."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from PyQt6.QtCore import QSize, Qt
+from PyQt6.QtWidgets import QMainWindow, QMenu, QSizePolicy, QTabWidget, QWidget
+
+from sketchterrain.ui.actions import Actions
+from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.files import Files
+from sketchterrain.ui.layout import Layout
+from sketchterrain.ui.look.app_icon import app_icon
+from sketchterrain.ui.menus import add_last, add_menus, add_tool_bars
+from sketchterrain.ui.open_dialogs import OpenDialogs
+from sketchterrain.ui.panels.adherence import AdherencePanel
+from sketchterrain.ui.panels.contradictions import ContradictionsPanel
+from sketchterrain.ui.panels.history import HistoryPanel
+from sketchterrain.ui.panels.layers import LayersPanel
+from sketchterrain.ui.panels.properties import PropertiesPanel
+from sketchterrain.ui.panels.status_line import StatusLine
+from sketchterrain.ui.panels.view import ViewPanel
+from sketchterrain.ui.panels.world import WorldPanel
+from sketchterrain.ui.recent_menu import RecentMenu
+from sketchterrain.ui.sketch_actions import SketchActions
+from sketchterrain.ui.tool_options import ToolOptions
+from sketchterrain.ui.troubles import Surprises, Troubles
+from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
+from sketchterrain.ui.view3d.view import View3D
+from sketchterrain.ui.view_actions import ViewActions
+
+if TYPE_CHECKING:
+    from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+
+    from sketchterrain.ui.engine.link import EngineLink
+    from sketchterrain.ui.models.bookmarks import Bookmarks
+    from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.preferences import Preferences
+    from sketchterrain.ui.models.recent import RecentFiles
+    from sketchterrain.ui.models.saving import Saving
+    from sketchterrain.ui.models.workspace import Workspace
+
+__all__ = ["MainWindow"]
+
+_SIZE = QSize(1500, 920)
+_LEAST = QSize(720, 480)
+
+
+class MainWindow(QMainWindow):
+    """The program's window.
+
+    Parameters
+    ----------
+    document, workspace, link
+        What it shows. The link is started and stopped by whoever made it.
+    preferences, recent, saving, bookmarks
+        What is remembered, and who writes files.
+
+    Attributes
+    ----------
+    actions_by_name : Actions
+        All that can be done, by name.
+    canvas, view : QWidget
+        The sketch and the 3-D view.
+    layout_of_parts : Layout
+    files : Files
+    banner : Banner
+    surprises : Surprises
+    """
+
+    def __init__(
+        self,
+        document: Document,
+        workspace: Workspace,
+        link: EngineLink,
+        *,
+        preferences: Preferences,
+        recent: RecentFiles,
+        saving: Saving,
+        bookmarks: Bookmarks,
+    ) -> None:
+        super().__init__()
+        self._document, self._workspace, self._link = document, workspace, link
+        self._preferences = preferences
+        self.setWindowIcon(app_icon())
+        self.setMinimumSize(_LEAST)
+        self.setAcceptDrops(True)
+        self.setDockOptions(
+            QMainWindow.DockOption.AnimatedDocks
+            | QMainWindow.DockOption.AllowTabbedDocks
+            | QMainWindow.DockOption.AllowNestedDocks
+        )
+        self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
+        self.resize(_SIZE)
+        self.actions_by_name = Actions(self)
+        commands, _ = add_tool_bars(self, self.actions_by_name)
+        commands.addSeparator()
+        commands.addWidget(ToolOptions(document, workspace))
+        commands.addWidget(_stretch())
+        add_last(commands, self.actions_by_name)
+        self.banner = Banner(self, below=commands)
+        self.surprises = Surprises(self.banner, self)
+        self.canvas = Canvas(document, workspace, link)
+        self.view = View3D(document, workspace, link)
+        self.setCentralWidget(self.canvas)
+        contradictions = ContradictionsPanel(workspace, link)
+        self._layers = LayersPanel(document, workspace)
+        self._bookmarks = BookmarksPanel(link, bookmarks)
+        self.layout_of_parts = Layout(
+            self,
+            {
+                "layers": self._layers,
+                "properties": PropertiesPanel(document, workspace, link),
+                "world": WorldPanel(document),
+                "light": ViewPanel(document, link),
+                "view": self.view,
+                "history": HistoryPanel(document),
+                "adherence": AdherencePanel(workspace, link),
+                "contradictions": contradictions,
+                "bookmarks": self._bookmarks,
+            },
+        )
+        self.files = Files(
+            self,
+            document=document,
+            preferences=preferences,
+            recent=recent,
+            saving=saving,
+            banner=self.banner,
+        )
+        self._add_menus(recent)
+        self._status = StatusLine(document, workspace, link)
+        status = self.statusBar()
+        if status is not None:
+            status.setSizeGripEnabled(False)
+            status.addPermanentWidget(self._status, 1)
+        Troubles(self.banner, link)
+        for part in (self.canvas, self.view):
+            part.hovered.connect(self._status.hover)
+            part.message.connect(self._say)
+        self.view.picture_wanted.connect(self.actions_by_name["save-picture"].trigger)
+        contradictions.show_place.connect(self._show_place)
+        self._bind()
+        document.saved_changed.connect(self._show_title)
+        document.sketch_changed.connect(self._show_title)
+        document.opened.connect(self._begin)
+        self._show_title()
+        self._restore_layout()
+
+    def _add_menus(self, recent: RecentFiles) -> None:
+        tools, panels, views = (QMenu(title, self) for title in ("&Tool", "&Panels", "Go to &view"))
+        for action in self.actions_by_name:
+            if action.objectName().startswith("tool-"):
+                tools.addAction(action)
+            if action.objectName().startswith("bookmark-"):
+                views.addAction(action)
+        self.layout_of_parts.add_toggles(panels)
+        inner = {
+            "Open &recent": RecentMenu(recent, self.files, self),
+            "&Tool": tools,
+            "&Panels": panels,
+            "Go to &view": views,
+        }
+        add_menus(self, self.actions_by_name, inner)
+
+    def _bind(self) -> None:
+        actions, files, layout = self.actions_by_name, self.files, self.layout_of_parts
+        SketchActions(actions, self._document, self._workspace, self._link, self.banner)
+        ViewActions(actions, self._workspace, self._link)
+        OpenDialogs(
+            self,
+            actions,
+            document=self._document,
+            link=self._link,
+            preferences=self._preferences,
+            files=files,
+            banner=self.banner,
+        )
+        actions.bind(
+            {
+                "open": files.ask_open,
+                "open-folder": files.ask_open_folder,
+                "save": files.save,
+                "save-as": files.save_as,
+                "import": lambda: files.ask_import(self._workspace.layer),
+                "quit": self.close,
+                "fit": self.canvas.fit,
+                "zoom-in": self.canvas.zoom_in,
+                "zoom-out": self.canvas.zoom_out,
+                "actual-size": self.canvas.actual_size,
+                "new-label": self._layers.new_label,
+                "delete-label": self._layers.delete_label,
+                "clear-layer": self._layers.clear_layer,
+                "look-all": self.view.see_all,
+                "look-chosen": self.view.see_chosen,
+                "bookmark": self._bookmarks.add,
+                **{
+                    f"bookmark-{number}": partial(self._bookmarks.go_to, number - 1)
+                    for number in range(1, 10)
+                },
+                "leave": self._leave,
+                "reset-layout": layout.reset,
+                "restart": self._restart,
+            }
+        )
+        actions.bind_checked(
+            {
+                "canvas-only": lambda on: self._show_alone("canvas" if on else ""),
+                "view-only": lambda on: self._show_alone("view" if on else ""),
+                "full-screen": self._fill_screen,
+            }
+        )
+        self._show_alone("")
+
+    def dragEnterEvent(self, event: QDragEnterEvent | None) -> None:
+        """Welcome files."""
+        if event is not None and _paths(event):
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent | None) -> None:
+        """Open a sketch, or take images as layers."""
+        if event is not None:
+            event.acceptProposedAction()
+            self.files.take(_paths(event), self._workspace.layer)
+
+    def closeEvent(self, event: QCloseEvent | None) -> None:
+        """Ask about changes; remember where everything stood."""
+        if event is None:
+            return
+        if not self.files.may_leave():
+            event.ignore()
+            return
+        self._preferences.layout = self.saveGeometry(), self.layout_of_parts.state()
+        self._preferences.keep()
+        event.accept()
+
+    def _begin(self) -> None:
+        self._workspace.chosen = None
+        self.canvas.fit()
+
+    def _show_title(self) -> None:
+        path = self._document.path
+        name = self._document.sketch.name or (path.stem if path else "Untitled")
+        self.setWindowTitle(f"{name}[*] — Sketchterrain")
+        self.setWindowModified(self._document.is_modified)
+        self.setWindowFilePath(str(path) if path else "")
+
+    def _show_alone(self, part: str) -> None:
+        self.layout_of_parts.show_alone(part)
+        self._show_leave()
+
+    def _fill_screen(self, on: bool) -> None:
+        if on:
+            self.showFullScreen()
+        else:
+            self.showNormal()
+        self._show_leave()
+
+    def _leave(self) -> None:
+        if self.layout_of_parts.alone:
+            self._show_alone("")
+        else:
+            self._fill_screen(False)
+
+    def _show_leave(self) -> None:
+        alone, actions = self.layout_of_parts.alone, self.actions_by_name
+        actions["canvas-only"].setChecked(alone == "canvas")
+        actions["view-only"].setChecked(alone == "view")
+        actions["full-screen"].setChecked(self.isFullScreen())
+        # Esc is others' as long as there is nothing to leave.
+        actions["leave"].setEnabled(bool(alone) or self.isFullScreen())
+
+    def _say(self, line: str) -> None:
+        self.banner.tell(Message("info", line, "hint"))
+
+    def _show_place(self, x: float, y: float) -> None:
+        self.canvas.show_place(x, y)
+        self._link.tell(GoTo(x, y))
+
+    def _restart(self) -> None:
+        self._link.stop()
+        self._link.start()
+
+    def _restore_layout(self) -> None:
+        layout = self._preferences.layout
+        if layout is not None:
+            self.restoreGeometry(layout[0])
+            self.layout_of_parts.restore(layout[1])
+
+
+def _stretch() -> QWidget:
+    space = QWidget()
+    space.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Preferred)
+    return space
+
+
+def _paths(event: QDropEvent) -> list[Path]:
+    data = event.mimeData()
+    if data is None:
+        return []
+    return [Path(url.toLocalFile()) for url in data.urls() if url.isLocalFile()]

@@ -107,7 +107,14 @@ class Overlay:
         self._terrain = terrain
         self._lines = None
 
-    def draw(self, name: str, eye: tuple[float, float, float], framebuffer: moderngl.Framebuffer) -> None:
+    def draw(
+        self,
+        name: str,
+        eye: tuple[float, float, float],
+        framebuffer: moderngl.Framebuffer,
+        *,
+        samples: int = _SAMPLES,
+    ) -> None:
         """Draw one over a picture; the camera stands in the frame's uniform block.
 
         Parameters
@@ -118,6 +125,8 @@ class Overlay:
             Of the camera, m.
         framebuffer
             Which holds the picture.
+        samples
+            A pixel, along each axis; 1 is quicker, for an eye that moves.
 
         Raises
         ------
@@ -128,7 +137,7 @@ class Overlay:
         check_overlays([name])
         if draws is None or not draws.keys:
             return
-        target = self._sized(framebuffer.size)
+        target = self._sized(framebuffer.size, samples)
         self._tints.write(_tints(name, draws).tobytes())
         self._ground.pool.place(draws, eye)
         target.use()
@@ -137,14 +146,14 @@ class Overlay:
         if name == "wireframe":
             self._draw_wires()
         elif name == "features":
-            self._draw_features(eye, target.size)
+            self._draw_features(eye, target, samples)
         else:
             self._draw_tiles({"materials": _WEIGHTS, "triplanar": _TRIPLANAR}.get(name, _TILES), _OPACITY)
         self._context.enable_only(moderngl.BLEND)
         self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
         framebuffer.use()
         self._colour.use(0)
-        set_uniforms(self._blend.program, {"overlay": 0, "samples": _SAMPLES})
+        set_uniforms(self._blend.program, {"overlay": 0, "samples": samples})
         self._blend.render(vertices=3)
         self._context.enable_only(moderngl.NOTHING)
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
@@ -179,15 +188,20 @@ class Overlay:
         self._draw_tiles(_PLAIN, _WIRES)
         context.wireframe = False
 
-    def _draw_features(self, eye: tuple[float, float, float], size: tuple[int, int]) -> None:
+    def _draw_features(
+        self, eye: tuple[float, float, float], target: moderngl.Framebuffer, samples: int
+    ) -> None:
         if self._lines is None:
             self._lines = FeatureLines(self._context, self._terrain)
+        # Of the ground only its depth is wanted: without colours nothing is shaded.
+        target.color_mask = (False, False, False, False)
         self._draw_tiles(_PLAIN, 0.0)
+        target.color_mask = (True, True, True, True)
         self._context.blend_func = moderngl.ONE, moderngl.ONE_MINUS_SRC_ALPHA
-        self._lines.draw(eye, size, width=2.0 * _SAMPLES)
+        self._lines.draw(eye, target.size, width=2.0 * samples)
 
-    def _sized(self, size: tuple[int, int]) -> moderngl.Framebuffer:
-        inner = (_SAMPLES * size[0], _SAMPLES * size[1])
+    def _sized(self, size: tuple[int, int], samples: int) -> moderngl.Framebuffer:
+        inner = (samples * size[0], samples * size[1])
         if self._target is None or self._target.size != inner:
             self._colour = self._context.texture(inner, 4)
             self._target = self._context.framebuffer([self._colour], self._context.depth_renderbuffer(inner))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from sketchterrain.features.splines import catmull_rom
 
@@ -39,6 +38,8 @@ class Motion:
     """
 
     def __init__(self, times: Floats, eyes: Floats, targets: Floats, fovs: Floats) -> None:
+        from scipy.interpolate import PchipInterpolator  # takes half a second: only for whoever flies
+
         self._end = float(times[-1])
         self._points, knot = _places(eyes)
         if len(self._points) > 1:

@@ -11,14 +11,17 @@ from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.render.programs import build_program, set_uniforms
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from sketchterrain.render.scene import Features, Field, Terrain
 
     Floats = npt.NDArray[np.float64]
+    Box = tuple[float, float, float, float]
     Colour = tuple[int, int, int]
 
-__all__ = ["COLOURS", "FeatureLines"]
+__all__ = ["COLOURS", "FeatureLines", "KnownHeights"]
 
 COLOURS: Final[dict[str, Colour]] = {
     "mountain": (230, 60, 40),
@@ -50,11 +53,15 @@ class FeatureLines:
         Where they are drawn.
     terrain
         Whose features, and whose ground.
+    known
+        Heights that need not be asked for again.
     """
 
-    def __init__(self, context: moderngl.Context, terrain: Terrain) -> None:
+    def __init__(
+        self, context: moderngl.Context, terrain: Terrain, *, known: KnownHeights | None = None
+    ) -> None:
         self._context = context
-        lines = feature_lines(terrain)
+        lines = feature_lines(terrain, known)
         self._count = len(lines[0])
         self._array: moderngl.VertexArray | None = None
         if not self._count:
@@ -97,7 +104,35 @@ class FeatureLines:
             self._array.render(moderngl.TRIANGLES, vertices=6, instances=self._count)
 
 
-def feature_lines(terrain: Terrain) -> tuple[Floats, Floats, npt.NDArray[np.uint8]]:
+class KnownHeights:
+    """Heights of features' rings and middles, kept while the ground under them stays as it is."""
+
+    def __init__(self) -> None:
+        self._rows: dict[bytes, tuple[Box, Floats]] = {}
+
+    def change(self, areas: Sequence[Box]) -> None:
+        """Forget what lies in some areas (west, south, east, north; m)."""
+        self._rows = {
+            row: (box, heights)
+            for row, (box, heights) in self._rows.items()
+            if not any(w <= box[2] and e >= box[0] and s <= box[3] and n >= box[1] for w, s, e, n in areas)
+        }
+
+    def of(self, terrain: Terrain, x: Floats, y: Floats) -> Floats:
+        """Return heights (m) at rows of places (m), (rows, n)."""
+        names = [place.tobytes() for place in np.concatenate([x, y], axis=1)]
+        new = [number for number, name in enumerate(names) if name not in self._rows]
+        heights = terrain.heights(x[new], y[new]).astype(np.float64)
+        for number, row in zip(new, heights, strict=True):
+            box = (x[number].min(), y[number].min(), x[number].max(), y[number].max())
+            self._rows[names[number]] = box, row
+        self._rows = {name: self._rows[name] for name in names}
+        return np.stack([self._rows[name][1] for name in names])
+
+
+def feature_lines(
+    terrain: Terrain, known: KnownHeights | None = None
+) -> tuple[Floats, Floats, npt.NDArray[np.uint8]]:
     """Return the lines of all features on the sketch.
 
     Returns
@@ -106,7 +141,7 @@ def feature_lines(terrain: Terrain) -> tuple[Floats, Floats, npt.NDArray[np.uint
         World coordinates, m.
     colour : (n, 4) uint8
     """
-    parts = [*_rings(terrain), *_splines(terrain.features), *_shores(terrain)]
+    parts = [*_rings(terrain, known or KnownHeights()), *_splines(terrain.features), *_shores(terrain)]
     starts = [np.zeros((0, 3)), *(part[0] for part in parts)]
     ends = [np.zeros((0, 3)), *(part[1] for part in parts)]
     colours = [np.zeros((0, 4), np.uint8), *(part[2] for part in parts)]
@@ -123,7 +158,7 @@ def _coloured(start: Floats, end: Floats, colour: Colour, opacity: npt.ArrayLike
     return start, end, colours
 
 
-def _rings(terrain: Terrain) -> list[_Part]:
+def _rings(terrain: Terrain, known: KnownHeights) -> list[_Part]:
     points = terrain.features.points
     if not len(points):
         return []
@@ -131,9 +166,12 @@ def _rings(terrain: Terrain) -> list[_Part]:
     radius = points["radius"].astype(np.float64)[:, None]
     x = points["x"][:, None] + radius * np.cos(turn)
     y = points["y"][:, None] + radius * np.sin(turn)
-    z = terrain.heights(x, y).astype(np.float64) + _OFF * radius
+    # The last of each row is its middle.
+    x, y = (np.column_stack([ring, points[axis]]) for ring, axis in ((x, "x"), (y, "y")))
+    z = known.of(terrain, x, y)
+    z[:, :-1] += _OFF * radius
     ring = np.stack([x, y, z], axis=-1)
-    foot = np.stack([points["x"], points["y"], terrain.heights(points["x"], points["y"])], axis=-1)
+    foot, ring = ring[:, -1], ring[:, :-1]
     head = foot + np.concatenate(
         [np.zeros((len(points), 2)), np.maximum(_POST * radius, _LEAST_POST)], axis=1
     )

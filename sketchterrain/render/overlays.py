@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.overlay_lines import COLOURS, FeatureLines
+from sketchterrain.render.overlay_lines import COLOURS, FeatureLines, KnownHeights
 from sketchterrain.render.programs import fill_screen, set_uniforms
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sketchterrain.tiles import DrawList
 
     Floats = npt.NDArray[np.float64]
+    Box = tuple[float, float, float, float]
 
 __all__ = ["OVERLAYS", "Legend", "Overlay", "check_overlays"]
 
@@ -100,12 +101,25 @@ class Overlay:
         self._tiles = ground.pool.array(program, values=(self._tints, "tint"))
         self._blend = fill_screen(context, "overlay_blend.frag.glsl")
         self._lines: FeatureLines | None = None
+        self._known = KnownHeights()
         self._target: moderngl.Framebuffer | None = None
 
-    def change(self, terrain: Terrain) -> None:
-        """Draw the features of another terrain from now on."""
+    def change(self, terrain: Terrain, areas: Sequence[Box] | None = None) -> None:
+        """Draw the features of another terrain from now on.
+
+        Parameters
+        ----------
+        terrain
+            The other one.
+        areas
+            West, south, east, north (m): elsewhere its ground is the same; by default it may differ anywhere.
+        """
         self._terrain = terrain
         self._lines = None
+        if areas is None:
+            self._known = KnownHeights()
+        else:
+            self._known.change(areas)
 
     def draw(
         self,
@@ -192,7 +206,7 @@ class Overlay:
         self, eye: tuple[float, float, float], target: moderngl.Framebuffer, samples: int
     ) -> None:
         if self._lines is None:
-            self._lines = FeatureLines(self._context, self._terrain)
+            self._lines = FeatureLines(self._context, self._terrain, known=self._known)
         # Of the ground only its depth is wanted: without colours nothing is shaded.
         target.color_mask = (False, False, False, False)
         self._draw_tiles(_PLAIN, 0.0)

@@ -11,6 +11,8 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
 from sketchterrain.render.gl_functions import gl_function
+from sketchterrain.render.overlay_lines import KnownHeights, feature_lines
+from sketchterrain.render.overlays import Overlay
 from sketchterrain.render.snapshot import read_picture
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import build, rebuild
@@ -227,6 +229,27 @@ def alive(what):
     """How many of the first names are objects of OpenGL's."""
     is_one = gl_function(f"glIs{what}", ctypes.c_ubyte, ctypes.c_uint)
     return sum(bool(is_one(name)) for name in range(1, 6000))
+
+
+def test_the_overlay_of_features_follows(gl, view, camera, before):
+    overlay = Overlay(gl, before, view.renderer.ground)
+    known = KnownHeights()
+    feature_lines(before, known)
+    terrain = before
+    for step in range(4):
+        terrain, areas = painted(terrain, ("mountain", 48 + step, 36 + 5 * step, 4))
+        view.renderer.change(terrain, areas)
+        overlay.change(terrain, areas)
+        known.change(areas)
+        for kept, fresh in zip(feature_lines(terrain, known), feature_lines(terrain), strict=True):
+            np.testing.assert_array_equal(kept, fresh)
+    pictures = []
+    for each in (overlay, Overlay(gl, terrain, view.renderer.ground)):
+        view.settled(camera)
+        each.draw("features", camera.eye, view.framebuffer, samples=1)
+        pictures.append(read_picture(view.texture).astype(int))
+    assert (pictures[0] == pictures[1]).all()
+    assert not same(pictures[0], view.settled(camera))
 
 
 def test_nothing_is_left_of_changes(view, camera, before):

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.features.lakes import lake_centre, runs_inside
-from sketchterrain.features.shapes import label_shapes
+from sketchterrain.features.shapes import regions_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,8 +67,8 @@ class Resolution(NamedTuple):
 def mountain_numbers(sketch: Sketch) -> Numbers:
     """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none."""
     numbers = np.zeros(sketch.layers["mountain"].shape, dtype=np.int64)
-    for number, shape in enumerate(label_shapes("mountain", sketch.layers["mountain"]), 1):
-        numbers[shape.rows, shape.columns][shape.mask] = number
+    for number, region in enumerate(regions_of(sketch.layers["mountain"]), 1):
+        numbers[region.rows, region.columns][region.mask] = number
     return numbers
 
 

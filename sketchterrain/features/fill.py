@@ -9,7 +9,6 @@ bounded neighbourhood, so that a rectangle's features do not depend on which rec
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,10 +17,12 @@ import numpy.typing as npt
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES, FILL_BIT, STYLE, Points, conifer_code
 from sketchterrain.features.crests import crests
+from sketchterrain.features.fill_home import HomeMemory, home_of
 from sketchterrain.features.fill_proposals import Proposal, proposals_of
 from sketchterrain.features.fill_room import Painted, beaten, distances_of
 from sketchterrain.features.hashing import hashed, unit
 from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.features.recent import Recent
 from sketchterrain.features.rules import CLEARANCE, SPACING, TYPES
 
 if TYPE_CHECKING:
@@ -31,19 +32,6 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
-
-_HOME_EXTENTS, _HOME_RADII = (
-    0.4,
-    2.0,
-)  # around the sketch: as far as rivers run on, and what reaches them there
-_MOST_AT_HOME = 6000  # candidates
-
-
-@dataclass
-class _ProposedAtHome:
-    """Candidates around the sketch, by type, with all that they depend on."""
-
-    last: dict[str, tuple[tuple[object, ...], Points]] = field(default_factory=dict)
 
 
 class Fill:
@@ -93,18 +81,9 @@ class Fill:
         if river_distance is not None:
             distances["river"] = river_distance
         self._painted = Painted(painted, distances)
-        self._home = self._worth_keeping()
+        self._home = home_of(sketch, tuple(self._proposals.values()))
         self._at_home: Points | None = None
-        self._proposed_at_home = memory.part(_ProposedAtHome)
-
-    def _worth_keeping(self) -> tuple[float, float, float, float] | None:
-        """Rectangle whose features are kept, as most questions are about it; None if they are too many."""
-        east, north = self.sketch.size
-        wide = _HOME_EXTENTS * self.sketch.extent + _HOME_RADII * self.max_radius
-        rates = (each.per_cell / (each.cell * each.cell) for each in self._proposals.values())
-        if (east + 2.0 * wide) * (north + 2.0 * wide) * sum(rates) > _MOST_AT_HOME:
-            return None
-        return -wide, -wide, east + wide, north + wide
+        self._answers = memory.part(HomeMemory).answers
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
         """Say what it was made from; distances are made anew."""
@@ -229,12 +208,14 @@ class Fill:
     ) -> dict[str, Points]:
         """Candidates of each type in a rectangle, and around it as far as they may stand in others' way."""
         near = {}
+        # Around the home most is as it was for the sketch before.
+        answers = self._answers if box is self._home else Recent(0)
         for rival in self._proposals.values():
             ways = [SPACING.get((rival.name, own.name), 0.0) * (rival.high + own.high) for own in asked]
             reach = max(ways, default=0.0)
             if reach > 0.0 or rival in asked:
                 wide = (box[0] - reach, box[1] - reach, box[2] + reach, box[3] + reach)
-                near[rival.name] = self._candidates(rival, wide)
+                near[rival.name] = self._candidates(rival, wide, answers)
         return near
 
     def _survivors(
@@ -255,21 +236,15 @@ class Fill:
                 alive &= ~beaten(mine, near[rival.name], factor, reach, same=rival is proposal)
         return mine[alive]
 
-    def _candidates(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
+    def _candidates(
+        self, proposal: Proposal, box: tuple[float, float, float, float], answers: Recent
+    ) -> Points:
         """Candidates of a type in a rectangle, without those that stand where something was painted."""
-        proposed = self._proposed_or_kept(proposal, box)
-        return proposed[self._painted.leaves_room(proposal.name, proposed)]
-
-    def _proposed_or_kept(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
-        """Return candidates of a type in a rectangle; around the home they are kept from sketch to sketch."""
-        if self._home is None or box[0] > self._home[0] or box[1] > self._home[1]:
-            return self._proposed(proposal, box)
-        key = (self.seed, proposal, box, tuple(self.sketch.properties(proposal.name, 1).items()))
-        kept = self._proposed_at_home.last.get(proposal.name)
-        if kept is None or kept[0] != key:
-            kept = key, self._proposed(proposal, box)
-            self._proposed_at_home.last[proposal.name] = kept
-        return kept[1]
+        properties = tuple(self.sketch.properties(proposal.name, 1).items())
+        proposed: Points = answers.of(
+            ("proposed", self.seed, proposal, box, properties), lambda: self._proposed(proposal, box)
+        )
+        return proposed[self._painted.leaves_room(proposal.name, proposed, answers)]
 
     def _proposed(self, proposal: Proposal, box: tuple[float, float, float, float]) -> Points:
         name, cell, code = proposal.name, proposal.cell, FEATURE_TYPES.index(proposal.name)

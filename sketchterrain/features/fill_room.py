@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+from hashlib import blake2b
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,12 +11,14 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from sketchterrain.features.catalogue import FEATURE_TYPES, Points
+from sketchterrain.features.recent import Same
 from sketchterrain.features.rules import CLEARANCE, SPACING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sketchterrain.features.memory import ShapeMemory
+    from sketchterrain.features.recent import Recent
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]
@@ -39,19 +43,31 @@ class Painted:
         self._distance = distances
         self._placed = {name: painted[painted["type"] == code] for code, name in enumerate(FEATURE_TYPES)}
 
-    def leaves_room(self, name: str, features: Points) -> Flags:
-        """Which features of a type keep their clearance from paint and their spacing from what it became."""
-        x, y, radius = features["x"], features["y"], features["radius"].astype(np.float64)
+    def leaves_room(self, name: str, features: Points, answers: Recent) -> Flags:
+        """Which features of a type keep their clearance from paint and their spacing from what it became.
+
+        What is remembered of these very features is among the answers.
+        """
         room = np.ones(len(features), dtype=np.bool_)
+        if len(features) == 0:
+            return room
         for layer, distance in self._distance.items():
             if (name, layer) in CLEARANCE:
-                room &= distance(x, y) > CLEARANCE[name, layer] * radius
+                key = ("clear", name, layer, Same(features), Same(distance))
+                room &= answers.of(key, partial(_clear, features, distance, CLEARANCE[name, layer]))
         for other, placed in self._placed.items():
             factor = SPACING.get((other, name), 0.0)
-            if factor > 0.0 and len(placed) and room.any():
-                reach = factor * float(placed["radius"].max() + radius.max())
-                room &= ~beaten(features, placed, factor, reach, same=False)
+            if factor > 0.0 and len(placed):
+                reach = factor * float(placed["radius"].max() + features["radius"].max())
+                near = ("spaced", name, other, Same(features), blake2b(placed.tobytes()).digest())
+                made = partial(beaten, features, placed, factor, reach, same=False)
+                room &= ~answers.of(near, made)
         return room
+
+
+def _clear(features: Points, distance: Callable[[Floats, Floats], Floats], factor: float) -> Flags:
+    away = distance(features["x"], features["y"])
+    return np.asarray(away > factor * features["radius"].astype(np.float64))
 
 
 def beaten(mine: Points, rivals: Points, factor: float, reach: float, *, same: bool) -> Flags:

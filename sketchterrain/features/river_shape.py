@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import partial
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from sketchterrain.features.recent import Same
 from sketchterrain.features.river_path import arc_length
 from sketchterrain.features.river_profile import Bends, width_along
+from sketchterrain.features.water_memory import WaterMemory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,7 +81,11 @@ class Network:
         return [other for other, parent in enumerate(self.parents) if parent == number]
 
 
-def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int]]]) -> Network:
+def network_of(
+    courses: Sequence[Course],
+    cuts: Sequence[Sequence[tuple[int, int]]],
+    memory: WaterMemory | None = None,
+) -> Network:
     """Work out how wide rivers are, and where their waters overlap.
 
     Parameters
@@ -86,7 +94,10 @@ def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int
         Of any number of networks; parents before the courses that join them.
     cuts : sequence of sequences of (first, last)
         As in `Network`.
+    memory : WaterMemory, optional
+        Of bends.
     """
+    memory = WaterMemory() if memory is None else memory
     number_of = {id(course): number for number, course in enumerate(courses)}
     parents = [-1 if course.parent is None else number_of[id(course.parent)] for course in courses]
     arcs = [arc_length(course.line) for course in courses]
@@ -108,7 +119,11 @@ def network_of(courses: Sequence[Course], cuts: Sequence[Sequence[tuple[int, int
     ]
     widths = _beside_neighbours(courses, parents, arcs, widths, meetings)
     bends = [
-        _bends(course.line, arc, width) for course, arc, width in zip(courses, arcs, widths, strict=True)
+        memory.parts.of(
+            ("bends", Same(course), blake2b(width.tobytes()).digest()),
+            partial(_bends, course.line, arc, width),
+        )
+        for course, arc, width in zip(courses, arcs, widths, strict=True)
     ]
     return Network(courses, parents, arcs, widths, meetings, bends, cuts)
 

@@ -153,7 +153,9 @@ def _with_water(
         tuple((run.first, run.last) for run in crossings(sketch, mountains, course.line))
         for course in courses
     )
-    shape = known.parts.of(("network", *map(Same, courses)), lambda: network_of(courses, [()] * len(courses)))
+    shape = known.parts.of(
+        ("network", *map(Same, courses)), lambda: network_of(courses, [()] * len(courses), known)
+    )
     before = tuple((Same(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
     levels = tuple(each.tobytes() for each in grounds)
 

@@ -1,0 +1,529 @@
+"""What mouse, pen and keys do on the canvas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
+from PyQt6.QtGui import (
+    QInputDevice,
+    QKeyEvent,
+    QPointingDevice,
+    QPointingDeviceUniqueId,
+    QTabletEvent,
+    QWheelEvent,
+)
+from PyQt6.QtWidgets import QApplication, QMenu
+
+from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.engine.messages import GoTo, Placed, Relief
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.handles import handles_of
+from sketchterrain.ui.models.workspace import Chosen
+
+LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
+SIDE = 128
+
+
+@pytest.fixture
+def blank(qapp):
+    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in LAYERS}
+    return Document(Sketch(layers=layers, extent=1280.0))
+
+
+@pytest.fixture
+def canvas(blank, workspace, link, qtbot):
+    widget = Canvas(blank, workspace, link)
+    qtbot.addWidget(widget)
+    widget.resize(500, 500)
+    widget.show()
+    widget.setFocus()
+    workspace.brush = 5.0
+    return widget
+
+
+def at(canvas: Canvas, x: float, y: float) -> QPoint:
+    """The place of the widget over a place of the sketch (px)."""
+    place = canvas._desk.at(x, y)
+    return QPoint(round(place.x()), round(place.y()))
+
+
+def drag(qtbot, canvas: Canvas, points, button=LEFT, modifier=Qt.KeyboardModifier.NoModifier) -> None:
+    qtbot.mousePress(canvas, button, modifier, at(canvas, *points[0]))
+    for point in points[1:]:
+        move(canvas, at(canvas, *point), button, modifier)
+    qtbot.mouseRelease(canvas, button, modifier, at(canvas, *points[-1]))
+
+
+def move(canvas, place, buttons=Qt.MouseButton.NoButton, modifier=Qt.KeyboardModifier.NoModifier) -> None:
+    from PyQt6.QtGui import QMouseEvent
+
+    event = QMouseEvent(
+        QEvent.Type.MouseMove,
+        QPointF(place),
+        QPointF(canvas.mapToGlobal(place)),
+        Qt.MouseButton.NoButton,
+        buttons,
+        modifier,
+    )
+    QApplication.sendEvent(canvas, event)
+
+
+def steps(document: Document) -> tuple[str, ...]:
+    return document.history.titles[1 : document.history.position + 1]
+
+
+def test_a_stroke_is_one_step(canvas, blank, qtbot) -> None:
+    drag(qtbot, canvas, [(30.0, 30.0), (50.0, 34.0), (70.0, 30.0), (90.0, 60.0)])
+    assert steps(blank) == ("Paint mountains",)
+    image = blank.sketch.layers["mountain"]
+    for x, y in ((30, 30), (70, 30), (90, 60)):
+        assert image[y, x] == 1
+    assert image[100, 100] == 0
+    assert 5 * 80 < (image > 0).sum() < 12 * 110
+    blank.undo()
+    assert not blank.sketch.layers["mountain"].any()
+
+
+def test_a_click_paints_a_disc_of_the_brush(canvas, blank, workspace, qtbot) -> None:
+    workspace.brush = 8.0
+    drag(qtbot, canvas, [(60.0, 60.0)])
+    assert (blank.sketch.layers["mountain"] > 0).sum() == pytest.approx(np.pi * 64, rel=0.08)
+
+
+def test_eraser_and_right_button_erase(canvas, blank, workspace, qtbot) -> None:
+    drag(qtbot, canvas, [(30.0, 60.0), (100.0, 60.0)])
+    drag(qtbot, canvas, [(50.0, 40.0), (50.0, 90.0)], RIGHT)
+    assert blank.sketch.layers["mountain"][60, 50] == 0
+    assert blank.sketch.layers["mountain"][60, 80] == 1
+    workspace.tool = "eraser"
+    drag(qtbot, canvas, [(80.0, 40.0), (80.0, 90.0)])
+    assert blank.sketch.layers["mountain"][60, 80] == 0
+    assert steps(blank) == ("Paint mountains", "Erase mountains", "Erase mountains")
+
+
+def test_escape_cancels_a_stroke(canvas, blank, qtbot) -> None:
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0))
+    move(canvas, at(canvas, 60.0, 60.0), LEFT)
+    assert blank.draft is not None
+    qtbot.keyClick(canvas, Qt.Key.Key_Escape)
+    assert blank.draft is None
+    move(canvas, at(canvas, 90.0, 60.0), LEFT)
+    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
+    assert steps(blank) == ()
+    assert not blank.layer("mountain").any()
+
+
+def test_losing_the_focus_finishes_a_stroke(canvas, blank, qtbot) -> None:
+    for end in (canvas.clearFocus, canvas.hide):
+        canvas.show()
+        canvas.setFocus()
+        before = len(steps(blank))
+        qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0 + 40 * before))
+        move(canvas, at(canvas, 60.0, 30.0 + 40 * before), LEFT)
+        end()
+        QApplication.sendEvent(canvas, QEvent(QEvent.Type.WindowDeactivate))
+        if blank.draft is not None:  # without a window manager the focus may not have been there
+            canvas._hands.finish()
+        assert len(steps(blank)) == before + 1
+
+
+def test_another_tool_or_document_ends_a_stroke(canvas, blank, workspace, qtbot) -> None:
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0))
+    workspace.tool = "line"
+    assert steps(blank) == ("Paint mountains",)
+    workspace.tool = "brush"
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
+    blank.open(Sketch())
+    move(canvas, at(canvas, 90.0, 60.0), LEFT)
+    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
+    assert steps(blank) == ()
+
+
+def test_an_undo_amid_a_stroke_takes_it_away(canvas, blank, qtbot) -> None:
+    drag(qtbot, canvas, [(30.0, 30.0), (60.0, 30.0)])
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 80.0))
+    blank.undo()
+    move(canvas, at(canvas, 60.0, 80.0), LEFT)
+    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 80.0))
+    assert not blank.layer("mountain").any()
+
+
+def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace, qtbot) -> None:
+    lines: list[str] = []
+    canvas.message.connect(lines.append)
+    for change in ({"locked": True}, {"locked": False, "visible": False}):
+        workspace.set_look("mountain", **change)
+        for tool in ("brush", "eraser", "line", "fill"):
+            workspace.tool = tool
+            drag(qtbot, canvas, [(30.0, 30.0), (60.0, 60.0)])
+    assert steps(blank) == ()
+    assert len(lines) == 8
+    assert "Mountains are locked" in lines[0]
+    assert "Mountains are hidden" in lines[-1]
+
+
+def test_a_line_by_clicks(canvas, blank, workspace, qtbot) -> None:
+    workspace.tool = "line"
+    workspace.use_label("river", 1)
+    for x, y in ((20.0, 20.0), (60.0, 40.0), (110.0, 110.0), (100.0, 30.0)):
+        qtbot.mouseClick(canvas, LEFT, pos=at(canvas, x, y))
+    assert steps(blank) == ()
+    qtbot.keyClick(canvas, Qt.Key.Key_Backspace)
+    move(canvas, at(canvas, 90.0, 90.0))
+    canvas.grab()
+    qtbot.keyClick(canvas, Qt.Key.Key_Return)
+    image = blank.sketch.layers["river"]
+    assert steps(blank) == ("Draw a line of rivers",)
+    for x, y in ((20, 20), (60, 40), (110, 110)):
+        assert image[y - 1 : y + 2, x - 1 : x + 2].any()
+    assert not image[28:33, 97:104].any()
+    # As wide as its label says: 12 m are 1.2 px.
+    assert (image > 0).sum() < 400
+
+
+def test_a_double_click_ends_a_line_and_escape_forgets_it(canvas, blank, workspace, qtbot) -> None:
+    workspace.tool = "line"
+    workspace.use_label("river", 1)
+    qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 20.0))
+    qtbot.keyClick(canvas, Qt.Key.Key_Escape)
+    assert not canvas._hands.tool.is_busy
+    qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 60.0))
+    qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
+    qtbot.mouseDClick(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
+    assert steps(blank) == ("Draw a line of rivers",)
+    assert blank.sketch.layers["river"][60, 22:88].all()
+
+
+def test_a_line_freehand(canvas, blank, workspace, qtbot) -> None:
+    workspace.tool = "line"
+    workspace.use_label("river", 1)
+    drag(qtbot, canvas, [(20.0, 20.0), (40.0, 30.0), (60.0, 28.0), (90.0, 50.0)])
+    assert steps(blank) == ("Draw a line of rivers",)
+    assert blank.sketch.layers["river"][48:53, 87:93].any()
+
+
+def test_fill_and_clear(canvas, blank, workspace, qtbot) -> None:
+    workspace.tool = "fill"
+    qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 64.0, 64.0))
+    assert (blank.sketch.layers["mountain"] == 1).all()
+    qtbot.mouseClick(canvas, RIGHT, pos=at(canvas, 64.0, 64.0))
+    assert not blank.sketch.layers["mountain"].any()
+    assert steps(blank) == ("Fill mountains", "Clear a shape of mountains")
+    qtbot.mouseClick(canvas, LEFT, pos=QPoint(1, 1))  # beside the sheet
+    assert len(steps(blank)) == 2
+
+
+def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qtbot) -> None:
+    layers = dict(blank.sketch.layers)
+    layers["mountain"] = np.full((SIDE, SIDE), 3, np.uint8)
+    layers["forest"] = np.full((SIDE, SIDE), 2, np.uint8)
+    blank.open(Sketch(layers=layers))
+    lines: list[str] = []
+    canvas.message.connect(lines.append)
+    workspace.tool = "pick"
+    qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 64.0, 64.0))
+    assert (workspace.layer, workspace.label) == ("forest", 2)
+    workspace.set_look("forest", visible=False)
+    workspace.tool = "brush"
+    qtbot.mouseClick(canvas, LEFT, Qt.KeyboardModifier.AltModifier, at(canvas, 64.0, 64.0))
+    assert (workspace.layer, workspace.label) == ("mountain", 3)
+    assert steps(blank) == ()
+    qtbot.mouseClick(canvas, LEFT, Qt.KeyboardModifier.AltModifier, QPoint(1, 1))
+    assert lines[-1] == "Nothing is painted here."
+
+
+def test_the_wheel_zooms_about_the_mouse_or_changes_the_brush(canvas, workspace) -> None:
+    place = at(canvas, 40.0, 90.0)
+    before = canvas._desk.on_sketch(QPointF(place))
+    scale = canvas.viewport.scale
+    wheel(canvas, place, 120)
+    assert canvas.viewport.scale == pytest.approx(1.2 * scale)
+    assert canvas._desk.on_sketch(QPointF(place)) == pytest.approx(before, abs=0.6 / scale)
+    wheel(canvas, place, 120, Qt.KeyboardModifier.ControlModifier)
+    assert workspace.brush == pytest.approx(5.0 * 1.15)
+    wheel(canvas, place, -120, Qt.KeyboardModifier.ShiftModifier)
+    assert workspace.brush == pytest.approx(5.0)
+
+
+def wheel(canvas, place, turn, modifier=Qt.KeyboardModifier.NoModifier) -> None:
+    event = QWheelEvent(
+        QPointF(place),
+        QPointF(canvas.mapToGlobal(place)),
+        QPoint(),
+        QPoint(0, turn),
+        Qt.MouseButton.NoButton,
+        modifier,
+        Qt.ScrollPhase.NoScrollPhase,
+        False,
+    )
+    QApplication.sendEvent(canvas, event)
+
+
+def test_keys_change_the_brush_and_move_the_sheet(canvas, workspace, qtbot) -> None:
+    qtbot.keyClick(canvas, Qt.Key.Key_BracketRight)
+    assert workspace.brush == pytest.approx(6.0)
+    qtbot.keyClick(canvas, Qt.Key.Key_BracketLeft)
+    assert workspace.brush == pytest.approx(5.0)
+    left = canvas.viewport.left
+    qtbot.keyClick(canvas, Qt.Key.Key_Right)
+    assert canvas.viewport.left == left - 64
+    scale = canvas.viewport.scale
+    qtbot.keyClick(canvas, Qt.Key.Key_Plus)
+    assert canvas.viewport.scale > scale
+    qtbot.keyClick(canvas, Qt.Key.Key_Home)
+    assert canvas.viewport.scale == pytest.approx(scale)
+
+
+def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtbot) -> None:
+    def kept(key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> bool:
+        event = QKeyEvent(QEvent.Type.ShortcutOverride, key, modifier)
+        event.ignore()
+        QApplication.sendEvent(canvas, event)
+        return event.isAccepted()
+
+    assert kept(Qt.Key.Key_BracketLeft)
+    assert not kept(Qt.Key.Key_B)
+    assert not kept(Qt.Key.Key_Escape)
+    assert not kept(Qt.Key.Key_Plus, Qt.KeyboardModifier.ControlModifier)
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
+    assert kept(Qt.Key.Key_Escape)
+    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
+    assert not kept(Qt.Key.Key_Escape)
+
+
+def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qtbot) -> None:
+    def moved(button: Qt.MouseButton) -> tuple[int, int]:
+        canvas.fit()
+        left, top = canvas.viewport.left, canvas.viewport.top
+        qtbot.mousePress(canvas, button, pos=QPoint(200, 200))
+        move(canvas, QPoint(230, 180), button)
+        qtbot.mouseRelease(canvas, button, pos=QPoint(230, 180))
+        return canvas.viewport.left - left, canvas.viewport.top - top
+
+    assert moved(MIDDLE) == (30, -20)
+    qtbot.keyPress(canvas, Qt.Key.Key_Space)
+    assert moved(LEFT) == (30, -20)
+    qtbot.keyRelease(canvas, Qt.Key.Key_Space)
+    assert moved(LEFT) == (0, 0)
+    workspace.tool = "pan"
+    assert moved(LEFT) == (30, -20)
+    assert steps(blank) == ("Paint mountains",)
+
+
+def test_a_pen_presses_and_erases(canvas, blank, workspace) -> None:
+    workspace.brush = 16.0
+
+    def pen(kind: QEvent.Type, x: float, y: float, pressure: float, *, erases: bool = False) -> None:
+        tip = QPointingDevice.PointerType.Eraser if erases else QPointingDevice.PointerType.Pen
+        device = QPointingDevice(
+            "pen",
+            1,
+            QInputDevice.DeviceType.Stylus,
+            tip,
+            QInputDevice.Capability.Pressure,
+            1,
+            2,
+            "",
+            QPointingDeviceUniqueId(),
+        )
+        place = QPointF(at(canvas, x, y))
+        button = Qt.MouseButton.NoButton if kind == QEvent.Type.TabletMove else LEFT
+        held = Qt.MouseButton.NoButton if kind == QEvent.Type.TabletRelease else LEFT
+        event = QTabletEvent(
+            kind,
+            device,
+            place,
+            QPointF(canvas.mapToGlobal(place.toPoint())),
+            pressure,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            Qt.KeyboardModifier.NoModifier,
+            button,
+            held,
+        )
+        QApplication.sendEvent(canvas, event)
+        assert event.isAccepted()
+
+    pen(QEvent.Type.TabletPress, 30.0, 30.0, 0.0)
+    pen(QEvent.Type.TabletRelease, 30.0, 30.0, 0.0)
+    light = int((blank.sketch.layers["mountain"] > 0).sum())
+    pen(QEvent.Type.TabletPress, 90.0, 90.0, 1.0)
+    pen(QEvent.Type.TabletRelease, 90.0, 90.0, 1.0)
+    both = int((blank.sketch.layers["mountain"] > 0).sum())
+    assert both - light > 5 * light > 0
+    pen(QEvent.Type.TabletPress, 90.0, 90.0, 0.6, erases=True)
+    pen(QEvent.Type.TabletRelease, 90.0, 90.0, 0.6, erases=True)
+    assert blank.sketch.layers["mountain"][90, 90] == 0
+
+
+def test_the_place_and_height_under_the_mouse_are_told(canvas, link) -> None:
+    places: list[object] = []
+    canvas.hovered.connect(places.append)
+    move(canvas, at(canvas, 64.0, 32.0))
+    x, y, height = places[-1]
+    assert (x, y) == pytest.approx((640.0, 960.0), abs=5.0)
+    assert height is None
+    rise = np.arange(SIDE * SIDE, dtype=np.float32).reshape(SIDE, SIDE)
+    link.relief = Relief(1, 1, rise, np.zeros((SIDE, SIDE), np.uint8))
+    move(canvas, at(canvas, 64.5, 32.5))
+    assert places[-1][2] == pytest.approx(rise[32, 64])
+    move(canvas, QPoint(2, 2))
+    assert places[-1] is None
+
+
+# ── choosing and dragging what was placed ────────────────────────────────────────────────────────────────
+
+
+@pytest.fixture
+def full(workspace, document, link, placed, qtbot):
+    """A canvas over the preset valley_river and what was placed of it."""
+    link.placed = Placed(
+        1, placed.points, placed.rivers, placed.lakes, (("what was decided", 3000.0, 3000.0),)
+    )
+    widget = Canvas(document, workspace, link)
+    qtbot.addWidget(widget)
+    widget.resize(600, 600)
+    widget.show()
+    widget.setFocus()
+    workspace.tool = "select"
+    return widget
+
+
+def mountain(placed: Placed) -> np.void:
+    points = placed.points
+    tall = points[(points["type"] == 0) & points["painted"]]
+    return tall[np.argmax(tall["strength"])]
+
+
+def over(canvas: Canvas, x: float, y: float) -> QPoint:
+    place = canvas._desk.of_world(float(x), float(y))
+    return QPoint(round(place.x()), round(place.y()))
+
+
+def test_a_click_chooses_and_a_click_beside_chooses_nothing(full, workspace, placed, qtbot) -> None:
+    peak = mountain(placed)
+    qtbot.mouseClick(full, LEFT, pos=over(full, peak["x"], peak["y"]))
+    assert workspace.chosen == Chosen("feature", int(peak["id"]))
+    full.grab()
+    qtbot.mouseClick(full, LEFT, pos=QPoint(1, 1))
+    assert workspace.chosen is None
+
+
+def test_a_drag_moves_a_feature_in_one_step(full, document, workspace, placed, qtbot) -> None:
+    peak = mountain(placed)
+    start = over(full, peak["x"], peak["y"])
+    qtbot.mousePress(full, LEFT, pos=start)
+    for k in range(1, 11):
+        move(full, start + QPoint(4 * k, 2 * k), LEFT)
+    full.grab()
+    qtbot.mouseRelease(full, LEFT, pos=start + QPoint(40, 20))
+    assert steps(document) == ("Move mountain",)
+    (edit,) = document.sketch.edits
+    assert edit.x == pytest.approx(peak["x"] + 40 / full._desk.per_metre, abs=1.5 / full._desk.per_metre)
+    assert edit.y == pytest.approx(peak["y"] - 20 / full._desk.per_metre, abs=1.5 / full._desk.per_metre)
+    document.undo()
+    assert document.sketch.edits == ()
+
+
+def test_escape_puts_a_dragged_feature_back(full, document, placed, qtbot) -> None:
+    peak = mountain(placed)
+    start = over(full, peak["x"], peak["y"])
+    qtbot.mousePress(full, LEFT, pos=start)
+    move(full, start + QPoint(40, 20), LEFT)
+    assert document.sketch.edits
+    qtbot.keyClick(full, Qt.Key.Key_Escape)
+    assert document.sketch.edits == ()
+    qtbot.mouseRelease(full, LEFT, pos=start + QPoint(40, 20))
+    assert document.sketch.edits == ()
+
+
+def test_handles_resize_widen_and_move_points(full, document, workspace, placed, qtbot) -> None:
+    peak, river = mountain(placed), placed.rivers[0]
+    workspace.chosen = Chosen("feature", int(peak["id"]))
+    grab(full, qtbot, placed, "radius", QPoint(20, 0))
+    assert steps(document)[-1] == "Resize mountain"
+    workspace.chosen = Chosen("river", river.id)
+    full.grab()
+    grab(full, qtbot, placed, "width", QPoint(6, 6))
+    assert steps(document)[-1].startswith("Set the width of river")
+    workspace.chosen = Chosen("river", river.id)
+    grab(full, qtbot, placed, "point", QPoint(15, 9))
+    assert steps(document)[-1].startswith("Move a point of river")
+    assert workspace.chosen is not None
+    assert workspace.chosen.index is not None
+    assert len(steps(document)) == 3
+
+
+def grab(canvas: Canvas, qtbot, placed, role: str, off: QPoint) -> None:
+    handles = [each for each in handles_of(placed, canvas._desk.workspace.chosen) if each.role == role]
+    handle = handles[len(handles) // 2]
+    place = canvas._hands.tool._shown_at(handle)
+    start = QPoint(round(place.x()), round(place.y()))
+    qtbot.mousePress(canvas, LEFT, pos=start)
+    move(canvas, start + off, LEFT)
+    canvas.grab()
+    qtbot.mouseRelease(canvas, LEFT, pos=start + off)
+
+
+def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, placed, qtbot) -> None:
+    peak = mountain(placed)
+    workspace.chosen = Chosen("feature", int(peak["id"]))
+    qtbot.keyClick(full, Qt.Key.Key_Escape)
+    assert workspace.chosen is None
+    workspace.chosen = Chosen("feature", int(peak["id"]))
+    qtbot.keyClick(full, Qt.Key.Key_Delete)
+    assert workspace.chosen is None
+    assert steps(document) == ("Delete mountain",)
+    assert document.sketch.edits[0].action == "delete"
+
+
+def test_a_double_click_brings_the_view_there(full, link, qtbot) -> None:
+    for tool in ("select", "pan"):
+        full._desk.workspace.tool = tool
+        qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
+        told = link.told[-1]
+        assert isinstance(told, GoTo)
+        assert (told.x, told.y) == pytest.approx((2000.0, 1500.0), abs=12.0)
+
+
+def test_hovering_shows_what_a_click_would_choose(full, placed) -> None:
+    peak = mountain(placed)
+    before = full.grab().toImage()
+    move(full, over(full, peak["x"], peak["y"]))
+    assert full.cursor().shape() == Qt.CursorShape.PointingHandCursor
+    assert full.grab().toImage() != before
+    full._hands.leave()
+    assert full.grab().toImage() == before
+
+
+def test_the_menu_of_a_feature(full, document, workspace, placed) -> None:
+    from sketchterrain.ui.canvas.feature_menu import feature_menu
+
+    peak = mountain(placed)
+    chosen = Chosen("feature", int(peak["id"]))
+    menu = feature_menu(full, full._desk, chosen, float(peak["x"]), float(peak["y"]))
+    actions = {action.text(): action for action in menu.actions()}
+    assert not actions["Reset mountain"].isEnabled()
+    actions["Lock mountain"].trigger()
+    assert [edit.action for edit in document.sketch.edits] == ["lock"]
+    menu.deleteLater()
+    menu = feature_menu(full, full._desk, None, 3000.0, 3100.0)
+    (adding,) = menu.findChildren(QMenu)
+    next(action for action in adding.actions() if action.text() == "Hill").trigger()
+    assert (document.sketch.edits[-1].x, document.sketch.edits[-1].y) == (3000.0, 3100.0)
+    assert steps(document) == ("Lock mountain", "Add hill")
+    menu.deleteLater()
+
+
+def test_tools_without_anything_placed_do_no_harm(canvas, workspace, qtbot) -> None:
+    for tool in ("select", "pan", "pick", "line", "fill", "eraser"):
+        workspace.tool = tool
+        drag(qtbot, canvas, [(30.0, 30.0), (60.0, 50.0)])
+        qtbot.mouseDClick(canvas, LEFT, pos=at(canvas, 64.0, 64.0))
+        qtbot.keyClick(canvas, Qt.Key.Key_Delete)
+        canvas.grab()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -155,3 +156,89 @@ def recipe_bits(recipe: TerrainRecipe) -> list[bytes]:
     bits += [reach.tobytes() for reach in recipe.river_reach]
     bits += [lake.shape.inside.tobytes() + repr((lake.level, lake.depth)).encode() for lake in recipe.lakes]
     return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
+
+
+def every_layer(rng: np.random.Generator, sketch: Sketch) -> Sketch:
+    """Paint or erase a dab, or a short line of a river, on any layer."""
+    name = str(rng.choice(["mountain", "hill", "dune", "forest", "river", "lake", "material"]))
+    image = np.array(sketch.layers[name])
+    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    row, column, radius = rng.uniform(0, 128), rng.uniform(0, 160), rng.uniform(2, 14)
+    ahead = rng.normal(0, 1, 2)
+    for step in range(30 if name == "river" else 1):
+        at = np.array([row, column]) + step * ahead
+        near = (rows - at[0]) ** 2 + (columns - at[1]) ** 2 <= (1.5 if name == "river" else radius) ** 2
+        image[near] = rng.integers(0, 3)
+    return sketch.replace(layers={**sketch.layers, name: image})
+
+
+def world(**changes: object) -> Sketch:
+    density = {"mountain": 0.01, "hill": 0.2, "forest": 0.1, "dune": 0.01}
+    labels = {("mountain", 1): {"multitude": 4}, ("river", 2): {"width": 0.0}, ("hill", 1): {"multitude": 5}}
+    bare = Sketch(
+        layers={"hill": np.zeros((128, 160), np.uint8)}, extent=8192.0, density=density, labels=labels
+    )
+    return bare.replace(**changes)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_strokes_on_any_layer_give_the_bits_of_fresh_recipes(seed: int) -> None:
+    rng, memory = np.random.default_rng(seed), ShapeMemory()
+    sketch = world()
+    for _ in range(20):
+        sketch = every_layer(rng, sketch)
+    seen = [sketch]
+    for turn in range(12):
+        if turn % 5 == 4:
+            sketch = seen[int(rng.integers(len(seen)))]  # an undo
+        elif turn == 7:
+            sketch = sketch.replace(fidelity=0.3)
+        else:
+            sketch = every_layer(rng, sketch)
+        seen.append(sketch)
+        assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch)), turn
+
+
+class AbandonedError(Exception):
+    pass
+
+
+def test_an_abandoned_recipe_leaves_a_good_memory() -> None:
+    rng, memory = np.random.default_rng(9), ShapeMemory()
+    sketch = world()
+    for _ in range(16):
+        sketch = every_layer(rng, sketch)
+    make_recipe(sketch, memory=memory)
+    turn = 0
+    while True:
+        sketch = every_layer(rng, sketch)
+        left = turn
+
+        def checkpoint() -> None:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise AbandonedError
+
+        try:
+            make_recipe(sketch, memory=memory, checkpoint=checkpoint)
+        except AbandonedError:
+            turn += 1
+        else:
+            break
+        if turn % 3 == 0:
+            assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch))
+    assert turn >= 12  # checkpoints
+    assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch))
+
+
+def test_threads_share_a_memory() -> None:
+    rng, memory = np.random.default_rng(12), ShapeMemory()
+    sketches = [world()]
+    for _ in range(18):
+        sketches.append(every_layer(rng, sketches[-1]))
+    sketches = sketches[-6:]
+    with ThreadPoolExecutor(3) as pool:
+        made = list(pool.map(lambda sketch: make_recipe(sketch, memory=memory), sketches))
+    for recipe, sketch in zip(made, sketches, strict=True):
+        assert recipe_bits(recipe) == recipe_bits(make_recipe(sketch))

@@ -17,7 +17,7 @@ __all__ = ["Compass", "heading_of"]
 _NORTH = QColor("#ff7a66")
 _SOUTH = QColor(235, 238, 240, 210)
 _PLATE = QColor(18, 21, 24, 165)
-_SIDE = 38
+_SIDE = 40
 _POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 
 
@@ -67,16 +67,16 @@ class Compass(QAbstractButton):
         painter.setPen(Qt.PenStyle.NoPen)
         for colour, sign in ((_NORTH, -1.0), (_SOUTH, 1.0)):
             painter.setBrush(colour)
-            corners = [QPointF(-3.6, 0.0), QPointF(0.0, 12.0 * sign), QPointF(3.6, 0.0)]
+            corners = [QPointF(-3.4, 1.0), QPointF(0.0, 1.0 + 10.0 * sign), QPointF(3.4, 1.0)]
             painter.drawPolygon(QPolygonF(corners))
         font = painter.font()
         font.setPixelSize(8)
         font.setBold(True)
         painter.setFont(font)
         painter.setPen(_SOUTH)
-        painter.translate(0.0, -14.2)
+        painter.translate(0.0, -13.0)
         painter.rotate(self._heading)
-        painter.drawText(QRectF(-6.0, -5.0, 12.0, 10.0), Qt.AlignmentFlag.AlignCenter, "N")
+        painter.drawText(QRectF(-7.0, -6.0, 14.0, 12.0), Qt.AlignmentFlag.AlignCenter, "N")
 
     def _describe(self) -> None:
         point = _POINTS[round(self._heading / 45.0) % 8]

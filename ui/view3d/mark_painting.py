@@ -23,7 +23,8 @@ _LIGHT: Final = QColor(255, 255, 255, 235)
 _WATER: Final = QColor("#9fd4ff")
 _ACCENT: Final = QColor(DARK.accent)  # pictures of ground are as dark as a dark theme
 _HIDDEN = 0.28  # opacity of what ground hides
-_GRIP, _DOT = 5.0, 4.0  # px, radii
+_GRIP, _DOT = 5.0, 3.2  # px, radii
+_QUIET = 0.8  # opacity of what is not under the mouse
 
 
 def draw_marks(painter: QPainter, marks: Marks, *, hovered: Handle | Chosen | None) -> None:
@@ -78,21 +79,20 @@ def _draw_lines(painter: QPainter, lines: Iterable[Line], colour: QColor, width:
 
 
 def _add_pieces(path: QPainterPath, line: Line, *, hidden: bool) -> None:
-    joined = False
-    places = line.at.tolist()
-    for start, end, off in zip(places, places[1:], line.hidden.tolist(), strict=False):
+    last = None
+    for (x, y, to_x, to_y), off in zip(line.pieces.tolist(), line.hidden.tolist(), strict=True):
         if off == hidden:
-            if not joined:
-                path.moveTo(*start)
-            path.lineTo(*end)
-        joined = off == hidden
+            if last != (x, y):
+                path.moveTo(x, y)
+            path.lineTo(to_x, to_y)
+            last = to_x, to_y
 
 
 def _draw_dot(painter: QPainter, dot: Dot, *, larger: bool) -> None:
-    painter.setOpacity(_HIDDEN if dot.hidden else 1.0)
-    painter.setPen(QPen(_RIM, 1.6))
+    painter.setOpacity(_HIDDEN if dot.hidden else 1.0 if larger else _QUIET)
+    painter.setPen(QPen(_RIM, 1.4))
     painter.setBrush(_ACCENT if larger else _LIGHT)
-    shape = _shape(dot.kind, _DOT * (1.5 if larger else 1.0))
+    shape = _shape(dot.kind, _DOT * (1.7 if larger else 1.0))
     painter.drawPath(shape.translated(dot.x, dot.y))
     painter.setOpacity(1.0)
 

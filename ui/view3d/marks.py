@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.ui.commands.chosen_parts import point_of, river_of
+from sketchterrain.ui.canvas.shores import shore_lines
+from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
 from sketchterrain.ui.models.handles import Handle, handles_of
 from sketchterrain.ui.models.workspace import Chosen
 from sketchterrain.ui.view3d.draped import ring
@@ -16,7 +18,7 @@ from sketchterrain.ui.view3d.draped import ring
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.features import River
+    from sketchterrain.features import Lake, River
     from sketchterrain.ui.engine.messages import Placed
     from sketchterrain.ui.view3d.draped import Ground
     from sketchterrain.ui.view3d.projection import Projection
@@ -28,7 +30,10 @@ __all__ = ["Dot", "Grip", "Line", "Marks", "marks_of"]
 
 _MOST_DOTS = 300
 _MOST_PIECES = 200  # of a river's line
+_MOST_SHORE = 1500  # pieces of a shore
 _LEAST_RADIUS = 5.0  # px; smaller features are not marked
+_SQUARE = 13.0  # px; there is one feature's mark in a square, that of the largest
+_STEP = 13.0  # px between the control points of a river that are shown
 _WIDTH_ARM = 14.0  # px, between a river's bank and the handle of its width: rivers are thin
 
 
@@ -71,9 +76,9 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line as it is seen: px (n, 2), and which of its n − 1 pieces ground hides."""
+    """Straight pieces as they are seen: from x, y to x, y (n, 4) in px, and which ones ground hides."""
 
-    at: Floats
+    pieces: Floats
     hidden: Flags
 
 
@@ -136,7 +141,7 @@ def marks_of(
     )
     rivers = tuple(line for each in others for line in _lines(projection, ground, _course(ground, each)))
     outline = _outline(projection, ground, placed, chosen, dragged)
-    grips = _grips(projection, ground, handles_of(placed, chosen), dragged)
+    grips = _grips(projection, ground, placed, chosen, dragged)
     return Marks(dots, rivers, outline, grips)
 
 
@@ -152,7 +157,7 @@ def _dots(projection: Projection, ground: Ground, placed: Placed, chosen: Chosen
     if chosen is not None and chosen.kind == "feature":
         shown &= points["id"] != np.uint64(chosen.id)
     kept = np.flatnonzero(shown)
-    kept = kept[np.argsort(-size[kept], kind="stable")][:_MOST_DOTS]
+    kept = _apart(kept[np.argsort(-size[kept], kind="stable")], seen.at)[:_MOST_DOTS]
     hidden = ground.hides(projection.eye, places[kept])
     return tuple(
         Dot(
@@ -164,6 +169,13 @@ def _dots(projection: Projection, ground: Ground, placed: Placed, chosen: Chosen
         )
         for at, off in zip(kept, hidden, strict=True)
     )
+
+
+def _apart(order: npt.NDArray[np.intp], at: Floats) -> npt.NDArray[np.intp]:
+    """Return the first of those that share a square of the picture, so that marks can be told apart."""
+    squares = np.floor(at[order] / _SQUARE).astype(np.int64)
+    _, first = np.unique(squares, axis=0, return_index=True)
+    return order[np.sort(first)]
 
 
 def _course(ground: Ground, river: River) -> Floats:
@@ -185,7 +197,9 @@ def _outline(
 ) -> tuple[Line, ...]:
     if chosen is None:
         return ()
-    river, point = river_of(placed, chosen), point_of(placed, chosen)
+    river, point, lake = river_of(placed, chosen), point_of(placed, chosen), lake_of(placed, chosen)
+    if lake is not None:
+        return (_shore(projection, ground, lake),)
     if river is not None:
         return tuple(_lines(projection, ground, _course(ground, river)))
     if point is None:
@@ -204,16 +218,35 @@ def _lines(projection: Projection, ground: Ground, places: Floats) -> list[Line]
     for first, at in projection.runs(places):
         own = places[np.clip(np.arange(first, first + len(at)), 0, len(places) - 1)]
         off = ground.hides(projection.eye, own)
-        found.append(Line(at, off[1:] & off[:-1]))
+        found.append(Line(np.concatenate([at[:-1], at[1:]], axis=1), off[1:] & off[:-1]))
     return found
+
+
+def _shore(projection: Projection, ground: Ground, lake: Lake) -> Line:
+    """Return a lake's shore, as far as it lies before the eye."""
+    pieces = _shore_of(lake)
+    level = np.full((len(pieces), 1), lake.level)
+    starts, ends = np.hstack([pieces[:, :2], level]), np.hstack([pieces[:, 2:], level])
+    one, other = projection.see(starts), projection.see(ends)
+    shown = one.before & other.before
+    at = np.concatenate([one.at, other.at], axis=1)[shown]
+    return Line(at, ground.hides(projection.eye, starts[shown]))
+
+
+@lru_cache(maxsize=4)
+def _shore_of(lake: Lake) -> Floats:
+    pieces = shore_lines(lake.shape)
+    return pieces[:: max(len(pieces) // _MOST_SHORE, 1)] if len(pieces) > 2 * _MOST_SHORE else pieces
 
 
 def _grips(
     projection: Projection,
     ground: Ground,
-    handles: tuple[Handle, ...],
+    placed: Placed,
+    chosen: Chosen | None,
     dragged: tuple[Handle, float, float] | None,
 ) -> tuple[Grip, ...]:
+    handles = handles_of(placed, chosen)
     if not handles:
         return ()
     now = [
@@ -232,9 +265,15 @@ def _grips(
     seen, below = projection.see(places), projection.see(bases)
     hidden = ground.hides(projection.eye, places)
     found = []
+    last = np.full(2, -np.inf)
     for i, handle in enumerate(handles):
         if not seen.before[i]:
             continue
+        if handle.role == "point":
+            is_taken = handle.chosen == chosen or (dragged is not None and dragged[0] == handle)
+            if np.hypot(*(seen.at[i] - last)) < _STEP and not is_taken:
+                continue
+            last = seen.at[i]
         (x, y), (base_x, base_y) = seen.at[i], below.at[i] if below.before[i] else seen.at[i]
         if handle.role == "width":
             away = max(float(np.hypot(x - base_x, y - base_y)), 1e-6)

@@ -166,7 +166,13 @@ class Scene:
     def _paint_tag(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
         """Name what is selected, beside its first handle or amid a river."""
         placed, chosen = self._link.placed, self._workspace.chosen
-        if placed is None or chosen is None or not marks.grips:
+        if placed is None or chosen is None:
+            return
+        if chosen.kind == "lake" and marks.outline and len(marks.outline[0].pieces):
+            shore = marks.outline[0].pieces
+            top = shore[shore[:, 1].argmin()]
+            text = name_of(placed, chosen).capitalize()
+            draw_tag(painter, text, float(top[0]), float(top[1]), painter.font(), size)
             return
         index = chosen.index
         river = river_of(placed, chosen)

@@ -74,6 +74,7 @@ class View3D(QWidget):
         self._mouse = Mouse(self, self._scene, document, workspace, link)
         self._trouble: Trouble | None = None
         self._unsettled: float | None = None
+        self._by_key = False
         self._bar, self._compass, self._card = Bar(self), Compass(self), Card(self)
         self._sizes = QTimer(self)
         self._sizes.setSingleShot(True)
@@ -232,7 +233,7 @@ class View3D(QWidget):
             dim=self._card.notice is not None,
             refines=late and not self._mouse.is_pressed,
         )
-        if self.hasFocus():
+        if self._by_key and self.hasFocus():
             self._scene.paint_focus(painter, QRectF(self.rect()))
 
     def mousePressEvent(self, event: QMouseEvent | None) -> None:
@@ -285,7 +286,9 @@ class View3D(QWidget):
             self._keyboard.release(event)
 
     def focusInEvent(self, event: QFocusEvent | None) -> None:
-        """Show that keys come here."""
+        """Show that keys come here, to one who came by a key."""
+        by_key = (Qt.FocusReason.TabFocusReason, Qt.FocusReason.BacktabFocusReason)
+        self._by_key = event is not None and event.reason() in by_key
         self.update()
 
     def focusOutEvent(self, event: QFocusEvent | None) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sketchterrain.sketch import Sketch, load_sketch
+from sketchterrain.sketch import Sketch, load_sketch, save_sketch
 from sketchterrain.ui.models.autosave import Autosave
 from sketchterrain.ui.models.recovery import Lock, new_place, write_recovery
 
@@ -35,6 +35,7 @@ def left_by_a_crash(folder: Path, sketch: Sketch, original: Path | None = None) 
     folder.mkdir(exist_ok=True)
     path = new_place(folder)
     path.with_suffix(".lock").touch()
+    time.sleep(0.01)  # the disk's clock is coarser than ours
     write_recovery(path, sketch, original)
     return path
 
@@ -105,6 +106,17 @@ def test_what_another_program_left_is_found_opened_and_discarded(document, autos
     qtbot.waitUntil(lambda: not old.exists())
     assert {each.suffix for each in folder.iterdir()} == {".sketch", ".lock"}
     assert {each.stem for each in folder.iterdir()} == {autosave.path.stem}
+
+
+@pytest.mark.parametrize("name", ["valley", "valley.sketch"])
+def test_what_was_saved_after_it_was_kept_is_told(document, autosave, folder, tmp_path, name) -> None:
+    original = tmp_path / name
+    left_by_a_crash(folder, document.sketch, original)
+    assert not autosave.recoverable()[0].was_saved_since
+    save_sketch(document.sketch, original)
+    assert autosave.recoverable()[0].was_saved_since
+    left_by_a_crash(folder, document.sketch.replace(seed=5), original)
+    assert [each.was_saved_since for each in autosave.recoverable()] == [False, True]
 
 
 def test_what_was_not_discarded_is_left_to_the_next_program(document, folder) -> None:

@@ -44,6 +44,18 @@ class Recovery:
     when: datetime
     original: Path | None
 
+    @property
+    def was_saved_since(self) -> bool:
+        """Whether the sketch that it had been saved as was written to later: it may hold all of this."""
+        if self.original is None:
+            return False
+        try:
+            files = self.original.iterdir() if self.original.is_dir() else [self.original]
+            times = [each.stat().st_mtime for each in files if each.is_file()]
+        except OSError:  # it is out of reach now
+            return False
+        return max(times, default=0.0) > self.when.timestamp()
+
 
 class Lock:
     """Held by one program at a time; it goes with the program, however that ends.

@@ -61,7 +61,7 @@ class ChosenPage(QWidget):
             "lake": LakeForm(self),
         }
         self._note = faint_label("Locked: it stays as it is, whatever is painted.", self)
-        self.lock = _button("lock", "&Lock", "Keep it as it is, whatever is painted", self)
+        self.lock = _button("lock", "Loc&k", "Keep it as it is, whatever is painted", self)
         self.lock.setCheckable(True)
         self.reset = _button("reset", "&Reset", "Make it again as it was generated", self)
         self.delete = _button("delete", "&Delete", "Take it away; undo brings it back", self)
@@ -101,7 +101,7 @@ class ChosenPage(QWidget):
             self.lock.setChecked(held)
         self.lock.setVisible(is_feature)
         self.lock.setEnabled(True)
-        self.lock.setText("Un&lock" if held else "&Lock")
+        self.lock.setText("Unloc&k" if held else "Loc&k")
         self.reset.setEnabled(is_edited(sketch, placed, chosen))
         self.delete.setEnabled(True)
         self._note.setVisible(held)

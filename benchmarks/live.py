@@ -139,7 +139,7 @@ class _Painting:
     def _times(self) -> list[tuple[float, ...]]:
         """Return when each sketch was made, and when the first shown that has it went through each stage."""
         versions = np.array([each.version for each in self._followed])
-        found = []
+        found: list[tuple[float, ...]] = []
         for version, made in sorted(self._made.items()):
             shown = self._followed[int(np.searchsorted(versions, version))]
             found.append((made, shown.begun, shown.placed, shown.ready, shown.received, shown.shown))

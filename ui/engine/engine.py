@@ -20,7 +20,7 @@ from sketchterrain.ui.engine.relief import ReliefMaker
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.terrain.changes import Box
+    from sketchterrain.terrain import Terrain
     from sketchterrain.ui.engine.jobs import Jobs
     from sketchterrain.ui.engine.land import Land
     from sketchterrain.ui.engine.messages import EngineFacts
@@ -69,6 +69,7 @@ class Engine:
         self._eye: Eye | None = None
         self._view = ViewState()
         self._expected, self._fresh = -1, -1
+        self._wanted: messages.Look | None = None
         self._busy_with = ""
         self._goes_on = True
         self._does: dict[type, Callable[[Any], None]] = {
@@ -158,13 +159,14 @@ class Engine:
         device = self._land.device
         name, platform = ("", "") if device is None else (device.name, device.platform)
         self._tell_facts(device=name, platform=platform, no_device=self._land.lacks)
-        self._guarded("view", lambda: self._show_land([_EVERYWHERE]))
+        self._land.owed = [_EVERYWHERE]
+        self._guarded("view", self._show_land)
 
     def _follow(self, plans: list[Plan]) -> None:
         """Go over to the newest terrain."""
         received = time.monotonic()
-        areas = self._land.take(plans)
-        self._show_land(areas)
+        self._land.take(plans)
+        self._show_land()
         placed = next((plan for plan in reversed(plans) if plan.recipe is not None), plans[-1])
         self._window.send(
             Followed(
@@ -172,32 +174,36 @@ class Engine:
             )
         )
 
-    def _show_land(self, areas: list[Box]) -> None:
-        terrain, version = self._land.terrain, self._land.version
+    def _show_land(self) -> None:
+        terrain, version, areas = self._land.terrain, self._land.version, self._land.owed
         if terrain is None:
             return
         if self._eye is None or self._eye.size != terrain.size or self._fresh >= 0 <= version - self._fresh:
-            mode = "orbit" if self._eye is None else self._eye.mode
             self._eye, self._fresh = Eye(terrain, aspect=self._aspect), -1
-            self._eye.use(self._view.mode if self._view.mode else mode)
+            self._eye.use(self._view.mode)
+            if self._wanted is not None:
+                self._be_at(self._wanted)
         else:
             self._eye.follow(terrain)
         if areas:
             self._relief.follow(terrain, version, areas)
-        if self._show is None:
-            return
-        self._show.expect(coming=self._expected > version)
-        if self._show.stage.is_empty:
+        if self._show is not None:
+            self._draw_from_now_on(self._show, terrain, self._eye)
+        self._land.owed = []
+
+    def _draw_from_now_on(self, show: Show, terrain: Terrain, eye: Eye) -> None:
+        show.expect(coming=self._expected > self._land.version)
+        if show.stage.is_empty:
             self._say("Preparing the picture")
-        line = self._show.show(terrain, version, areas, self._eye)
+        line = show.show(terrain, self._land.version, self._land.owed, eye)
         if line:
             self._window.send(Trouble("view", line))
-        self._tell_facts(sharing=self._show.stage.sharing)
+        self._tell_facts(sharing=show.stage.sharing)
 
     def _draw(self) -> None:
         assert self._show is not None and self._eye is not None  # noqa: S101, PT018 # whoever calls looked
         if self._show.stage.is_empty:
-            self._show_land([])
+            self._show_land()
         there = self._show.frame(self._eye)
         if there is not None:
             self._window.send(there)
@@ -236,6 +242,7 @@ class Engine:
 
     def _be_at(self, look: messages.Look) -> None:
         terrain = self._land.terrain
+        self._wanted = look if self._eye is None else None
         if self._eye is None or terrain is None:
             return
         if look.pose is not None:
@@ -256,7 +263,8 @@ class Engine:
     def _take_picture(self, wanted: messages.TakePicture) -> None:
         sun = None if self._show is None else self._show.stage.sun
         if sun is None or self._eye is None or self._land.sketch is None:
-            self._window.send(Trouble("picture", self._facts.no_picture or "there is no picture yet"))
+            lacks = self._facts.no_picture or self._facts.no_device
+            self._window.send(Trouble("picture", lacks or "there is no picture yet"))
             return
         self._jobs.add(
             PictureJob(

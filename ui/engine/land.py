@@ -41,6 +41,8 @@ class Land:
         The pickled recipe.
     lacks : str
         One line, why there is no device; empty where there is one.
+    owed : list of (west, south, east, north)
+        m: where heights may be others than those that were shown last; whoever shows them empties it.
     """
 
     def __init__(self, open_device: Callable[[Device], ComputeContext], *, device: str | None = None) -> None:
@@ -49,6 +51,7 @@ class Land:
         self.sketch: Sketch | None = None
         self.recipe = b""
         self.lacks = ""
+        self.owed: list[Box] = []
         self._mirror = SketchMirror()
         self._failed: list[Device] = []
         self._context: ComputeContext | None = None
@@ -64,27 +67,25 @@ class Land:
         """What it is computed on; None where there is none."""
         return None if self._context is None else self._context.device
 
-    def take(self, plans: list[Plan]) -> list[Box]:
-        """Take plans over, of which only the last one's terrain is made; return where heights may be others.
+    def take(self, plans: list[Plan]) -> None:
+        """Take plans over, of which only the last one's terrain is made.
 
         Raises
         ------
         DeviceFailedError
             If the device fails; the plans are taken all the same.
         """
-        areas: list[Box] = []
         recipe = None
         for plan in plans:
             self._mirror.apply(plan.update)
-            areas += plan.areas
+            self.owed += plan.areas
             recipe = plan.recipe or recipe
         self.sketch = self._mirror.sketch()
         if recipe is not None:
             self.recipe = recipe
-            self._make(pickle.loads(recipe), areas)  # noqa: S301 # the placer's
+            self._make(pickle.loads(recipe))  # noqa: S301 # the placer's
         elif self.terrain is not None:
-            self._make(self.terrain.recipe, areas)
-        return areas
+            self._make(self.terrain.recipe)
 
     def go_over(self) -> str:
         """Leave the device, which failed, for another one; return a line that says so.
@@ -101,7 +102,7 @@ class Land:
             try:
                 self._context = self._open_device(spare)
                 if self.recipe:
-                    self._make(pickle.loads(self.recipe), [])  # noqa: S301 # the placer's
+                    self._make(pickle.loads(self.recipe))  # noqa: S301 # the placer's
             except DeviceError:
                 self._failed.append(spare)
                 continue
@@ -118,7 +119,7 @@ class Land:
         except DeviceError as error:
             self.lacks = one_line(error)
 
-    def _make(self, recipe: TerrainRecipe, areas: list[Box]) -> None:
+    def _make(self, recipe: TerrainRecipe) -> None:
         from sketchterrain.terrain import Terrain
 
         if self._context is None or self.sketch is None:
@@ -126,4 +127,4 @@ class Land:
         if self.terrain is None:
             self.terrain = Terrain(self.sketch, recipe, self._context)
         else:
-            self.terrain = self.terrain.after(self.sketch, recipe, areas)
+            self.terrain = self.terrain.after(self.sketch, recipe, self.owed)

@@ -16,6 +16,7 @@ from sketchterrain.ui.engine.messages import (
     EngineFacts,
     FrameFacts,
     FrameTaken,
+    Look,
     Pick,
     Picked,
     Placed,
@@ -112,7 +113,7 @@ class EngineLink(QObject):
         self._timer.setSingleShot(True)
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
         self._timer.timeout.connect(self._send_sketch)
-        self._came.connect(self._take, type=Qt.ConnectionType.QueuedConnection)
+        self._came.connect(self._take)  # it is emitted by other threads, and taken on this one
 
     def start(self) -> None:
         """Start the processes; again after they ended, and anew while they run."""
@@ -157,6 +158,8 @@ class EngineLink(QObject):
             thread.start()
             self._threads.append(thread)
         children.engine.send(self.view)
+        if self.frame is not None:  # the eye stays where it was
+            children.engine.send(Look(self.frame.pose))
         self._updates.start(self._schedule)
         self._send_sketch()
 

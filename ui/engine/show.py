@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from typing import TYPE_CHECKING, Final
 
@@ -24,6 +25,8 @@ _QUICKEST: Final = 1.0 / 60.0
 """s from frame to frame at least."""
 _PLAYING: Final = 0.1
 """s from frame to frame where the CPU draws, and only water, plants and clouds move."""
+_SHARE: Final = 2.0
+"""Times what the last frame took, for these: half of the time the CPU is free for other things."""
 _LONGEST: Final = 0.1
 """s that pass for the eye and the clock in a frame at most: after a pause nothing jumps."""
 _HOLD: Final = (0.12, 0.6)
@@ -56,6 +59,7 @@ class Show:
         self._on_their_way = 0
         self._place, self._size = 0, (0, 0)
         self._drawn = 0.0
+        self._took = 0.0
         self._clock = 0.0
         self._stale = True
         self._settled = False
@@ -92,8 +96,10 @@ class Show:
         self._on_their_way = max(self._on_their_way - 1, 0)
 
     def stop(self) -> None:
-        """Draw nothing until there is another terrain or view: it failed."""
+        """Draw nothing until there is another terrain or view: it failed, and then all is made anew."""
         self.broken = True
+        with contextlib.suppress(Exception):  # what failed may fail at being given back, too
+            self.stage.clear()
 
     def due(self, *, moving: bool) -> float | None:
         """Return in how many s a frame is to be drawn, from now; None if there is nothing to draw.
@@ -115,7 +121,8 @@ class Show:
             return max(_QUICKEST - since, _HOLD[0] - waited, 0.0)
         if not self._view.plays:
             return None
-        return max((_PLAYING if self.stage.is_software else _QUICKEST) - since, _HOLD[1] - waited, 0.0)
+        often = max(_PLAYING, _SHARE * self._took) if self.stage.is_software else _QUICKEST
+        return max(often - since, _HOLD[1] - waited, 0.0)
 
     def frame(self, eye: Eye) -> FrameThere | None:
         """Draw a frame, if anything of it is another one than in the last; return where it lies."""
@@ -139,13 +146,14 @@ class Show:
         with self._memory.view(start, nbytes, capacity) as pixels:
             self.stage.pixels(pixels)
         self._on_their_way += 1
+        self._took = time.monotonic() - now
         facts = FrameFacts(
             width=size[0],
             height=size[1],
             version=self._version,
             pose=eye.pose(),
             to_clip=tuple(camera.to_clip(size[0] / size[1]).ravel().tolist()),
-            seconds=time.monotonic() - now,
+            seconds=self._took,
             generation_seconds=stats.generation_seconds,
             tiles=stats.tiles_drawn,
             triangles=stats.triangles,

@@ -91,9 +91,9 @@ class Stage:
 
     def clear(self) -> None:
         """Forget what is drawn; the next `show` makes all of it anew."""
-        if self._shown is not None:
-            self._shown.renderer.release()
-            self._shown = None
+        shown, self._shown = self._shown, None
+        if shown is not None:
+            shown.renderer.release()
 
     def show(self, terrain: Terrain, areas: list[Box], camera: Camera) -> str:
         """Draw a terrain from now on.

@@ -1,0 +1,199 @@
+"""The engine on a thread of the test: what is missing or fails is said, and all else goes on."""
+
+from __future__ import annotations
+
+import socket
+import threading
+
+import numpy as np
+import pytest
+
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.errors import DeviceFailedError
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import make_recipe
+from sketchterrain.terrain.changes import EVERYWHERE
+from sketchterrain.ui.engine.channel import Channel, pickled
+from sketchterrain.ui.engine.engine import Engine
+from sketchterrain.ui.engine.jobs import Jobs
+from sketchterrain.ui.engine.land import Land
+from sketchterrain.ui.engine.messages import (
+    EngineFacts,
+    LayerPatch,
+    MeasureAdherence,
+    Pick,
+    Picked,
+    Quit,
+    Relief,
+    SketchUpdate,
+    TakePicture,
+    Trouble,
+    Turn,
+)
+from sketchterrain.ui.engine.mirror import settings_of
+from sketchterrain.ui.engine.plan import Followed, Plan
+
+
+class Around:
+    """An engine without OpenGL on a thread, and the other ends of its channels."""
+
+    def __init__(self, land):
+        mine, its_window = socket.socketpair()
+        other, its_placer = socket.socketpair()
+        self.window, self.placer = Channel(mine), Channel(other, patient=False)
+        self.its = Channel(its_window, patient=False), Channel(its_placer)
+        self.land = land
+        self.engine = Engine(
+            *self.its, land=land, show=None, jobs=Jobs(), facts=EngineFacts(no_device=land.lacks)
+        )
+        self.thread = threading.Thread(target=self.engine.run, daemon=True)
+        self.thread.start()
+        self.version = 0
+
+    def plan(self, image):
+        self.version += 1
+        sketch = Sketch(extent=3000.0, layers={"hill": image})
+        update = SketchUpdate(
+            self.version, image.shape, settings_of(sketch), {"hill": LayerPatch(0, 0, image)}
+        )
+        self.placer.send(Plan(update, pickled(make_recipe(sketch)), (EVERYWHERE,), 0.0, 0.0, 0.0))
+
+    def answer(self, kind):
+        """Return the next message of a kind, and those before it."""
+        before = []
+        while not isinstance(message := self.window.receive(), kind):
+            before.append(message)
+        return message, before
+
+    def end(self):
+        self.window.send(Quit())
+        self.thread.join(20.0)
+        assert not self.thread.is_alive()
+        for channel in (self.window, self.placer, *self.its):
+            channel.close()
+
+
+def blob(column):
+    image = np.zeros((48, 48), np.uint8)
+    image[10:30, column : column + 15] = 1
+    return image
+
+
+@pytest.fixture
+def around():
+    made = Around(Land(ComputeContext))
+    yield made
+    made.end()
+
+
+def test_without_opengl_there_is_a_relief_and_picks_are_answered(around):
+    around.plan(blob(20))
+    followed, _ = around.answer(Followed)
+    assert followed.version == 1
+    around.window.send(Turn(10.0, 0.0))
+    around.window.send(Pick(7, 0.5, 0.6))
+    picked, before = around.answer(Picked)
+    assert picked.token == 7
+    assert len(picked.place) == 3
+    relief = next((each for each in before if isinstance(each, Relief)), None) or around.answer(Relief)[0]
+    assert relief.height[15:25, 22:32].max() > 20.0
+
+
+def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkeypatch):
+    taken = []
+    take = around.land.take
+    gate = threading.Event()
+
+    def slow(plans):
+        gate.wait(20.0)
+        taken.append([plan.update.version for plan in plans])
+        return take(plans)
+
+    monkeypatch.setattr(around.land, "take", slow)
+    around.plan(blob(5))
+    for column in (10, 15, 20):
+        around.plan(blob(column))
+    gate.set()
+    versions = [around.answer(Followed)[0].version]
+    while versions[-1] < 4:
+        versions.append(around.answer(Followed)[0].version)
+    assert [version for group in taken for version in group] == [1, 2, 3, 4]
+    assert versions == sorted(versions)
+    assert around.land.version == 4
+
+
+def test_no_picture_without_opengl_says_so(around):
+    around.plan(blob(20))
+    around.answer(Followed)
+    around.window.send(TakePicture("nowhere.png", 100, 100))
+    trouble, _ = around.answer(Trouble)
+    assert trouble.what == "picture"
+
+
+def test_before_there_is_a_terrain_nothing_is_measured(around):
+    around.window.send(MeasureAdherence())
+    trouble, _ = around.answer(Trouble)
+    assert "no terrain yet" in trouble.line
+    around.window.send(Pick(1, 0.5, 0.5))
+    assert around.answer(Picked)[0].place is None
+
+
+def test_without_a_device_it_says_what_to_do_and_runs_on():
+    around = Around(Land(ComputeContext, device="no such device"))
+    facts, _ = around.answer(EngineFacts)
+    assert "no such device" in facts.no_device
+    around.plan(blob(20))
+    around.answer(Followed)
+    around.window.send(MeasureAdherence())
+    trouble, _ = around.answer(Trouble)
+    assert "no such device" in trouble.line
+    around.end()
+
+
+def test_a_device_that_fails_is_left_for_another_one(around, monkeypatch):
+    if sum(device.type == "CPU" for device in list_devices()) < 2:
+        pytest.skip("there is no second device")
+    around.plan(blob(20))
+    first, _ = around.answer(Relief)
+    failed = around.land.device
+
+    def broken(*_, **__):
+        raise DeviceFailedError("the device fell over")
+
+    monkeypatch.setattr(around.land.terrain, "heights", broken)
+    around.window.send(Pick(1, 0.5, 0.6))
+    trouble, _ = around.answer(Trouble)
+    assert "fell over" in trouble.line
+    assert "goes on with" in trouble.line
+    again, _ = around.answer(Relief)
+    assert around.land.device != failed
+    assert np.array_equal(again.height, first.height)
+    around.window.send(Pick(2, 0.5, 0.6))
+    assert around.answer(Picked)[0].place is not None
+
+
+def test_a_defect_is_a_message(around, monkeypatch, capsys):
+    around.plan(blob(20))
+    around.answer(Followed)
+
+    def broken(_):
+        raise ZeroDivisionError("oops")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(around.land, "take", broken)
+        around.plan(blob(10))
+        trouble, _ = around.answer(Trouble)
+    assert "oops" in trouble.line
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    around.plan(blob(5))
+    assert around.answer(Followed)[0].version == 3
+
+
+def test_it_ends_when_the_window_is_gone():
+    around = Around(Land(ComputeContext))
+    around.answer(EngineFacts)
+    around.window.close()
+    around.thread.join(20.0)
+    assert not around.thread.is_alive()
+    for channel in (around.placer, *around.its):
+        channel.close()

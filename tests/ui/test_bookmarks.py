@@ -1,0 +1,183 @@
+"""Bookmarks: kept by sketch, whatever the file holds; the panel goes there."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+from PyQt6.QtCore import Qt
+from PyQt6.QtGui import QColor, QImage
+from PyQt6.QtWidgets import QListWidget, QToolButton
+
+from sketchterrain.sketch import load_sketch
+from sketchterrain.ui.engine.messages import FrameFacts, Look, Pose
+from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
+
+HERE, THERE = Pose((0.0, 1.0, 2.0), (3.0, 4.0, 5.0), 50.0), Pose((9.0, 8.0, 7.0), (3.0, 4.0, 5.0), 40.0)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "state" / "bookmarks"
+
+
+def test_they_are_kept_by_path(document, folder, tmp_path) -> None:
+    one, other = tmp_path / "one.sketch", tmp_path / "other.sketch"
+    bookmarks = Bookmarks(document, folder)
+    bookmarks.add(Bookmark("Summit", HERE, "walk", b"jpeg"))
+    assert not folder.exists(), "the sketch has no path yet"
+    document.saved(document.sketch, one)
+    bookmarks.add(Bookmark("Lake", THERE))
+    kept = bookmarks.all
+    again = Document()
+    later = Bookmarks(again, folder)
+    assert later.all == ()
+    again.open(load_sketch("valley_river"), one)
+    assert later.all == kept
+    again.open(load_sketch("valley_river"), other)
+    assert later.all == ()
+    again.open(load_sketch("valley_river"), one)
+    again.saved(again.sketch, other)
+    assert later.all == kept, "saved under another name they come along"
+    again.open(load_sketch("valley_river"), other)
+    assert later.all == kept
+
+
+def test_they_are_renamed_renewed_and_deleted(document, folder) -> None:
+    bookmarks = Bookmarks(document, folder)
+    told = []
+    bookmarks.changed.connect(lambda: told.append(len(bookmarks.all)))
+    assert bookmarks.free_name() == "View 1"
+    for name in ("View 1", "View 2"):
+        bookmarks.add(Bookmark(name, HERE))
+    assert bookmarks.free_name() == "View 3"
+    bookmarks.rename(0, "  The \n pass ")
+    bookmarks.rename(1, "   ")
+    assert [each.name for each in bookmarks.all] == ["The pass", "View 2"]
+    bookmarks.renew(0, Bookmark("", THERE, "fly"))
+    assert bookmarks.all[0] == Bookmark("The pass", THERE, "fly")
+    bookmarks.delete(0)
+    assert [each.name for each in bookmarks.all] == ["View 2"]
+    assert told == [1, 2, 2, 2, 1]
+
+
+def written(**changes) -> bytes:
+    """Return a file with one bookmark, of which something is wrong."""
+    good = {"name": "a", "eye": [0, 0, 0], "target": [0, 1, 0], "fov": 50, "mode": "walk", "picture": ""}
+    return json.dumps({"bookmarks": [good | changes]}).encode()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"\xff\xfe",
+        b'{"bookmarks": [{}]}',
+        written(target=[0, 0, 0]),
+        written(eye=[0, 0, float("nan")]),
+        written(eye=[0, 0]),
+        written(mode="swim"),
+        written(fov=0),
+        written(picture="?"),
+    ],
+)
+def test_a_file_that_cannot_be_read_counts_as_none(document, folder, tmp_path, content) -> None:
+    path = tmp_path / "one.sketch"
+    bookmarks = Bookmarks(document, folder)
+    document.saved(document.sketch, path)
+    bookmarks.add(Bookmark("a", HERE))
+    (file,) = folder.iterdir()
+    assert json.loads(file.read_bytes())["sketch"] == str(path)
+    file.write_bytes(content)
+    document.open(document.sketch, path)
+    assert bookmarks.all == ()
+    bookmarks.add(Bookmark("b", HERE))
+    assert [each.name for each in bookmarks.all] == ["b"]
+
+
+def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path) -> None:
+    folder.parent.mkdir()
+    folder.write_text("a file stands where the folder should")
+    bookmarks = Bookmarks(document, folder)
+    lines = []
+    bookmarks.failed.connect(lines.append)
+    document.saved(document.sketch, tmp_path / "one.sketch")
+    bookmarks.add(Bookmark("a", HERE))
+    assert "cannot be kept" in lines[0]
+    assert len(bookmarks.all) == 1
+
+
+@pytest.fixture
+def panel(qtbot, document, folder, link):
+    widget = BookmarksPanel(link, Bookmarks(document, folder))
+    qtbot.addWidget(widget)
+    widget.resize(300, 300)
+    widget.show()
+    return widget
+
+
+def picture(link, pose: Pose = HERE) -> None:
+    link.picture = QImage(320, 240, QImage.Format.Format_RGB32)
+    link.picture.fill(QColor(200, 60, 20))
+    link.frame = FrameFacts(320, 240, 1, pose, (0.0,) * 16, 0.1, 0.0, 1, 1, True, 1)
+    link.frame_shown.emit(link.frame)
+
+
+def buttons(panel) -> dict[str, QToolButton]:
+    return {each.accessibleName().split()[0]: each for each in panel.findChildren(QToolButton)}
+
+
+def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link) -> None:
+    assert not buttons(panel)["Keep"].isEnabled()
+    panel.add()
+    assert panel.findChildren(QListWidget)[0].count() == 0
+    picture(link)
+    buttons(panel)["Keep"].click()
+    picture(link, THERE)
+    panel.add()
+    rows = panel.findChildren(QListWidget)[0]
+    assert [rows.item(row).text() for row in range(2)] == ["View 1", "View 2"]
+    shown = rows.item(0).icon().pixmap(96, 60).toImage()
+    assert shown.pixelColor(shown.width() // 2, shown.height() // 2).red() > 180
+    panel.go_to(0)
+    assert link.told[-1] == Look(HERE)
+    rows.itemClicked.emit(rows.item(1))
+    assert link.told[-1] == Look(THERE)
+    link.told.clear()
+    panel.go_to(5)
+    assert link.told == []
+
+
+def test_a_bookmark_brings_its_mode_along(panel, link) -> None:
+    picture(link)
+    link.show(replace(link.view, mode="walk"))
+    panel.add()
+    link.show(replace(link.view, mode="orbit"))
+    panel.go_to(0)
+    assert link.view.mode == "walk"
+
+
+def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link) -> None:
+    picture(link)
+    panel.add()
+    panel.add()
+    rows = panel.findChildren(QListWidget)[0]
+    rows.item(0).setText("Gorge")
+    assert [rows.item(row).text() for row in range(2)] == ["Gorge", "View 2"]
+    rows.setCurrentRow(0)
+    picture(link, THERE)
+    buttons(panel)["Let"].click()
+    panel.go_to(0)
+    assert link.told[-1] == Look(THERE)
+    rows.setFocus()
+    qtbot.keyClick(rows, Qt.Key.Key_Delete)
+    assert [rows.item(row).text() for row in range(rows.count())] == ["View 2"]
+    buttons(panel)["Delete"].click()
+    assert rows.count() == 0
+    assert not buttons(panel)["Delete"].isEnabled()
+    panel.delete_current()

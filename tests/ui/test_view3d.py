@@ -1,0 +1,552 @@
+"""The 3-D view: events become motions, pictures are shown where they belong, features are taken hold of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
+from PyQt6.QtGui import QColor, QFocusEvent, QImage, QKeyEvent, QMouseEvent, QWheelEvent
+from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
+
+from sketchterrain.render.camera import Camera
+from sketchterrain.ui.engine.messages import (
+    EngineFacts,
+    Fly,
+    FrameFacts,
+    GoTo,
+    Look,
+    Pan,
+    Pick,
+    Picked,
+    Pose,
+    Relief,
+    Trouble,
+    Turn,
+    ViewState,
+    Zoom,
+)
+from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.view3d.bar import Bar
+from sketchterrain.ui.view3d.card import Card
+from sketchterrain.ui.view3d.compass import Compass
+from sketchterrain.ui.view3d.view import View3D
+
+WIDTH, HEIGHT = 640, 480
+LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
+SHIFT = Qt.KeyboardModifier.ShiftModifier
+
+
+def frame_of(eye, target, *, settled: bool = True) -> FrameFacts:
+    camera = Camera(eye, target, fov=50.0, near=1.0, far=1e5)
+    clip = camera.to_clip(WIDTH / HEIGHT)
+    pose = Pose(eye, target, 50.0)
+    return FrameFacts(WIDTH, HEIGHT, 1, pose, tuple(clip.ravel()), 0.05, 0.01, 9, 900, settled, 1 << 20)
+
+
+def show_picture(link, document, placed, *, eye=None, target=None) -> None:
+    """Let the engine have drawn a picture of flat ground from the south."""
+    east, north = document.sketch.size
+    eye = eye or (east / 2, -0.3 * north, 0.6 * north)
+    target = target or (east / 2, north / 2, 0.0)
+    rows, columns = document.sketch.height_px // 4, document.sketch.width_px // 4
+    flat = np.zeros((rows, columns), np.float32)
+    link.placed = placed
+    link.relief = Relief(1, 4, flat, np.zeros(flat.shape, np.uint8))
+    link.picture = QImage(WIDTH, HEIGHT, QImage.Format.Format_RGB32)
+    link.picture.fill(QColor(60, 90, 50))
+    link.frame = frame_of(eye, target)
+    link.placed_changed.emit(placed)
+    link.relief_changed.emit(link.relief)
+    link.frame_shown.emit(link.frame)
+
+
+@pytest.fixture
+def view(qtbot, document, workspace, link, placed):
+    widget = View3D(document, workspace, link)
+    qtbot.addWidget(widget)
+    widget.resize(WIDTH, HEIGHT)
+    widget.show()
+    show_picture(link, document, placed)
+    qtbot.waitUntil(lambda: link.view.width > 0)
+    link.told.clear()
+    return widget
+
+
+def motions(link, *, without=(Pick,)):
+    return [each for each in link.told if not isinstance(each, without)]
+
+
+def mouse(
+    view, kind: QEvent.Type, x: float, y: float, button=LEFT, modifiers=Qt.KeyboardModifier.NoModifier
+) -> None:
+    held = Qt.MouseButton.NoButton if kind == QEvent.Type.MouseButtonRelease else button
+    at = QPointF(x, y)
+    QApplication.sendEvent(view, QMouseEvent(kind, at, view.mapToGlobal(at), button, held, modifiers))
+
+
+def drag(view, start, *places, button=LEFT, modifiers=Qt.KeyboardModifier.NoModifier) -> None:
+    mouse(view, QEvent.Type.MouseButtonPress, *start, button, modifiers)
+    for place in places:
+        mouse(view, QEvent.Type.MouseMove, *place, button, modifiers)
+    mouse(view, QEvent.Type.MouseButtonRelease, *places[-1], button, modifiers)
+
+
+def click(view, x: float, y: float, button=LEFT) -> None:
+    mouse(view, QEvent.Type.MouseButtonPress, x, y, button)
+    mouse(view, QEvent.Type.MouseButtonRelease, x, y, button)
+
+
+def key(
+    view, code: Qt.Key, *, up: bool = False, text: str = "", repeat: bool = False, modifiers=None
+) -> None:
+    kind = QEvent.Type.KeyRelease if up else QEvent.Type.KeyPress
+    none = Qt.KeyboardModifier.NoModifier
+    QApplication.sendEvent(view, QKeyEvent(kind, code, modifiers or none, text, repeat))
+
+
+def test_left_drag_turns_and_the_ground_follows_the_mouse(view, link) -> None:
+    drag(view, (300, 200), (310, 200), (330, 230))
+    turns = motions(link)
+    assert all(isinstance(each, Turn) for each in turns)
+    assert sum(each.right for each in turns) == pytest.approx(-9.0)
+    assert sum(each.up for each in turns) == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize(("button", "modifiers"), [(RIGHT, None), (MIDDLE, None), (LEFT, SHIFT)])
+def test_right_middle_and_shift_drag_move_over_the_ground(view, link, button, modifiers) -> None:
+    drag(
+        view,
+        (300, 200),
+        (348, 200),
+        (348, 248),
+        button=button,
+        modifiers=modifiers or Qt.KeyboardModifier.NoModifier,
+    )
+    assert motions(link) == [Pan(-0.1, 0.0), Pan(0.0, 0.1)]
+
+
+def test_in_flight_and_on_foot_the_look_follows_the_mouse(view, link) -> None:
+    link.view = replace(link.view, mode="fly")
+    drag(view, (300, 200), (400, 200), (400, 160))
+    assert motions(link) == [Turn(15.0, 0.0), Turn(0.0, 6.0)]
+
+
+def wheel(view, x: float, y: float, notches: float) -> None:
+    at = QPointF(x, y)
+    turn = QPoint(0, round(120 * notches))
+    QApplication.sendEvent(
+        view,
+        QWheelEvent(
+            at,
+            view.mapToGlobal(at),
+            QPoint(),
+            turn,
+            Qt.MouseButton.NoButton,
+            Qt.KeyboardModifier.NoModifier,
+            Qt.ScrollPhase.NoScrollPhase,
+            False,
+        ),
+    )
+
+
+def test_the_wheel_zooms_about_the_mouse(view, link) -> None:
+    wheel(view, 160, 120, 1)
+    wheel(view, 480, 360, -2)
+    nearer, farther = link.told
+    assert nearer == Zoom(pytest.approx(0.85), 0.25, 0.25)
+    assert farther == Zoom(pytest.approx(0.85**-2), 0.75, 0.75)
+
+
+def test_a_click_that_trembles_turns_nothing_and_picks(view, link) -> None:
+    drag(view, (300, 200), (302, 201))
+    assert [type(each) for each in link.told] == [Pick]
+
+
+def test_a_double_click_goes_to_the_ground_that_is_seen(view, link) -> None:
+    click(view, 320, 240)
+    link.told.clear()
+    mouse(view, QEvent.Type.MouseButtonDblClick, 320, 240)
+    mouse(view, QEvent.Type.MouseButtonRelease, 320, 240)
+    (pick,) = link.told
+    assert pick == Pick(pick.token, 0.5, 0.5)
+    link.picked.emit(Picked(pick.token, (10.0, 20.0, 5.0)))
+    assert link.told[-1] == GoTo(10.0, 20.0)
+    mouse(view, QEvent.Type.MouseButtonDblClick, 320, 10)
+    mouse(view, QEvent.Type.MouseButtonRelease, 320, 10)
+    link.picked.emit(Picked(link.told[-1].token, None))
+    assert isinstance(link.told[-1], Pick), "there is no way into the sky"
+
+
+def test_a_click_selects_what_stands_there_and_the_sky_nothing(view, link, workspace, placed) -> None:
+    point = placed.points[placed.points["painted"]][0]
+    click(view, 320, 240)
+    link.picked.emit(Picked(link.told[-1].token, (float(point["x"]), float(point["y"]), 0.0)))
+    assert workspace.chosen == Chosen("feature", int(point["id"]))
+    click(view, 5, 5)
+    link.picked.emit(Picked(link.told[-1].token, None))
+    assert workspace.chosen is None
+
+
+def test_only_the_newest_click_counts(view, link, workspace, placed) -> None:
+    points = placed.points[placed.points["painted"]][:2]
+    click(view, 320, 240)
+    old = link.told[-1].token
+    click(view, 330, 240)
+    new = link.told[-1].token
+    for token, point in ((new, points[1]), (old, points[0])):
+        link.picked.emit(Picked(token, (float(point["x"]), float(point["y"]), 0.0)))
+    assert workspace.chosen == Chosen("feature", int(points[1]["id"]))
+
+
+def grips(view):
+    return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).grips}
+
+
+@pytest.fixture
+def chosen(view, workspace, placed):
+    painted = placed.points[placed.points["painted"] & (placed.points["type"] == 0)]
+    workspace.chosen = Chosen("feature", int(painted["id"][np.argmax(painted["radius"])]))
+    return workspace.chosen
+
+
+def test_a_handle_that_is_dragged_stays_under_the_mouse_and_is_one_step(view, link, document, chosen) -> None:
+    grip = grips(view)["move"]
+    drag(view, (grip.x + 3, grip.y), *[(grip.x + 3 + 8 * step, grip.y + 4 * step) for step in range(1, 11)])
+    assert document.history.titles == ("Open", "Move mountain")
+    assert motions(link) == [], "the eye stands still"
+    edit = document.sketch.edits[-1]
+    projection = view._scene.projection(view.width(), view.height())
+    at = projection.see([[edit.x, edit.y, 0.0]]).at[0]
+    assert at == pytest.approx([grip.x + 80, grip.y + 40], abs=1.5)
+    document.undo()
+    assert document.sketch.edits == ()
+
+
+def test_a_handle_is_where_it_was_left_until_it_was_placed_there(
+    view, link, document, chosen, placed
+) -> None:
+    grip = grips(view)["move"]
+    drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
+    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
+    points = placed.points.copy()
+    at = points["id"] == chosen.id
+    points["x"][at], points["y"][at] = document.sketch.edits[-1].x, document.sketch.edits[-1].y
+    link.placed = replace(placed, points=points)
+    link.placed_changed.emit(link.placed)
+    assert view._scene.dragged is None
+    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
+
+
+def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, chosen) -> None:
+    grip = grips(view)["move"]
+    mouse(view, QEvent.Type.MouseButtonPress, grip.x, grip.y)
+    mouse(view, QEvent.Type.MouseMove, grip.x + 50, grip.y)
+    assert document.sketch.edits
+    key(view, Qt.Key.Key_Escape)
+    assert document.sketch.edits == ()
+    assert not document.is_modified
+    mouse(view, QEvent.Type.MouseMove, grip.x + 90, grip.y)
+    assert document.sketch.edits == ()
+    mouse(view, QEvent.Type.MouseButtonRelease, grip.x + 90, grip.y)
+    key(view, Qt.Key.Key_Escape)
+    assert workspace.chosen is None
+    override = QKeyEvent(QEvent.Type.ShortcutOverride, Qt.Key.Key_Escape, Qt.KeyboardModifier.NoModifier)
+    override.ignore()
+    QApplication.sendEvent(view, override)
+    assert not override.isAccepted()
+
+
+def test_the_radius_is_drawn_out(view, document, chosen) -> None:
+    grip = grips(view)["radius"]
+    drag(view, (grip.x, grip.y), (grip.x + 30, grip.y))
+    assert document.history.titles == ("Open", "Resize mountain")
+    before = np.hypot(grip.handle.x - grip.handle.base_x, grip.handle.y - grip.handle.base_y)
+    assert document.sketch.edits[-1].radius > before
+
+
+def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, placed) -> None:
+    workspace.chosen = Chosen("river", placed.rivers[0].id)
+    marks = view._scene.marks(view.width(), view.height())
+    grip = next(each for each in marks.grips if each.handle.role == "point" and 100 < each.y < 400)
+    drag(view, (grip.x, grip.y), (grip.x + 20, grip.y))
+    assert workspace.chosen == grip.handle.chosen
+    assert workspace.chosen.index is not None
+    assert [each.action for each in document.sketch.edits] == ["move_point"]
+    key(view, Qt.Key.Key_Delete)
+    assert document.sketch.edits == ()
+    lines = []
+    view.message.connect(lines.append)
+    key(view, Qt.Key.Key_Delete)
+    assert "cannot be deleted" in lines[0]
+
+
+def test_delete_deletes_what_is_selected(view, document, workspace, chosen) -> None:
+    key(view, Qt.Key.Key_Delete)
+    assert [each.action for each in document.sketch.edits] == ["delete"]
+    assert workspace.chosen is None
+    key(view, Qt.Key.Key_Delete)
+    assert len(document.sketch.edits) == 1
+
+
+def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed) -> None:
+    assert view._scene.marks(WIDTH, HEIGHT).dots == ()
+    workspace.tool = "select"
+    dots = [each for each in view._scene.marks(WIDTH, HEIGHT).dots if 60 < each.y < 400]
+    assert dots
+    link.told.clear()
+    click(view, dots[0].x, dots[0].y)
+    assert workspace.chosen == dots[0].chosen
+    assert link.told == []
+
+
+def test_keys_move_the_eye_until_they_are_let_go(view, link) -> None:
+    key(view, Qt.Key.Key_W)
+    key(view, Qt.Key.Key_W, repeat=True)
+    key(view, Qt.Key.Key_D)
+    key(view, Qt.Key.Key_Shift)
+    key(view, Qt.Key.Key_W, up=True)
+    key(view, Qt.Key.Key_D, up=True)
+    key(view, Qt.Key.Key_Shift, up=True)
+    assert motions(link) == [
+        Fly(forward=1.0),
+        Fly(forward=1.0, right=1.0),
+        Fly(forward=1.0, right=1.0, boost=4.0),
+        Fly(right=1.0, boost=4.0),
+        Fly(),
+    ]
+
+
+def test_keys_are_let_go_when_the_view_is_left(view, link) -> None:
+    key(view, Qt.Key.Key_Up)
+    key(view, Qt.Key.Key_Q)
+    QApplication.sendEvent(view, QFocusEvent(QEvent.Type.FocusOut))
+    assert motions(link) == [Fly(forward=1.0), Fly(forward=1.0, up=-1.0), Fly()]
+
+
+def test_opposite_keys_stand_still(view, link) -> None:
+    key(view, Qt.Key.Key_A)
+    key(view, Qt.Key.Key_D)
+    assert motions(link) == [Fly(right=-1.0), Fly()]
+
+
+def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view) -> None:
+    def accepted(code: Qt.Key, modifiers=Qt.KeyboardModifier.NoModifier) -> bool:
+        event = QKeyEvent(QEvent.Type.ShortcutOverride, code, modifiers)
+        event.ignore()
+        QApplication.sendEvent(view, event)
+        return event.isAccepted()
+
+    for code in (Qt.Key.Key_W, Qt.Key.Key_E, Qt.Key.Key_F, Qt.Key.Key_1, Qt.Key.Key_Delete, Qt.Key.Key_R):
+        assert accepted(code)
+        assert not accepted(code, Qt.KeyboardModifier.ControlModifier)
+    assert accepted(Qt.Key.Key_W, SHIFT)
+    assert not accepted(Qt.Key.Key_B)
+
+
+def test_figures_and_buttons_choose_the_mode(view, link) -> None:
+    bar = view.findChildren(Bar)[0]
+    buttons = {each.accessibleName(): each for each in bar.findChildren(QToolButton)}
+    for code, mode in ((Qt.Key.Key_2, "fly"), (Qt.Key.Key_3, "walk"), (Qt.Key.Key_1, "orbit")):
+        key(view, code)
+        assert link.view.mode == mode
+        assert buttons[mode.capitalize()].isChecked()
+    buttons["Walk"].click()
+    assert link.view.mode == "walk"
+    link.show(replace(link.view, mode="fly"))
+    assert buttons["Fly"].isChecked()
+
+
+def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, chosen, placed) -> None:
+    key(view, Qt.Key.Key_Home)
+    key(view, Qt.Key.Key_F)
+    point = placed.points[placed.points["id"] == chosen.id][0]
+    assert link.told[0] == Look(None)
+    assert (link.told[1].x, link.told[1].y) == (point["x"], point["y"])
+    assert 2.0 * point["radius"] < link.told[1].distance < 6.0 * point["radius"]
+    workspace.chosen = Chosen("river", placed.rivers[0].id)
+    key(view, Qt.Key.Key_F)
+    assert 0.0 <= link.told[2].x <= document.sketch.size[0]
+    workspace.chosen = None
+    key(view, Qt.Key.Key_F)
+    assert (link.told[3].x, link.told[3].y) == (document.sketch.size[0] / 2, document.sketch.size[1] / 2)
+
+
+def test_the_compass_shows_the_heading_and_turns_north(view, link, document, placed) -> None:
+    compass = view.findChildren(Compass)[0]
+    show_picture(link, document, placed, eye=(0.0, 0.0, 100.0), target=(500.0, 500.0, 0.0))
+    assert compass.heading == pytest.approx(45.0)
+    compass.click()
+    assert link.told[-1] == Turn(pytest.approx(45.0), 0.0)
+    link.view = replace(link.view, mode="walk")
+    compass.click()
+    assert link.told[-1] == Turn(pytest.approx(-45.0), 0.0)
+
+
+# ── sizes, pictures, cards ───────────────────────────────────────────────────────────────────────────────
+
+
+def test_a_picture_is_asked_for_once_the_size_rests(qtbot, view, link) -> None:
+    for width in range(500, 600, 10):
+        view.resize(width, 400)
+        qtbot.wait(5)
+    assert [each for each in link.told if isinstance(each, ViewState)] == []
+    qtbot.waitUntil(lambda: link.view.width == 590, timeout=2000)
+    states = [each for each in link.told if isinstance(each, ViewState)]
+    assert [(each.width, each.height) for each in states] == [(590, 400)]
+
+
+def test_a_hidden_view_asks_for_no_pictures(qtbot, view, link) -> None:
+    key(view, Qt.Key.Key_W)
+    view.hide()
+    assert (link.view.width, link.view.height) == (0, 0)
+    assert Fly() in link.told, "nobody would see the key let go"
+    view.show()
+    qtbot.waitUntil(lambda: link.view.width == WIDTH)
+
+
+def test_the_picture_fills_the_view_and_stays_sharp(qtbot, view, link) -> None:
+    pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
+    pixels[::2, ::2, :3] = 255
+    link.picture = QImage(pixels.tobytes(), WIDTH, HEIGHT, QImage.Format.Format_RGB32).copy()
+    link.frame_shown.emit(link.frame)
+    shown = view.grab().toImage()
+    ratio = shown.devicePixelRatio()
+    assert ratio == 1.0
+    part = [shown.pixelColor(x, 240).lightness() for x in range(300, 308)]
+    assert part == [255, 0] * 4
+
+
+def test_a_picture_of_another_shape_covers_the_view_undistorted(view, link) -> None:
+    view.resize(800, 480)
+    place = view._scene.place(800, 480)
+    assert place.width() / place.height() == pytest.approx(WIDTH / HEIGHT)
+    assert place.left() <= 0
+    assert place.top() <= 0
+    assert place.right() >= 800
+    assert place.bottom() >= 480
+    assert view._scene.projection(800, 480).share(400, 240) == pytest.approx((0.5, 0.5))
+
+
+def texts(view) -> str:
+    card = view.findChildren(Card)[0]
+    return "" if card.isHidden() else "\n".join(each.text() for each in card.findChildren(QLabel))
+
+
+@pytest.fixture
+def bare(qtbot, document, workspace, link):
+    widget = View3D(document, workspace, link)
+    qtbot.addWidget(widget)
+    widget.resize(WIDTH, HEIGHT)
+    widget.show()
+    return widget
+
+
+def test_before_the_first_picture_a_card_says_what_is_done(bare, link, document, placed) -> None:
+    assert "Preparing" in texts(bare)
+    link.working = "Placing features"
+    link.working_changed.emit(link.working)
+    assert "Placing features …" in texts(bare)
+    show_picture(link, document, placed)
+    assert texts(bare) == ""
+    assert not bare.findChildren(Card)[0]._clock.isActive()
+
+
+def test_without_opengl_the_card_says_what_to_do(bare, link) -> None:
+    link.facts = EngineFacts(device="cpu", no_picture="no OpenGL 4.3: install mesa's drivers")
+    link.facts_changed.emit(link.facts)
+    assert "install mesa" in texts(bare)
+    assert bare.findChildren(Bar)[0].isHidden()
+    button = bare.findChildren(Card)[0].findChildren(QPushButton)[0]
+    assert not button.isHidden()
+    button.click()
+    assert link.running
+
+
+def test_without_a_device_the_card_says_what_to_do(bare, link) -> None:
+    link.facts = EngineFacts(no_device="no OpenCL device: install pocl")
+    link.facts_changed.emit(link.facts)
+    assert "install pocl" in texts(bare)
+
+
+def test_a_stopped_engine_can_be_started_again(view, link, document, placed) -> None:
+    link.trouble.emit(Trouble("engine", "it crashed (signal 11)"))
+    assert "signal 11" in texts(view)
+    view.grab()
+    view.findChildren(Card)[0].findChildren(QPushButton)[0].click()
+    assert link.running
+    assert texts(view) == ""
+    link.trouble.emit(Trouble("engine", "again"))
+    show_picture(link, document, placed)
+    assert texts(view) == "", "a picture came: all is well"
+    link.trouble.emit(Trouble("sketch", "a river has no end"))
+    assert texts(view) == ""
+
+
+def test_a_card_fits_into_a_small_view(bare, link) -> None:
+    link.facts = EngineFacts(
+        no_picture="a rather long reason that needs some lines in such a small view " * 2
+    )
+    link.facts_changed.emit(link.facts)
+    for size in ((160, 120), (300, 200), (900, 700)):
+        bare.resize(*size)
+        card = bare.findChildren(Card)[0].geometry()
+        assert bare.rect().contains(card)
+
+
+# ── what it costs ────────────────────────────────────────────────────────────────────────────────────────
+
+
+def test_every_state_can_be_painted(view, link, workspace, placed) -> None:
+    workspace.tool = "select"
+    things = [
+        None,
+        Chosen("lake", placed.lakes[0].id),
+        Chosen("river", placed.rivers[0].id),
+        Chosen("feature", 1),
+    ]
+    things += [Chosen("river", placed.rivers[0].id, 3), Chosen("feature", int(placed.points["id"][0]))]
+    for mode in ("orbit", "walk"):
+        link.view = replace(link.view, mode=mode)
+        for chosen in things:
+            workspace.chosen = chosen
+            assert not view.grab().isNull()
+    link.relief = None
+    assert not view.grab().isNull()
+    link.placed = None
+    assert not view.grab().isNull()
+
+
+def test_inside_the_terrain_and_beside_it_nothing_fails(view, link, document, workspace, placed) -> None:
+    workspace.tool = "select"
+    workspace.chosen = Chosen("river", placed.rivers[0].id)
+    x, y, z = placed.rivers[0].centreline[40]
+    for eye, target in (
+        ((x, y, z + 2.0), (x + 10.0, y, z)),
+        ((x, y, z - 50.0), (x, y + 500.0, z + 10)),
+        ((-9e4, 0.0, 10.0), (-1e5, 0.0, 10.0)),
+        ((x, y, 5000.0), (x, y + 0.1, 0.0)),
+    ):
+        show_picture(link, document, placed, eye=eye, target=target)
+        assert not view.grab().isNull()
+
+
+def test_views_that_are_deleted_leave_nothing_behind(qtbot, document, workspace, link, placed) -> None:
+    def one() -> None:
+        view = View3D(document, workspace, link)
+        view.resize(200, 150)
+        view.show()
+        show_picture(link, document, placed)
+        view.grab()
+        view.close()
+        view.deleteLater()
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+
+    one()
+    before = len(QApplication.allWidgets())
+    for _ in range(20):
+        one()
+    assert len(QApplication.allWidgets()) == before
+    show_picture(link, document, placed)
+    workspace.chosen = Chosen("lake", 1)

@@ -1,0 +1,197 @@
+"""Where places are seen in a picture, what a line of sight meets, and what lies on the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.features.catalogue import FEATURE
+from sketchterrain.render.camera import Camera
+from sketchterrain.ui.engine.messages import FrameFacts, Placed, Pose, Relief
+from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.view3d.compass import heading_of
+from sketchterrain.ui.view3d.draped import Ground, ring
+from sketchterrain.ui.view3d.marks import marks_of
+from sketchterrain.ui.view3d.projection import Projection
+from sketchterrain.ui.view3d.readout import length_text, round_length, scale_bar, standing_text
+
+PLACE = (10.0, 20.0, 640.0, 480.0)
+EYE, TARGET = (1000.0, -500.0, 800.0), (1200.0, 900.0, 100.0)
+
+
+def projection_of(eye=EYE, target=TARGET, *, fov: float = 50.0) -> Projection:
+    camera = Camera(eye, target, fov=fov, near=1.0, far=1e5)
+    clip = tuple(camera.to_clip(PLACE[2] / PLACE[3]).ravel())
+    return Projection(FrameFacts(640, 480, 1, Pose(eye, target, fov), clip, 0.1, 0.0, 1, 1, True, 1), PLACE)
+
+
+def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> Ground:
+    heights = np.full((side, side), height, np.float32)
+    return Ground(Relief(1, 1, heights, heights.astype(np.uint8)), spacing)
+
+
+def test_the_target_is_seen_in_the_middle_and_up_is_up() -> None:
+    projection = projection_of()
+    assert projection.see([TARGET]).at[0] == pytest.approx([330.0, 260.0], abs=1e-6)
+    above = np.add(TARGET, (0.0, 0.0, 50.0))
+    assert projection.see(above).at[0, 1] < 260.0
+    east = np.add(TARGET, (50.0, 0.0, 0.0))
+    assert projection.see(east).at[0, 0] > 330.0
+
+
+def test_a_place_lies_on_the_line_of_sight_through_where_it_is_seen() -> None:
+    projection = projection_of()
+    rng = np.random.default_rng(1)
+    for place in np.add(TARGET, rng.normal(0.0, 300.0, (100, 3))):
+        seen = projection.see(place)
+        if not seen.before[0]:
+            continue
+        along = projection.ray(*seen.at[0])
+        off = place - projection.eye
+        assert np.linalg.norm(np.cross(along, off)) < 1e-6 * np.linalg.norm(off)
+        assert along @ off > 0
+
+
+def test_a_level_is_met_where_it_is_seen() -> None:
+    projection = projection_of()
+    rng = np.random.default_rng(2)
+    for x, y in rng.uniform(-500.0, 3000.0, (100, 2)):
+        seen = projection.see([[x, y, 120.0]])
+        if seen.before[0]:
+            met = projection.on_level(*seen.at[0], 120.0)
+            slope = abs(projection.ray(*seen.at[0])[2])
+            assert (met is None) == (slope < 0.02)
+            if met is not None:
+                assert met == pytest.approx((x, y), abs=0.01)
+
+
+def test_no_level_is_met_over_the_horizon() -> None:
+    projection = projection_of((0.0, 0.0, 100.0), (0.0, 1000.0, 100.0))
+    assert projection.on_level(330.0, 100.0, 0.0) is None
+    assert projection.on_level(330.0, 260.0, 0.0) is None
+    assert projection.on_level(330.0, 450.0, 200.0) is None
+    assert projection.on_level(330.0, 450.0, 0.0) is not None
+
+
+def test_a_px_is_as_wide_as_the_picture_says() -> None:
+    projection = projection_of()
+    distance = float(np.linalg.norm(np.subtract(TARGET, EYE)))
+    wanted = 2.0 * distance * np.tan(np.radians(25.0)) / 480.0
+    assert projection.metres_per_px(TARGET) == pytest.approx(wanted)
+    assert projection.metres_per_px(np.subtract(EYE, np.subtract(TARGET, EYE))) == 0.0
+
+
+def test_lines_are_cut_where_they_pass_the_eye() -> None:
+    projection = projection_of((0.0, 0.0, 100.0), (0.0, 100.0, 100.0))
+    line = np.array([(-50.0, y, 0.0) for y in np.linspace(-500.0, 500.0, 21)])
+    ((first, at),) = projection.runs(line)
+    assert first == 11
+    assert np.isfinite(at).all()
+    assert len(at) == 11
+    assert projection.runs(line[:5]) == []
+    assert len(projection.runs(line[15:])) == 1
+    assert len(projection.runs(np.concatenate([line[15:], line[:5], line[15:]]))) == 2
+
+
+def test_heights_lie_between_the_samples_that_they_stand_among() -> None:
+    heights = np.arange(12, dtype=np.float32).reshape(3, 4)
+    ground = Ground(Relief(1, 1, heights, heights.astype(np.uint8)), 10.0)
+    assert ground.height(5.0, 25.0) == 0.0, "row 0 is the north"
+    assert ground.height(35.0, 5.0) == 11.0
+    assert ground.height(10.0, 25.0) == 0.5
+    assert ground.height(5.0, 20.0) == 2.0
+    assert ground.height(-100.0, -100.0) == 8.0
+    assert ground.covers([0.0, 40.0, 41.0], [0.0, 30.0, 5.0]).tolist() == [True, True, False]
+
+
+def test_a_ridge_hides_what_lies_behind_it_and_nothing_else() -> None:
+    heights = np.zeros((64, 64), np.float32)
+    heights[30:34] = 400.0
+    ground = Ground(Relief(1, 1, heights, heights.astype(np.uint8)), 50.0)
+    eye = (1600.0, 100.0, 200.0)
+    behind, before, above = (1600.0, 2800.0, 0.0), (1600.0, 1000.0, 0.0), (1600.0, 2800.0, 900.0)
+    assert ground.hides(eye, [behind, before, above]).tolist() == [True, False, False]
+    places = ground.on(ring(1600.0, 800.0, 400.0))
+    assert not ground.hides(eye, places).any()
+    assert np.allclose(np.hypot(places[:, 0] - 1600.0, places[:, 1] - 800.0), 400.0)
+
+
+def placed_with(*places: tuple[float, float]) -> Placed:
+    points = np.zeros(len(places), FEATURE)
+    points["id"] = np.arange(1, len(places) + 1)
+    points["x"], points["y"] = np.array(places).T
+    points["radius"], points["strength"], points["painted"] = 300.0, 100.0, True
+    return Placed(1, points, (), ())
+
+
+def test_marks_lie_where_features_are_seen() -> None:
+    projection, ground = projection_of(), flat()
+    placed = placed_with((1200.0, 900.0), (1900.0, 1500.0), (1000.0, -9e4))
+    marks = marks_of(projection, ground, placed, None, all_features=True)
+    assert [each.chosen.id for each in marks.dots] == [1, 2], "what lies behind the eye has no mark"
+    for dot in marks.dots:
+        at = placed.points[dot.chosen.id - 1]
+        assert [dot.x, dot.y] == pytest.approx(projection.see([[at["x"], at["y"], 0.0]]).at[0])
+        assert marks.dot_at(dot.x + 3.0, dot.y, reach=11.0) == dot
+    assert marks.dot_at(-100.0, 0.0, reach=11.0) is None
+    chosen = marks_of(projection, ground, placed, Chosen("feature", 2), all_features=True)
+    assert [each.chosen.id for each in chosen.dots] == [1]
+    assert [each.handle.role for each in chosen.grips] == ["move", "radius"]
+    assert chosen.outline
+    grip = chosen.grips[0]
+    assert chosen.grip_at(grip.x + 2.0, grip.y, reach=11.0) == grip
+    assert chosen.grip_at(grip.x + 200.0, grip.y, reach=11.0) is None
+
+
+def test_marks_that_would_lie_on_each_other_are_one() -> None:
+    crowd = placed_with(*[(1200.0 + 0.1 * step, 900.0) for step in range(50)])
+    assert len(marks_of(projection_of(), flat(), crowd, None, all_features=True).dots) <= 2
+
+
+def test_a_rivers_grips_keep_apart(placed) -> None:
+    river = placed.rivers[0]
+    x, y, z = river.centreline[len(river.centreline) // 2]
+    projection = projection_of((x, y - 6e3, z + 4e3), (x, y, z))
+    chosen = Chosen("river", river.id)
+    ground = flat(256, 24.0)
+    far = marks_of(projection, ground, placed, chosen, all_features=False)
+    points = [each for each in far.grips if each.handle.role == "point"]
+    assert 3 < len(points) < len(river.points)
+    apart = np.hypot(*np.diff([(each.x, each.y) for each in points], axis=0).T)
+    assert apart.min() >= 13.0
+    hidden = next(
+        i for i in range(len(river.points)) if i not in [each.handle.chosen.index for each in points]
+    )
+    taken = marks_of(projection, ground, placed, Chosen("river", river.id, hidden), all_features=False)
+    assert hidden in [each.handle.chosen.index for each in taken.grips], "the one that is selected is there"
+
+
+def test_texts_are_short_and_lengths_round() -> None:
+    assert [round_length(each) for each in (0.7, 1.0, 3.9, 49.0, 120.0, 5000.0)] == [
+        0.5,
+        1.0,
+        2.0,
+        20.0,
+        100.0,
+        5000.0,
+    ]
+    assert [length_text(each) for each in (0.5, 27.3, 999.6, 2449.0, 123456.0)] == [
+        "0.5 m",
+        "27 m",
+        "1.0 km",
+        "2.4 km",
+        "123 km",
+    ]
+    assert standing_text(Pose((100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat(height=30.0)).endswith(
+        "120 m over the ground"
+    )
+    assert standing_text(Pose((-100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat()) == "eye at 150 m"
+    projection = projection_of()
+    length, wide = scale_bar(projection, Pose(EYE, TARGET), most=110.0)
+    assert wide <= 110.0
+    assert length / wide == pytest.approx(projection.metres_per_px(TARGET))
+
+
+def test_headings_are_those_of_a_compass() -> None:
+    for heading, target in ((0.0, (0, 1, 0)), (90.0, (1, 0, 0)), (180.0, (0, -1, 5)), (270.0, (-1, 0, 0))):
+        assert heading_of((0.0, 0.0, 0.0), target) == pytest.approx(heading)

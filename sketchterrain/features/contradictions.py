@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.features.catalogue import Lake, River
+    from sketchterrain.features.shapes import Region
     from sketchterrain.sketch.document import Sketch
 
 Floats = npt.NDArray[np.float64]
@@ -64,10 +65,18 @@ class Resolution(NamedTuple):
     y: float
 
 
-def mountain_numbers(sketch: Sketch) -> Numbers:
-    """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none."""
+def mountain_numbers(sketch: Sketch, regions: Sequence[Region] | None = None) -> Numbers:
+    """Return for each pixel the number of the mountain shape that it belongs to, from 1; 0 for none.
+
+    Parameters
+    ----------
+    sketch : Sketch
+    regions : sequence of Region, optional
+        Of the mountain layer, if they are known.
+    """
     numbers = np.zeros(sketch.layers["mountain"].shape, dtype=np.int64)
-    for number, region in enumerate(regions_of(sketch.layers["mountain"]), 1):
+    found = regions_of(sketch.layers["mountain"]) if regions is None else regions
+    for number, region in enumerate(found, 1):
         numbers[region.rows, region.columns][region.mask] = number
     return numbers
 

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.features.density_memory import DensityMemory
 from sketchterrain.features.painted_distance import PaintedDistance
+from sketchterrain.features.recent import Recent, Same
 from sketchterrain.features.shapes import Region, measured, regions_of
 from sketchterrain.features.user_features import USER_FEATURE, user_features
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from sketchterrain.sketch.document import LabelImage, Sketch
 
 Users = npt.NDArray[np.void]
+Floats = npt.NDArray[np.float64]
 Part = TypeVar("Part")
 
 
@@ -51,6 +53,8 @@ class ShapeMemory:
         self._distances: dict[str, tuple[LabelImage, float, PaintedDistance]] = {}
         self._densities: dict[tuple[str, str], DensityMemory] = {}
         self._parts: dict[type, Any] = {}
+        self._images = Recent(16)
+        self._away = Recent(32)
 
     def __len__(self) -> int:
         return len(self._shapes)
@@ -63,6 +67,18 @@ class ShapeMemory:
             known = (image, sketch.pixel_size, PaintedDistance(image > 0, sketch.pixel_size))
             self._distances[layer] = known
         return known[2]
+
+    def regions(self, image: LabelImage) -> tuple[Region, ...]:
+        """Return the connected regions of a layer's image."""
+        regions: tuple[Region, ...] = self._images.of(Same(image), lambda: regions_of(image))
+        return regions
+
+    def away_from_paint(self, sketch: Sketch, layer: str, positions: Floats) -> Floats:
+        """Return the distance (m) from positions (..., 2) to what is painted in a layer."""
+        distance = self.painted_distance(sketch, layer)
+        key = (Same(distance), positions.shape, blake2b(positions.tobytes()).digest())
+        away: Floats = self._away.of(key, lambda: distance(positions[..., 0], positions[..., 1]))
+        return away
 
     def density(self, feature: str, term: str) -> DensityMemory:
         """Return the memory of one term of what a type of feature judges its places by."""
@@ -92,7 +108,7 @@ class ShapeMemory:
         if seen is not None and seen.image is image and seen.settings == settings:
             return seen.users
         parts = [np.zeros(0, dtype=USER_FEATURE)]
-        for region in regions_of(image):
+        for region in self.regions(image):
             multitude = _multitude(sketch, layer, region.label)
             parts.append(self._of(layer, image, region, multitude, sketch.fidelity, seed))
         users = np.concatenate(parts)

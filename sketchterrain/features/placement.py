@@ -135,8 +135,8 @@ class _Around:
         disc = asked.sizes
         reach = preference.reach * disc
         if preference.what == "layer":
-            distance = self._memory.painted_distance(self.sketch, preference.of)
-            return cubic(distance(asked.positions[..., 0], asked.positions[..., 1]) / reach[:, None])
+            away = self._memory.away_from_paint(self.sketch, preference.of, asked.positions)
+            return cubic(away / reach[:, None])
         if preference.what == "user":
             features = self.painted(preference.of)
         else:

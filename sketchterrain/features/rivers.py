@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from sketchterrain.features.contradictions import crossings, mountain_numbers, resolutions
 from sketchterrain.features.lakes import mouth_lakes, painted_lakes, settled
+from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.features.recent import Same
 from sketchterrain.features.river_beyond import kept_apart
 from sketchterrain.features.river_edits import edited_courses, kept_lakes
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.features.catalogue import Lake, River
     from sketchterrain.features.contradictions import Resolution
-    from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.features.river_course import Course
     from sketchterrain.features.river_layout import Ground
     from sketchterrain.sketch.document import Sketch
@@ -111,7 +111,8 @@ def trace_waters(
     checkpoint : callable, optional
         Called between the steps; it may raise to abandon the work.
     """
-    known = WaterMemory() if memory is None else memory.part(WaterMemory)
+    memory = ShapeMemory() if memory is None else memory
+    known = memory.part(WaterMemory)
     pause = _go_on if checkpoint is None else checkpoint
     lakes = painted_lakes(sketch, ground, known)
     pause()
@@ -123,9 +124,9 @@ def trace_waters(
     )
     lakes, lost = kept_lakes([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
     pause()
-    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, known)
+    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, memory)
     pause()
-    decided = resolutions(sketch, _mountains(sketch, known), rivers, grounds, lakes)
+    decided = resolutions(sketch, _mountains(sketch, memory), rivers, grounds, lakes)
     return Waters(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
 
 
@@ -133,22 +134,22 @@ def _go_on() -> None:
     """Never abandon the work."""
 
 
-def _mountains(sketch: Sketch, known: WaterMemory) -> npt.NDArray[np.int64]:
+def _mountains(sketch: Sketch, memory: ShapeMemory) -> npt.NDArray[np.int64]:
     image = sketch.layers["mountain"]
-    numbers: npt.NDArray[np.int64] = known.images.of(
-        ("mountains", Same(image)), lambda: mountain_numbers(sketch)
+    numbers: npt.NDArray[np.int64] = memory.part(WaterMemory).images.of(
+        ("mountains", Same(image)), lambda: mountain_numbers(sketch, memory.regions(image))
     )
     return numbers
 
 
 def _with_water(
-    sketch: Sketch, courses: list[Course], lakes: list[Lake], ground: Ground, known: WaterMemory
+    sketch: Sketch, courses: list[Course], lakes: list[Lake], ground: Ground, memory: ShapeMemory
 ) -> tuple[list[River], list[Lake], list[Floats]]:
     """Let water flow: rivers sorted by id, lakes at their levels, and the ground along each river."""
     if not courses:
         return [], lakes, []
     grounds = heights_at(ground, [course.line for course in courses])
-    mountains = _mountains(sketch, known)
+    mountains, known = _mountains(sketch, memory), memory.part(WaterMemory)
     cuts = tuple(
         tuple((run.first, run.last) for run in crossings(sketch, mountains, course.line))
         for course in courses

@@ -112,7 +112,7 @@ def make_recipe(
         climate=sketch.climate,
         painted=painted.points,
         fill=EditedFill(fill, adopted.hidden) if adopted.hidden.size else fill,
-        covers=lay_covers(sketch),
+        covers=lay_covers(sketch, memory=memory),
         material_rules=resolved_rules(sketch.material_rules),
     )
     checkpoint()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -121,6 +121,12 @@ def octave_table(
     The amplitudes of a whole stack sum to at most 1 (as gain^i (1 - gain)); octaves that would be
     weighted with 0 are left out.
     """
+    return _octave_table(tuple(stacks), extent, seed, cell_size)
+
+
+@lru_cache(maxsize=256)
+def _octave_table(stacks: tuple[NoiseStack, ...], extent: float, seed: int, cell_size: float) -> OctaveTable:
+    """Make a table, read-only, for it is kept."""
     form: list[tuple[int, int, int, int]] = []
     offset: list[list[int]] = []
     scale: list[tuple[float, float]] = []
@@ -142,12 +148,15 @@ def octave_table(
             amplitude = weight * (1 - stack.gain) * stack.gain**octave
             scale.append((amplitude, 2.0**-cell_bits))
         ranges[stack.name] = (first, len(form))
-    return OctaveTable(
+    table = OctaveTable(
         np.array(form, dtype=np.int32).reshape(-1, 4),
         np.array(offset, dtype=np.int64).reshape(-1, 2),
         np.array(scale, dtype=np.float64).reshape(-1, 2),
         ranges,
     )
+    for part in (table.form, table.offset, table.scale):
+        part.flags.writeable = False
+    return table
 
 
 def whole_step_bits(octaves: OctaveTable) -> int:

@@ -50,21 +50,25 @@ def _depth(w: np.void, octaves: OctaveTable, i: int, erosion: Reals, widest: Rea
 def gullies(w: np.void, octaves: OctaveTable, x: Lattice, y: Lattice, rise: Rise) -> Slope:
     """Return what erosion adds to the height, with its slope per metre, the waves' directions held."""
     value, east_sum, north_sum = np.zeros((3, *x.shape))
+    leans = [np.broadcast_to(part, x.shape) for part in rise.height[1:]]
     for i in range(*octaves.ranges["gully"]):
-        depth = _depth(w, octaves, i, rise.erosion, rise.widest)
-        if not depth.any():
+        whole = np.broadcast_to(_depth(w, octaves, i, rise.erosion, rise.widest), x.shape)
+        here = whole > 0  # elsewhere nothing is added
+        if not here.any():
             continue
-        east, north = rise.height.east + _FEED * east_sum, rise.height.north + _FEED * north_sum
+        east = leans[0][here] + _FEED * east_sum[here]
+        north = leans[1][here] + _FEED * north_sum[here]
         square = east * east + north * north
         across = _WAVES / np.sqrt(np.maximum(square, 1e-12))
-        cosine, sine, weight = _waves(octaves, i, x, y, -north * across, east * across)
+        cosine, sine, weight = _waves(octaves, i, x[here], y[here], -north * across, east * across)
         even = 1 / np.sqrt(cosine**2 + sine**2 + _CALM * weight**2)
         v = cosine * even
         per_metre = octaves.scale[i, 1] * w["units_per_metre"]
-        depth = depth * square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
-        value = value + depth * (v + _SHARP * (v * v - 0.5))
+        depth = whole[here] * square / ((square + _GENTLE**2) * (1 + square / _TALUS**2))
+        value[here] += depth * (v + _SHARP * (v * v - 0.5))
         lean = depth * (1 + 2 * _SHARP * v) * -sine * even * 2 * np.pi * per_metre * across
-        east_sum, north_sum = east_sum - lean * north, north_sum + lean * east
+        east_sum[here] -= lean * north
+        north_sum[here] += lean * east
     return Slope(value, east_sum, north_sum)
 
 

@@ -61,8 +61,8 @@ _MODES = {
 }
 _SHOWN = {
     "relief": ("&Relief beneath the paint", "eye"),
-    "features": ("Placed &features and rivers", "target"),
-    "contradictions": ("&Contradictions", "warning"),
+    "features": ("Placed feat&ures and rivers", "target"),
+    "contradictions": ("Co&ntradictions", "warning"),
     "adherence": ("&Adherence", "adherence"),
     "eye": ("Where the 3-D view &looks from", "camera"),
 }
@@ -98,7 +98,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "choose-none": Command("Select &nothing", "Let go of the selected feature", "", ("Ctrl+Shift+A",)),
     "preferences": Command("&Preferences…", "Theme and device", "settings", ("Ctrl+,",)),
     "brush-smaller": Command("Brush s&maller", "Make the brush smaller", ""),
-    "brush-larger": Command("Brush &larger", "Make the brush larger", ""),
+    "brush-larger": Command("Brush lar&ger", "Make the brush larger", ""),
     **{
         f"tool-{name}": Command(text, tip, name, (TOOL_KEYS[name],), "tool")
         for name, (text, tip) in _TOOLS.items()
@@ -121,7 +121,7 @@ COMMANDS: Final[dict[str, Command]] = {
     # view
     "fit": Command("&Fit sheet", "Show the whole sketch", "fit", ("Ctrl+0",)),
     "zoom-in": Command("Zoom &in", "Show the sketch larger", "zoom-in", ("Ctrl++", "Ctrl+=")),
-    "zoom-out": Command("Zoom &out", "Show the sketch smaller", "zoom-out", ("Ctrl+-",)),
+    "zoom-out": Command("Zoom ou&t", "Show the sketch smaller", "zoom-out", ("Ctrl+-",)),
     "actual-size": Command(
         "&One to one", "A pixel of the sketch on a pixel of the screen", "actual-size", ("Ctrl+1",)
     ),
@@ -133,9 +133,9 @@ COMMANDS: Final[dict[str, Command]] = {
     "view-only": Command(
         "&3-D view only", "Give the whole window to the 3-D view", "view", ("F10",), "check"
     ),
-    "full-screen": Command("F&ull screen", "Use the whole screen", "full-screen", ("F11",), "check"),
+    "full-screen": Command("Full &screen", "Use the whole screen", "full-screen", ("F11",), "check"),
     "leave": Command("Leave", "Show the whole window again", "", ("Esc",)),
-    "reset-layout": Command("&Reset layout", "Put all panels back to their places", "reset"),
+    "reset-layout": Command("Reset la&yout", "Put all panels back to their places", "reset"),
     # terrain
     "random-seed": Command("&Another seed", "Another terrain from the same sketch", "dice", ("Ctrl+R",)),
     "measure": Command(
@@ -143,8 +143,8 @@ COMMANDS: Final[dict[str, Command]] = {
     ),
     **{f"mode-{name}": Command(text, tip, name, (), "mode") for name, (text, tip) in _MODES.items()},
     "look-all": Command("&See the whole terrain", "Look at all of it from the best place", "fit"),
-    "look-chosen": Command("See the s&election", "Look at the selected feature", "target"),
-    "play": Command("Water and clouds &move", "Let water, plants and clouds move", "play", (), "check"),
+    "look-chosen": Command("See the se&lection", "Look at the selected feature", "target"),
+    "play": Command("Water and &clouds move", "Let water, plants and clouds move", "play", (), "check"),
     "bookmark": Command("&Bookmark this view", "Remember where the eye is", "bookmark", ("Ctrl+B",)),
     **{
         f"bookmark-{number}": Command(
@@ -153,7 +153,7 @@ COMMANDS: Final[dict[str, Command]] = {
         for number in range(1, 10)
     },
     "restart": Command(
-        "&Start the engine again", "End what works out the terrain and start it anew", "restart"
+        "Start the &engine again", "End what works out the terrain and start it anew", "restart"
     ),
     # help
     "first-steps": Command("&First steps", "How to paint a terrain, in a minute", "info", ("F1",)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QEvent, QObject, QSize, Qt, QTimer
+from PyQt6.QtCore import QSize, Qt, QTimer
 from PyQt6.QtGui import QColor, QPainter
 from PyQt6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QToolButton, QWidget
 
@@ -61,7 +61,6 @@ class Banner(QFrame):
         self._messages: list[Message] = []
         self.setObjectName("banner")
         self.setAutoFillBackground(True)
-        window.installEventFilter(self)
         self._mark = _Mark(self)
         self._line = QLabel(self)
         self._line.setTextFormat(Qt.TextFormat.PlainText)
@@ -88,12 +87,6 @@ class Banner(QFrame):
         self._timer.timeout.connect(self.dismiss)
         self.setAccessibleName("Messages")
         self.hide()
-
-    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
-        """Keep to the middle of the window when that changes its size."""
-        if event is not None and watched is self._window and event.type() == QEvent.Type.Resize:
-            self._place()
-        return super().eventFilter(watched, event)
 
     @property
     def message(self) -> Message | None:
@@ -123,6 +116,15 @@ class Banner(QFrame):
             self._messages.pop()
             self._show()
 
+    def place(self) -> None:
+        """Keep to the middle of the window; it calls this when its size is another one."""
+        width = min(_WIDE, self._window.width() - 2 * MARGIN)
+        bar = self._below
+        top = bar.geometry().bottom() + 1 if bar.isVisible() else 0
+        self._row.activate()
+        height = max(self._row.heightForWidth(width), self._row.minimumSize().height())
+        self.setGeometry((self._window.width() - width) // 2, top + SPACING, width, height)
+
     def _show(self) -> None:
         for button in self._buttons:
             self._row.removeWidget(button)
@@ -143,17 +145,9 @@ class Banner(QFrame):
                 self._buttons.append(button)
             if message.kind in ("info", "good"):
                 self._timer.start()
-        self._place()
+        self.place()
         self.setVisible(message is not None)
         self.raise_()
-
-    def _place(self) -> None:
-        width = min(_WIDE, self._window.width() - 2 * MARGIN)
-        bar = self._below
-        top = bar.geometry().bottom() + 1 if bar.isVisible() else 0
-        self._row.activate()
-        height = max(self._row.heightForWidth(width), self._row.minimumSize().height())
-        self.setGeometry((self._window.width() - width) // 2, top + SPACING, width, height)
 
     def _do(self, message: Message, do: Callable[[], object]) -> None:
         if message in self._messages:

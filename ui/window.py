@@ -35,7 +35,7 @@ from sketchterrain.ui.view3d.view import View3D
 from sketchterrain.ui.view_actions import ViewActions
 
 if TYPE_CHECKING:
-    from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent
+    from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QScreen, QShowEvent
 
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.bookmarks import Bookmarks
@@ -96,7 +96,7 @@ class MainWindow(QMainWindow):
             | QMainWindow.DockOption.AllowNestedDocks
         )
         self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
-        self.resize(_SIZE)
+        self.resize(_fitting(_SIZE, self.screen()))
         self.actions_by_name = Actions(self)
         commands, _ = add_tool_bars(self, self.actions_by_name)
         commands.addSeparator()
@@ -217,6 +217,18 @@ class MainWindow(QMainWindow):
         )
         self._show_alone("")
 
+    def showEvent(self, event: QShowEvent | None) -> None:
+        """Share out the room when there is some for the first time."""
+        super().showEvent(event)
+        if self._is_fresh:
+            self._is_fresh = False
+            self.layout_of_parts.share_out()
+
+    def resizeEvent(self, event: QResizeEvent | None) -> None:
+        """Keep messages in the middle."""
+        super().resizeEvent(event)
+        self.banner.place()
+
     def dragEnterEvent(self, event: QDragEnterEvent | None) -> None:
         """Welcome files."""
         if event is not None and _paths(event):
@@ -288,9 +300,18 @@ class MainWindow(QMainWindow):
 
     def _restore_layout(self) -> None:
         layout = self._preferences.layout
+        self._is_fresh = layout is None
         if layout is not None:
             self.restoreGeometry(layout[0])
             self.layout_of_parts.restore(layout[1])
+
+
+def _fitting(size: QSize, screen: QScreen | None) -> QSize:
+    """Return a size that a screen has room for."""
+    if screen is None:
+        return size
+    room = screen.availableSize()
+    return QSize(min(size.width(), room.width() * 24 // 25), min(size.height(), room.height() * 23 // 25))
 
 
 def _stretch() -> QWidget:

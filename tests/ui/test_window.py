@@ -1,0 +1,345 @@
+"""The window as a whole: what its menus do, what it remembers, that nothing of it gets lost."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
+from PyQt6.QtGui import QDropEvent, QKeySequence
+from PyQt6.QtWidgets import QFileDialog, QMenu, QMessageBox
+
+from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
+from sketchterrain.ui.banner import Message
+from sketchterrain.ui.engine.messages import MeasureAdherence, Trouble
+from sketchterrain.ui.menus import MENUS
+from sketchterrain.ui.models.bookmarks import Bookmarks
+from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.recent import RecentFiles
+from sketchterrain.ui.models.saving import Saving
+from sketchterrain.ui.window import MainWindow
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BUTTON = QMessageBox.StandardButton
+
+
+@pytest.fixture
+def window(qtbot, document, workspace, link, tmp_path):
+    made = MainWindow(
+        document,
+        workspace,
+        link,
+        preferences=Preferences(tmp_path / "desktop.ini"),
+        recent=RecentFiles(tmp_path / "recent"),
+        saving=Saving(document),
+        bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
+    )
+    # Closing it at the end must not ask what to do with the test's changes.
+    qtbot.addWidget(
+        made, before_close_func=lambda _: document.saved(document.sketch, tmp_path / "end.sketch")
+    )
+    made.show()
+    return made
+
+
+def actions(window) -> list:
+    return list(window.actions_by_name)
+
+
+def do(window, name: str) -> None:
+    window.actions_by_name[name].trigger()
+
+
+def paint(document, label: int = 1) -> None:
+    image = document.sketch.layers["mountain"].copy()
+    image[:40, :40] = label
+    document.do(
+        "Paint mountains", document.sketch.replace(layers={**document.sketch.layers, "mountain": image})
+    )
+
+
+def answer(monkeypatch, button) -> list[str]:
+    asked = []
+
+    def exec_(box) -> int:
+        asked.append(box.text())
+        return button
+
+    monkeypatch.setattr(QMessageBox, "exec", exec_)
+    return asked
+
+
+def test_every_action_has_words_and_help(window) -> None:
+    for action in actions(window):
+        assert action.text(), action.objectName()
+        assert action.statusTip(), action.objectName()
+        assert action.toolTip().startswith("<p>")
+
+
+def test_no_two_actions_have_the_same_key(window) -> None:
+    keys = [key.toString() for action in actions(window) for key in action.shortcuts()]
+    assert sorted(keys) == sorted(set(keys))
+    assert all(QKeySequence(key).toString() for key in keys)
+
+
+def test_every_action_stands_in_a_menu(window) -> None:
+    def inside(menu: QMenu) -> set[str]:
+        names = {action.objectName() for action in menu.actions()}
+        return names.union(*(inside(action.menu()) for action in menu.actions() if action.menu()))
+
+    bar = window.menuBar()
+    there = set().union(*(inside(action.menu()) for action in bar.actions()))
+    assert {action.objectName() for action in actions(window)} - there == {"leave"}
+    assert [action.text() for action in bar.actions()] == list(MENUS)
+
+
+def test_letters_of_a_menu_are_each_for_one_entry(window) -> None:
+    for bar_action in window.menuBar().actions():
+        entries = [action for action in bar_action.menu().actions() if action.isVisible() and action.text()]
+        letters = [QKeySequence.mnemonic(action.text()).toString() for action in entries]
+        twice = {letter for letter in letters if letter and letters.count(letter) > 1}
+        assert not twice, f"{bar_action.text()}: {twice}"
+
+
+def test_undo_and_redo_by_the_menu_say_what(window, document) -> None:
+    before = document.sketch
+    paint(document)
+    assert "paint mountains" in window.actions_by_name["undo"].text()
+    do(window, "undo")
+    assert np.array_equal(document.sketch.layers["mountain"], before.layers["mountain"])
+    assert not window.actions_by_name["undo"].isEnabled()
+    do(window, "redo")
+    assert document.sketch.layers["mountain"][:40, :40].all()
+
+
+def test_tools_and_layers_by_their_keys(window, workspace, qtbot) -> None:
+    window.activateWindow()
+    for key, tool in {
+        "E": "eraser",
+        "L": "line",
+        "F": "fill",
+        "V": "select",
+        "H": "pan",
+        "B": "brush",
+    }.items():
+        do(window, f"tool-{tool}")
+        assert workspace.tool == tool
+        assert window.actions_by_name[f"tool-{tool}"].shortcut().toString() == key
+    for name in LAYERS:
+        do(window, f"layer-{name}")
+        assert workspace.layer == name
+
+
+def test_hiding_and_locking_the_layer(window, workspace) -> None:
+    do(window, "show-layer")
+    assert not workspace.look(workspace.layer).visible
+    do(window, "only-layer")
+    assert [name for name in LAYERS if workspace.look(name).visible] == [workspace.layer]
+    do(window, "only-layer")
+    assert all(workspace.look(name).visible for name in LAYERS)
+    do(window, "lock-layer")
+    assert workspace.look(workspace.layer).locked
+
+
+def test_a_new_seed_is_a_step(window, document) -> None:
+    before = document.sketch.seed
+    do(window, "random-seed")
+    assert document.sketch.seed != before
+    do(window, "undo")
+    assert document.sketch.seed == before
+
+
+def test_measuring_shows_the_overlay(window, workspace, link) -> None:
+    do(window, "measure")
+    assert MeasureAdherence() in link.told
+    assert "adherence" in workspace.overlays
+    assert window.actions_by_name["overlay-adherence"].isChecked()
+
+
+def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypatch, qtbot) -> None:
+    monkeypatch.setattr(
+        QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "mine"), _[4].split(";;")[0])
+    )
+    paint(document)
+    do(window, "save")
+    qtbot.waitUntil(lambda: not document.is_modified)
+    path = tmp_path / "mine.sketch"
+    assert document.path == path
+    assert load_sketch(path).layers["mountain"][:40, :40].all()
+    assert window.windowTitle().startswith(document.sketch.name)
+    assert not window.isWindowModified()
+    do(window, "random-seed")
+    assert window.isWindowModified()
+    do(window, "save")
+    qtbot.waitUntil(lambda: not document.is_modified)
+    assert load_sketch(path).seed == document.sketch.seed
+    document.open(Sketch())
+    window.files.open(window.files.recent.paths[0])
+    qtbot.waitUntil(lambda: document.path == path)
+    assert document.sketch.layers["mountain"][:40, :40].all()
+
+
+def test_a_sketch_that_is_none_is_one_line_and_nothing_else_changes(
+    window, document, tmp_path, qtbot
+) -> None:
+    bad = tmp_path / "bad.sketch"
+    bad.write_bytes(b"no zip")
+    before = document.sketch
+    window.files.open(bad)
+    qtbot.waitUntil(lambda: window.banner.message is not None)
+    assert "bad.sketch" in window.banner.message.line
+    assert "\n" not in window.banner.message.line
+    assert document.sketch is before
+
+
+@pytest.mark.parametrize(
+    ("button", "leaves", "saves"),
+    [(BUTTON.Cancel, False, False), (BUTTON.Discard, True, False), (BUTTON.Save, True, True)],
+)
+def test_changes_are_not_lost_by_closing(
+    window, document, tmp_path, monkeypatch, button, leaves: bool, saves: bool
+) -> None:
+    path = tmp_path / "a.sketch"
+    save_sketch(document.sketch, path)
+    document.saved(document.sketch, path)
+    paint(document)
+    asked = answer(monkeypatch, button)
+    assert window.close() is leaves
+    assert len(asked) == 1
+    assert bool(load_sketch(path).layers["mountain"][:40, :40].all()) is saves
+
+
+def test_closing_asks_nothing_when_all_is_saved(window, monkeypatch) -> None:
+    asked = answer(monkeypatch, BUTTON.Cancel)
+    assert window.close()
+    assert not asked
+
+
+def drop(window, *paths: Path) -> None:
+    data = QMimeData()
+    data.setUrls([QUrl.fromLocalFile(str(path)) for path in paths])
+    copy = Qt.DropAction.CopyAction
+    none, left = Qt.KeyboardModifier.NoModifier, Qt.MouseButton.LeftButton
+    window.dropEvent(QDropEvent(QPointF(5, 5), copy, data, left, none))
+
+
+def test_a_dropped_sketch_is_opened(window, document, tmp_path, qtbot) -> None:
+    save_sketch(Sketch(name="Dropped"), tmp_path / "dropped")
+    drop(window, tmp_path / "dropped" / "sketch.toml")
+    qtbot.waitUntil(lambda: document.sketch.name == "Dropped")
+    assert document.path == tmp_path / "dropped"
+
+
+def test_dropped_images_become_layers_in_one_step(window, document, tmp_path, qtbot) -> None:
+    shape = document.sketch.layers["hill"].shape
+    hill, lake = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
+    hill[3:9, 4:8], lake[100:120] = 2, 1
+    painted = Sketch(layers={"hill": hill, "lake": lake})
+    save_sketch(painted, tmp_path / "images")
+    steps = len(document.history.titles)
+    drop(window, tmp_path / "images" / "hill.png", tmp_path / "images" / "lake.png")
+    qtbot.waitUntil(lambda: len(document.history.titles) > steps)
+    assert len(document.history.titles) == steps + 1
+    assert np.array_equal(document.sketch.layers["hill"], hill)
+    assert np.array_equal(document.sketch.layers["lake"], lake)
+
+
+def test_an_image_of_another_size_is_refused_in_one_line(window, document, tmp_path, qtbot) -> None:
+    save_sketch(Sketch(layers={"hill": np.zeros((8, 9), np.uint8)}), tmp_path / "images")
+    drop(window, tmp_path / "images" / "hill.png")
+    qtbot.waitUntil(lambda: window.banner.message is not None)
+    assert "9×8 px: expected 512×512 px" in window.banner.message.line
+
+
+def test_one_part_alone_and_back(window) -> None:
+    layout = window.layout_of_parts
+    shown = {name for name, dock in layout.docks.items() if not dock.isHidden()}
+    do(window, "view-only")
+    assert not window.canvas.isVisible()
+    assert [name for name, dock in layout.docks.items() if not dock.isHidden()] == ["view"]
+    assert window.actions_by_name["leave"].isEnabled()
+    do(window, "canvas-only")
+    assert window.canvas.isVisible()
+    assert all(dock.isHidden() for dock in layout.docks.values())
+    do(window, "leave")
+    assert window.canvas.isVisible()
+    assert {name for name, dock in layout.docks.items() if not dock.isHidden()} == shown
+    assert not window.actions_by_name["leave"].isEnabled()
+
+
+def test_the_layout_is_remembered_and_can_be_reset(
+    window, tmp_path, document, workspace, link, qtbot
+) -> None:
+    window.layout_of_parts.docks["history"].close()
+    window.layout_of_parts.docks["view"].setFloating(True)
+    assert window.close()
+    again = MainWindow(
+        document,
+        workspace,
+        link,
+        preferences=Preferences(tmp_path / "desktop.ini"),
+        recent=RecentFiles(tmp_path / "recent"),
+        saving=Saving(document),
+        bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
+    )
+    qtbot.addWidget(again)
+    again.show()
+    docks = again.layout_of_parts.docks
+    assert docks["history"].isHidden()
+    assert docks["view"].isFloating()
+    do(again, "reset-layout")
+    assert not docks["history"].isHidden()
+    assert not docks["view"].isFloating()
+
+
+def test_closing_while_one_part_is_alone_remembers_the_whole(window, tmp_path) -> None:
+    do(window, "canvas-only")
+    assert window.close()
+    kept = Preferences(tmp_path / "desktop.ini").layout
+    assert kept is not None
+    window.show()
+    do(window, "leave")
+    assert window.layout_of_parts.restore(kept[1])
+    assert not window.layout_of_parts.docks["view"].isHidden()
+
+
+def test_the_engines_trouble_is_a_message_with_a_way_out(window, link) -> None:
+    link.trouble.emit(Trouble("engine", "The engine ended (signal 9)."))
+    message = window.banner.message
+    assert message.line == "The engine ended (signal 9)."
+    assert not window.banner.isHidden()
+    message.buttons[0][1]()
+    assert link.running
+    link.facts_changed.emit(link.facts)
+    assert window.banner.message is None
+
+
+def test_an_error_nobody_foresaw_is_a_message_and_the_window_stays(window, capsys) -> None:
+    with pytest.raises(ZeroDivisionError) as raised:
+        1 / 0  # noqa: B018
+    window.surprises.catch(raised.type, raised.value, raised.tb)
+    assert "division by zero" in window.banner.message.line
+    assert window.isVisible()
+    assert "Traceback" in capsys.readouterr().err
+    assert window.banner.message.buttons[0][0] == "Details…"
+
+
+def test_messages_wait_for_each_other(window) -> None:
+    banner = window.banner
+    banner.tell(Message("error", "one", "a"))
+    banner.tell(Message("warning", "two", "b"))
+    banner.tell(Message("warning", "three", "b"))
+    assert banner.message.line == "three"
+    banner.dismiss()
+    assert banner.message.line == "one"
+    banner.withdraw("a")
+    assert banner.message is None
+    assert banner.isHidden()
+
+
+def test_the_engine_can_be_started_again(window, link) -> None:
+    do(window, "restart")
+    assert link.running

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, cast
 
-from PyQt6.QtCore import QEvent, QPointF, QRect, QRectF, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QEvent, QPointF, QRect, QRectF, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QHelpEvent, QKeyEvent, QPainter, QPen
 from PyQt6.QtWidgets import QSizePolicy, QToolTip, QWidget
 
@@ -13,9 +13,10 @@ from sketchterrain.ui.canvas.desk import Desk
 from sketchterrain.ui.canvas.hands import Hands
 from sketchterrain.ui.canvas.keys import Keys
 from sketchterrain.ui.canvas.marks import Marks
+from sketchterrain.ui.canvas.overlays import Overlays, Remark
 from sketchterrain.ui.canvas.shown import Shown
 from sketchterrain.ui.canvas.viewport import Viewport
-from sketchterrain.ui.look.theme import looks, theme
+from sketchterrain.ui.look.theme import theme
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import (
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     )
 
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import FrameFacts, Pose
+    from sketchterrain.ui.engine.messages import FrameFacts
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 
@@ -39,7 +40,6 @@ __all__ = ["Canvas"]
 
 _MARGIN = 28  # logical px around a sheet that is fitted
 _ZOOM = 1.25
-_LINE_SECONDS = 3.5  # a line for a person stays
 
 
 class Canvas(QWidget):
@@ -64,15 +64,12 @@ class Canvas(QWidget):
         super().__init__(parent)
         self._desk = Desk(document, workspace, link)
         self._marks = Marks(self._desk)
-        self._shown = Shown(self._desk)
+        self._shown = Shown(self._desk, self)
         self._hands = Hands(self._desk, self._marks, self)
         self._keys = Keys(self._desk, self._hands, self)
         self._fits = True
-        self._eye: Pose | None = None
-        self._line = ""
-        self._line_timer = QTimer(self)
-        self._line_timer.setSingleShot(True)
-        self._line_timer.timeout.connect(lambda: self._say(""))
+        self._remark = Remark(self)
+        self._overlays = Overlays(self._desk, self._marks, self._remark)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -131,27 +128,22 @@ class Canvas(QWidget):
         if viewport != self._desk.viewport:
             self._fits = fits
             self._desk.viewport = viewport
-            self._eye = None
+            self._overlays.forget_eye()
             self.update()
 
     # ── what models tell ─────────────────────────────────────────────────────────────────────────────────
 
     def _connect(self) -> None:
         document, workspace, link = self._desk.document, self._desk.workspace, self._desk.link
-        document.painted.connect(self._on_painted)
         document.sketch_changed.connect(self._on_sketch)
         document.opened.connect(self._on_opened)
-        workspace.look_changed.connect(self._on_look)
-        workspace.overlays_changed.connect(self._on_overlays)
-        workspace.label_changed.connect(self._on_overlays)
         workspace.chosen_changed.connect(self._redraw)
         link.placed_changed.connect(self._redraw)
-        link.relief_changed.connect(self._on_relief)
-        link.adherence_changed.connect(self._on_overlays)
         link.frame_shown.connect(self._on_frame)
         self._desk.tells.message.connect(self._say)
+        self._remark.changed.connect(self._on_remark)
         self._desk.tells.stale.connect(self._redraw)
-        looks.changed.connect(self._on_theme)
+        self._shown.stale.connect(self._on_stale)
 
     def _redraw(self, area: object = None) -> None:
         if isinstance(area, QRectF) and not area.isEmpty():
@@ -159,10 +151,11 @@ class Canvas(QWidget):
         else:
             self.update()
 
-    def _on_painted(self, layer: str, box: object) -> None:
-        area = self._shown.painted(layer, box)  # type: ignore[arg-type] # a signal's object is a Box
-        if not area.isEmpty():
-            self.update(self._logical(area))
+    def _on_stale(self, area: object) -> None:
+        self.update(self._logical(cast("QRect", area)))
+
+    def _on_remark(self) -> None:
+        self.update(0, self.height() - 60, self.width(), 60)
 
     def _on_sketch(self) -> None:
         sketch, viewport = self._desk.document.sketch, self._desk.viewport
@@ -175,37 +168,13 @@ class Canvas(QWidget):
         self._shown.refresh()
         self._resize(fits=True)
 
-    def _on_look(self, layer: str) -> None:
-        self._shown.refresh()
-        self.update()
-
-    def _on_overlays(self) -> None:
-        self._shown.refresh_pictures()
-        self.update()
-
-    def _on_relief(self) -> None:
-        area = self._shown.relieved()
-        if not area.isEmpty():
-            self.update(self._logical(area))
-
-    def _on_theme(self) -> None:
-        self._shown.refresh()
-        self.update()
-
     def _on_frame(self, facts: object) -> None:
-        pose = cast("FrameFacts", facts).pose
-        if pose != self._eye and "eye" in self._desk.workspace.overlays:
-            for each in (self._eye, pose):
-                if each is not None:
-                    self._redraw(furniture.eye_area(self._desk, each))
-            self._eye = pose
+        for area in self._overlays.eye_moved(cast("FrameFacts", facts)):
+            self._redraw(area)
 
     def _say(self, line: str) -> None:
-        if line:
-            self.message.emit(line)
-            self._line_timer.start(round(1000 * _LINE_SECONDS))
-        self._line = line
-        self.update(QRect(0, self.height() - 60, self.width(), 60))
+        self.message.emit(line)
+        self._remark.say(line)
 
     # ── drawing ──────────────────────────────────────────────────────────────────────────────────────────
 
@@ -224,7 +193,7 @@ class Canvas(QWidget):
             desk.viewport = Viewport(*size, *sides).fitted(margin=round(_MARGIN * desk.ratio))
         else:
             desk.viewport = desk.viewport.resized(*size)
-        self._eye = None
+        self._overlays.forget_eye()
         self.update()
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
@@ -239,31 +208,12 @@ class Canvas(QWidget):
         area = event.rect() if event is not None else self.rect()
         painter = QPainter(self)
         self._shown.draw(painter, area)
-        placed = desk.link.placed
-        if placed is not None and "features" in desk.workspace.overlays:
-            image, ratio = self._marks.image(placed), desk.ratio
-            source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
-            painter.drawImage(QRectF(area), image, source)
-        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        self._draw_furniture(painter)
+        self._overlays.draw(painter, area, self._hands.tool, self.width(), self.height())
         if self.hasFocus():
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.setPen(QPen(theme().accent, 2.0))
             painter.drawRect(QRectF(self.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
         painter.end()
-
-    def _draw_furniture(self, painter: QPainter) -> None:
-        desk, shown = self._desk, self._desk.workspace.overlays
-        if "contradictions" in shown:
-            furniture.draw_warnings(painter, desk)
-        if "eye" in shown and desk.link.frame is not None:
-            furniture.draw_eye(painter, desk, desk.link.frame.pose)
-        self._hands.tool.draw(painter)
-        furniture.draw_scale_bar(painter, desk, self.height())
-        if "adherence" in shown:
-            furniture.draw_agreement(painter, desk.link.adherence, desk.workspace.layer, self.width())
-        if self._line:
-            furniture.draw_line(painter, self._line, self.width(), self.height())
 
     # ── input: see `hands` and `keys` ────────────────────────────────────────────────────────────────────
 

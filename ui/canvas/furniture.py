@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.canvas.glyphs import CHOSEN, draw_glyph, draw_haloed
+from sketchterrain.ui.canvas.glyphs import CHOSEN, DARK
 from sketchterrain.ui.canvas.underlays import AGREEMENT
 from sketchterrain.ui.canvas.writing import plate, write_beside
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
@@ -103,12 +104,23 @@ def draw_warnings(painter: QPainter, desk: Desk) -> None:
     placed = desk.link.placed
     for _, x, y in placed.resolutions if placed is not None else ():
         at = desk.of_world(x, y)
-        draw_glyph(painter, "warning", at, colour=QColor(150, 88, 0), size=1.15)
-        sign = QPainterPath(at + QPointF(0.0, -2.5))
-        sign.lineTo(at + QPointF(0.0, 1.6))
-        sign.moveTo(at + QPointF(0.0, 4.2))
-        sign.lineTo(at + QPointF(0.0, 4.3))
-        draw_haloed(painter, sign, QColor(150, 88, 0), 1.6)
+        sign = _warning().translated(at)
+        painter.setPen(QPen(QColor(255, 255, 255, 220), 4.0, join=Qt.PenJoinStyle.RoundJoin))
+        painter.drawPath(sign)
+        painter.setBrush(QColor(244, 176, 44))
+        painter.setPen(QPen(DARK, 1.4, join=Qt.PenJoinStyle.RoundJoin))
+        painter.drawPath(sign)
+        painter.setPen(QPen(DARK, 1.9, cap=Qt.PenCapStyle.RoundCap))
+        painter.drawLine(at + QPointF(0.0, -3.0), at + QPointF(0.0, 1.2))
+        painter.drawPoint(at + QPointF(0.0, 4.4))
+
+
+@cache
+def _warning() -> QPainterPath:
+    path = QPainterPath()
+    path.addPolygon(QPolygonF([QPointF(-8.5, 7.0), QPointF(0.0, -8.0), QPointF(8.5, 7.0)]))
+    path.closeSubpath()
+    return path
 
 
 def warning_at(desk: Desk, place: QPointF) -> str:

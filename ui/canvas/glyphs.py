@@ -26,7 +26,7 @@ def draw_glyph(
     Parameters
     ----------
     painter
-    kind : {'mountain', 'hill', 'dune', 'forest', 'warning'}
+    kind : {'mountain', 'hill', 'dune', 'forest'}
     at : QPointF
         Its middle, logical px.
     colour : QColor
@@ -106,11 +106,8 @@ def _glyph(kind: str) -> QPainterPath:
         path.moveTo(-6.0, 2.5)
         path.cubicTo(-3.0, 1.5, -1.5, -1.0, 0.5, -3.5)
         path.cubicTo(0.5, -0.5, 2.5, 2.0, 6.0, 2.5)
-    elif kind == "forest":
+    else:
         path.addEllipse(QRectF(-3.2, -5.5, 6.4, 6.4))
         path.moveTo(0.0, 1.0)
         path.lineTo(0.0, 5.0)
-    else:
-        path.addPolygon(QPolygonF([QPointF(-7.0, 5.5), QPointF(0.0, -6.5), QPointF(7.0, 5.5)]))
-        path.closeSubpath()
     return path

@@ -28,6 +28,7 @@ from sketchterrain.ui.engine.messages import (
     Zoom,
 )
 from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.view3d.aim import overview
 from sketchterrain.ui.view3d.bar import Bar
 from sketchterrain.ui.view3d.card import Card
 from sketchterrain.ui.view3d.compass import Compass
@@ -343,6 +344,7 @@ def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view) -> Non
         assert not accepted(code, Qt.KeyboardModifier.ControlModifier)
     assert accepted(Qt.Key.Key_W, SHIFT)
     assert not accepted(Qt.Key.Key_B)
+    assert not accepted(Qt.Key.Key_V)
 
 
 def test_figures_and_buttons_choose_the_mode(view, link) -> None:
@@ -362,7 +364,7 @@ def test_home_sees_everything_and_f_the_selection(view, link, document, workspac
     key(view, Qt.Key.Key_Home)
     key(view, Qt.Key.Key_F)
     point = placed.points[placed.points["id"] == chosen.id][0]
-    assert link.told[0] == Look(None)
+    assert link.told[0] == Look(overview(document.sketch.size, 0.0, aspect=WIDTH / HEIGHT))
     assert (link.told[1].x, link.told[1].y) == (point["x"], point["y"])
     assert 2.0 * point["radius"] < link.told[1].distance < 6.0 * point["radius"]
     workspace.chosen = Chosen("river", placed.rivers[0].id)
@@ -370,7 +372,8 @@ def test_home_sees_everything_and_f_the_selection(view, link, document, workspac
     assert 0.0 <= link.told[2].x <= document.sketch.size[0]
     workspace.chosen = None
     key(view, Qt.Key.Key_F)
-    assert (link.told[3].x, link.told[3].y) == (document.sketch.size[0] / 2, document.sketch.size[1] / 2)
+    key(view, Qt.Key.Key_C)
+    assert link.told[3:] == [link.told[0], Look(None)]
 
 
 def test_the_compass_shows_the_heading_and_turns_north(view, link, document, placed) -> None:

@@ -9,6 +9,7 @@ from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.engine.messages import FrameFacts, Placed, Pose, Relief
 from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.view3d.aim import overview
 from sketchterrain.ui.view3d.compass import heading_of
 from sketchterrain.ui.view3d.draped import Ground, ring
 from sketchterrain.ui.view3d.marks import marks_of
@@ -195,3 +196,15 @@ def test_texts_are_short_and_lengths_round() -> None:
 def test_headings_are_those_of_a_compass() -> None:
     for heading, target in ((0.0, (0, 1, 0)), (90.0, (1, 0, 0)), (180.0, (0, -1, 5)), (270.0, (-1, 0, 0))):
         assert heading_of((0.0, 0.0, 0.0), target) == pytest.approx(heading)
+
+
+@pytest.mark.parametrize("size", [(6144.0, 6144.0), (3000.0, 9000.0), (9000.0, 1000.0)])
+@pytest.mark.parametrize("aspect", [0.4, 4 / 3, 3.0])
+def test_an_overview_shows_every_corner_and_wastes_no_room(size, aspect) -> None:
+    pose = overview(size, 120.0, aspect=aspect)
+    camera = Camera(pose.eye, pose.target, fov=pose.fov, near=1.0, far=1e6)
+    corners = [(x, y, 120.0) for x in (0.0, size[0]) for y in (0.0, size[1])]
+    clip = np.subtract(corners, pose.eye) @ camera.to_clip(aspect)[:, :3].T + camera.to_clip(aspect)[:, 3]
+    seen = np.abs(clip[:, :2] / clip[:, 3:])
+    assert (clip[:, 3] > 0).all()
+    assert seen.max() == pytest.approx(0.94)

@@ -1,23 +1,51 @@
-"""Where to look from so that something selected fills the picture."""
+"""Where to look from so that something selected, or all of the sketch, fills the picture."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sketchterrain.features.lakes import lake_centre
 from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
-from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.engine.messages import GoTo, Pose
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.messages import Placed
     from sketchterrain.ui.models.workspace import Chosen
 
-__all__ = ["going_to"]
+__all__ = ["going_to", "overview"]
 
 _DISTANCE = 1.6  # of its diameter
 _NEAREST = 40.0  # m
+_FOV = 50.0  # degrees, as the engine's
+_ELEVATION = 38.0  # degrees
+_FILLED = 0.94  # of the picture, by the sketch's corners
+
+
+def overview(size: tuple[float, float], height: float, *, aspect: float) -> Pose:
+    """Return the pose from which all of a sketch is seen from the south.
+
+    Parameters
+    ----------
+    size
+        Metres of the sketch.
+    height
+        m, of the ground in its middle.
+    aspect
+        Width of the picture over its height.
+    """
+    east, north = 0.5 * size[0], 0.5 * size[1]
+    rise = math.radians(_ELEVATION)
+    upright = _FILLED * math.tan(math.radians(_FOV) / 2.0)
+    # The near corners are the widest, and all four must lie inside; each says how far away the eye must be.
+    distance = max(
+        max(east / (upright * aspect), abs(corner) * math.sin(rise) / upright) - corner * math.cos(rise)
+        for corner in (-north, north)
+    )
+    eye = (east, north - distance * math.cos(rise), height + distance * math.sin(rise))
+    return Pose(eye, (east, north, height), _FOV)
 
 
 def going_to(placed: Placed | None, chosen: Chosen | None, *, size: tuple[float, float]) -> GoTo | None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-from PyQt6.QtCore import QRectF, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QColor, QPainter, QPalette
+from PyQt6.QtCore import QRectF, Qt, pyqtSignal
+from PyQt6.QtGui import QColor, QPainter
 from PyQt6.QtWidgets import QButtonGroup, QFrame, QHBoxLayout, QToolButton, QWidget
 
 from sketchterrain.ui.engine.messages import MODES
-from sketchterrain.ui.look.icons import icon
+from sketchterrain.ui.look.icons import draw_icon
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import QPaintEvent
@@ -22,12 +22,30 @@ _HELP: Final = {
     "walk": "Walk on the ground: W A S D, drag looks around, Shift is faster (3)",
 }
 _PLATE = QColor(18, 21, 24, 165)
-_SHEET = """
-QToolButton { border: 1px solid transparent; border-radius: 5px; padding: 3px; background: transparent; }
-QToolButton:hover { background: rgba(255, 255, 255, 40); }
-QToolButton:checked { background: rgba(255, 255, 255, 70); }
-QToolButton:focus { border-color: rgba(255, 255, 255, 160); }
-"""
+_SIGN = QColor(240, 243, 245)
+_SIDE, _ICON = 28, 18
+
+
+class _Button(QToolButton):
+    """A light sign on the dark plate, in either theme."""
+
+    def __init__(self, parent: QWidget, name: str) -> None:
+        super().__init__(parent)
+        self._name = name
+        self.setFixedSize(_SIDE, _SIDE)
+
+    def paintEvent(self, event: QPaintEvent | None) -> None:
+        """Draw it as it is: pressed, checked, under the mouse or with the focus."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        place = QRectF(self.rect())
+        shine = 95 if self.isDown() else 70 if self.isChecked() else 38 if self.underMouse() else 0
+        painter.setBrush(QColor(255, 255, 255, shine))
+        painter.setPen(QColor(255, 255, 255, 170) if self.hasFocus() else Qt.PenStyle.NoPen)
+        painter.drawRoundedRect(place.adjusted(0.5, 0.5, -0.5, -0.5), 5.0, 5.0)
+        sign = QRectF(0.0, 0.0, _ICON, _ICON)
+        sign.moveCenter(place.center())
+        draw_icon(painter, self._name, sign, _SIGN)
 
 
 class Bar(QFrame):
@@ -35,15 +53,11 @@ class Bar(QFrame):
 
     mode_chosen = pyqtSignal(str)
     see_all = pyqtSignal()
+    see_best = pyqtSignal()
     picture_wanted = pyqtSignal()
 
     def __init__(self, parent: QWidget) -> None:
         super().__init__(parent)
-        self.setStyleSheet(_SHEET)
-        palette = self.palette()
-        for role in (QPalette.ColorRole.ButtonText, QPalette.ColorRole.WindowText, QPalette.ColorRole.Text):
-            palette.setColor(role, QColor(240, 243, 245))
-        self.setPalette(palette)
         row = QHBoxLayout(self)
         row.setContentsMargins(3, 3, 3, 3)
         row.setSpacing(1)
@@ -56,7 +70,8 @@ class Bar(QFrame):
         self._modes.idClicked.connect(lambda number: self.mode_chosen.emit(MODES[number]))
         row.addSpacing(7)
         for name, tip, what, signal in (
-            ("fit", "See the whole terrain (R)", "See the whole terrain", self.see_all),
+            ("fit", "See the whole sketch (R)", "See the whole sketch", self.see_all),
+            ("camera", "Stand where the terrain looks best (C)", "Best view", self.see_best),
             ("screenshot", "Save a picture…", "Save a picture", self.picture_wanted),
         ):
             button = self._button(name, tip, what)
@@ -78,11 +93,8 @@ class Bar(QFrame):
         painter.setBrush(_PLATE)
         painter.drawRoundedRect(QRectF(self.rect()), 7.0, 7.0)
 
-    def _button(self, name: str, tip: str, what: str) -> QToolButton:
-        button = QToolButton(self)
-        button.setIcon(icon(name))
-        button.setIconSize(QSize(18, 18))
+    def _button(self, name: str, tip: str, what: str) -> _Button:
+        button = _Button(self, name)
         button.setToolTip(tip)
         button.setAccessibleName(what)
-        button.setAutoRaise(True)
         return button

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 
-__all__ = ["feature_menu"]
+__all__ = ["add", "delete", "delete_or_reset", "feature_menu"]
 
 
 def feature_menu(
@@ -101,6 +101,23 @@ def delete(document: Document, workspace: Workspace, placed: Placed, chosen: Cho
     """Delete a feature, a river or a lake, and let go of it."""
     document.do(f"Delete {name_of(placed, chosen)}", deleted(document.sketch, chosen))
     workspace.chosen = None
+
+
+def delete_or_reset(document: Document, workspace: Workspace, placed: Placed, chosen: Chosen) -> str:
+    """Delete what is selected; a control point of a river goes back to where it was generated.
+
+    Returns
+    -------
+    str
+        Why nothing was done; empty if something was.
+    """
+    if chosen.index is None:
+        delete(document, workspace, placed, chosen)
+    elif is_edited(document.sketch, placed, chosen):
+        document.do("Reset a point of a river", reset(document.sketch, placed, chosen))
+    else:
+        return "A point of a river cannot be deleted; click the river to delete all of it"
+    return ""
 
 
 def _add(menu: QMenu, text: str, name: str, do: Callable[[], object]) -> QAction:

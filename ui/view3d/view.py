@@ -10,14 +10,13 @@ from PyQt6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtGui import QKeyEvent, QPainter
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.commands.placed_edits import is_edited, reset
-from sketchterrain.ui.engine.messages import GoTo, Look, Trouble, Turn
+from sketchterrain.ui.engine.messages import Look, Trouble, Turn
 from sketchterrain.ui.look.theme import looks
-from sketchterrain.ui.view3d.aim import going_to
+from sketchterrain.ui.view3d.aim import going_to, overview
 from sketchterrain.ui.view3d.bar import Bar
 from sketchterrain.ui.view3d.card import Card, notice_of
 from sketchterrain.ui.view3d.compass import Compass, heading_of
-from sketchterrain.ui.view3d.feature_menu import delete
+from sketchterrain.ui.view3d.feature_menu import delete_or_reset
 from sketchterrain.ui.view3d.keyboard import Keyboard
 from sketchterrain.ui.view3d.mouse import Mouse
 from sketchterrain.ui.view3d.scene import Scene
@@ -46,7 +45,6 @@ _SETTLE: Final = 120
 """ms without another size until a picture of the new one is asked for."""
 _REFINES = 0.6  # s without a finished picture until that is said
 _EDGE = 10  # px, around what lies over the picture
-_WHOLE = 0.95  # extents from which all of a sketch is seen
 
 
 class View3D(QWidget):
@@ -91,6 +89,7 @@ class View3D(QWidget):
             Qt.Key.Key_F: self.see_chosen,
             Qt.Key.Key_R: self.see_all,
             Qt.Key.Key_Home: self.see_all,
+            Qt.Key.Key_C: self.see_best,
             Qt.Key.Key_Delete: self.delete_chosen,
             Qt.Key.Key_Backspace: self.delete_chosen,
             Qt.Key.Key_Menu: self._open_menu,
@@ -119,6 +118,7 @@ class View3D(QWidget):
         self._mouse.message.connect(self.message)
         self._bar.mode_chosen.connect(self._use_mode)
         self._bar.see_all.connect(self.see_all)
+        self._bar.see_best.connect(self.see_best)
         self._bar.picture_wanted.connect(self.picture_wanted)
         self._compass.clicked.connect(self._face_north)
         self._card.pressed.connect(self._start_again)
@@ -129,27 +129,30 @@ class View3D(QWidget):
         return QSize(640, 480)
 
     def see_all(self) -> None:
-        """Look from where the terrain is seen best."""
+        """Look at all of the sketch from the south."""
+        size, ground = self._document.sketch.size, self._scene.ground()
+        height = 0.0 if ground is None else float(ground.height(0.5 * size[0], 0.5 * size[1]))
+        aspect = max(self.width(), 1) / max(self.height(), 1)
+        self._link.tell(Look(overview(size, height, aspect=aspect)))
+
+    def see_best(self) -> None:
+        """Stand where the terrain looks best."""
         self._link.tell(Look(None))
 
     def see_chosen(self) -> None:
         """Look at what is selected, or at the whole sketch."""
-        sketch = self._document.sketch
-        motion = going_to(self._link.placed, self._workspace.chosen, size=sketch.size)
-        east, north = sketch.size
-        self._link.tell(motion or GoTo(0.5 * east, 0.5 * north, _WHOLE * sketch.extent))
+        size = self._document.sketch.size
+        motion = going_to(self._link.placed, self._workspace.chosen, size=size)
+        if motion is None:
+            self.see_all()
+        else:
+            self._link.tell(motion)
 
     def delete_chosen(self) -> None:
         """Delete what is selected; a control point of a river goes back to where it was generated."""
         placed, chosen = self._link.placed, self._workspace.chosen
-        if placed is None or chosen is None:
-            return
-        if chosen.index is None:
-            delete(self._document, self._workspace, placed, chosen)
-        elif is_edited(self._document.sketch, placed, chosen):
-            self._document.do("Reset a point of a river", reset(self._document.sketch, placed, chosen))
-        else:
-            self.message.emit("A point of a river cannot be deleted; click the river to delete all of it")
+        if placed is not None and chosen is not None:
+            self.message.emit(delete_or_reset(self._document, self._workspace, placed, chosen))
 
     def _use_mode(self, mode: str) -> None:
         self._link.show(replace(self._link.view, mode=mode))

@@ -46,6 +46,8 @@ class RecoveryDialog(QDialog):
         for place, recovery in enumerate(self._found):
             path = recovery.original
             where = f"\n{path}" if path is not None else "\nNever saved"
+            if recovery.was_saved_since:
+                where += " (saved later)"
             kept = QDateTime.fromSecsSinceEpoch(int(recovery.when.timestamp()))
             time = when(kept, QLocale.FormatType.ShortFormat)
             item = QListWidgetItem(f"{recovery.name}    {time}{where}")
@@ -54,11 +56,17 @@ class RecoveryDialog(QDialog):
         self.list.setCurrentRow(0)
         self.list.itemActivated.connect(lambda _: self.accept())
         rows.addWidget(self.list, 1)
-        box, _ = button_row(self, "Recover", cancel="Later")
+        self._said = note()
+        rows.addWidget(self._said)
+        box, self.recover = button_row(self, "Recover", cancel="Later")
         discard = box.addButton("Delete it", QDialogButtonBox.ButtonRole.DestructiveRole)
-        if discard is not None:
-            discard.clicked.connect(self._discard)
+        if discard is None:
+            raise RuntimeError("expected a button")
+        self.discard = discard
+        self.discard.clicked.connect(self._discard)
         rows.addWidget(box)
+        self.list.currentRowChanged.connect(lambda _: self._show())
+        self._show()
         self.resize(460, 300)
 
     @property
@@ -66,6 +74,11 @@ class RecoveryDialog(QDialog):
         """The one that is marked."""
         item = self.list.currentItem()
         return self._found[0 if item is None else int(item.data(Qt.ItemDataRole.UserRole))]
+
+    def _show(self) -> None:
+        later = self.chosen.was_saved_since
+        self._said.setText("The file was saved after this was kept: it is newer." if later else "")
+        (self.discard if later else self.recover).setDefault(True)
 
     def _discard(self) -> None:
         self.discarded = True

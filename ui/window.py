@@ -143,6 +143,7 @@ class MainWindow(QMainWindow):
         for part in (self.canvas, self.view):
             part.hovered.connect(self._status.hover)
             part.message.connect(self._say)
+        self._layers.message.connect(self._say)
         self.view.picture_wanted.connect(self.actions_by_name["save-picture"].trigger)
         contradictions.show_place.connect(self._show_place)
         self._bind()

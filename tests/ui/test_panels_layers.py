@@ -171,11 +171,14 @@ def test_a_locked_layer_is_kept(panel, document, workspace):
     workspace.use_label("forest", 1)
     workspace.set_look("forest", locked=True)
     before = document.sketch
+    said = []
+    panel.message.connect(said.append)
     assert not panel.clear.isEnabled()
     assert not panel.remove.isEnabled()
     panel.clear_layer()
     panel.delete_label()
     assert document.sketch is before
+    assert said == ["Forests are locked"] * 2
 
 
 def test_opacity_is_that_of_the_layer_in_use(panel, workspace):
@@ -211,9 +214,18 @@ def test_sixteen_labels_are_all_that_one_can_add(qtbot, qapp, workspace):
     document = Document(Sketch(layers={"mountain": image}))
     panel = LayersPanel(document, workspace)
     qtbot.addWidget(panel)
+    said = []
+    panel.message.connect(said.append)
     assert not panel.add.isEnabled()
+    panel.new_label()  # from a menu
+    panel.copy_label()
+    assert said == ["Mountains: a layer has at most 16 labels"] * 2
+    assert document.history.position == 0
     workspace.use_label("hill", 1)
     assert panel.add.isEnabled()
+    panel.clear_layer()
+    panel.delete_label()
+    assert said[2:] == ["No hills are painted", "There is nothing of hills 1 to delete"]
 
 
 def test_large_images_are_counted_in_slices(qtbot):

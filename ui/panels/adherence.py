@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QSignalBlocker, QTimer
-from PyQt6.QtWidgets import QCheckBox, QHBoxLayout, QPushButton, QWidget
+from PyQt6.QtWidgets import QCheckBox, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.engine.messages import MeasureAdherence
@@ -63,18 +63,24 @@ class AdherencePanel(ScrollingPanel):
         self._fill()
 
     def _lay_out(self) -> None:
-        line = QWidget(self)
-        across = QHBoxLayout(line)
-        across.setContentsMargins(0, 0, 0, 0)
-        across.setSpacing(SPACING)
-        across.addWidget(self.measure)
-        across.addWidget(self.overlay, 1)
-        self.add(line)
-        self.add(self._head)
-        self.add(self._state)
+        page = QWidget(self)
+        down = QVBoxLayout(page)
+        down.setContentsMargins(0, 0, 0, 0)
+        down.setSpacing(SPACING)
+        controls = QHBoxLayout()
+        controls.setSpacing(SPACING)
+        controls.addWidget(self.measure)
+        controls.addWidget(self.overlay, 1)
+        down.addLayout(controls)
+        summary = QVBoxLayout()
+        summary.setSpacing(0)
+        summary.addWidget(self._head)
+        summary.addWidget(self._state)
+        down.addLayout(summary)
         for bar in self.bars.values():
-            self.add(bar)
-        self.add(self._peaks)
+            down.addWidget(bar)
+        down.addWidget(self._peaks)
+        self.add(page)
 
     def _connect(self) -> None:
         self.measure.clicked.connect(self._ask)

@@ -53,6 +53,7 @@ class _Header(QAbstractButton):
         self.setAccessibleName(title)
         self.setToolTip(f"Show or hide: {title.lower()}")
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        self.setAttribute(Qt.WidgetAttribute.WA_Hover)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self.setCursor(Qt.CursorShape.PointingHandCursor)
 

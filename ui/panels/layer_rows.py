@@ -23,8 +23,8 @@ DETAIL: Final = Qt.ItemDataRole.UserRole + 1
 """Of the first column: what the label is like, in a few words."""
 SHOWN: Final = Qt.ItemDataRole.UserRole + 2
 """Of the eye and of the lock: None where there is none, else whether the layer is shown, or locked."""
-_PICTURE: Final = 26
-HEIGHT: Final = 38
+_PICTURE: Final = 24
+HEIGHT: Final = 34
 _ICON: Final = 17
 
 

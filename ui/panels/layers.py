@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt
+from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
 from PyQt6.QtWidgets import QHBoxLayout, QLabel, QMenu, QToolButton, QVBoxLayout, QWidget
 
+from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.document import MOST_LABELS
 from sketchterrain.ui.commands.labels import (
@@ -19,10 +20,10 @@ from sketchterrain.ui.commands.labels import (
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
 from sketchterrain.ui.panels.area_count import AreaCount
+from sketchterrain.ui.panels.label_detail import label_detail
 from sketchterrain.ui.panels.label_page import label_title
 from sketchterrain.ui.panels.layer_list import LayerList, Row
 from sketchterrain.ui.panels.number_box import WAY, PatientSlider
-from sketchterrain.ui.panels.wording import number, with_unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,17 +32,6 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.workspace import Workspace
 
 __all__ = ["LayersPanel"]
-
-_MAIN: Final = {
-    "mountain": "height",
-    "hill": "height",
-    "river": "width",
-    "dune": "height",
-    "forest": "density",
-    "lake": "depth",
-    "material": "material",
-}
-"""The property that tells labels of a layer apart best."""
 
 
 class LayersPanel(QWidget):
@@ -54,6 +44,9 @@ class LayersPanel(QWidget):
     workspace
         Says which label is in use, and how layers are shown.
     """
+
+    message = pyqtSignal(str)
+    """Why something that was asked for is not done, one line."""
 
     def __init__(self, document: Document, workspace: Workspace, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -78,37 +71,40 @@ class LayersPanel(QWidget):
     def new_label(self) -> None:
         """Paint with a new label of this layer from now on, with the default properties."""
         layer = self._workspace.layer
-        label = free_label(self._document.sketch, layer)
-        self._document.do(
-            f"New {label_title(layer, label).lower()}", new_label(self._document.sketch, layer, label)
-        )
-        self._workspace.use_label(layer, label)
+        label = self._free_label(layer)
+        if label is not None:
+            changed = new_label(self._document.sketch, layer, label)
+            self._document.do(f"New {label_title(layer, label).lower()}", changed)
+            self._workspace.use_label(layer, label)
 
     def copy_label(self) -> None:
         """Paint with a new label of this layer from now on, with this one's properties."""
         layer, source = self._workspace.layer, self._workspace.label
-        label = free_label(self._document.sketch, layer)
-        changed = copy_label(self._document.sketch, layer, label, source=source)
-        self._document.do(f"Copy {label_title(layer, source).lower()}", changed)
-        self._workspace.use_label(layer, label)
+        label = self._free_label(layer)
+        if label is not None:
+            changed = copy_label(self._document.sketch, layer, label, source=source)
+            self._document.do(f"Copy {label_title(layer, source).lower()}", changed)
+            self._workspace.use_label(layer, label)
 
     def delete_label(self) -> None:
         """Delete the label in use and what is painted with it."""
         layer, label = self._workspace.layer, self._workspace.label
         changed = delete_label(self._document.sketch, layer, label)
-        if changed is self._document.sketch or self._workspace.look(layer).locked:
-            return
-        others = [each for each in self._labels(layer) if each != label]
-        self._document.do(f"Delete {label_title(layer, label).lower()}", changed)
-        self._workspace.use_label(layer, min(others, key=lambda each: abs(each - label), default=1))
+        if changed is self._document.sketch:
+            self.message.emit(f"There is nothing of {label_title(layer, label).lower()} to delete")
+        elif self._is_free(layer):
+            others = [each for each in self._labels(layer) if each != label]
+            self._document.do(f"Delete {label_title(layer, label).lower()}", changed)
+            self._workspace.use_label(layer, min(others, key=lambda each: abs(each - label), default=1))
 
     def clear_layer(self) -> None:
         """Erase all that is painted on the layer in use."""
         layer = self._workspace.layer
-        if not self._workspace.look(layer).locked:
-            self._document.do(
-                f"Clear {LAYERS[layer].title.lower()}", clear_layer(self._document.sketch, layer)
-            )
+        changed = clear_layer(self._document.sketch, layer)
+        if changed is self._document.sketch:
+            self.message.emit(f"No {LAYERS[layer].title.lower()} are painted")
+        elif self._is_free(layer):
+            self._document.do(f"Clear {LAYERS[layer].title.lower()}", changed)
 
     def choose_layer(self, layer: str) -> None:
         """Paint on a layer, with the label that was used there last."""
@@ -148,6 +144,19 @@ class LayersPanel(QWidget):
     def minimumSizeHint(self) -> QSize:
         """Return room for a few rows."""
         return QSize(220, 160)
+
+    def _free_label(self, layer: str) -> int | None:
+        try:
+            return free_label(self._document.sketch, layer)
+        except InputError as error:
+            self.message.emit(str(error))
+            return None
+
+    def _is_free(self, layer: str) -> bool:
+        """Whether a layer may be painted on; says so if it may not."""
+        if self._workspace.look(layer).locked:
+            self.message.emit(f"{LAYERS[layer].title} are locked")
+        return not self._workspace.look(layer).locked
 
     def _connect(self) -> None:
         workspace = self._workspace
@@ -210,21 +219,12 @@ class LayersPanel(QWidget):
                 layer,
                 label,
                 title if labels == [1] else label_title(layer, label),
-                self._detail(layer, label),
+                label_detail(self._document.sketch, layer, label, self._areas[layer].get(label, 0)),
                 look.visible if label == labels[0] else None,
                 look.locked if label == labels[0] else None,
             )
             for label in labels
         ]
-
-    def _detail(self, layer: str, label: int) -> str:
-        sketch = self._document.sketch
-        name = _MAIN[layer]
-        main = with_unit(LAYERS[layer].parameters[name], sketch.properties(layer, label)[name])
-        if layer == "forest":
-            main = f"density {main}"
-        square = self._areas[layer].get(label, 0) * sketch.pixel_size**2
-        return f"{main} · {_area(square)}" if square else f"{main} · not painted"
 
     def _turn_eye(self, layer: str) -> None:
         self._workspace.set_look(layer, visible=not self._workspace.look(layer).visible)
@@ -265,12 +265,6 @@ class LayersPanel(QWidget):
         down.setSpacing(0)
         down.addWidget(self.list, 1)
         down.addLayout(foot)
-
-
-def _area(square_metres: float) -> str:
-    if square_metres < 1e4:
-        return f"{number(square_metres, decimals=0)} m²"
-    return f"{number(square_metres / 1e6, decimals=1 if square_metres >= 1e6 else 2)} km²"
 
 
 def _add(menu: QMenu, name: str, text: str, act: Callable[[], None], *, enabled: bool = True) -> None:

@@ -118,8 +118,7 @@ def joined(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
 
 
 def _around(one: Rectangle, other: Rectangle) -> Rectangle:
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    return int(low[0]), int(low[1]), int(high[2]), int(high[3])
+    return min(one[0], other[0]), min(one[1], other[1]), max(one[2], other[2]), max(one[3], other[3])
 
 
 def _count(rectangle: Rectangle) -> int:

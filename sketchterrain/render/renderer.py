@@ -28,6 +28,12 @@ __all__ = ["Renderer"]
 
 REST: Final = 0.25
 """s for which the eye must stand still, with nothing missing, before a picture of full size is drawn."""
+QUICK: Final = 0.1
+"""s; a picture of full size that takes no longer is drawn while a changed terrain is followed, too."""
+CAUGHT_UP: Final = 0.5
+"""s after a change, from which on light and plants are followed in full size at any rate ..."""
+CATCHING_UP: Final = 0.25
+"""... with so much of the time that drawing takes, if that is more than the budget."""
 TILES_SHARE: Final = (0.8, 0.8, 0.8, 0.0)
 """Of the budget, frame by frame, while light or plants are missing."""
 OTHERS_SHARE: Final = (0.1, 0.1, 0.1, 1.0)
@@ -85,6 +91,8 @@ class Renderer:
         self._timer = timer
         self._last: Camera | None = None
         self._still, self._turn = 0.0, 0
+        self._whole = False  # whether the picture was complete since the eye moved
+        self._unchanged, self._took = 0.0, 0.0
         self.scenery = Scenery(
             context,
             terrain,
@@ -157,6 +165,7 @@ class Renderer:
             If the extent is another one.
         """
         start = self._timer()
+        self._unchanged = 0.0
         terrain = on_context(terrain, self._terrain.context)
         ground = self.scenery.change(terrain, areas)
         self._terrain = terrain
@@ -200,7 +209,8 @@ class Renderer:
             From where; its clipping planes are set here.
         framebuffer
             At least 8 bits a channel. Until the camera rests and nothing is missing any more, a smaller
-            picture is drawn and enlarged.
+            picture is drawn and enlarged; where the terrain changes before a camera at rest, only if one of
+            full size takes long.
         elapsed
             Seconds since the last frame.
         clock
@@ -215,6 +225,10 @@ class Renderer:
             self._last.fov,
         )
         self._last, self._still = camera, 0.0 if moves else self._still + elapsed
+        self._unchanged += elapsed
+        self._whole = self._whole and not moves
+        if self._whole:
+            budget = max(budget, CATCHING_UP * self._took)
         view, distance, above = self._clipped(camera)
         self._turn = (self._turn + 1) % len(TILES_SHARE)
         busy = not (self.scenery.lit.settled and self.scenery.forest.settled)
@@ -232,7 +246,9 @@ class Renderer:
         self.scenery.forest.update(view, size, self.scenery.lit, elapsed, allowance)
         grown = allowance.spent
         complete = tiles.settled and self.scenery.lit.settled and self.scenery.forest.settled
-        inner = self._inner_size(size, rests=complete and self._still >= REST)
+        self._whole = self._whole or (complete and self._still >= REST)
+        follows = self._took <= QUICK or (tiles.settled and self._unchanged >= CAUGHT_UP)
+        inner = self._inner_size(size, rests=self._whole and (complete or follows))
         with self._timed("draw"):
             self.scenery.draw(
                 view,
@@ -243,6 +259,8 @@ class Renderer:
                 clock=clock,
                 moving=not complete,
             )
+        if inner == size:
+            self._took = allowance.spent - grown
         return FrameStats(
             generation_seconds=tiles.generation_seconds,
             light_seconds=lit,

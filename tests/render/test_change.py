@@ -216,6 +216,31 @@ def test_plants_stay_until_there_are_others(view, camera, before):
     assert min(counts) > 0.5 * many
 
 
+@pytest.mark.parametrize("slow", [False, True])
+def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_gets_sharp_again_if_not(gl, camera, before, slow):
+    clock = [0.0]
+
+    def timer():
+        clock[0] += 0.2 if slow else 0.0
+        return clock[0]
+
+    view = View(gl, before)
+    view.renderer = Renderer(gl, before, sun=SUN, quality=replace(QUALITY, budget=50.0), timer=timer)
+    view.settled(camera)
+    new, areas = painted(before, ("mountain", 50, 44, 7))
+    view.renderer.change(new, areas)
+    sizes = []
+    for _ in range(60):
+        stats = view.frame(camera, elapsed=0.05)
+        sizes.append(stats.size)
+        if stats.size == SIZE:
+            break
+    assert (len(sizes) == 1) != slow
+    assert not stats.settled  # light still follows
+    view.frame(replace(camera, eye=(camera.eye[0] + 5.0, *camera.eye[1:])))
+    assert view.frame(camera).size != SIZE  # a camera that moves sees a smaller one as before
+
+
 def test_another_extent_is_refused(view, before):
     other = build(before.sketch.replace(extent=2 * EXTENT))
     with pytest.raises(InputError, match="same extent, 3072 m, got 6144 m"):

@@ -86,8 +86,8 @@ class Fill:
         self._answers = memory.part(HomeMemory).answers
 
     def __reduce__(self) -> tuple[Callable[..., Fill], tuple[object, ...]]:
-        """Say what it was made from; distances are made anew."""
-        return _made_again, (self.sketch, self.painted, self.seed, self._river_distance)
+        """Say what it was made from, and what is known around the sketch; distances are made anew."""
+        return _made_again, (self.sketch, self.painted, self.seed, self._river_distance, self._at_home)
 
     @property
     def rules(self) -> tuple[object, ...]:
@@ -286,6 +286,12 @@ class Fill:
 
 
 def _made_again(
-    sketch: Sketch, painted: Points, seed: int, river_distance: Callable[[Floats, Floats], Floats] | None
+    sketch: Sketch,
+    painted: Points,
+    seed: int,
+    river_distance: Callable[[Floats, Floats], Floats] | None,
+    at_home: Points | None,
 ) -> Fill:
-    return Fill(sketch, painted, seed=seed, river_distance=river_distance)
+    fill = Fill(sketch, painted, seed=seed, river_distance=river_distance)
+    fill._at_home = at_home
+    return fill

@@ -86,35 +86,41 @@ def _repainted(old: Sketch, new: Sketch, name: str) -> list[Box]:
     if image is old.layers[name]:
         return []
     changed = (image > 0) != (old.layers[name] > 0)
+    lines = [np.flatnonzero(changed.any(axis=axis)) for axis in (1, 0)]
+    if not len(lines[0]):
+        return []
+    top, left = (int(each[0]) for each in lines)
+    changed = changed[top : lines[0][-1] + 1, left : lines[1][-1] + 1]
     regions, count = ndimage.label(changed, structure=np.ones((3, 3)))
     if count > _MOST_REGIONS:
         regions = changed.astype(np.int32)
     for rows, columns in ndimage.find_objects(regions):
-        south, north = (new.height_px - row for row in (rows.stop, rows.start))
-        pixels = np.array([columns.start, south, columns.stop, north]) * new.pixel_size
+        south, north = (new.height_px - top - row for row in (rows.stop, rows.start))
+        pixels = np.array([left + columns.start, south, left + columns.stop, north]) * new.pixel_size
         boxes.append((float(pixels[0]), float(pixels[1]), float(pixels[2]), float(pixels[3])))
     return boxes
 
 
 def joined_boxes(boxes: Iterable[Box]) -> list[Box]:
     """Join rectangles that overlap so much that one around both takes in little else."""
-    kept: list[Box] = []
-    for each in boxes:
-        box, again = each, True
-        while again and kept:
-            rows = np.array(kept)
+    every = np.array(list(boxes), dtype=np.float64).reshape(-1, 4)
+    kept, count = np.zeros_like(every), 0
+    for box in every:
+        again = True
+        while again and count:
+            rows = kept[:count]
             low, high = np.minimum(rows[:, :2], box[:2]), np.maximum(rows[:, 2:], box[2:])
-            areas, own = _area(rows[:, :2], rows[:, 2:]), (box[2] - box[0]) * (box[3] - box[1])
+            areas, own = _area(rows[:, :2], rows[:, 2:]), _area(box[None, :2], box[None, 2:])
             growth = (_area(low, high) - areas - own) / np.maximum(np.minimum(areas, own), 1e-9)
             best = int(growth.argmin())
             again = bool(growth[best] <= -_OVERLAP)
             if again:
-                (west, south), (east, north) = low[best].tolist(), high[best].tolist()
-                box = (west, south, east, north)
-                del kept[best]
-        kept.append(box)
-    return kept
+                box, count = np.concatenate([low[best], high[best]]), count - 1
+                kept[best:count] = kept[best + 1 : count + 1]
+        kept[count], count = box, count + 1
+    return [(west, south, east, north) for west, south, east, north in kept[:count].tolist()]
 
 
 def _area(low: Floats, high: Floats) -> Floats:
-    return np.asarray((high - low).prod(axis=1))
+    size = high - low
+    return np.asarray(size[:, 0] * size[:, 1])

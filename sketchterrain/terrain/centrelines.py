@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -222,18 +221,17 @@ def _douglas_peucker(
     """Which points to keep so that values straight in between stay within 1 (Douglas & Peucker 1973)."""
     keep = np.zeros(len(arc), dtype=bool)
     keep[kept] = True
-    ranges = list(itertools.pairwise(kept.tolist()))
-    while ranges:
-        first, last = ranges.pop()
-        if last - first < 2:
-            continue
-        inner = slice(first + 1, last)
-        share = (arc[inner] - arc[first]) / max(arc[last] - arc[first], 1e-12)
+    while True:  # all stretches between kept points at once, each split where it strays most
+        ends = np.flatnonzero(keep)
+        stretch = np.repeat(np.arange(len(ends) - 1), np.diff(ends))
+        first, last = ends[stretch], ends[stretch + 1]
+        inner = slice(ends[0], ends[-1])
+        share = (arc[inner] - arc[first]) / np.maximum(arc[last] - arc[first], 1e-12)
         straight = values[first] + share[:, None] * (values[last] - values[first])
         off = np.abs(values[inner] - straight).max(axis=1)
-        worst = int(np.argmax(off))
-        if off[worst] > 1.0:
-            middle = first + 1 + worst
-            keep[middle] = True
-            ranges += [(first, middle), (middle, last)]
-    return keep
+        most = np.maximum.reduceat(off, ends[:-1] - ends[0])
+        worst = np.flatnonzero((off == most[stretch]) & (off > 1.0))
+        if len(worst) == 0:
+            return keep
+        _, where = np.unique(stretch[worst], return_index=True)
+        keep[ends[0] + worst[where]] = True

@@ -29,8 +29,14 @@ _OVERLAP = 0.5  # of the smaller rectangle, beyond what joining two neighbours a
 
 
 def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
-    """Return rectangles (west, south, east, north, m) outside of which rivers do the same in two recipes."""
-    parts = [_parts(recipe) for recipe in (old, new)]
+    """Return rectangles (west, south, east, north, m) outside of which rivers do the same in two recipes.
+
+    Both are of one extent.
+    """
+    courses = [courses_of(recipe) for recipe in (old, new)]
+    unit = metres_per_unit(new.extent)
+    kept = {id(course) for _, course in courses[0]} & {id(course) for _, course in courses[1]}
+    parts = [_parts([each for each in own if id(each[1]) not in kept], unit) for own in courses]
     found: dict[Box, None] = {}
     for own, others in (parts, parts[::-1]):
         run: Box | None = None
@@ -46,11 +52,10 @@ def river_areas(old: TerrainRecipe, new: TerrainRecipe) -> list[Box]:
     return list(found)
 
 
-def _parts(recipe: TerrainRecipe) -> dict[bytes, Box]:
+def _parts(courses: list[tuple[npt.NDArray[np.int64], Course]], unit: float) -> dict[bytes, Box]:
     """Return what the pieces between two control points are made from, and where they have any effect."""
     parts: dict[bytes, Box] = {}
-    unit = metres_per_unit(recipe.extent)
-    for anchor, course in courses_of(recipe):
+    for anchor, course in courses:
         first, last = _spans(course)
         samples = np.column_stack([course.along, course.line, course.kept, course.steep])
         widest = float(course.river.centreline_width.max())

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from sketchterrain.features.splines import sample_catmull_rom
 from sketchterrain.sketch.box import around
 from sketchterrain.ui.painting.shapes import paint_sweep
+from sketchterrain.ui.painting.steady import SteadyHand
 from sketchterrain.ui.painting.stroke import Stroke
 
 SIDE = 96
@@ -133,8 +134,46 @@ def test_more_places_on_a_straight_line_paint_the_same() -> None:
                 (16.5 + (end[0] - 16.5) * k / count, 20.5 + (end[1] - 20.5) * k / count, radius)
                 for k in range(count + 1)
             ]
-            np.testing.assert_array_equal(drawn(many, spacing=0.0), few)
             np.testing.assert_array_equal(drawn(many), few)
+            np.testing.assert_array_equal(drawn(many), few)
+
+
+@pytest.mark.parametrize("grain", [0.25, 1.0, 4.0])
+def test_a_hand_in_whole_pixels_of_a_screen_trembles_less_than_half_as_much(grain: float) -> None:
+    raw, calm = [], []
+    for angle in np.linspace(0.05, 1.5, 20):
+        way = np.arange(0.0, 150.0 * grain, 0.9 * grain)[:, None] * (math.cos(angle), math.sin(angle))
+        told = np.round(way / grain) * grain
+        told = told[np.append(True, (np.diff(told, axis=0) != 0.0).any(axis=1))]
+        hand = SteadyHand(grain)
+        nodes = [node for x, y in told if (node := hand.to((x, y, 1.0)))] + hand.finish()
+        assert nodes[0][:2] == tuple(told[0])
+        assert nodes[-1][:2] == tuple(told[-1])
+        aside = (-math.sin(angle), math.cos(angle))
+        raw += list((told @ aside) / grain)
+        calm += list((np.array(nodes)[1:-1, :2] @ aside) / grain)
+    assert np.std(calm) < 0.5 * np.std(raw)
+
+
+def test_a_quick_hand_is_followed_but_for_a_pixel_of_the_screen() -> None:
+    rng = np.random.default_rng(0)
+    places = [(*map(float, place), 2.0) for place in rng.integers(0, 90, (40, 2))]
+    hand = SteadyHand(1.0)
+    nodes = [node for place in places if (node := hand.to(place))] + hand.finish()
+    far, _ = cKDTree(np.array(nodes)[:, :2]).query(np.array(places)[:, :2])
+    assert far.max() <= 1.0 + 1e-3
+
+
+@pytest.mark.parametrize("grain", [0.0, 1.0, 4.0])
+def test_a_straight_line_is_one_whatever_the_grain_and_a_still_pen_paints_a_disc(grain: float) -> None:
+    few = drawn([(16.5, 20.5, 3.0), (80.5, 20.5, 3.0)])
+    many = [(16.5 + k, 20.5, 3.0) for k in range(65)]
+    np.testing.assert_array_equal(drawn(many, grain=grain), few)
+    np.testing.assert_array_equal(drawn([many[0], *many, many[-1]], grain=grain), few)
+    still = [(40.5, 40.5, 6.0)] * 4
+    np.testing.assert_array_equal(drawn(still, grain=grain), drawn(still[:1]))
+    there_and_back = [(40.5, 40.5, 6.0), (41.5, 40.5, 6.0), (40.5, 40.5, 6.0)]
+    assert drawn(there_and_back, grain=grain).sum() >= drawn(still).sum()
 
 
 def test_pressure_changes_the_width_evenly() -> None:

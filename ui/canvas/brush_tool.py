@@ -58,8 +58,8 @@ class BrushTool(Tool):
         verb = "Erase" if erases else "Paint"
         self._title = f"{verb} {LAYERS[workspace.layer].title.lower()}"
         self._draft = self.desk.document.begin_draft(workspace.layer)
-        spacing = max(1.0, 1.5 / max(self.desk.scale, 1e-6))
-        self._stroke = Stroke(self._draft.image, 0 if erases else workspace.label, spacing=spacing)
+        grain = 1.0 / max(self.desk.scale, 1e-6)
+        self._stroke = Stroke(self._draft.image, 0 if erases else workspace.label, grain=grain)
         self._extend(pointer)
 
     def move(self, pointer: Pointer) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from sketchterrain.features.splines import cubics
 from sketchterrain.sketch.box import around
 from sketchterrain.ui.painting.shapes import Dab, paint_sweep, snapped
+from sketchterrain.ui.painting.steady import SteadyHand
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -41,15 +42,15 @@ class Stroke:
         Painted into.
     label
         0 … 255; 0 erases.
-    spacing
-        px: places nearer to the one before are left out, but for the last one. A mouse tells whole pixels of
-        the screen, and a line through each of those would tremble.
+    grain
+        Side (px) of the pixels in which the pen's places are told, those of a screen for a mouse; 0 if they
+        are exact. See `SteadyHand`.
     """
 
-    def __init__(self, image: LabelImage, label: int, *, spacing: float = 1.0) -> None:
+    def __init__(self, image: LabelImage, label: int, *, grain: float = 0.0) -> None:
         self._image = image
         self._label = label
-        self._spacing = spacing
+        self._hand = SteadyHand(grain)
         self._dabs: list[Dab] = []
         self._last: Dab | None = None
 
@@ -68,30 +69,28 @@ class Stroke:
         Box or None
             Around the pixels painted; None if none were.
         """
-        dab = snapped(x), snapped(y), max(snapped(radius), THINNEST)
-        if not self._dabs:
-            self._dabs.append(dab)
-            return self._sweep([dab, dab])
-        self._last = dab
-        before = self._dabs[-1]
-        if math.hypot(dab[0] - before[0], dab[1] - before[1]) < self._spacing:
-            return None
-        return self._add(dab)
+        self._last = snapped(x), snapped(y), max(snapped(radius), THINNEST)
+        begins = not self._dabs
+        node = self._hand.to(self._last)
+        box = None if node is None else self._add(node)
+        return around(box, self._sweep([self._last, self._last])) if begins else box
 
     def finish(self) -> Box | None:
         """Paint up to the last place; return the box around the pixels painted, None if none were."""
         if self._last is None:
             return None
         box = self._sweep([self._last, self._last])
-        if self._last[:2] != self._dabs[-1][:2]:
-            box = around(box, self._add(self._last))
+        for node in self._hand.finish():
+            box = around(box, self._add(node))
         near = self._dabs[-3:]
         if len(near) > 1:
             box = around(box, self._sweep(smooth_dabs(near, len(near) - 2)))
         return box
 
-    def _add(self, dab: Dab) -> Box | None:
-        self._dabs = [*self._dabs[-3:], dab]
+    def _add(self, node: Dab) -> Box | None:
+        if self._dabs and node[:2] == self._dabs[-1][:2]:
+            return None
+        self._dabs = [*self._dabs[-3:], node]
         if len(self._dabs) < 3:
             return None
         return self._sweep(smooth_dabs(self._dabs, len(self._dabs) - 3))

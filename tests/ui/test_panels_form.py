@@ -10,6 +10,7 @@ from PyQt6.QtTest import QTest
 
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES
 from sketchterrain.ui.panels import gesture as gesture_module
+from sketchterrain.ui.panels.clock_box import ClockBox
 from sketchterrain.ui.panels.form import ParameterForm, row_of
 from sketchterrain.ui.panels.gesture import Gesture
 from sketchterrain.ui.panels.number_box import WAY
@@ -248,6 +249,39 @@ def test_a_special_value_is_a_box_to_check(listened, told):
     row.show_value(-1.0)
     row.check.click()
     assert told[-1][0] == 90.0, "the number that stood there comes back"
+
+
+@pytest.mark.parametrize(
+    ("typed", "hours", "shown"),
+    [
+        ("18:30", 18.5, "18:30"),
+        ("6.25", 6.25, "6:15"),
+        ("24", 24.0, "24:00"),
+        ("7:", None, ""),
+        ("25:00", None, ""),
+    ],
+)
+def test_hours_are_typed_as_a_clock_shows_them(listened, told, typed, hours, shown):
+    row = listened(NumberRow(TABLES["weather"]["hour"]))
+    row.show_value(12.0)
+    assert row.box.text() == "12:00"
+    row.box.selectAll()
+    QTest.keyClicks(row.box, typed)
+    QTest.keyClick(row.box, Qt.Key.Key_Return)
+    if hours is None:
+        assert not told or told[-1][0] <= 24.0
+    else:
+        assert told[-1][0] == hours
+        assert row.box.text() == shown
+
+
+@pytest.mark.parametrize("minute", range(0, 60, 7))
+def test_every_minute_stays_what_it_is(qtbot, minute):
+    box = ClockBox(0.0, 24.0)
+    qtbot.addWidget(box)
+    text = f"18:{minute:02}"
+    box.setValue(box.valueFromText(text))
+    assert box.text() == text
 
 
 @pytest.mark.parametrize("widget", ["box", "slider"])

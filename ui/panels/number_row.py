@@ -8,6 +8,7 @@ from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QCheckBox, QHBoxLayout, QWidget
 
 from sketchterrain.ui.look.theme import SPACING
+from sketchterrain.ui.panels.clock_box import ClockBox
 from sketchterrain.ui.panels.gesture import Gesture
 from sketchterrain.ui.panels.number_box import WAY, NumberBox, PatientSlider
 from sketchterrain.ui.panels.parameter_row import ParameterRow
@@ -103,10 +104,11 @@ class NumberRow(ParameterRow):
             low = special.low if special.value == low else low
             high = high if special.value == parameter.low else min(high, special.value)
         even = self._scale.kind == "even"
-        return NumberBox(
+        is_clock = parameter.unit == "h"
+        return (ClockBox if is_clock else NumberBox)(
             low,
             high,
-            suffix=suffix_of(parameter),
+            suffix="" if is_clock else suffix_of(parameter),
             step=self._scale.step if even else 0.0,
             decimals=decimals,
             parent=self,

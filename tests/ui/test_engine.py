@@ -39,7 +39,7 @@ def sketch() -> Sketch:
     return Sketch(extent=4000.0, layers={"mountain": image})
 
 
-def wait(qapp, until, seconds=60.0):
+def wait(qapp, until, seconds=300.0):
     end = time.monotonic() + seconds
     while not until():
         assert time.monotonic() < end, "nothing came of it"
@@ -95,7 +95,7 @@ def running(qapp):
     listener = Listener(link)
     link.show(VIEW)
     link.start()
-    wait(qapp, settled(link), 120.0)
+    wait(qapp, settled(link))
     yield document, link, listener
     link.stop()
     assert listener.troubles == []
@@ -275,7 +275,7 @@ def test_adherence_and_a_picture_come_while_frames_go_on(running, qapp, tmp_path
     link.tell(MeasureAdherence())
     link.tell(TakePicture(str(path), 320, 200))
     listener.frames.clear()
-    wait(qapp, lambda: listener.written, 120.0)
+    wait(qapp, lambda: listener.written)
     assert listener.written == [str(path)]
     with Image.open(path) as picture:
         assert picture.size == (320, 200)

@@ -56,7 +56,7 @@ class Around:
         update = SketchUpdate(
             self.version, image.shape, settings_of(sketch), {"hill": LayerPatch(0, 0, image)}
         )
-        self.placer.send(Plan(update, pickled(make_recipe(sketch)), (EVERYWHERE,), 0.0, 0.0, 0.0))
+        self.placer.send(Plan(update, pickled(make_recipe(sketch), but=sketch), (EVERYWHERE,), 0.0, 0.0, 0.0))
 
     def answer(self, kind):
         """Return the next message of a kind, and those before it."""

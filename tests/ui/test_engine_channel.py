@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from sketchterrain.ui.engine.channel import Channel, ready
+from sketchterrain.ui.engine.channel import Channel, pickled, ready, unpickled
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.messages import LayerPatch, Turn
 
@@ -101,6 +101,17 @@ def test_closing_ends_a_thread_that_reads_and_one_that_writes():
     assert ended == [True]
     assert time.monotonic() - start < 1.0
     other.close()
+
+
+def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
+    part = np.zeros(100_000)
+    data = pickled({"part": part, "more": [part, 1, None]}, but=part)
+    assert len(data) < 1000
+    mine = np.ones(3)
+    got = unpickled(data, but=mine)
+    assert got["part"] is mine
+    assert got["more"][0] is mine
+    assert got["more"][1:] == [1, None]
 
 
 def test_frames_lie_where_both_see_them_and_grow():

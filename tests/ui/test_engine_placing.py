@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import socket
 import threading
 import time
@@ -14,7 +13,7 @@ import pytest
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.engine import placing
-from sketchterrain.ui.engine.channel import Channel
+from sketchterrain.ui.engine.channel import Channel, unpickled
 from sketchterrain.ui.engine.messages import LayerPatch, Placed, Quit, SketchUpdate, Trouble, Working
 from sketchterrain.ui.engine.mirror import settings_of
 from sketchterrain.ui.engine.placer import Placer
@@ -124,8 +123,8 @@ def test_the_newest_of_many_is_placed_and_plans_add_up(around):
     around.thread.start()
     assert around.answer().version == 20  # all of them waited when it looked first
     plan = around.engine.receive()
-    wanted = make_recipe(Sketch(extent=4000.0, layers={"mountain": painted(19, 20)}))
-    assert np.array_equal(pickle.loads(plan.recipe).painted, wanted.painted)  # noqa: S301
+    whole = Sketch(extent=4000.0, layers={"mountain": painted(19, 20)})
+    assert np.array_equal(unpickled(plan.recipe, but=whole).painted, make_recipe(whole).painted)
     assert plan.update.version == 20
     around.send(sketch, {"mountain": painted(19, 40)})
     placed = around.answer()

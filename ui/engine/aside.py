@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import pickle
 import sys
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.ui.engine.channel import Channel
+from sketchterrain.ui.engine.channel import Channel, unpickled
 from sketchterrain.ui.engine.messages import Adherence, Trouble
 from sketchterrain.ui.engine.plan import MeasureJob, PictureJob, PictureWritten
 
@@ -61,7 +60,7 @@ def _terrain(sketch: Sketch, recipe: bytes) -> Terrain:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Terrain
 
-    return Terrain(sketch, pickle.loads(recipe), ComputeContext())  # noqa: S301 # the placer's
+    return Terrain(sketch, unpickled(recipe, but=sketch), ComputeContext())
 
 
 def _main(number: int) -> None:

@@ -13,7 +13,7 @@ import threading
 from types import MappingProxyType
 from typing import Any, Final
 
-__all__ = ["Channel", "pickled", "ready"]
+__all__ = ["Channel", "pickled", "ready", "unpickled"]
 
 _COUNT: Final = struct.Struct("<I")
 _LENGTH: Final = struct.Struct("<Q")
@@ -145,11 +145,38 @@ def _read_only(values: dict[Any, Any]) -> MappingProxyType[Any, Any]:
     return MappingProxyType(values)
 
 
-def pickled(value: Any) -> bytes:
-    """Return a value as bytes, for whoever hands it on before it is read; `pickle.loads` reads it."""
+def pickled(value: Any, *, but: object = None) -> bytes:
+    """Return a value as bytes; for `but`, which is part of it, there is only a mark. See `unpickled`."""
     data = io.BytesIO()
-    _Pickler(data, protocol=5).dump(value)
+    _Marking(data, but).dump(value)
     return data.getvalue()
+
+
+def unpickled(data: bytes, *, but: object = None) -> Any:
+    """Return what `pickled` was given, with `but` where the mark is: the same thing, in this process."""
+    return _Marked(data, but).load()
+
+
+class _Marking(_Pickler):
+    """Leaves one object out."""
+
+    def __init__(self, data: io.BytesIO, but: object) -> None:
+        super().__init__(data, protocol=5)
+        self._but = but
+
+    def persistent_id(self, value: Any) -> str | None:
+        return "but" if value is self._but and value is not None else None
+
+
+class _Marked(pickle.Unpickler):
+    """Puts an object where one was left out."""
+
+    def __init__(self, data: bytes, but: object) -> None:
+        super().__init__(io.BytesIO(data))
+        self._but = but
+
+    def persistent_load(self, _: Any) -> object:
+        return self._but
 
 
 def _parts(message: Any) -> list[memoryview]:

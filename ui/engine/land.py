@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import DeviceError, one_line
+from sketchterrain.ui.engine.channel import unpickled
 from sketchterrain.ui.engine.mirror import SketchMirror
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Land:
     version : int
         Of the sketch; −1 before the first plan.
     recipe : bytes
-        The pickled recipe.
+        The recipe, `pickled` but its sketch.
     lacks : str
         One line, why there is no device; empty where there is one.
     owed : list of (west, south, east, north)
@@ -83,7 +83,7 @@ class Land:
         self.sketch = self._mirror.sketch()
         if recipe is not None:
             self.recipe = recipe
-            self._make(pickle.loads(recipe))  # noqa: S301 # the placer's
+            self._make(unpickled(recipe, but=self.sketch))
         elif self.terrain is not None:
             self._make(self.terrain.recipe)
 
@@ -102,7 +102,7 @@ class Land:
             try:
                 self._context = self._open_device(spare)
                 if self.recipe:
-                    self._make(pickle.loads(self.recipe))  # noqa: S301 # the placer's
+                    self._make(unpickled(self.recipe, but=self.sketch))
             except DeviceError:
                 self._failed.append(spare)
                 continue

@@ -112,7 +112,7 @@ class Placer:
         placed = time.monotonic()
         areas = [EVERYWHERE] if self._recipe is None else changed_areas(self._recipe, recipe)
         seconds = self._patience.end()
-        data = pickled(recipe)
+        data = pickled(recipe, but=sketch)
         self._engine.send(
             Plan(self._mirror.changes(), data, tuple(areas), self._begun, placed, time.monotonic())
         )

@@ -39,7 +39,7 @@ class Plan:
     update : SketchUpdate
         What changed of the sketch since the plan before.
     recipe : bytes or None
-        A pickled `TerrainRecipe`; None: that of the plan before.
+        A `TerrainRecipe`, `pickled` but its sketch; None: that of the plan before.
     areas : tuple of (west, south, east, north)
         m; everywhere else every height has the bits of the plan before.
     begun, placed, ready : float

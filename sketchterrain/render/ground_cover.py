@@ -33,7 +33,7 @@ class GroundCover:
     """
 
     def __init__(self, context: moderngl.Context, *, quality: Quality, shading: Shading) -> None:
-        self._tints = shading.tints
+        self._shading = shading
         self._parts = (
             Rocks(context, quality=quality, defines=shading.defines),
             Grass(context, quality=quality, defines=shading.defines),
@@ -66,4 +66,4 @@ class GroundCover:
             m of the eye over the ground.
         """
         for part in self._parts:
-            part.draw(camera, size[0] / size[1], {**uniforms, **self._tints}, above=above)
+            part.draw(camera, size[0] / size[1], {**uniforms, **self._shading.tints}, above=above)

@@ -100,7 +100,8 @@ class Scenery:
         self._quality = quality
         self._targets: dict[tuple[int, int], Targets] = {}
         self._frame_block = FrameBlock(context)
-        self._aridity = float(terrain.sketch.climate.get("aridity", 0.2))
+        self._aridity = _aridity(terrain)
+        self._textures = textures
         with timed("textures"):
             self._materials = MaterialTextures.of(context, terrain, quality, folder=textures)
             self._noise = noise_texture(context)
@@ -156,7 +157,19 @@ class Scenery:
         self.surface.change()
         self._features = terrain.features
         self._water.change(self._features)
+        self._dress(terrain)
         return change
+
+    def _dress(self, terrain: Terrain) -> None:
+        """Show materials as a terrain's climate and sketch want them."""
+        aridity, look = _aridity(terrain), terrain.sketch.look
+        if look != self._look:
+            self._materials = MaterialTextures.of(
+                self._context, terrain, self._quality, folder=self._textures
+            )
+        if (aridity, look) != (self._aridity, self._look):
+            self._aridity, self._look = aridity, look
+            self.shading.dress(aridity, look)
 
     def relight(self, sun: Sun, weather: Weather) -> None:
         """Show everything under another sun and another sky: shadows follow by and by.
@@ -278,6 +291,10 @@ class Scenery:
             texture.use(unit)
             units[name] = unit
         return units
+
+
+def _aridity(terrain: Terrain) -> float:
+    return float(terrain.sketch.climate.get("aridity", 0.2))
 
 
 def _pixel(camera: Camera, height: int) -> float:

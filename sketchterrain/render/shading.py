@@ -76,16 +76,20 @@ class Shading:
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,
         }
-        self.tints = _climate_uniforms(aridity, look)
-        self._widths = texture_widths(look)
         self._ground = fill_screen(context, "shade_ground.frag.glsl", defines=self.defines)
-        set_uniforms(self._ground.program, self.tints | texture_uniforms(self._widths))
+        self.dress(aridity, look)
         self._sky = fill_screen(context, "sky.frag.glsl", defines=self.defines)
         self._spread = (
             fill_screen(context, "spread.frag.glsl", defines=self.defines) if quality.samples > 1 else None
         )
         self._develop = fill_screen(context, "picture.frag.glsl", defines=self.defines)
         self._enlarge = fill_screen(context, "enlarge.frag.glsl")
+
+    def dress(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
+        """Show the materials of another climate, and as another sketch wants them."""
+        self.tints = _climate_uniforms(aridity, look)
+        self._widths = texture_widths(look)
+        set_uniforms(self._ground.program, self.tints | texture_uniforms(self._widths))
 
     def light_scene(
         self, targets: Targets, eye: tuple[float, float, float], units: dict[str, object]

@@ -173,6 +173,18 @@ def test_everything_may_change(gl, view, camera, before):
     assert same(view.settled(camera), View(gl, new).settled(camera))
 
 
+def test_climate_and_look_may_change(gl, view, camera, before):
+    sketch = before.sketch.replace(
+        climate={**before.sketch.climate, "aridity": 0.9}, look={"grass": {"colour": "#c83c3c"}}
+    )
+    new, areas = rebuild(before, sketch)
+    old = view.settled(camera)
+    view.renderer.change(new, areas)
+    now = view.settled(camera)
+    assert not same(now, old)
+    assert same(now, View(gl, new).settled(camera))
+
+
 def test_water_comes_and_goes(gl, view, camera, before):
     dry = view.settled(camera)
     wet, areas = river(before)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import time
 from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -25,13 +27,14 @@ if TYPE_CHECKING:
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.engine.plan import Followed
     from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.window import MainWindow
 
 __all__ = ["SEED", "STAGES", "measure"]
 
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")
 _SIDE, _BLOBS = 512, 18
-_VIEW: Final = (960, 600)
+_WINDOW: Final = (1600, 900)
 _RATE: Final = 0.008
 """s between two places of a mouse."""
 _HEARTBEAT: Final = 5
@@ -54,14 +57,15 @@ _COLUMNS = (
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Milliseconds from a stroke to changed terrain, and the window's longest stall, by the clock.
 
-    A sketch of 512 px with 20 shapes (18 blobs, a lake, a river), shown 960×600 by the real processes on the
-    device that they choose. Two ways of painting, in turns through six layers, radii from 8 to 40 px:
-    `strokes` of 60 to 120 places 8 ms apart, as a mouse tells them; `dabs`, each after the one before is
-    there; each is undone after. The time begins when the window makes the sketch that it sends, and ends
-    when the view's tiles hold the heights of that sketch or a newer one; drawing them comes after. It is
-    made of `waiting` (for what is being placed; on its way), `placing`, `areas` (what changed, and packing
-    it), `handing over` (the engine ends a frame that it draws) and `tiles`: their means. A stall is how much
-    later than 5 ms after the one before the window's event loop gets to a timer, while one paints.
+    A sketch of 512 px with 20 shapes (18 blobs, a lake, a river) in the program's own window, with the real
+    processes behind it on the device that they choose. Two ways of painting, in turns through six layers,
+    radii from 8 to 40 px: `strokes` of 60 to 120 places 8 ms apart, as a mouse tells them; `dabs`, each after
+    the one before is there; each is undone after. The time begins when the window makes the sketch that it
+    sends, and ends when the view's tiles hold the heights of that sketch or a newer one; drawing them comes
+    after. It is made of `waiting` (for what is being placed; on its way), `placing`, `areas` (what changed,
+    and packing it), `handing over` (the engine ends a frame that it draws) and `tiles`: their means. A stall
+    is how much later than 5 ms after the one before the window's event loop gets to a timer, while one
+    paints.
     """
     del context  # the processes open devices of their own
     work = _Painting(sketch_with_twenty_shapes())
@@ -82,13 +86,12 @@ def sketch_with_twenty_shapes() -> Sketch:
 
 
 class _Painting:
-    """A document, its link and a heart that beats in the event loop."""
+    """A document in the program's window, and a heart that beats in the event loop."""
 
     def __init__(self, sketch: Sketch) -> None:
         from PyQt6.QtCore import Qt, QTimer
 
         from sketchterrain.ui.engine.link import EngineLink
-        from sketchterrain.ui.engine.messages import ViewState
         from sketchterrain.ui.models.document import Document
 
         self._application = _application()
@@ -105,7 +108,10 @@ class _Painting:
         self._heart = QTimer()
         self._heart.setTimerType(Qt.TimerType.PreciseTimer)
         self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
-        self._link.show(ViewState(width=_VIEW[0], height=_VIEW[1], plays=True))
+        self._folder = TemporaryDirectory(prefix="sketchterrain-live-")
+        self._window = _window(self._document, self._link, Path(self._folder.name))
+        self._window.resize(*_WINDOW)
+        self._window.show()
         self._link.start()
         self._wait(lambda: self._link.frame is not None)
         for layer in _LAYERS:  # what is made once is made before
@@ -116,6 +122,11 @@ class _Painting:
         """End the processes."""
         self._heart.stop()
         self._link.stop()
+        self._document.saved(self._document.sketch, Path(self._folder.name))  # or it would ask
+        self._window.close()
+        self._window.deleteLater()
+        self._application.processEvents()
+        self._folder.cleanup()
 
     def row(self, painting: str, count: int) -> Row:
         """Paint so many strokes or dabs, and return what was found."""
@@ -186,6 +197,26 @@ class _Painting:
                 lines = "; ".join(each.line for each in self._troubles)
                 raise DeviceError(f"the terrain does not follow what is painted: {lines or 'no answer'}")
             self._pause(time.monotonic() + 0.002)
+
+
+def _window(document: Document, link: EngineLink, folder: Path) -> MainWindow:
+    """Return the program's window, which keeps what it keeps in a folder."""
+    from sketchterrain.ui.models.bookmarks import Bookmarks
+    from sketchterrain.ui.models.preferences import Preferences
+    from sketchterrain.ui.models.recent import RecentFiles
+    from sketchterrain.ui.models.saving import Saving
+    from sketchterrain.ui.models.workspace import Workspace
+    from sketchterrain.ui.window import MainWindow
+
+    return MainWindow(
+        document,
+        Workspace(),
+        link,
+        preferences=Preferences(folder / "desktop.ini"),
+        recent=RecentFiles(folder / "recent"),
+        saving=Saving(document),
+        bookmarks=Bookmarks(document, folder / "bookmarks"),
+    )
 
 
 @cache

@@ -40,6 +40,11 @@ __all__ = ["Canvas"]
 
 _MARGIN = 28  # logical px around a sheet that is fitted
 _ZOOM = 1.25
+_KEYS = (
+    Qt.FocusReason.TabFocusReason,
+    Qt.FocusReason.BacktabFocusReason,
+    Qt.FocusReason.ShortcutFocusReason,
+)
 
 
 class Canvas(QWidget):
@@ -68,6 +73,7 @@ class Canvas(QWidget):
         self._hands = Hands(self._desk, self._marks, self)
         self._keys = Keys(self._desk, self._hands, self)
         self._fits = True
+        self._shows_focus = False
         self._remark = Remark(self)
         self._overlays = Overlays(self._desk, self._marks, self._remark)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -209,7 +215,7 @@ class Canvas(QWidget):
         painter = QPainter(self)
         self._shown.draw(painter, area)
         self._overlays.draw(painter, area, self._hands.tool, self.width(), self.height())
-        if self.hasFocus():
+        if self._shows_focus and self.hasFocus():
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.setPen(QPen(theme().accent, 2.0))
             painter.drawRect(QRectF(self.rect()).adjusted(1.0, 1.0, -1.0, -1.0))
@@ -279,7 +285,8 @@ class Canvas(QWidget):
             super().keyReleaseEvent(event)
 
     def focusInEvent(self, event: QFocusEvent | None) -> None:
-        """Show the focus."""
+        """Show the focus, if keys brought it."""
+        self._shows_focus = event is not None and event.reason() in _KEYS
         self.update()
 
     def focusOutEvent(self, event: QFocusEvent | None) -> None:

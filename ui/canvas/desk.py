@@ -102,6 +102,14 @@ class Desk:
         """Return the place of the screen (logical px) of a place of the world (m)."""
         return self.at(*self.pixels(x, y))
 
+    def all_of_world(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+        """Return the places of the screen (logical px) of many places of the world (m)."""
+        columns, rows = self.pixels(x, y)
+        left, top = self.viewport.left, self.viewport.top
+        return (left + columns * self.viewport.scale) / self.ratio, (
+            top + rows * self.viewport.scale
+        ) / self.ratio
+
     @property
     def per_metre(self) -> float:
         """Logical pixels of the screen along a metre."""

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
+from scipy.spatial import cKDTree
 
 from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.canvas.glyphs import DARK, draw_haloed, stamp_glyph
@@ -28,7 +29,9 @@ __all__ = ["Marks", "draw_chosen"]
 _RIVER = QColor(12, 52, 110)
 _SHORE = QColor(8, 70, 110)
 _STEP = 3.0  # px between points of a line that is drawn
-_CROWDED = 14.0  # px between features below which their glyphs would hide one another
+_CROWDED = 13.0  # px between features below which their signs would hide one another
+_SMALLEST = 0.4  # size of a sign
+_WHILE_PAINTING = 0.8
 
 
 class Marks:
@@ -45,6 +48,7 @@ class Marks:
         self._desk = desk
         self._image = QImage()
         self._of: tuple[Placed | None, Viewport | None, bool] = (None, None, False)
+        self._rooms: tuple[object, npt.NDArray[np.float64]] = (None, np.empty(0))
         self._shores: dict[int, tuple[Lake, npt.NDArray[np.float64]]] = {}
 
     def image(self, placed: Placed) -> QImage:
@@ -95,15 +99,21 @@ class Marks:
             kept = self._shores[lake.id] = (lake, shore_lines(lake.shape))
         return kept[1]
 
+    def _room(self, placed: Placed) -> npt.NDArray[np.float64]:
+        """Distance (m) of each feature from its nearest neighbour."""
+        if self._rooms[0] is not placed.points:
+            places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
+            away = np.asarray(cKDTree(places).query(places, k=2)[0])[:, 1] if len(places) else np.empty(0)
+            self._rooms = (placed.points, away)
+        return self._rooms[1]
+
     def _draw_points(self, painter: QPainter, placed: Placed, area: QRectF) -> None:
         desk, points = self._desk, placed.points
-        # A glyph shrinks before it hides its neighbours.
-        spread = float(np.sqrt(max(desk.document.sketch.size) ** 2 / max(len(points), 1))) * desk.per_metre
-        size = min(max(spread / (2.0 * _CROWDED), 0.45), 1.0)
-        column, row = desk.pixels(points["x"], points["y"])
-        ratio, scale = desk.ratio, desk.viewport.scale
-        x = (desk.viewport.left + column * scale) / ratio
-        y = (desk.viewport.top + row * scale) / ratio
+        # A sign shrinks before it hides its neighbours, and while one paints.
+        most = 1.0 if self._of[2] else _WHILE_PAINTING
+        sizes = np.clip(self._room(placed) * desk.per_metre / _CROWDED, _SMALLEST, most)
+        sizes = np.round(sizes, 1)
+        x, y = desk.all_of_world(points["x"], points["y"])
         reach = points["radius"].astype(np.float64) * desk.per_metre
         near = np.maximum(reach if self._of[2] else 0.0, _CROWDED)
         seen = (np.abs(x - area.center().x()) < near + 0.5 * area.width()) & (
@@ -119,7 +129,9 @@ class Marks:
                 painter.setPen(QPen(ring, 1.0))
                 painter.drawEllipse(place, float(reach[at]), float(reach[at]))
             kind = FEATURE_TYPES[int(points["type"][at])]
-            stamp_glyph(painter, kind, place, alpha=235 if painted else 115, size=size, ratio=ratio)
+            stamp_glyph(
+                painter, kind, place, alpha=235 if painted else 115, size=float(sizes[at]), ratio=desk.ratio
+            )
 
 
 def draw_chosen(
@@ -200,7 +212,8 @@ def draw_pieces(
     pieces = pieces[seen]
     if not len(pieces):
         return
-    lines = [QLineF(desk.of_world(a, b), desk.of_world(c, d)) for a, b, c, d in pieces.tolist()]
+    ends = (*desk.all_of_world(*pieces[:, :2].T), *desk.all_of_world(*pieces[:, 2:].T))
+    lines = [QLineF(*each) for each in np.stack(ends, axis=-1).tolist()]
     for shade, wide in ((QColor(255, 255, 255, 130), width + 2.0), (colour, width)):
         painter.setPen(QPen(shade, wide, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
         painter.drawLines(*lines)
@@ -208,5 +221,6 @@ def draw_pieces(
 
 def _path(desk: Desk, line: npt.NDArray[np.float64]) -> QPainterPath:
     path = QPainterPath()
-    path.addPolygon(QPolygonF([desk.of_world(x, y) for x, y in line.tolist()]))
+    x, y = desk.all_of_world(line[:, 0], line[:, 1])
+    path.addPolygon(QPolygonF([QPointF(*each) for each in zip(x.tolist(), y.tolist(), strict=True)]))
     return path

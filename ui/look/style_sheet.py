@@ -12,14 +12,14 @@ __all__ = ["style_sheet"]
 
 _SHEET = Template("""
 QToolTip { background: $raised; color: $text; border: 1px solid $line; padding: 4px 6px; }
-QMainWindow::separator { background: $line; width: 1px; height: 1px; margin: 0 2px; }
+QMainWindow::separator { background: $window; width: 5px; height: 5px; }
 QMainWindow::separator:hover { background: $accent; }
 
 QMenuBar { background: $window; border-bottom: 1px solid $line; padding: 1px 4px; }
 QMenuBar::item { padding: 4px 9px; border-radius: 4px; background: transparent; }
 QMenuBar::item:selected { background: $line; }
 QMenu { background: $base; border: 1px solid $line; padding: 4px; }
-QMenu::item { padding: 5px 26px 5px 8px; border-radius: 4px; }
+QMenu::item { padding: 5px 26px 5px 8px; border-radius: 4px; min-height: 16px; }
 QMenu::item:selected { background: $line; }
 QMenu::item:disabled { color: $faint; }
 QMenu::icon { padding-left: 8px; }

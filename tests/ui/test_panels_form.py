@@ -316,6 +316,20 @@ def test_a_wheel_that_scrolls_past_changes_nothing(listened, told, widget):
         assert told
 
 
+@pytest.mark.parametrize("parameter", [HEIGHT, FLOW], ids=["height", "flow"])
+def test_tab_goes_through_a_row_in_reading_order(listened, parameter):
+    row = listened(NumberRow(parameter))
+    row.show_value(100.0)
+    row.show()
+    controls = [each for each in (row.box, row.slider, row.check, row.reset) if each is not None]
+    chain, each = [], row
+    for _ in range(40):
+        each = each.nextInFocusChain()
+        if each in controls and each not in chain:
+            chain.append(each)
+    assert chain == controls
+
+
 def test_a_choice_tells_what_is_chosen(listened, told):
     parameter = LAYERS["material"].parameters["material"]
     row = listened(ChoiceRow(parameter))

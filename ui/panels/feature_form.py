@@ -29,6 +29,7 @@ _HEIGHT = dataclasses.replace(_SHAPE["strength"], name="height", low=0.0, unit="
 _SHARE = dataclasses.replace(
     _SHAPE["strength"], name="density", high=1.0, help="share of the trees that the ground can carry"
 )
+_RADIUS = dataclasses.replace(_SHAPE["radius"], help="how far it reaches from its middle")
 _X = dataclasses.replace(_SHAPE["x"], help="east of the sketch's south-west corner")
 _Y = dataclasses.replace(_SHAPE["y"], help="north of the sketch's south-west corner")
 
@@ -60,7 +61,7 @@ class FeatureForm(QWidget):
         self.rows = {
             "height": NumberRow(_HEIGHT, resets=False, decimals=1),
             "density": NumberRow(_SHARE, resets=False, decimals=2),
-            "radius": NumberRow(_SHAPE["radius"], resets=False, decimals=1),
+            "radius": NumberRow(_RADIUS, resets=False, decimals=1),
             "x": NumberRow(_X, title="East", resets=False, decimals=1),
             "y": NumberRow(_Y, title="North", resets=False, decimals=1),
         }

@@ -49,6 +49,7 @@ class NumberRow(ParameterRow):
         self.check: QCheckBox | None = None
         self._put(self.box)
         self._put(self._make_line(), below=True)
+        self._visit(self.box, self.slider, *([] if self.check is None else [self.check]))
         self._show_number(self._number)
         self.slider.sliderPressed.connect(self._gesture.begin)
         self.slider.sliderReleased.connect(self._gesture.end)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QSize, pyqtSignal
@@ -84,8 +85,13 @@ class ParameterRow(QWidget):
         else:
             self._grid.addWidget(control, 0, 1)
             self._label.setBuddy(control)
-        if self.reset is not None:
-            QWidget.setTabOrder(control, self.reset)
+        self._visit(control)
+
+    def _visit(self, *controls: QWidget) -> None:
+        """Let the tab key go through controls, and then to the way back."""
+        order = [*controls, *([] if self.reset is None else [self.reset])]
+        for one, next_one in pairwise(order):
+            QWidget.setTabOrder(one, next_one)
 
     def _reset_button(self) -> QToolButton:
         button = QToolButton(self)

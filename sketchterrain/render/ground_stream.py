@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sketchterrain.render.sharing_probe import beside_gl, on_context
 from sketchterrain.render.stats import GroundChange, StreamStats
 from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.tiles import QUADS, ScreenError, TileStream, View
+from sketchterrain.tiles import ScreenError, TileStream, View
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,15 +22,14 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
-    from sketchterrain.compute import ComputeContext
     from sketchterrain.render.camera import Camera
-    from sketchterrain.terrain.vertices import VertexMemory, VertexStore
+    from sketchterrain.render.scene import Ground
     from sketchterrain.tiles import Batch, DrawList
     from sketchterrain.tiles.metrics import Metric
 
     Box = tuple[float, float, float, float]
 
-__all__ = ["Ground", "GroundStream"]
+__all__ = ["GroundStream"]
 
 QUAD, QUAD_A_PIXEL = 24.0, 8.0
 """px; quads are no wider than the first and so much more for each pixel of tolerance."""
@@ -48,36 +47,6 @@ _MOST_BATCHES: Final = 64
 """In a frame."""
 _ROOM: Final = 1.5
 """Times as long as the longest of a frame another batch must have left."""
-
-
-class Ground(Protocol):
-    """A terrain that writes tiles where they are drawn from; see `sketchterrain.terrain.Terrain`."""
-
-    @property
-    def extent(self) -> float:
-        """Width of a level-0 tile (m)."""
-        ...
-
-    @property
-    def context(self) -> ComputeContext:
-        """What computes it."""
-        ...
-
-    def vertex_store(
-        self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
-    ) -> VertexStore:
-        """Room for so many tiles."""
-        ...
-
-    def write_tiles(
-        self,
-        keys: Sequence[tuple[int, int, int]],
-        slots: npt.ArrayLike,
-        parents: npt.ArrayLike,
-        store: VertexStore,
-    ) -> npt.NDArray[np.void]:
-        """Write tiles, and tell their lowest and highest height and their error."""
-        ...
 
 
 class GroundStream:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sketchterrain.render.ground_stream import Ground
+from sketchterrain.tiles import QUADS
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Mapping, Sequence
@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["Features", "Field", "Pool", "Reach", "Sketch", "Surface", "Terrain"]
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.terrain.vertices import VertexMemory, VertexStore
+
+__all__ = ["Features", "Field", "Ground", "Pool", "Reach", "Sketch", "Surface", "Terrain"]
 
 
 class Surface(Protocol):
@@ -121,6 +124,36 @@ class Sketch(Protocol):
     @property
     def weather(self) -> Mapping[str, float]:
         """Weather parameters by name."""
+        ...
+
+
+class Ground(Protocol):
+    """A terrain that writes tiles where they are drawn from; see `sketchterrain.terrain.Terrain`."""
+
+    @property
+    def extent(self) -> float:
+        """Width of a level-0 tile (m)."""
+        ...
+
+    @property
+    def context(self) -> ComputeContext:
+        """What computes it."""
+        ...
+
+    def vertex_store(
+        self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
+    ) -> VertexStore:
+        """Room for so many tiles."""
+        ...
+
+    def write_tiles(
+        self,
+        keys: Sequence[tuple[int, int, int]],
+        slots: npt.ArrayLike,
+        parents: npt.ArrayLike,
+        store: VertexStore,
+    ) -> npt.NDArray[np.void]:
+        """Write tiles, and tell their lowest and highest height and their error."""
         ...
 
 

@@ -57,7 +57,7 @@ def run(name: str | None = None) -> int:
 
 
 def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
-    from PyQt6.QtCore import QTimer
+    from PyQt6.QtCore import QEvent, QTimer
 
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.look.theme import apply_theme
@@ -109,8 +109,13 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     window.show()
     QTimer.singleShot(0, lambda: _welcome(window, document, autosave, is_new=is_new))
     code = app.exec()
+    window.hide()
     link.stop()
     autosave.close()
+    window.surprises.let_go()
+    # Views go before the models that they look at.
+    window.deleteLater()
+    app.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
     return code
 
 

@@ -80,6 +80,11 @@ class Surprises(QObject):
             given.exc_type, given.exc_value or given.exc_type(), given.exc_traceback
         )
 
+    def let_go(self) -> None:
+        """Be told of no more."""
+        sys.excepthook = sys.__excepthook__
+        threading.excepthook = threading.__excepthook__
+
     def catch(self, kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         """Tell an error; one that asks to end the program ends it."""
         if issubclass(kind, (KeyboardInterrupt, SystemExit)):

@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -73,16 +71,31 @@ def _runs(image: LabelImage, label: int) -> tuple[_Integers, _Integers, _Integer
     return starts, ends, rows
 
 
-def _components(starts: _Integers, ends: _Integers, rows: _Integers, *, touch: int) -> npt.NDArray[np.int32]:
+def _components(starts: _Integers, ends: _Integers, rows: _Integers, *, touch: int) -> _Integers:
     """Return a number for each run, equal where runs are connected; `touch` 1: also by corners."""
     stride = int(ends.max()) + 2  # so that no run reaches into the next row
-    begin, stop, below = rows * stride + starts, rows * stride + ends, stride
-    first = np.searchsorted(stop, begin + below - touch, side="right")
-    last = np.searchsorted(begin, stop + below + touch, side="left")
+    begin, stop = rows * stride + starts, rows * stride + ends
+    first = np.searchsorted(stop, begin + stride - touch, side="right")
+    last = np.searchsorted(begin, stop + stride + touch, side="left")
     counts = np.maximum(last - first, 0)
     above = np.repeat(np.arange(len(starts)), counts)
-    within = np.arange(len(above)) - np.repeat(np.cumsum(counts) - counts, counts)
-    links = coo_array(
-        (np.ones(len(above), dtype=np.bool_), (above, first[above] + within)), shape=(len(starts),) * 2
-    )
-    return np.asarray(connected_components(links, directed=False)[1])
+    below = np.arange(len(above)) + np.repeat(first - (np.cumsum(counts) - counts), counts)
+    return _roots(len(starts), above, below)
+
+
+def _roots(count: int, above: _Integers, below: _Integers) -> _Integers:
+    """Return the least run that each run is connected with, by the pairs that touch.
+
+    Each round hangs every tree of runs that touches another one onto one of less number, so that there are at
+    most half as many trees of those after it.
+    """
+    root = np.arange(count)
+    while True:
+        one, other = root[above], root[below]
+        apart = one != other
+        if not apart.any():
+            return root
+        above, below, one, other = above[apart], below[apart], one[apart], other[apart]
+        np.minimum.at(root, np.maximum(one, other), np.minimum(one, other))
+        while ((higher := root[root]) != root).any():
+            root = higher

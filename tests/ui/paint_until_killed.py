@@ -1,0 +1,103 @@
+"""A program without a window that paints, changes settings, undoes and saves until it is killed.
+
+It writes a line to a log for each state of the document, before anything else hears of that state, and when a
+save begins and ends: what, when (s, monotonic), which sketch.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from PyQt6.QtCore import QCoreApplication, QTimer
+
+from sketchterrain.sketch import LAYERS, Sketch, load_sketch
+from sketchterrain.sketch.toml_text import settings_text
+from sketchterrain.ui.models.autosave import Autosave
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.saving import Saving
+from sketchterrain.ui.painting.stroke import Stroke
+
+
+def fingerprint(sketch: Sketch) -> str:
+    """Return what tells sketches apart that differ in anything."""
+    seen = hashlib.sha1(settings_text(sketch).encode(), usedforsecurity=False)
+    for name in LAYERS:
+        seen.update(sketch.layers[name].tobytes())
+    return seen.hexdigest()
+
+
+class Painter:
+    """Does what a person in a hurry would."""
+
+    def __init__(self, target: Path, folder: Path, log: Path, *, interval_s: float, seed: int) -> None:
+        self._log = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+        self._target = target
+        self._random = random.Random(seed)
+        self._document = Document(Sketch(layers={"hill": np.zeros((300, 420), dtype=np.uint8)}))
+        self._document.sketch_changed.connect(lambda: self._tell("state", self._document.sketch))
+        self._saving = Saving(self._document)
+        self._saving.saved.connect(lambda: self._tell("saved", self._being_saved))
+        self._autosave = Autosave(self._document, folder, interval_s=interval_s)
+        self._being_saved = self._document.sketch
+        found = self._autosave.recoverable()
+        if found:
+            self._document.open(load_sketch(found[0].path), found[0].original, modified=True)
+            for each in found:
+                self._autosave.discard(each)
+        elif target.exists():
+            self._document.open(load_sketch(target), target)
+        else:
+            self._tell("state", self._document.sketch)
+        self._stroke: Stroke | None = None
+        self._timer = QTimer()
+        self._timer.timeout.connect(self._act)
+        self._timer.start(3)
+
+    def _tell(self, what: str, sketch: Sketch) -> None:
+        os.write(self._log, f"{what} {time.monotonic():.6f} {fingerprint(sketch)}\n".encode())
+
+    def _act(self) -> None:
+        draft = self._document.draft
+        if self._stroke is not None and draft is not None:
+            if self._random.random() < 0.8:
+                place = self._random.uniform(0, 420), self._random.uniform(0, 300)
+                box = self._stroke.to(*place, self._random.uniform(1, 30))
+                if box:
+                    draft.touch(box)
+                return
+            draft.commit("Paint")
+            self._stroke = None
+            return
+        choice = self._random.random()
+        if choice < 0.5:
+            draft = self._document.begin_draft(self._random.choice(list(LAYERS)))
+            self._stroke = Stroke(draft.image, self._random.randrange(5))
+        elif choice < 0.6:
+            sketch = self._document.sketch
+            self._document.do("Set seed", sketch.replace(seed=self._random.randrange(10**6)))
+        elif choice < 0.75:
+            self._document.undo()
+        elif choice < 0.85:
+            self._document.redo()
+        elif choice < 0.865 and not self._saving.is_busy:
+            self._being_saved = self._document.sketch
+            self._tell("saving", self._being_saved)
+            self._saving.save(self._target)
+
+
+if __name__ == "__main__":
+    application = QCoreApplication([])
+    painter = Painter(
+        Path(sys.argv[1]),
+        Path(sys.argv[2]),
+        Path(sys.argv[3]),
+        interval_s=float(sys.argv[4]),
+        seed=int(sys.argv[5]),
+    )
+    sys.exit(application.exec())

@@ -1,0 +1,132 @@
+"""Killed at any moment, the program leaves files that open, and what was done a while ago is never lost."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import random
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sketchterrain.sketch import load_sketch
+from sketchterrain.sketch.folder_save import PLEDGE
+from sketchterrain.ui.models.recovery import read_recovery
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+PROGRAM = Path(__file__).with_name("paint_until_killed.py")
+INTERVAL = 0.5
+"""s between autosaves, in place of 20."""
+SOON = 2 * INTERVAL
+"""s: what most kills lose at most."""
+MOST_LOST = INTERVAL + 4.0
+"""s: what none exceeds. Writing, and waiting for a busy machine, take no longer with 20 s between autosaves."""
+KILLS = 200 if os.environ.get("SKETCHTERRAIN_SOAK") else 40
+
+
+def program() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("paint_until_killed", PROGRAM)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@dataclass(frozen=True)
+class Log:
+    """What the program wrote down: (what, when, which sketch)."""
+
+    lines: tuple[tuple[str, float, str], ...]
+
+    @classmethod
+    def read(cls, path: Path) -> Log:
+        rows = path.read_text().splitlines() if path.exists() else []
+        return cls(tuple((what, float(when), which) for what, when, which in map(str.split, rows)))
+
+    def states(self) -> list[tuple[float, str]]:
+        return [(when, which) for what, when, which in self.lines if what == "state"]
+
+    @property
+    def saves(self) -> int:
+        return sum(what == "saved" for what, _, _ in self.lines)
+
+    def may_be_saved(self) -> set[str]:
+        """Sketches that the file may hold: the last that was saved, or any whose save began after."""
+        ends = [k for k, (what, _, _) in enumerate(self.lines) if what == "saved"]
+        begun = [which for what, _, which in self.lines[ends[-1] if ends else 0 :] if what == "saving"]
+        return {*begun, *(self.lines[k][2] for k in ends[-1:])}
+
+    def lost(self, which: str, killed: float) -> float:
+        """How long ago (s) the first step was done that is not in a sketch."""
+        states = self.states()
+        last = max(k for k, (_, each) in enumerate(states) if each == which)
+        return killed - states[last + 1][0] if last + 1 < len(states) else 0.0
+
+
+def paint_and_kill(target: Path, folder: Path, log: Path, rng: random.Random) -> float:
+    """Let the program run for a moment; return when it was killed (s, monotonic)."""
+    command = [sys.executable, str(PROGRAM), str(target), str(folder), str(log), str(INTERVAL)]
+    with subprocess.Popen([*command, str(rng.randrange(10**9))], stderr=subprocess.PIPE) as child:
+        while not log.exists() or not log.stat().st_size:
+            assert child.poll() is None, child.stderr.read().decode()
+            time.sleep(0.005)
+        time.sleep(rng.uniform(0.0, 4.0 * INTERVAL))
+        assert child.poll() is None, child.stderr.read().decode()
+        child.kill()
+        return time.monotonic()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["valley", "valley.sketch"])
+def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path, name: str) -> None:
+    fingerprint = program().fingerprint
+    rng = random.Random(name)
+    target, folder = tmp_path / name, tmp_path / "recovery"
+    on_file: set[str] = set()
+    saves, recoveries, cut_off = 0, 0, 0
+    lost: list[float] = []
+    for number in range(KILLS // 2):
+        path = tmp_path / f"{number}.log"
+        killed = paint_and_kill(target, folder, path, rng)
+        log = Log.read(path)
+        survived = [log.states()[0][1]] if not number else []
+        if log.saves or on_file:
+            saved = fingerprint(load_sketch(target))
+            assert saved in (log.may_be_saved() if log.saves else log.may_be_saved() | on_file)
+            on_file = {saved}
+        elif target.exists() and is_whole(target):
+            on_file = {fingerprint(load_sketch(target))}
+            assert on_file <= log.may_be_saved()
+        kept = [fingerprint(load_sketch(each)) for each in folder.glob("*.sketch")]
+        assert all(read_recovery(each) is not None for each in folder.glob("*.sketch"))
+        assert len(kept) <= 2  # that of the last kill, and that of this one
+        known = {which for _, which in log.states()}
+        survived += [which for which in (*on_file, *kept) if which in known]
+        assert survived, "everything is lost"
+        lost.append(min(log.lost(which, killed) for which in survived))
+        saves += log.saves
+        recoveries += bool(kept)
+        left = [*tmp_path.rglob(".*.tmp"), *tmp_path.rglob(PLEDGE)]
+        cut_off += bool(left)
+        for each in left:
+            if each.name != PLEDGE:
+                each.unlink()
+    print(  # noqa: T201
+        f"{KILLS // 2} kills, {cut_off} of them in the middle of writing: {saves} saves, {recoveries} "
+        f"recoveries, at most {max(lost):.2f} s lost"
+    )
+    assert max(lost) <= MOST_LOST
+    assert sum(each <= SOON for each in lost) >= 0.75 * len(lost)
+    assert saves > KILLS // 8
+    assert recoveries > KILLS // 8
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether a first save came far enough for a sketch to be there."""
+    return folder.is_file() or any((folder / name).exists() for name in (PLEDGE, "sketch.toml"))

@@ -16,7 +16,7 @@ test: $(VENV)/test.stamp
 
 soak: $(VENV)/test.stamp
 	SOAK_TILES=10000 SKETCHTERRAIN_SOAK=1 $(PYTHON) -m pytest -n auto tests/terrain/test_random_tiles.py \
-		tests/terrain/test_device_verdict.py tests/cli/test_device_failures.py
+		tests/terrain/test_device_verdict.py tests/cli/test_device_failures.py tests/ui/test_kills.py
 
 $(VENV)/demo.stamp: pyproject.toml .ci/setup
 	@bash .ci/setup $(VENV) cpu

@@ -27,7 +27,7 @@ INTERVAL = 0.5
 SOON = 2 * INTERVAL
 """s: what most kills lose at most."""
 MOST_LOST = INTERVAL + 4.0
-"""s: what none exceeds. Writing, and waiting for a busy machine, take no longer with 20 s between autosaves."""
+"""s: what none exceeds; writing, and waiting for a busy machine, take as long with 20 s between autosaves."""
 KILLS = 200 if os.environ.get("SKETCHTERRAIN_SOAK") else 40
 
 

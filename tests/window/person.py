@@ -10,10 +10,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import ImageGrab
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 _DRIVEN = Path(__file__).with_name("driven.py")
 _PATIENCE = 120.0  # s; machines are shared
@@ -32,6 +35,7 @@ class Person:
 
     def __init__(self, display: str, home: Path) -> None:
         self.display = display
+        self.home = home
         folders = ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "XDG_DATA_HOME")
         kept = {name: str(home / name.lower()) for name in folders}
         self._environment = {**os.environ, **kept, "DISPLAY": display, "QT_QPA_PLATFORM": "xcb"}
@@ -41,7 +45,7 @@ class Person:
         """Start ``sketchterrain edit`` and wait until its window is there; return the seconds it took."""
         begun = time.monotonic()
         self._program = subprocess.Popen(
-            [sys.executable, str(_DRIVEN), "edit", *arguments],
+            [sys.executable, "-X", "faulthandler", str(_DRIVEN), "edit", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -49,8 +53,12 @@ class Person:
         )
         self.wait("window is not None and window.isVisible()")
         took = time.monotonic() - begun
-        self.x("windowfocus", "--sync", str(self.ask("int(window.winId())")))
+        self.focus("window")
         return took
+
+    def focus(self, widget: str) -> None:
+        """Give the keyboard to a window, as a window manager does where there is one."""
+        self.x("windowfocus", "--sync", str(self.ask(f"int({widget}.winId())")))
 
     def ask(self, question: str) -> Any:
         """Return the value of an expression about the window."""
@@ -70,6 +78,13 @@ class Person:
         end = time.monotonic() + seconds
         while not self.ask(question):
             assert time.monotonic() < end, f"waited {seconds:g} s for: {question}"
+            time.sleep(0.05)
+
+    def until(self, holds: Callable[[], object], what: str, *, seconds: float = _PATIENCE) -> None:
+        """Wait until something holds beside the program."""
+        end = time.monotonic() + seconds
+        while not holds():
+            assert time.monotonic() < end, f"waited {seconds:g} s for {what}"
             time.sleep(0.05)
 
     def x(self, *arguments: str) -> None:
@@ -118,7 +133,7 @@ class Person:
     def leave(self) -> int:
         """Quit without saving; return the exit code."""
         assert self._program is not None
-        document = "window.canvas._document"
+        document = "window._document"
         self.ask(f"{document}.saved({document}.sketch, {document}.path), QTimer.singleShot(0, window.close)")
         code = self._program.wait(timeout=30)
         self._end()

@@ -1,0 +1,98 @@
+"""Ten thousand things done at random leave no exception, no widget and no memory behind."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from PyQt6.QtCore import QEvent
+from PyQt6.QtWidgets import QApplication
+
+from sketchterrain.sketch import load_sketch
+from sketchterrain.ui.models.bookmarks import Bookmarks
+from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.recent import RecentFiles
+from sketchterrain.ui.models.saving import Saving
+from sketchterrain.ui.window import MainWindow
+
+from .monkey import Monkey
+
+ACTIONS = 10_000 if os.environ.get("SKETCHTERRAIN_SOAK") else 600
+WARM = 0.5
+"""Share of the actions after which memory is weighed: until then histories and caches fill."""
+GROWTH = 1.05
+
+
+@pytest.fixture
+def window(qtbot, document, workspace, link, placed, tmp_path):
+    made = MainWindow(
+        document,
+        workspace,
+        link,
+        preferences=Preferences(tmp_path / "desktop.ini"),
+        recent=RecentFiles(tmp_path / "recent"),
+        saving=Saving(document),
+        bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
+    )
+    qtbot.addWidget(
+        made, before_close_func=lambda _: document.saved(document.sketch, tmp_path / "end.sketch")
+    )
+    made.show()
+    link.placed = placed
+    link.placed_changed.emit(placed)
+    return made
+
+
+def settle() -> None:
+    """Let all that was to be deleted be deleted."""
+    for _ in range(3):
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        QApplication.processEvents()
+        gc.collect()
+
+
+def resident() -> int:
+    """Bytes of this process in memory, what the allocator keeps for itself apart."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).malloc_trim(0)
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def widgets() -> Counter[str]:
+    return Counter(type(each).__name__ for each in QApplication.allWidgets())
+
+
+def at_rest(window, document, workspace) -> None:
+    """Bring the window into one state, whatever was done."""
+    document.open(load_sketch("valley_river"))
+    workspace.chosen = None
+    workspace.tool = "brush"
+    workspace.use_label("mountain", 1)
+    window.actions_by_name["reset-layout"].trigger()
+    window.resize(1500, 920)
+    window.canvas.fit()
+    settle()
+
+
+@pytest.mark.slow
+def test_things_done_at_random_leave_nothing_behind(window, document, workspace, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkey = Monkey(window, document, workspace, seed=8)
+    weighed = counted = None
+    for number in range(ACTIONS):
+        monkey.act()
+        if number == int(WARM * ACTIONS):
+            at_rest(window, document, workspace)
+            weighed, counted = resident(), widgets()
+    at_rest(window, document, workspace)
+    more = widgets() - counted
+    assert not more, f"widgets that stayed: {more}"
+    grown = resident() / weighed
+    print(f"{ACTIONS} actions: memory {weighed >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
+    assert grown < GROWTH

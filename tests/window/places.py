@@ -1,0 +1,62 @@
+"""Where things of the window are on the screen, and what it shows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
+    from .person import Person
+
+HANDLES = (
+    "__import__('sketchterrain.ui.models.handles', fromlist=['handles_of'])"
+    ".handles_of(window._link.placed, window._workspace.chosen)"
+)
+_SHOWN = (
+    "not window._link._timer.isActive() and window._link.frame is not None "
+    "and window._link.placed is not None and window._link.relief is not None and window._link.frame.version == window._link.relief.version "
+    "== window._link.placed.version == window._link._updates._version"
+)
+
+
+def on_canvas(person: Person) -> Callable[[float, float], tuple[float, float]]:
+    """Return a function from pixels of the sketch to places of the screen."""
+    left, top, scale, ratio, x, y = person.ask(
+        "[window.canvas.viewport.left, window.canvas.viewport.top, window.canvas.viewport.scale, "
+        "window.canvas.devicePixelRatioF(), window.canvas.mapToGlobal(QPoint(0, 0)).x(), "
+        "window.canvas.mapToGlobal(QPoint(0, 0)).y()]"
+    )
+    return lambda column, row: (x + (left + column * scale) / ratio, y + (top + row * scale) / ratio)
+
+
+def on_ground(person: Person) -> Callable[[float, float], tuple[float, float]]:
+    """Return a function from metres east and north to places of the canvas on the screen."""
+    at = on_canvas(person)
+    size, rows = person.ask("[window._document.sketch.pixel_size, window._document.sketch.height_px]")
+    return lambda east, north: at(east / size, rows - north / size)
+
+
+def middle_of(person: Person, widget: str) -> tuple[float, float]:
+    """Return where the middle of a widget is on the screen."""
+    x, y = person.ask(
+        f"[{widget}.mapToGlobal({widget}.rect().center()).x(), "
+        f"{widget}.mapToGlobal({widget}.rect().center()).y()]"
+    )
+    return x, y
+
+
+def view_of(person: Person, screen: np.ndarray) -> np.ndarray:
+    """Cut the 3-D view out of a screen."""
+    x, y, width, height = person.ask(
+        "[window.view.mapToGlobal(QPoint(0, 0)).x(), window.view.mapToGlobal(QPoint(0, 0)).y(), "
+        "window.view.width(), window.view.height()]"
+    )
+    return screen[y : y + height, x : x + width].astype(int)
+
+
+def wait_for_terrain(person: Person) -> None:
+    """Wait until the newest sketch is what is placed, shown and lit."""
+    person.wait(_SHOWN)

@@ -252,6 +252,20 @@ def test_the_hour_changes_the_light_and_nothing_that_is_placed(running, qapp):
     wait(qapp, lambda: link.frame.version == newest(link) and not link._timer.isActive())
 
 
+def test_another_look_of_a_material_is_shown(running, qapp):
+    document, link, _ = running
+    look(qapp, link)
+    before, heights = pixels(link), link.relief.height
+    sketch = document.sketch
+    document.do("Set look", sketch.replace(look={"grass": {"colour": "#c04040"}}))
+    version = newest(link)
+    wait(qapp, lambda: link.frame.version > version and link.frame.settled)
+    assert np.abs(pixels(link).astype(int) - before).mean() > 0.5
+    assert link.relief.height is heights
+    document.undo()
+    wait(qapp, lambda: link.frame.version > version + 1)
+
+
 def test_hidden_it_draws_nothing_and_goes_on_placing(running, qapp):
     document, link, listener = running
     link.show(replace(VIEW, width=0, height=0))

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.sky import Sun
     from sketchterrain.render.stats import FrameStats
-    from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
     from sketchterrain.terrain.changes import Box
 
@@ -113,7 +112,7 @@ class Stage:
         """
         shown = self._shown
         weather = Weather.of(terrain.sketch)
-        if shown is not None and not _follows(shown.terrain.sketch, terrain.sketch):
+        if shown is not None and shown.terrain.extent != terrain.extent:
             self.clear()
             shown = None
         if shown is None:
@@ -122,12 +121,15 @@ class Stage:
             self._shown = _Shown(renderer, None, terrain, sun)
             return line
         sun, line = shown.sun, ""
-        if areas:
+        before = shown.terrain.sketch
+        if areas or terrain.sketch.look != before.look:
             shown.renderer.change(terrain, areas)
             if shown.overlay is not None:
-                shown.overlay.change(terrain)
-        if weather != Weather.of(shown.terrain.sketch):
+                shown.overlay.change(terrain, areas)
+        old = Weather.of(before)
+        if (weather.hour, weather.latitude) != (old.hour, old.latitude):
             sun, line = _sun(terrain, camera, weather)
+        if weather != old:
             shown.renderer.relight(sun=sun, weather=weather)
         self._shown = _Shown(shown.renderer, shown.overlay, terrain, sun)
         return line
@@ -187,8 +189,3 @@ def _sun(terrain: Terrain, camera: Camera, weather: Weather) -> tuple[Sun, str]:
         return sun_of(terrain, camera, weather), ""
     except InputError as error:
         return find_sun(terrain, camera), one_line(error)
-
-
-def _follows(before: Sketch, after: Sketch) -> bool:
-    """Whether a renderer of the one sketch can go over to the other."""
-    return (before.extent, before.look, before.climate) == (after.extent, after.look, after.climate)

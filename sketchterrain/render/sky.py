@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
 import moderngl
@@ -190,12 +191,13 @@ def exposure_of(sunlight: float, height: float, sky: float) -> float:
     return float(0.18 / MIDDLE * np.pi / BRIGHT * (BRIGHT / light) ** ADAPTED)
 
 
+@lru_cache(maxsize=16)
 def sky_table(air: Air, sun: Sun, height: float) -> Floats:
-    """Compute the sky at a height (m) by direction.
+    """Compute the sky at a height (m) by direction; kept, for clouds change and the clear sky stays.
 
     Returns
     -------
-    (128, 64, 3) float64
+    (128, 64, 3) float64, read-only
         Radiance. Columns: the angle from the sun's azimuth is 180° times the square of their share 0 … 1.
         Rows 0 to 63: light of the air, over the share that it takes of what lies behind it; the elevation is
         ±90° times the square of their share −1 … 1. Rows 64 to 127: the sky; 90° times the square of 0 … 1.
@@ -217,7 +219,9 @@ def sky_table(air: Air, sun: Sun, height: float) -> Floats:
     longest = np.minimum(LONGEST, RISE / np.maximum(ways[:SIZE, :, 2], 1e-6))
     haze = air.sky(height, ways[:SIZE], to_sun, steps=AIR_STEPS, longest=longest)
     sky = air.sky(height, ways[SIZE:], to_sun, steps=STEPS)
-    return np.asarray(np.concatenate([haze.radiance / (1.0 - haze.clear), sky.radiance]) * SUN_IRRADIANCE)
+    table = np.concatenate([haze.radiance / (1.0 - haze.clear), sky.radiance]) * SUN_IRRADIANCE
+    table.flags.writeable = False
+    return np.asarray(table)
 
 
 def overcast_table(irradiance: Floats) -> Floats:

@@ -142,7 +142,8 @@ COMMANDS: Final[dict[str, Command]] = {
         "&Measure adherence", "See how far the terrain does what the sketch says", "adherence", ("Ctrl+M",)
     ),
     **{f"mode-{name}": Command(text, tip, name, (), "mode") for name, (text, tip) in _MODES.items()},
-    "look-all": Command("&See the whole terrain", "Look at all of it from the best place", "fit"),
+    "look-all": Command("&See the whole terrain", "Look at all of it from the air", "fit"),
+    "look-best": Command("Best &place", "Stand where the terrain looks best", "view"),
     "look-chosen": Command("See the se&lection", "Look at the selected feature", "target"),
     "play": Command("Water and &clouds move", "Let water, plants and clouds move", "play", (), "check"),
     "bookmark": Command("&Bookmark this view", "Remember where the eye is", "bookmark", ("Ctrl+B",)),

@@ -41,7 +41,17 @@ MENUS: Final[dict[str, tuple[str, ...]]] = {
         *(_RULE, "canvas-only", "view-only", "full-screen", _RULE, ">&Panels", "reset-layout"),
     ),
     "&Terrain": (
-        *("random-seed", "measure", _RULE, *_MODES, "look-all", "look-chosen", _RULE, "bookmark"),
+        *(
+            "random-seed",
+            "measure",
+            _RULE,
+            *_MODES,
+            "look-all",
+            "look-best",
+            "look-chosen",
+            _RULE,
+            "bookmark",
+        ),
         *(">Go to &view", _RULE, "play", "restart"),
     ),
     "&Help": ("first-steps", "keys", "find", _RULE, "about"),

@@ -87,6 +87,7 @@ class MainWindow(QMainWindow):
         super().__init__()
         self._document, self._workspace, self._link = document, workspace, link
         self._preferences = preferences
+        self._is_fresh = preferences.layout is None
         self.setWindowIcon(app_icon())
         self.setMinimumSize(_LEAST)
         self.setAcceptDrops(True)
@@ -198,6 +199,7 @@ class MainWindow(QMainWindow):
                 "delete-label": self._layers.delete_label,
                 "clear-layer": self._layers.clear_layer,
                 "look-all": self.view.see_all,
+                "look-best": self.view.see_best,
                 "look-chosen": self.view.see_chosen,
                 "bookmark": self._bookmarks.add,
                 **{
@@ -301,7 +303,6 @@ class MainWindow(QMainWindow):
 
     def _restore_layout(self) -> None:
         layout = self._preferences.layout
-        self._is_fresh = layout is None
         if layout is not None:
             self.restoreGeometry(layout[0])
             self.layout_of_parts.restore(layout[1])

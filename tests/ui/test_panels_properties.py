@@ -110,6 +110,35 @@ def test_a_river_flows_downhill_or_where_one_says(panel, document, workspace):
     assert row.slider.isEnabled() == was_downhill
 
 
+def test_what_is_being_typed_belongs_to_the_label_that_was_shown(panel, document, workspace):
+    for other in (("mountain", 2), ("material", 1), ("hill", 1)):
+        workspace.use_label("mountain", 1)
+        box = panel.label_page.forms["mountain"].rows["height"].box
+        before = document.sketch.properties(*other)
+        box.setFocus()
+        box.selectAll()
+        QTest.keyClicks(box, "901")
+        workspace.use_label(*other)  # by the pick tool: the keyboard stays here
+        assert document.sketch.properties("mountain", 1)["height"] == 901.0
+        assert document.sketch.properties(*other) == before
+        document.undo()
+        assert document.history.position == 0
+
+
+def test_what_is_being_typed_belongs_to_the_feature_that_was_shown(
+    panel, document, workspace, placed, mountain
+):
+    row = panel.chosen_page.forms["feature"].rows["radius"]
+    row.box.setFocus()
+    row.box.selectAll()
+    QTest.keyClicks(row.box, "123")
+    other = int(placed.points["id"][placed.points["type"] == 0][1])
+    workspace.chosen = Chosen("feature", other)
+    assert [(edit.feature, edit.radius) for edit in document.sketch.edits] == [(int(mountain["id"]), 123.0)]
+    point = placed.points[placed.points["id"] == other][0]
+    assert row.number == float(point["radius"])
+
+
 def test_what_is_selected_takes_the_place_of_the_label(panel, workspace, mountain):
     assert panel.chosen_page.isVisible()
     assert not panel.label_page.isVisible()
@@ -225,6 +254,16 @@ def test_a_control_point_is_chosen_and_moved(panel, document, workspace, placed,
     assert edit.y == pytest.approx(river.points[1, 1], abs=0.001)
     form.points.setValue(0)
     assert workspace.chosen == Chosen("river", river.id, None)
+
+
+def test_a_river_that_became_shorter_has_no_such_point(panel, document, workspace, river):
+    workspace.chosen = Chosen("river", river.id, len(river.points))
+    form = panel.chosen_page.forms["river"]
+    assert form.isVisible()
+    assert form.points.value() == 0
+    assert not form.east.isEnabled()
+    panel.chosen_page.delete.click()
+    assert [edit.action for edit in document.sketch.edits] == ["delete"]
 
 
 def test_where_a_river_joins_another_one_nothing_moves(panel, workspace, placed):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
-from sketchterrain.ui.commands.chosen_parts import is_there, name_of
+from sketchterrain.ui.commands.chosen_parts import is_there, name_of, river_of
 from sketchterrain.ui.commands.placed_edits import (
     deleted,
     is_edited,
@@ -76,10 +77,10 @@ class ChosenPage(QWidget):
 
     def refresh(self) -> None:
         """Show what is selected, as it is now."""
-        placed, chosen = self._link.placed, self._workspace.chosen
-        if chosen is None:
+        if self._workspace.chosen is None:
             return
-        if placed is None or not is_there(placed, chosen):
+        placed, chosen = self._link.placed, self._chosen()
+        if placed is None or chosen is None:
             self._show_gone()
             return
         for kind, form in self.forms.items():
@@ -87,6 +88,15 @@ class ChosenPage(QWidget):
         self.forms[chosen.kind].show_chosen(placed, chosen)
         self._show_head(placed, chosen)
         self._show_actions(placed, chosen)
+
+    def _chosen(self) -> Chosen | None:
+        """Return what is selected if it is there; without its control point if the river became shorter."""
+        placed, chosen = self._link.placed, self._workspace.chosen
+        if placed is None or chosen is None or not is_there(placed, chosen):
+            return None
+        river = river_of(placed, chosen)
+        gone = river is not None and chosen.index is not None and chosen.index >= len(river.points)
+        return replace(chosen, index=None) if gone else chosen
 
     def _show_head(self, placed: Placed, chosen: Chosen) -> None:
         form = self.forms[chosen.kind]
@@ -115,19 +125,19 @@ class ChosenPage(QWidget):
             button.setEnabled(False)
 
     def _lock(self, held: bool) -> None:
-        placed, chosen = self._link.placed, self._workspace.chosen
+        placed, chosen = self._link.placed, self._chosen()
         if placed is not None and chosen is not None:
             sketch = self._document.sketch
             changed = locked(sketch, placed, chosen) if held else unlocked(sketch, chosen)
             self._do("Lock" if held else "Unlock", changed, placed, chosen)
 
     def _reset(self) -> None:
-        placed, chosen = self._link.placed, self._workspace.chosen
+        placed, chosen = self._link.placed, self._chosen()
         if placed is not None and chosen is not None:
             self._do("Reset", reset(self._document.sketch, placed, chosen), placed, chosen)
 
     def _delete(self) -> None:
-        placed, chosen = self._link.placed, self._workspace.chosen
+        placed, chosen = self._link.placed, self._chosen()
         if placed is not None and chosen is not None:
             self._do("Delete", deleted(self._document.sketch, chosen), placed, chosen)
             self._workspace.chosen = None

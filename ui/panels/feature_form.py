@@ -77,6 +77,9 @@ class FeatureForm(QWidget):
         point = point_of(placed, chosen)
         if point is None:
             return
+        if chosen != self._chosen:
+            for row in self.rows.values():
+                row.finish()  # what was typed belongs to the feature that it was typed for
         self._placed, self._chosen = placed, chosen
         self.layer, self.line = name_of(placed, chosen), _line(chosen.id)
         self._show_spans()

@@ -67,6 +67,12 @@ class ParameterForm(QWidget):
         for name, row in self.rows.items():
             row.show_value(values[name])
 
+    def finish(self) -> None:
+        """Take what is being typed as it stands."""
+        for row in self.rows.values():
+            if isinstance(row, NumberRow):
+                row.finish()
+
     def _connect(self, name: str, row: ParameterRow) -> None:
         self.rows[name] = row
         row.edited.connect(lambda value, key: self.edited.emit(name, value, key))

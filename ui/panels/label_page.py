@@ -38,6 +38,7 @@ class LabelPage(QWidget):
         self._workspace = workspace
         self._head = PageHead(self)
         self.forms: dict[str, ParameterForm] = {}
+        self._shown: tuple[str, int] | None = None
         self._down = QVBoxLayout(self)
         self._down.setContentsMargins(0, 0, 0, 0)
         self._down.setSpacing(MARGIN)
@@ -48,6 +49,9 @@ class LabelPage(QWidget):
 
     def _show(self) -> None:
         layer, label = self._workspace.layer, self._workspace.label
+        if self._shown != (layer, label) and self._shown is not None:
+            self.forms[self._shown[0]].finish()  # what was typed belongs to the label that it was typed for
+        self._shown = (layer, label)
         self._head.show_label(label_title(layer, label), LAYERS[layer].help, layer, label)
         self._form(layer).show_values(self._document.sketch.properties(layer, label))
         for name, form in self.forms.items():
@@ -63,12 +67,16 @@ class LabelPage(QWidget):
         return self.forms[layer]
 
     def _set(self, name: str, value: Value, key: object) -> None:
-        layer, label = self._workspace.layer, self._workspace.label
+        if self._shown is None:
+            return
+        layer, label = self._shown
         changed = set_property(self._document.sketch, layer, label, name, value)
         self._document.do(f"Set {_of(layer, label, name)}", changed, merge=key)
 
     def _reset(self, name: str) -> None:
-        layer, label = self._workspace.layer, self._workspace.label
+        if self._shown is None:
+            return
+        layer, label = self._shown
         changed = reset_property(self._document.sketch, layer, label, name)
         self._document.do(f"Reset {_of(layer, label, name)}", changed)
 

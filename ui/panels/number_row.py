@@ -61,6 +61,10 @@ class NumberRow(ParameterRow):
         """The number that is shown, as exactly as it is known."""
         return self._number
 
+    def finish(self) -> None:
+        """Take what is being typed as it stands, as when the keyboard goes elsewhere."""
+        self.box.interpretText()
+
     def set_span(self, low: float, high: float) -> None:
         """Let the slider go from one value to another."""
         self._scale = scale_of(self.parameter, low, high)

@@ -73,6 +73,9 @@ class RiverForm(QWidget):
         river = river_of(placed, chosen)
         if river is None:
             return
+        if chosen != self._chosen:
+            for row in (self.width_row, self.east, self.north):
+                row.finish()  # what was typed belongs to the river that it was typed for
         self._placed, self._chosen = placed, chosen
         self.label = max(river.label, 1)
         steps = np.diff(river.centreline[:, :2], axis=0)

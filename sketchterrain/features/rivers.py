@@ -124,7 +124,7 @@ def trace_waters(
     )
     lakes, lost = kept_lakes([*lakes, *mouth_lakes(sketch, courses, seed=seed)], sketch.edits)
     pause()
-    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, memory)
+    rivers, lakes, grounds = _with_water(sketch, courses, lakes, ground, memory, pause)
     pause()
     decided = resolutions(sketch, _mountains(sketch, memory), rivers, grounds, lakes)
     return Waters(tuple(rivers), tuple(lakes), decided, orphans + lost, tuple(grounds))
@@ -143,12 +143,18 @@ def _mountains(sketch: Sketch, memory: ShapeMemory) -> npt.NDArray[np.int64]:
 
 
 def _with_water(
-    sketch: Sketch, courses: list[Course], lakes: list[Lake], ground: Ground, memory: ShapeMemory
+    sketch: Sketch,
+    courses: list[Course],
+    lakes: list[Lake],
+    ground: Ground,
+    memory: ShapeMemory,
+    pause: Callable[[], None],
 ) -> tuple[list[River], list[Lake], list[Floats]]:
     """Let water flow: rivers sorted by id, lakes at their levels, and the ground along each river."""
     if not courses:
         return [], lakes, []
     grounds = heights_at(ground, [course.line for course in courses])
+    pause()
     mountains, known = _mountains(sketch, memory), memory.part(WaterMemory)
     cuts = tuple(
         tuple((run.first, run.last) for run in crossings(sketch, mountains, course.line))
@@ -159,6 +165,7 @@ def _with_water(
     )
     before = tuple((Same(lake.shape), lake.id, lake.level, lake.depth) for lake in lakes)
     levels = tuple(each.tobytes() for each in grounds)
+    pause()
 
     def flown() -> tuple[list[River], list[Lake]]:
         network = replace(shape, cuts=cuts)

@@ -97,8 +97,8 @@ COMMANDS: Final[dict[str, Command]] = {
     ),
     "choose-none": Command("Select &nothing", "Let go of the selected feature", "", ("Ctrl+Shift+A",)),
     "preferences": Command("&Preferences…", "Theme and device", "settings", ("Ctrl+,",)),
-    "brush-smaller": Command("Brush s&maller", "Make the brush smaller", ""),
-    "brush-larger": Command("Brush lar&ger", "Make the brush larger", ""),
+    "brush-smaller": Command("Brush s&maller", "Make the brush smaller", "", ("[",)),
+    "brush-larger": Command("Brush lar&ger", "Make the brush larger", "", ("]",)),
     **{
         f"tool-{name}": Command(text, tip, name, (TOOL_KEYS[name],), "tool")
         for name, (text, tip) in _TOOLS.items()

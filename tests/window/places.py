@@ -16,9 +16,9 @@ HANDLES = (
     ".handles_of(window._link.placed, window._workspace.chosen)"
 )
 _SHOWN = (
-    "not window._link._timer.isActive() and window._link.frame is not None "
-    "and window._link.placed is not None and window._link.relief is not None and window._link.frame.version == window._link.relief.version "
-    "== window._link.placed.version == window._link._updates._version"
+    "(lambda link: not link._timer.isActive() and None not in (link.frame, link.placed, link.relief) and "
+    "link.frame.version == link.relief.version == link.placed.version == link._updates._version)"
+    "(window._link)"
 )
 
 

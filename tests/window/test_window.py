@@ -15,8 +15,14 @@ from .places import HANDLES, middle_of, on_canvas, on_ground, view_of, wait_for_
 
 pytestmark = [pytest.mark.window, pytest.mark.slow]
 
-HEIGHT_AT = "(lambda relief: float(relief.height[{row} // relief.step, {column} // relief.step]))(window._link.relief)"
+HEIGHT_AT = "(lambda r: float(r.height[{row} // r.step, {column} // r.step]))(window._link.relief)"
 POINT = "[p for p in window._link.placed.points if int(p['id']) == {}][0]"
+
+
+def step(person, number: int) -> None:
+    """Wait until the history stands at a step and its terrain is shown."""
+    person.wait(f"window._document.history.position == {number}")
+    wait_for_terrain(person)
 
 
 def test_paint_see_undo_save_kill_and_recover(person, tmp_path):
@@ -31,7 +37,7 @@ def test_paint_see_undo_save_kill_and_recover(person, tmp_path):
 
     person.key("b")
     person.drag(at(column - 40, row), at(column + 40, row))
-    wait_for_terrain(person)
+    step(person, 1)
     assert person.ask(height) > flat + 50.0
 
     def rose() -> bool:
@@ -41,10 +47,10 @@ def test_paint_see_undo_save_kill_and_recover(person, tmp_path):
     person.until(rose, "a mountain in the 3-D view")
 
     person.key("ctrl+z")
-    wait_for_terrain(person)
+    step(person, 0)
     assert person.ask(height) == flat
     person.key("ctrl+shift+z")
-    wait_for_terrain(person)
+    step(person, 1)
     assert person.ask(height) > flat + 50.0
     person.key("ctrl+s")
     person.wait("not window._document.is_modified")
@@ -92,8 +98,10 @@ def test_a_tour(person, tmp_path):
     # Two ranges, and between them a valley.
     person.key("b", *["bracketright"] * 3)
     person.drag(at(90, 90), at(130, 180), at(110, 290), at(150, 400), steps=24)
+    step(person, 1)
     see("range")
     person.drag(at(400, 80), at(380, 190), at(420, 300), at(390, 410), steps=24)
+    step(person, 2)
     see("valley")
     assert person.ask("len([p for p in window._link.placed.points if p['painted'] and p['type'] == 0])") >= 2
 
@@ -102,14 +110,14 @@ def test_a_tour(person, tmp_path):
     for place in ((262, 20), (230, 130), (280, 250), (240, 370), (270, 500)):
         person.click(*at(*place))
     person.key("Return")
-    wait_for_terrain(person)
+    step(person, 3)
     assert person.ask("len(window._link.placed.rivers)") >= 1
     see("river")
 
     # A forest beside it.
     person.key("alt+5", "b")
     person.drag(at(320, 330), at(310, 400), at(330, 440), steps=16)
-    wait_for_terrain(person)
+    step(person, 4)
     see("forest")
 
     # A mountain is moved.
@@ -125,8 +133,7 @@ def test_a_tour(person, tmp_path):
     person.wait(f"window._workspace.chosen is not None and window._workspace.chosen.id == {name}")
     see("chosen")
     person.drag(ground(x, y), ground(x + 120.0, y - 500.0))
-    person.wait("window._document.sketch.edits != ()")
-    wait_for_terrain(person)
+    step(person, 5)
     moved = person.ask(f"(lambda p: [float(p['x']), float(p['y'])])({POINT.format(name)})")
     assert np.hypot(moved[0] - x - 120.0, moved[1] - y + 500.0) < 40.0
     see("moved")
@@ -142,24 +149,21 @@ def test_a_tour(person, tmp_path):
     )
     out = np.array(grip) + (np.array(grip) - base) / np.hypot(*np.subtract(grip, base)) * 60.0
     person.drag(ground(*grip), ground(*out))
-    wait_for_terrain(person)
+    step(person, 6)
     assert person.ask(width) > before + 40.0
     see("wider")
 
     # All is undone, all is done again.
-    steps = person.ask("window._document.history.position")
-    assert steps >= 6
+    steps = 6
     painted = "int(sum((image > 0).sum() for image in window._document.sketch.layers.values()))"
     full = person.ask(painted)
     person.key(*["ctrl+z"] * steps)
-    person.wait("window._document.history.position == 0")
-    wait_for_terrain(person)
+    step(person, 0)
     assert person.ask(painted) == 0
     assert person.ask("len(window._link.placed.rivers)") == 0
     see("undone")
     person.key(*["ctrl+shift+z"] * steps)
-    person.wait(f"window._document.history.position == {steps}")
-    wait_for_terrain(person)
+    step(person, steps)
     assert person.ask(painted) == full
     assert person.ask(width) > before + 40.0
 

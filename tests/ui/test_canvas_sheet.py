@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import gc
 import random
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from PyQt6.QtCore import QPointF, QTimer
+from PyQt6.QtCore import QEvent, QPointF, QTimer
+from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.canvas.hands import Hands
+from sketchterrain.ui.canvas.shown import Shown
 from sketchterrain.ui.engine.messages import Adherence, FrameFacts, Placed, Pose, Relief
 from sketchterrain.ui.look.layer_colours import DRAW_ORDER, label_colour
 from sketchterrain.ui.models.document import Document
@@ -259,3 +263,26 @@ def test_no_timer_goes_on(canvas, workspace, qtbot) -> None:
     canvas._remark.say("soon gone", seconds=0.01)
     qtbot.waitUntil(lambda: not any(timer.isActive() for timer in canvas.findChildren(QTimer)))
     assert canvas._remark.line == ""
+
+
+def test_canvases_go_away(plain, workspace, link, qtbot) -> None:
+    def living() -> int:
+        gc.collect()
+        return sum(isinstance(each, Canvas | Hands | Shown) for each in gc.get_objects())
+
+    QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # of the test before
+    before, widgets = living(), len(QApplication.allWidgets())
+    for _ in range(20):
+        canvas = Canvas(plain, workspace, link)
+        canvas.resize(200, 200)
+        canvas.show()
+        canvas.grab()
+        canvas.close()
+        canvas.deleteLater()
+        del canvas
+        QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        workspace.tool = "pan" if workspace.tool == "brush" else "brush"
+        workspace.brush += 1.0
+        plain.open(plain.sketch)
+    assert living() == before
+    assert len(QApplication.allWidgets()) == widgets

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from PyQt6.QtGui import QPainter
 
     from sketchterrain.ui.canvas.desk import Desk
-    from sketchterrain.ui.engine.messages import Adherence, Pose
+    from sketchterrain.ui.engine.messages import Pose
 
 __all__ = [
     "draw_agreement",
@@ -134,11 +134,12 @@ def warning_at(desk: Desk, place: QPointF) -> str:
     return "\n".join(lines)
 
 
-def draw_agreement(painter: QPainter, adherence: Adherence | None, layer: str, width: float) -> None:
+def draw_agreement(painter: QPainter, desk: Desk, width: float) -> None:
     """Write in the upper right corner how far a layer is as painted, and what the colours mean."""
+    adherence, placed, layer = desk.link.adherence, desk.link.placed, desk.workspace.layer
     title = LAYERS[layer].title
     figures = adherence.figures.get("layers", {}).get(layer) if adherence is not None else None
-    if figures is None:
+    if adherence is None or figures is None:
         rows: list[tuple[QColor | None, str]] = [
             (None, f"{title}: {'measuring …' if adherence is None else 'nothing is measured'}")
         ]
@@ -147,6 +148,8 @@ def draw_agreement(painter: QPainter, adherence: Adherence | None, layer: str, w
         heading = f"{title}: overlap {overlap:.0%}" if overlap is not None else f"{title}"
         rows = [(None, heading), (AGREEMENT["as painted"], "as painted"), (AGREEMENT["missing"], "missing")]
         rows.append((AGREEMENT["spill"], "spill" if spill is None else f"spill {spill:.0%}"))
+        if placed is not None and placed.version > adherence.version:
+            rows.append((None, "before the last change"))
     painter.setFont(tabular(painter.font()))
     font = QFontMetricsF(painter.font())
     wide = max(font.horizontalAdvance(text) + (18.0 if colour else 0.0) for colour, text in rows)

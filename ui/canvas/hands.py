@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QEvent, QPointF, Qt
+from PyQt6.QtCore import QEvent, QObject, QPointF, Qt
 from PyQt6.QtGui import QPointingDevice
 
 from sketchterrain.ui.canvas.brush_tool import BrushTool
@@ -40,7 +40,7 @@ class PanTool(Tool):
         self.desk.link.tell(GoTo(*self.desk.metres(pointer.x, pointer.y)))
 
 
-class Hands:
+class Hands(QObject):
     """Brings mouse and pen to the tool that the workspace says.
 
     Parameters
@@ -51,6 +51,7 @@ class Hands:
     """
 
     def __init__(self, desk: Desk, marks: Marks, canvas: Canvas) -> None:
+        super().__init__(canvas)  # which ends its connections
         self._desk = desk
         self._canvas = canvas
         self._tools: dict[str, Tool] = {

@@ -86,6 +86,6 @@ class Overlays:
         tool.draw(painter)
         furniture.draw_scale_bar(painter, desk, height)
         if "adherence" in shown:
-            furniture.draw_agreement(painter, desk.link.adherence, desk.workspace.layer, width)
+            furniture.draw_agreement(painter, desk, width)
         if self._remark.line:
             furniture.draw_line(painter, self._remark.line, width, height)

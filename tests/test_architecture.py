@@ -130,6 +130,21 @@ def named_by_room() -> dict[str, list[str]]:
     ("room", "files"),
     [
         *((room, f"sketchterrain/{room}/*.py") for room in ("terrain", "tiles", "render", "export")),
+        ("ui", "ui/*.py"),
+        *(
+            (f"ui/{room}", f"ui/{room}/*.py")
+            for room in [
+                "models",
+                "commands",
+                "painting",
+                "engine",
+                "canvas",
+                "view3d",
+                "panels",
+                "dialogs",
+                "look",
+            ]
+        ),
         ("kernels", "kernels/*.c*"),
         ("kernels/render", "kernels/render/*.glsl"),
     ],

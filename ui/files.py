@@ -62,6 +62,7 @@ class Files(QObject):
         self.recent = recent
         self._saving = saving
         self._banner = banner
+        self._asked: Path | None = None
         self.reading = Reading(self)
         self.reading.failed.connect(self._refuse)
         saving.saved.connect(self._saved)
@@ -90,7 +91,8 @@ class Files(QObject):
     def open(self, path: Path) -> None:
         """Open a sketch's folder or file, if the one that is open may go."""
         if self.may_leave():
-            self.reading.read(partial(load_sketch, path), partial(self._opened, path))
+            self._asked = path
+            self.reading.read(partial(_sketch_at, path), partial(self._opened, path))
 
     def open_preset(self, name: str) -> None:
         """Begin with a preset, if the sketch that is open may go."""
@@ -172,6 +174,7 @@ class Files(QObject):
             self.open(path.parent if path.name == _SETTINGS else path)
 
     def _opened(self, path: Path | None, sketch: object) -> None:
+        self._asked = None
         self._banner.withdraw("file")
         self._document.open(cast(Sketch, sketch), path)
         if path is not None:
@@ -199,13 +202,19 @@ class Files(QObject):
 
     def _refuse(self, line: str) -> None:
         self._banner.tell(Message("error", line, "file"))
-        for path in self.recent.paths:
-            if str(path) in line and not path.exists():
-                self.recent.forget(path)
+        if self._asked is not None and not self._asked.exists():
+            self.recent.forget(self._asked)
+        self._asked = None
 
     def _not_saved(self, line: str) -> None:
         buttons = (("Save as…", self.save_as),)
         self._banner.tell(Message("error", f"Not saved: {line}", "file", buttons))
+
+
+def _sketch_at(path: Path) -> Sketch:
+    if not path.exists():
+        raise InputError(f"{path.name} is not there any more: {path.parent}")
+    return load_sketch(path)
 
 
 def _file_name(document: Document) -> str:

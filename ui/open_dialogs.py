@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING
 from PyQt6.QtCore import QObject, QUrl
 from PyQt6.QtGui import QDesktopServices
 
+from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.messages import TakePicture
+from sketchterrain.ui.models.background import Background
 
 if TYPE_CHECKING:
+    from PyQt6.QtGui import QImage
     from PyQt6.QtWidgets import QDialog, QWidget
 
     from sketchterrain.ui.actions import Actions
@@ -52,6 +55,7 @@ class OpenDialogs(QObject):
         self._preferences = preferences
         self._files = files
         self._banner = banner
+        self._writing = Background(self)
         actions.bind(
             {
                 "new": self.new,
@@ -110,10 +114,9 @@ class OpenDialogs(QObject):
         if wanted is not None:
             self._banner.tell(Message("info", "Drawing the picture …", "picture"))
             self._link.tell(TakePicture(str(dialog.path), *wanted))
-        elif shown is not None and shown.save(str(dialog.path), "PNG"):
-            self._tell_picture(str(dialog.path))
-        else:
-            self._banner.tell(Message("error", f"{dialog.path}: cannot be written", "picture"))
+        elif shown is not None:
+            path = dialog.path
+            self._writing.do("picture", partial(_write, shown, path), partial(self._written, path))
 
     def preferences(self) -> None:
         """Choose theme and device."""
@@ -153,7 +156,18 @@ class OpenDialogs(QObject):
         dialog.deleteLater()
         return accepted
 
+    def _written(self, path: Path, problem: str) -> None:
+        if problem:
+            self._banner.tell(Message("error", problem, "picture"))
+        else:
+            self._tell_picture(str(path))
+
     def _tell_picture(self, path: str) -> None:
         folder = QUrl.fromLocalFile(str(Path(path).parent))
         button = ("Open folder", partial(QDesktopServices.openUrl, folder))
         self._banner.tell(Message("good", f"The picture is saved: {path}", "picture", (button,)))
+
+
+def _write(picture: QImage, path: Path) -> None:
+    if not picture.save(str(path), "PNG"):
+        raise SketchterrainError(f"{path}: cannot be written")

@@ -105,7 +105,8 @@ class SketchActions(QObject):
 
     def random_seed(self) -> None:
         """Make another terrain of the same sketch."""
-        seed = random.randrange(_SEEDS)  # noqa: S311 - a terrain, no secret
+        thrown = random.randrange(_SEEDS - 1)  # noqa: S311 - a terrain, no secret
+        seed = thrown + (thrown >= self._document.sketch.seed)  # never the one that it has
         self._do(f"Seed {seed}", lambda: set_setting(self._document.sketch, WORLD, "seed", seed))
 
     def _refresh_chosen(self) -> None:

@@ -182,6 +182,47 @@ def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypa
     assert document.sketch.layers["mountain"][:40, :40].all()
 
 
+def test_a_recent_sketch_that_is_gone_is_told_and_forgotten(window, tmp_path, qtbot) -> None:
+    gone = tmp_path / "gone.sketch"
+    window.files.recent.add(gone)
+    window.files.open(gone)
+    qtbot.waitUntil(lambda: window.banner.message is not None)
+    assert "gone.sketch" in window.banner.message.line
+    assert gone not in window.files.recent.paths
+
+
+def test_the_picture_is_saved_as_it_is_shown(window, link, tmp_path, monkeypatch, qtbot) -> None:
+    from PyQt6.QtGui import QImage
+
+    from sketchterrain.ui.dialogs.picture import PictureDialog
+
+    link.picture = QImage(40, 30, QImage.Format.Format_RGB32)
+    link.picture.fill(0xFF336699)
+    path = tmp_path / "seen.png"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path.with_suffix("")), ""))
+    monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
+    do(window, "save-picture")
+    qtbot.waitUntil(lambda: window.banner.message is not None)
+    assert window.banner.message.kind == "good"
+    assert QImage(str(path)).size() == link.picture.size()
+    folder = tmp_path / "nowhere" / "seen.png"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(folder), ""))
+    do(window, "save-picture")
+    qtbot.waitUntil(lambda: window.banner.message.kind == "error")
+    assert "cannot be written" in window.banner.message.line
+
+
+def test_a_better_picture_is_asked_of_the_engine(window, link, tmp_path, monkeypatch) -> None:
+    from sketchterrain.ui.dialogs.picture import PictureDialog
+    from sketchterrain.ui.engine.messages import TakePicture
+
+    path = tmp_path / "best.png"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
+    do(window, "save-picture")
+    assert TakePicture(str(path), 1280, 720) in link.told
+
+
 def test_a_sketch_that_is_none_is_one_line_and_nothing_else_changes(
     window, document, tmp_path, qtbot
 ) -> None:

@@ -181,3 +181,59 @@ def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told)
     document.do("Set seed", document.sketch.replace(seed=29))
     document.do("Set seed", document.sketch)
     assert names == []
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, seed) -> None:
+    rng = np.random.default_rng(seed)
+    document.open(Sketch(layers={"hill": np.zeros((150, 210), dtype=np.uint8)}))
+    mirror: dict[str, np.ndarray] = {}
+    lives = []
+
+    def redraw_all() -> None:
+        mirror.update({name: document.layer(name).copy() for name in LAYERS})
+
+    def redraw(layer: str, box: tuple) -> None:
+        image = document.layer(layer)
+        if mirror[layer].shape != image.shape:
+            mirror[layer] = np.full(image.shape, 255, dtype=np.uint8)
+        top, left, bottom, right = box
+        mirror[layer][top:bottom, left:right] = image[top:bottom, left:right]
+
+    redraw_all()
+    document.opened.connect(redraw_all)
+    document.painted.connect(redraw)
+    document.live_changed.connect(lambda: lives.append(None))
+    for _ in range(150):
+        before = {name: document.layer(name).copy() for name in LAYERS}
+        told = len(lives)
+        layer = str(rng.choice(list(LAYERS)))
+        image = document.sketch.layers[layer]
+        top, left = (int(rng.integers(0, side)) for side in image.shape)
+        box = (top, left, min(top + 90, image.shape[0]), min(left + 90, image.shape[1]))
+        match int(rng.integers(8)):
+            case 0 | 1:
+                paint(document, layer, box, int(rng.integers(4)), title=None)
+            case 2 if document.draft is not None:
+                document.draft.commit("Paint")
+            case 3 if document.draft is not None:
+                document.draft.cancel()
+            case 4:
+                document.undo()
+            case 5:
+                document.redo()
+            case 6:
+                document.go_to(int(rng.integers(len(document.history.titles))))
+            case 7 if rng.random() < 0.2:
+                shape = tuple(int(n) for n in rng.integers(50, 300, 2))
+                layers = {name: rng.integers(0, 2, shape).astype(np.uint8) for name in LAYERS}
+                document.do("Resize", document.sketch.replace(layers=layers), merge="a")
+            case _:
+                document.do(
+                    "Clear", document.sketch.replace(layers={**document.sketch.layers, layer: 0 * image})
+                )
+        changed = False
+        for name in LAYERS:
+            np.testing.assert_array_equal(mirror[name], document.layer(name))
+            changed |= not np.array_equal(before[name], document.layer(name))
+        assert not changed or len(lives) > told

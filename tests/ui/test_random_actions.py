@@ -65,7 +65,13 @@ def resident() -> int:
 
 
 def widgets() -> Counter[str]:
-    return Counter(type(each).__name__ for each in QApplication.allWidgets())
+    """Count all widgets by what they are, and in what."""
+
+    def name(widget) -> str:
+        return f"{type(widget).__name__} {widget.objectName()}".rstrip()
+
+    kinds = ((each, each.parentWidget()) for each in QApplication.allWidgets())
+    return Counter(f"{name(each)} in {name(parent) if parent else 'nothing'}" for each, parent in kinds)
 
 
 def at_rest(window, document, workspace) -> None:
@@ -91,8 +97,8 @@ def test_things_done_at_random_leave_nothing_behind(window, document, workspace,
             at_rest(window, document, workspace)
             weighed, counted = resident(), widgets()
     at_rest(window, document, workspace)
-    more = widgets() - counted
-    assert not more, f"widgets that stayed: {more}"
     grown = resident() / weighed
+    more = widgets() - counted
     print(f"{ACTIONS} actions: memory {weighed >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
+    assert not more, f"widgets that stayed: {more}"
     assert grown < GROWTH

@@ -16,7 +16,9 @@ _SLOWER: Final = 0.3
 """How much of one quick measurement is believed; a slow one is believed at once."""
 _HOPE: Final = 0.9
 _AS_MUCH: Final = 0.8
-"""Of the most time that there was, which counts as as much."""
+"""Of the most time that there was, which counts as as much …"""
+_FORGETS: Final = 0.95
+"""… and of which so much is remembered from one time to the next, for budgets may get smaller."""
 
 
 class Allowance:
@@ -76,7 +78,7 @@ class Pace:
         slow moment of the machine must not stop the work for ever.
         """
         left = allowance.left
-        self._most = max(left, self._most)
+        self._most = max(left, _FORGETS * self._most)
         steps = max(int((left - _LAUNCH) / (self.unit * step)), 0)
         if not steps and left > max(2.0 * _LAUNCH, _AS_MUCH * self._most):
             self.unit = max(_HOPE * self.unit, self._quickest)

@@ -77,6 +77,16 @@ def test_one_slow_moment_does_not_stop_the_work_for_ever():
     assert pace.fits(Allowance(0.0, timer=Clock())) == 0
 
 
+def test_a_budget_that_was_large_once_does_not_stop_the_work_for_ever():
+    pace = Pace(1e-3)
+    assert pace.fits(Allowance(0.5, timer=Clock()))
+    pace.took(10, 0.5)
+    for tries in range(200):
+        if pace.fits(Allowance(0.01, timer=Clock())):
+            break
+    assert tries < 150
+
+
 @pytest.mark.gl
 def test_a_wall_throws_a_shadow_away_from_the_sun(gl):
     maker = LightMaker(gl, Wall(), SUN)

@@ -139,6 +139,21 @@ def test_a_settled_picture_is_that_of_a_fresh_renderer(gl, view, camera, before)
     assert same(now, View(gl, new).settled(camera))
 
 
+def test_a_still_picture_after_a_change_is_that_of_a_fresh_renderer(gl, camera, before):
+    new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
+    pictures = []
+    for terrain in (before, new):
+        view = View(gl, terrain)
+        view.renderer.prepare(camera, SIZE)
+        view.renderer.draw(camera, view.framebuffer)
+        if terrain is before:
+            view.renderer.change(new, areas)
+            view.renderer.prepare(camera, SIZE)
+            view.renderer.draw(camera, view.framebuffer)
+        pictures.append(read_picture(view.texture).astype(int))
+    assert same(*pictures)
+
+
 def test_the_newest_of_quick_changes_is_shown(gl, view, camera, before):
     terrain = before
     for step in range(6):

@@ -135,6 +135,7 @@ class Canvas(QWidget):
             self._fits = fits
             self._desk.viewport = viewport
             self._overlays.forget_eye()
+            self._hands.follow_sheet()
             self.update()
 
     # ── what models tell ─────────────────────────────────────────────────────────────────────────────────

@@ -153,9 +153,9 @@ class Flattening:
         area = np.s_[box[0] << level : box[2] << level, box[1] << level : box[3] << level]
         images, bits = [], []
         for bit, paint in enumerate(self._paints):
-            image = _reduced(self._layer(paint.layer)[area], level)
-            if image.any():
-                images.append(image)
+            image = self._layer(paint.layer)[area]
+            if image.max(initial=0) > 0:  # most layers are empty in most places
+                images.append(_reduced(image, level))
                 bits.append(bit)
         if not images:
             return None
@@ -181,10 +181,13 @@ def _within(top: int, left: int, bottom: int, right: int) -> Box | None:
 
 def _reduced(image: LabelImage, level: int) -> LabelImage:
     """Return the greatest label of every 2^level × 2^level pixels, fewer at the ends."""
-    for _ in range(level):
-        if image.shape[0] % 2:
-            image = np.concatenate([image, image[-1:]])
-        image = np.maximum(image[0::2], image[1::2])
+    if level == 0:
+        return image
+    step, whole = 1 << level, image.shape[0] >> level
+    rows: LabelImage = image[: whole * step].reshape(whole, step, -1).max(axis=1, initial=0)
+    if image.shape[0] % step:
+        rows = np.concatenate([rows, image[whole * step :].max(axis=0, keepdims=True)])
+    image = rows
     for _ in range(level):
         if image.shape[1] % 2:
             image = np.concatenate([image, image[:, -1:]], axis=1)

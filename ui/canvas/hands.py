@@ -115,8 +115,13 @@ class Hands(QObject):
 
     def double(self, event: QMouseEvent | None) -> None:
         """Do what the tool does at a double click."""
-        if event is not None and event.button() == Qt.MouseButton.LeftButton and not self._space:
-            self.tool.double(self._pointer(event.position(), event))
+        if event is None:
+            return
+        pointer = self._pointer(event.position(), event)
+        if event.button() == Qt.MouseButton.LeftButton and not self._space and not pointer.picks:
+            self.tool.double(pointer)
+        else:  # Qt tells the second of two quick presses so
+            self.press(event)
 
     def wheel(self, event: QWheelEvent | None) -> None:
         """Zoom about the mouse; with Ctrl or Shift change the brush."""
@@ -221,6 +226,11 @@ class Hands(QObject):
         self._on_brush()
         self.show_cursor()
         self._canvas.update()
+
+    def follow_sheet(self) -> None:
+        """Keep the brush's ring under the mouse when the sheet moves."""
+        if isinstance(self.tool, BrushTool):
+            self.tool.show_size(self._place)
 
     def _on_brush(self) -> None:
         if isinstance(self.tool, BrushTool):

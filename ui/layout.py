@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from PyQt6.QtCore import QObject, Qt, QTimer
+from PyQt6.QtWidgets import QToolBar
 
 from sketchterrain.ui.dock import Dock
 
@@ -88,8 +89,10 @@ class Layout(QObject):
                 menu.addAction(action)
 
     def reset(self) -> None:
-        """Put all panels where they are at first."""
+        """Put all panels and bars where they are at first."""
         self.show_alone("")
+        for bar in self._window.findChildren(QToolBar):
+            bar.show()
         left, right = Qt.DockWidgetArea.LeftDockWidgetArea, Qt.DockWidgetArea.RightDockWidgetArea
         groups: dict[str, list[Dock]] = {}
         for name, dock in self.docks.items():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -384,3 +386,17 @@ def test_messages_wait_for_each_other(window) -> None:
 def test_the_engine_can_be_started_again(window, link) -> None:
     do(window, "restart")
     assert link.running
+
+
+def test_the_windows_process_loads_no_driver() -> None:
+    drivers = {
+        "pyopencl",
+        "moderngl",
+        "rasterio",
+        "matplotlib",
+        "sketchterrain.render",
+        "sketchterrain.compute",
+    }
+    code = f"import sys, sketchterrain.ui.window; print(*sorted({drivers} & set(sys.modules)))"
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == ""

@@ -31,6 +31,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "points",
         "splines",
         "flight",
+        "live",
         "pictures",
         "erosion",
         "accuracy",

@@ -243,6 +243,9 @@ def test_what_is_gone_changes_nothing(sketch, placed) -> None:
         assert edits.locked(sketch, placed, chosen) is sketch
         assert edits.point_moved(sketch, placed, chosen, 0.0, 0.0) is sketch
     assert edits.widened(sketch, Chosen("lake", 7), 10.0) is sketch
+    short = Chosen("river", placed.rivers[0].id, 100_000)
+    assert not edits.is_edited(sketch, placed, short)
+    assert edits.point_moved(sketch, placed, short, 0.0, 0.0) is sketch
 
 
 def test_names_are_those_of_contradictions(placed) -> None:

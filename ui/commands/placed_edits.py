@@ -260,6 +260,8 @@ def _without(sketch: Sketch, chosen: Chosen, taken: Callable[[Edit], bool]) -> S
 
 def _edit_of_point(sketch: Sketch, river: River, index: int) -> int | None:
     """Find which edit put a control point where it is, or names it by where it still is."""
+    if not 0 <= index < len(river.points):
+        return None  # the river has become shorter meanwhile
     x, y = river.points[index, :2]
     best, nearest = None, _SAME_PLACE
     for at, edit in enumerate(sketch.edits):

@@ -67,7 +67,7 @@ class Bar(QFrame):
             button.setCheckable(True)
             self._modes.addButton(button, number)
             row.addWidget(button)
-        self._modes.idClicked.connect(lambda number: self.mode_chosen.emit(MODES[number]))
+        self._modes.idClicked.connect(self._choose)
         row.addSpacing(7)
         for name, tip, what, signal in (
             ("fit", "See the whole sketch (R)", "See the whole sketch", self.see_all),
@@ -84,6 +84,9 @@ class Bar(QFrame):
         button = self._modes.button(MODES.index(mode))
         if button is not None:
             button.setChecked(True)
+
+    def _choose(self, number: int) -> None:
+        self.mode_chosen.emit(MODES[number])
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
         """Draw the plate."""

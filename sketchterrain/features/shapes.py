@@ -7,8 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
-from skimage.measure import label as connected_regions
+from scipy import ndimage, sparse
+from scipy.sparse.csgraph import connected_components
+
+Ints = npt.NDArray[np.int64]
 
 EDGE_OVERHANG = 0.125
 """A shape that touches the sketch's edge is taken to go on beyond it, by this share of the longer side."""
@@ -86,17 +88,57 @@ def label_shapes(layer: str, image: npt.NDArray[np.uint8]) -> tuple[Shape, ...]:
 
 
 def regions_of(image: npt.NDArray[np.uint8]) -> tuple[Region, ...]:
-    """Find the connected regions of a label image, in reading order of their first pixels."""
-    numbers = np.asarray(connected_regions(image, background=0, connectivity=2))
+    """Find the connected regions of a label image, in reading order of their first pixels.
+
+    Runs of one label along rows are joined, not pixels: a painted image has few.
+    """
+    row, start, end = _runs(image)
+    if len(row) == 0:
+        return ()
+    label = image[row, start]
+    count, member = connected_components(_touching(row, start, end, label, image.shape[1]), directed=False)
+    order = np.argsort(member, kind="stable")
+    bounds = np.concatenate([[0], np.cumsum(np.bincount(member, minlength=count))])
+    row, start, end = row[order], start[order], end[order]
+    left, right = np.minimum.reduceat(start, bounds[:-1]), np.maximum.reduceat(end, bounds[:-1])
     found = []
-    for number, box in enumerate(ndimage.find_objects(numbers), 1):
-        if box:
-            rows, columns = box
-            mask = numbers[box] == number
-            first = int(np.argmax(mask[0])) + int(columns.start)
-            region = Region(int(image[rows.start, first]), rows, columns, mask)
-            found.append((int(rows.start), first, region))
-    return tuple(region for _, _, region in sorted(found, key=lambda each: each[:2]))
+    # Runs of a region are in reading order; sorted by their first ones, so are the regions.
+    for number in np.argsort(order[bounds[:-1]]).tolist():
+        own = slice(int(bounds[number]), int(bounds[number + 1]))
+        top, west, east = int(row[own.start]), int(left[number]), int(right[number])
+        edges = np.zeros((int(row[own.stop - 1]) + 1 - top, east - west + 1), dtype=np.int8)
+        edges[row[own] - top, start[own] - west] = 1
+        edges[row[own] - top, end[own] - west] = -1
+        mask = np.cumsum(edges, axis=1, dtype=np.int8)[:, :-1].astype(np.bool_)
+        box = slice(top, top + len(edges)), slice(west, east)
+        found.append(Region(int(label[order[own.start]]), *box, mask))
+    return tuple(found)
+
+
+def _runs(image: npt.NDArray[np.uint8]) -> tuple[Ints, Ints, Ints]:
+    """Row, first column and the column after the last one of each run of one label, in reading order."""
+    turns = np.ones(image.shape, dtype=np.bool_)
+    np.not_equal(image[:, 1:], image[:, :-1], out=turns[:, 1:])
+    first = np.flatnonzero(turns)
+    row, start = np.divmod(first, image.shape[1])
+    end = np.append(first[1:], image.size) - row * image.shape[1]
+    painted = image[row, start] > 0
+    return row[painted], start[painted], end[painted]
+
+
+def _touching(
+    row: Ints, start: Ints, end: Ints, label: npt.NDArray[np.uint8], width: int
+) -> sparse.coo_array:
+    """Pairs of runs of one label, one a row below the other, of which pixels touch at least at a corner."""
+    span = width + 1
+    low = np.searchsorted(row * span + end, (row + 1) * span + start, side="left")
+    high = np.searchsorted(row * span + start, (row + 1) * span + end, side="right")
+    count = np.maximum(high - low, 0)
+    upper = np.repeat(np.arange(len(row)), count)
+    lower = np.arange(len(upper)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low, count)
+    same = label[upper] == label[lower]
+    ones = np.ones(int(same.sum()), dtype=np.bool_)
+    return sparse.coo_array((ones, (upper[same], lower[same])), shape=(len(row), len(row)))
 
 
 def measured(layer: str, image: npt.NDArray[np.uint8], region: Region) -> Shape:

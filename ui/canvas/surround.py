@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QRect
-from PyQt6.QtGui import QColor, QRegion
+from PyQt6.QtCore import QRect, QRectF
+from PyQt6.QtGui import QColor, QPainter, QPen, QRegion
 
 from sketchterrain.ui.look.theme import theme
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QPainter
 
 __all__ = ["Surround", "draw_surround", "surround"]
 
@@ -55,24 +51,14 @@ def draw_surround(painter: QPainter, area: QRect, sheet: QRect, colours: Surroun
     painter.fillRect(area, colours.ground)
     reach, drop = round(_REACH * colours.ratio), round(_DROP * colours.ratio)
     if sheet.adjusted(-reach, -reach, reach, reach + drop).intersects(area):
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         shadow = QColor(colours.shadow)
         for step in range(reach + drop):
             shadow.setAlphaF(colours.shadow.alphaF() * (1.0 - step / (reach + drop)) ** 2)
-            for edge in _frame(sheet.translated(0, drop), step - drop):
-                painter.fillRect(edge, shadow)
+            away = step - drop + 0.5
+            painter.setPen(QPen(shadow, 1.0))
+            grown = QRectF(sheet.translated(0, drop)).adjusted(-away, -away, away, away)
+            painter.drawRoundedRect(grown, max(away, 0.0), max(away, 0.0))
         line = max(round(colours.ratio), 1)
         painter.fillRect(sheet.adjusted(-line, -line, line, line), colours.border)
     painter.restore()
-
-
-def _frame(inner: QRect, step: int) -> tuple[QRect, QRect, QRect, QRect]:
-    """Return the four edges, a pixel wide, of the rectangle that lies `step` px around another one."""
-    grown = inner.adjusted(-step - 1, -step - 1, step + 1, step + 1)
-    width, height = grown.width(), grown.height()
-    corner = max(step // 2, 0)  # left out at the ends: it looks round
-    return (
-        QRect(grown.left() + corner, grown.top(), width - 2 * corner, 1),
-        QRect(grown.left() + corner, grown.bottom(), width - 2 * corner, 1),
-        QRect(grown.left(), grown.top() + 1 + corner, 1, height - 2 - 2 * corner),
-        QRect(grown.right(), grown.top() + 1 + corner, 1, height - 2 - 2 * corner),
-    )

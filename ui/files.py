@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from PyQt6.QtCore import QObject
+from PyQt6.QtCore import QObject, QTimer
 from PyQt6.QtWidgets import QFileDialog, QMessageBox
 
 from sketchterrain.errors import InputError, SketchterrainError
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Files"]
 
+_PATIENCE = 400  # ms that a file may take until that is told
 _ZIP, _SETTINGS = ".sketch", "sketch.toml"
 _OPEN = f"Sketches (*{_ZIP} {_SETTINGS});;All files (*)"
 _ONE_FILE, _FOLDER = f"Sketch in one file (*{_ZIP})", "Sketch as a folder of images (*)"
@@ -65,6 +66,11 @@ class Files(QObject):
         self._asked: Path | None = None
         self.reading = Reading(self)
         self.reading.failed.connect(self._refuse)
+        self._patience = QTimer(self)
+        self._patience.setSingleShot(True)
+        self._patience.setInterval(_PATIENCE)
+        self._patience.timeout.connect(self._tell_reading)
+        self.reading.busy_changed.connect(self._show_reading)
         saving.saved.connect(self._saved)
         saving.failed.connect(self._not_saved)
 
@@ -97,6 +103,7 @@ class Files(QObject):
     def open_preset(self, name: str) -> None:
         """Begin with a preset, if the sketch that is open may go."""
         if self.may_leave():
+            self._asked = Path(name)
             self.reading.read(partial(load_sketch, name), partial(self._opened, None))
 
     def save(self) -> None:
@@ -173,6 +180,18 @@ class Files(QObject):
             path = files[0]
             self.open(path.parent if path.name == _SETTINGS else path)
 
+    def _show_reading(self, reads: bool) -> None:
+        if reads:
+            self._patience.start()
+        else:
+            self._patience.stop()
+            self._banner.withdraw("reading")
+
+    def _tell_reading(self) -> None:
+        what = "images" if self._asked is None else self._asked.name
+        cancel = (("Cancel", self.reading.cancel),)
+        self._banner.tell(Message("info", f"Reading {what} …", "reading", cancel))
+
     def _opened(self, path: Path | None, sketch: object) -> None:
         self._asked = None
         self._banner.withdraw("file")
@@ -202,7 +221,7 @@ class Files(QObject):
 
     def _refuse(self, line: str) -> None:
         self._banner.tell(Message("error", line, "file"))
-        if self._asked is not None and not self._asked.exists():
+        if self._asked in self.recent.paths and not self._asked.exists():
             self.recent.forget(self._asked)
         self._asked = None
 

@@ -14,6 +14,7 @@ from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.messages import GoTo
 from sketchterrain.ui.files import Files
+from sketchterrain.ui.full_views import FullViews
 from sketchterrain.ui.layout import Layout
 from sketchterrain.ui.look.app_icon import app_icon
 from sketchterrain.ui.menus import add_last, add_menus, add_tool_bars
@@ -171,7 +172,8 @@ class MainWindow(QMainWindow):
         add_menus(self, self.actions_by_name, inner)
 
     def _bind(self) -> None:
-        actions, files, layout = self.actions_by_name, self.files, self.layout_of_parts
+        actions, files = self.actions_by_name, self.files
+        FullViews(self, actions, self.layout_of_parts)
         SketchActions(actions, self._document, self._workspace, self._link, self.banner)
         ViewActions(actions, self._workspace, self._link)
         OpenDialogs(
@@ -206,19 +208,9 @@ class MainWindow(QMainWindow):
                     f"bookmark-{number}": partial(self._bookmarks.go_to, number - 1)
                     for number in range(1, 10)
                 },
-                "leave": self._leave,
-                "reset-layout": layout.reset,
                 "restart": self._restart,
             }
         )
-        actions.bind_checked(
-            {
-                "canvas-only": lambda on: self._show_alone("canvas" if on else ""),
-                "view-only": lambda on: self._show_alone("view" if on else ""),
-                "full-screen": self._fill_screen,
-            }
-        )
-        self._show_alone("")
 
     def showEvent(self, event: QShowEvent | None) -> None:
         """Share out the room when there is some for the first time."""
@@ -264,31 +256,6 @@ class MainWindow(QMainWindow):
         self.setWindowTitle(f"{name}[*] — Sketchterrain")
         self.setWindowModified(self._document.is_modified)
         self.setWindowFilePath(str(path) if path else "")
-
-    def _show_alone(self, part: str) -> None:
-        self.layout_of_parts.show_alone(part)
-        self._show_leave()
-
-    def _fill_screen(self, on: bool) -> None:
-        if on:
-            self.showFullScreen()
-        else:
-            self.showNormal()
-        self._show_leave()
-
-    def _leave(self) -> None:
-        if self.layout_of_parts.alone:
-            self._show_alone("")
-        else:
-            self._fill_screen(False)
-
-    def _show_leave(self) -> None:
-        alone, actions = self.layout_of_parts.alone, self.actions_by_name
-        actions["canvas-only"].setChecked(alone == "canvas")
-        actions["view-only"].setChecked(alone == "view")
-        actions["full-screen"].setChecked(self.isFullScreen())
-        # Esc is others' as long as there is nothing to leave.
-        actions["leave"].setEnabled(bool(alone) or self.isFullScreen())
 
     def _say(self, line: str) -> None:
         self.banner.tell(Message("info", line, "hint"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -191,6 +192,28 @@ def test_a_recent_sketch_that_is_gone_is_told_and_forgotten(window, tmp_path, qt
     qtbot.waitUntil(lambda: window.banner.message is not None)
     assert "gone.sketch" in window.banner.message.line
     assert gone not in window.files.recent.paths
+
+
+def test_what_takes_long_to_read_is_told_and_can_be_cancelled(window, document, qtbot) -> None:
+    done, before = threading.Event(), document.sketch
+    window.files.reading.read(lambda: done.wait(20) and Sketch(), document.open)
+    qtbot.waitUntil(lambda: window.banner.message is not None)
+    assert window.banner.message.line.startswith("Reading")
+    window.banner.message.buttons[0][1]()
+    assert window.banner.message is None
+    assert not window.files.reading.is_busy
+    done.set()
+    qtbot.wait(50)
+    assert document.sketch is before
+
+
+def test_the_newest_of_two_sketches_asked_for_is_opened(window, document, tmp_path, qtbot) -> None:
+    for name in ("one", "two"):
+        save_sketch(Sketch(name=name), tmp_path / f"{name}.sketch")
+        window.files.open(tmp_path / f"{name}.sketch")
+    qtbot.waitUntil(lambda: document.sketch.name == "two")
+    qtbot.wait(100)
+    assert document.sketch.name == "two"
 
 
 def test_the_picture_is_saved_as_it_is_shown(window, link, tmp_path, monkeypatch, qtbot) -> None:

@@ -49,6 +49,13 @@ class Reading(QObject):
         self.busy_changed.emit(True)
         Thread(target=self._work, args=(self._newest, work), name="reading", daemon=True).start()
 
+    def cancel(self) -> None:
+        """Drop what is being read: nobody is told of it any more."""
+        if self._then is not None:
+            self._newest += 1
+            self._then = None
+            self.busy_changed.emit(False)
+
     def _work(self, number: int, work: Callable[[], object]) -> None:
         try:
             result, line = work(), ""

@@ -460,7 +460,7 @@ def test_handles_resize_widen_and_move_points(full, document, workspace, placed,
 
 
 def grab(canvas: Canvas, qtbot, placed, role: str, off: QPoint) -> None:
-    handles = [each for each in handles_of(placed, canvas._desk.workspace.chosen) if each.role == role]
+    handles = [each for each in canvas._hands.tool._handles(placed) if each.role == role]
     handle = handles[len(handles) // 2]
     place = canvas._hands.tool._shown_at(handle)
     start = QPoint(round(place.x()), round(place.y()))
@@ -527,3 +527,27 @@ def test_tools_without_anything_placed_do_no_harm(canvas, workspace, qtbot) -> N
         qtbot.mouseDClick(canvas, LEFT, pos=at(canvas, 64.0, 64.0))
         qtbot.keyClick(canvas, Qt.Key.Key_Delete)
         canvas.grab()
+
+
+def test_a_drag_from_nothing_moves_the_sheet(full, document, qtbot) -> None:
+    full.zoom(1.0, QPointF(300.0, 300.0))
+    left = full.viewport.left
+    qtbot.mousePress(full, LEFT, pos=QPoint(3, 3))
+    move(full, QPoint(33, 3), LEFT)
+    qtbot.mouseRelease(full, LEFT, pos=QPoint(33, 3))
+    assert full.viewport.left == left + 30
+    assert steps(document) == ()
+
+
+def test_control_points_are_shown_where_there_is_room(full, workspace, placed) -> None:
+    river = placed.rivers[0]
+    tool = full._hands.tool
+    workspace.chosen = Chosen("river", river.id, 3)
+    few = tool._handles(placed)
+    assert 3 in [each.chosen.index for each in few]
+    places = [tool._shown_at(each) for each in few if each.role == "point"]
+    for k, one in enumerate(places):
+        for other in places[k + 1 :]:
+            assert np.hypot(one.x() - other.x(), one.y() - other.y()) >= 15.9
+    full.zoom(12.0, QPointF(300.0, 300.0))
+    assert len(tool._handles(placed)) == len(handles_of(placed, workspace.chosen)) > len(few)

@@ -41,7 +41,6 @@ def feature_menu(parent: QWidget, desk: Desk, chosen: Chosen | None, x: float, y
     document, placed = desk.document, desk.link.placed
     if chosen is not None and placed is not None:
         sketch, name = document.sketch, name_of(placed, chosen)
-        menu.addSection(name.capitalize())
         if chosen.kind == "feature":
             if placed_edits.is_locked(sketch, chosen):
                 _offer(menu, desk, "unlock", f"Unlock {name}", placed_edits.unlocked(sketch, chosen))

@@ -87,6 +87,8 @@ class Hands(QObject):
             pick_label(self._desk, pointer)
         elif event.button() == Qt.MouseButton.LeftButton or self._name in _PAINTERS:
             self.tool.press(pointer)
+            if self._name == "select" and self._desk.workspace.chosen is None:
+                self._grabbed = event.position()  # there is nothing to drag but the sheet
         self.show_cursor()
 
     def move(self, event: QMouseEvent | None) -> None:

@@ -32,6 +32,7 @@ __all__ = ["SelectTool"]
 _REACH = 9.0  # logical px by which a click may miss
 _DRAG = 4.0  # logical px after which a press is a drag
 _OUT = 12.0  # logical px that a width's handle stands off its bank
+_APART = 16.0  # logical px between control points that are shown
 _DELETES = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
 
 
@@ -178,7 +179,7 @@ class SelectTool(Tool):
         if chosen is None or not is_there(placed, chosen):
             return
         draw_chosen(painter, self._marks, self.desk, placed, chosen, accent)
-        for handle in handles_of(placed, chosen):
+        for handle in self._handles(placed):
             self._draw_handle(painter, handle, chosen)
         self._draw_drag(painter, placed)
 
@@ -235,11 +236,28 @@ class SelectTool(Tool):
     def _handle_near(self, placed: Placed, place: QPointF) -> Handle | None:
         """Find the handle that is shown near a place of the screen."""
         near = []
-        for handle in handles_of(placed, self.desk.workspace.chosen):
+        for handle in self._handles(placed):
             off = self._shown_at(handle) - place
             near.append((math.hypot(off.x(), off.y()), handle))
         best = min(near, key=lambda pair: pair[0], default=None)
         return best[1] if best is not None and best[0] <= _REACH else None
+
+    def _handles(self, placed: Placed) -> list[Handle]:
+        """Return the handles that have room on the screen; the chosen point's before its neighbours'."""
+        chosen = self.desk.workspace.chosen
+        handles = handles_of(placed, chosen)
+        own = None if chosen is None else chosen.index
+        kept: list[Handle] = []
+        places: list[QPointF] = []
+        for handle in sorted(handles, key=lambda each: each.role == "point" and each.chosen.index != own):
+            place = self._shown_at(handle)
+            if handle.role == "point" and any(
+                math.hypot(place.x() - other.x(), place.y() - other.y()) < _APART for other in places
+            ):
+                continue
+            kept.append(handle)
+            places.append(place)
+        return kept
 
     def _shown_at(self, handle: Handle) -> QPointF:
         """Where a handle is drawn: that of a width stands off its bank, clear of the course."""

@@ -2,45 +2,27 @@
 
 from __future__ import annotations
 
-import os
-import time
-from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.sketch_scaling import sketch_of
 from sketchterrain.benchmarks.timing import spread
-from sketchterrain.errors import DeviceError
+from sketchterrain.ui.rehearsal import Rehearsal
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from PyQt6.QtCore import QCoreApplication
-
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.plan import Followed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.window import MainWindow
+    from sketchterrain.ui.rehearsal import Painted
 
 __all__ = ["SEED", "STAGES", "measure"]
 
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")
 _SIDE, _BLOBS = 512, 18
-_WINDOW: Final = (1600, 900)
-_RATE: Final = 0.008
-"""s between two places of a mouse."""
-_HEARTBEAT: Final = 5
-"""ms."""
 _LAYERS: Final = ("mountain", "hill", "dune", "forest", "river", "lake")
-_TIMEOUT: Final = 120.0
 
 _COLUMNS = (
     Column("painting", "painting"),
@@ -68,11 +50,13 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     paints.
     """
     del context  # the processes open devices of their own
-    work = _Painting(sketch_with_twenty_shapes())
+    rehearsal = Rehearsal(sketch_with_twenty_shapes())
     try:
-        rows = [work.row("strokes", effort.live_strokes), work.row("dabs", effort.live_dabs)]
+        _row(rehearsal, "dabs", len(_LAYERS))  # what is made once is made before
+        counts = {"strokes": effort.live_strokes, "dabs": effort.live_dabs}
+        rows = [_row(rehearsal, painting, count) for painting, count in counts.items()]
     finally:
-        work.end()
+        rehearsal.end()
     return Outcome((Table(f"From a stroke to changed terrain, seed {SEED}", _COLUMNS, tuple(rows)),))
 
 
@@ -85,148 +69,25 @@ def sketch_with_twenty_shapes() -> Sketch:
     return sketch.replace(layers={**sketch.layers, "lake": lake})
 
 
-class _Painting:
-    """A document in the program's window, and a heart that beats in the event loop."""
-
-    def __init__(self, sketch: Sketch) -> None:
-        from PyQt6.QtCore import Qt, QTimer
-
-        from sketchterrain.ui.engine.link import EngineLink
-        from sketchterrain.ui.models.document import Document
-
-        self._application = _application()
-        self._document: Document = Document(sketch)
-        self._link: EngineLink = EngineLink(self._document)
-        self._rng = np.random.default_rng(SEED)
-        self._made: dict[int, float] = {}
-        self._followed: list[Followed] = []
-        self._beats: list[float] = []
-        self._link.sent.connect(self._made.__setitem__)
-        self._link.followed.connect(self._followed.append)
-        self._troubles: list[Any] = []
-        self._link.trouble.connect(self._troubles.append)
-        self._heart = QTimer()
-        self._heart.setTimerType(Qt.TimerType.PreciseTimer)
-        self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
-        self._folder = TemporaryDirectory(prefix="sketchterrain-live-")
-        self._window = _window(self._document, self._link, Path(self._folder.name))
-        self._window.resize(*_WINDOW)
-        self._window.show()
-        self._link.start()
-        self._wait(lambda: self._link.frame is not None)
-        for layer in _LAYERS:  # what is made once is made before
-            self._stroke(layer, places=1)
-            self._wait(self._is_there)
-
-    def end(self) -> None:
-        """End the processes."""
-        self._heart.stop()
-        self._link.stop()
-        self._document.saved(self._document.sketch, Path(self._folder.name))  # or it would ask
-        self._window.close()
-        self._window.deleteLater()
-        self._application.processEvents()
-        self._folder.cleanup()
-
-    def row(self, painting: str, count: int) -> Row:
-        """Paint so many strokes or dabs, and return what was found."""
-        samples: list[tuple[float, ...]] = []
-        stalls: list[float] = []
-        for number in range(count):
-            self._made.clear()
-            self._followed.clear()
-            self._beats.clear()
-            self._heart.start(_HEARTBEAT)
-            places = int(self._rng.integers(60, 121)) if painting == "strokes" else 1
-            self._stroke(_LAYERS[number % len(_LAYERS)], places=places)
-            self._heart.stop()
-            stalls += (np.diff(self._beats) - _HEARTBEAT * 1e-3).tolist()
-            self._wait(self._is_there)
-            samples += self._times()
-            self._document.undo()  # every stroke meets the same sketch
-            self._wait(self._is_there)
-        return _found(painting, samples, stalls)
-
-    def _times(self) -> list[tuple[float, ...]]:
-        """Return when each sketch was made, and when the first shown that has it went through each stage."""
-        versions = np.array([each.version for each in self._followed])
-        found: list[tuple[float, ...]] = []
-        for version, made in sorted(self._made.items()):
-            shown = self._followed[int(np.searchsorted(versions, version))]
-            found.append((made, shown.begun, shown.placed, shown.ready, shown.received, shown.shown))
-        return found
-
-    def _stroke(self, layer: str, *, places: int) -> None:
-        from sketchterrain.ui.painting.stroke import Stroke
-
-        at = self._rng.uniform(0.1, 0.9, 2) * _SIDE
-        way = self._rng.normal(0.0, 2.5, 2)
-        radius = float(self._rng.uniform(8.0, 40.0)) * (0.3 if layer == "river" else 1.0)
-        draft = self._document.begin_draft(layer)
-        stroke = Stroke(draft.image, int(self._rng.integers(0, 3) > 0))
-        for number in range(places):
-            began = time.monotonic()
-            boxes = [stroke.to(float(at[0]), float(at[1]), radius)]
-            boxes += [stroke.finish()] if number == places - 1 else []
-            for box in boxes:
-                if box is not None:
-                    draft.touch(box)
-            way += self._rng.normal(0.0, 0.6, 2)
-            at += np.clip(way, -6.0, 6.0)
-            self._pause(began + _RATE)
-        draft.commit(f"Paint {layer}")
-
-    def _is_there(self) -> bool:
-        return (
-            bool(self._made) and self._followed[-1:] != [] and self._followed[-1].version >= max(self._made)
-        )
-
-    def _pause(self, until: float) -> None:
-        from PyQt6.QtCore import QEventLoop
-
-        while (left := until - time.monotonic()) > 0.0:
-            self._application.processEvents(QEventLoop.ProcessEventsFlag.AllEvents)
-            time.sleep(min(left, 0.001))
-        self._application.processEvents()
-
-    def _wait(self, until: Callable[[], bool]) -> None:
-        end = time.monotonic() + _TIMEOUT
-        self._pause(time.monotonic() + 0.02)  # so that what was painted last is on its way
-        while not until():
-            if self._troubles or time.monotonic() > end:
-                lines = "; ".join(each.line for each in self._troubles)
-                raise DeviceError(f"the terrain does not follow what is painted: {lines or 'no answer'}")
-            self._pause(time.monotonic() + 0.002)
+def _row(rehearsal: Rehearsal, painting: str, count: int) -> Row:
+    """Paint so many strokes or dabs, and return what was found."""
+    rng = np.random.default_rng(SEED)
+    times: list[tuple[float, ...]] = []
+    stalls: list[float] = []
+    for number in range(count):
+        places = int(rng.integers(60, 121)) if painting == "strokes" else 1
+        seen = _stroke(rehearsal, rng, _LAYERS[number % len(_LAYERS)], places=places)
+        times += seen.times
+        stalls += seen.stalls
+    return _found(painting, times, stalls)
 
 
-def _window(document: Document, link: EngineLink, folder: Path) -> MainWindow:
-    """Return the program's window, which keeps what it keeps in a folder."""
-    from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.preferences import Preferences
-    from sketchterrain.ui.models.recent import RecentFiles
-    from sketchterrain.ui.models.saving import Saving
-    from sketchterrain.ui.models.workspace import Workspace
-    from sketchterrain.ui.window import MainWindow
-
-    return MainWindow(
-        document,
-        Workspace(),
-        link,
-        preferences=Preferences(folder / "desktop.ini"),
-        recent=RecentFiles(folder / "recent"),
-        saving=Saving(document),
-        bookmarks=Bookmarks(document, folder / "bookmarks"),
-    )
-
-
-@cache
-def _application() -> QCoreApplication:
-    """Return the program's Qt, without a screen unless there is one."""
-    from PyQt6.QtWidgets import QApplication
-
-    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
-    return QApplication.instance() or QApplication([])
+def _stroke(rehearsal: Rehearsal, rng: np.random.Generator, layer: str, *, places: int) -> Painted:
+    ways = rng.normal(0.0, 2.5, 2) + np.cumsum(rng.normal(0.0, 0.6, (places, 2)), axis=0)
+    path = rng.uniform(0.1, 0.9, 2) * _SIDE + np.cumsum(np.clip(ways, -6.0, 6.0), axis=0)
+    radius = float(rng.uniform(8.0, 40.0)) * (0.3 if layer == "river" else 1.0)
+    label = int(rng.integers(0, 3) > 0)
+    return rehearsal.paint(layer, label, [(x, y) for x, y in path.tolist()], radius)
 
 
 def _found(painting: str, times: list[tuple[float, ...]], stalls: list[float]) -> Row:

@@ -26,7 +26,7 @@ FOV: Final = 50.0
 """Degrees, vertical."""
 REACH: Final = 8.0
 """Extents, how far lines of sight are followed."""
-_START: Final = (0.8, 30.0)  # extents from the middle, and degrees over it: most of the sketch is seen
+_START: Final = (0.74, 22.0)  # extents from the middle, degrees over it: most of the sketch, and the sky
 _WIDE: Final = 1.4  # width over height of the narrowest picture for which that holds
 _GLIDE: Final = 0.5  # s
 _STILL: Final = 2e-5  # of the distance to what is looked at; smaller motions are none

@@ -226,7 +226,7 @@ class EngineLink(QObject):
         elif isinstance(message, PictureWritten):
             self.picture_written.emit(message.path)
         elif isinstance(message, Trouble):
-            self.trouble.emit(message)
+            self._complain(message.what, message.line)
         elif isinstance(message, _Gone):
             self._crashed(message.line or f"the {name} closed its connection")
 
@@ -247,15 +247,18 @@ class EngineLink(QObject):
         self._set_busy("engine", "")
         self._set_busy("placer", "")
         if self._crashes == 1:
-            self.trouble.emit(Trouble("engine", f"{line}; it is started again"))
+            self._complain("engine", f"{line}; it is started again")
             self._begin(draws=True)
         elif self._crashes == 2:  # see the class
-            self.trouble.emit(Trouble("engine", f"{line} once more; it goes on without the 3-D view"))
+            self._complain("engine", f"{line} once more; it goes on without the 3-D view")
             self._begin(draws=False)
         else:
-            self.trouble.emit(
-                Trouble("engine", f"{line} again and again; start it again, or save and restart")
-            )
+            self._complain("engine", f"{line} again and again; save, and start the program again")
+
+    def _complain(self, what: str, line: str) -> None:
+        """Tell what failed, as a sentence."""
+        line = line[:1].upper() + line[1:]
+        self.trouble.emit(Trouble(what, line if line.endswith((".", "!", "?")) else f"{line}."))
 
     def _set_busy(self, name: str, what: str) -> None:
         self._busy[name] = what

@@ -48,9 +48,12 @@ class Placer:
 
     def run(self) -> None:
         """Work until there is nothing more to do."""
-        while self._take():
-            if self._mirror.version >= 0:
-                self._work()
+        try:
+            while self._take():
+                if self._mirror.version >= 0:
+                    self._work()
+        except OSError:
+            return  # the window is gone
 
     def _newer(self) -> bool:
         return self._window.has_message()

@@ -5,19 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.render import Quality, Renderer, Weather, open_context
 from sketchterrain.render.overlays import OVERLAYS, Overlay
+from sketchterrain.render.picture_target import PictureTarget
 from sketchterrain.render.quality import SOFTWARE
 from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.sunlight import find_sun, sun_of
 from sketchterrain.ui.engine.messages import ViewState
 
 if TYPE_CHECKING:
-    import moderngl
-
     from sketchterrain.compute import ComputeContext, Device
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.sky import Sun
@@ -60,8 +57,7 @@ class Stage:
         self.is_software = any(part in self.name.lower() for part in SOFTWARE)
         self._view = ViewState()
         self._shown: _Shown | None = None
-        self._texture: moderngl.Texture | None = None
-        self._framebuffer: moderngl.Framebuffer | None = None
+        self._target = PictureTarget(self._context)
 
     def open_device(self, device: Device) -> ComputeContext:
         """Open a device so that it writes where this context draws from."""
@@ -145,7 +141,7 @@ class Stage:
         clock
             s, moves water, plants and clouds.
         """
-        shown, framebuffer = self._shown, self._sized((self._view.width, self._view.height))
+        shown, framebuffer = self._shown, self._target.sized((self._view.width, self._view.height))
         assert shown is not None  # noqa: S101 # `show` was called before
         stats = shown.renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
         names = [name for name in self._view.overlays if name in OVERLAYS]
@@ -164,23 +160,11 @@ class Stage:
 
     def pixels(self, into: memoryview) -> None:
         """Copy the last frame: RGBX, row 0 on top."""
-        assert self._texture is not None  # noqa: S101 # `frame` was called before
-        width, height = self._texture.size
-        read = np.frombuffer(self._texture.read(), np.uint8).reshape(height, width, 4)
-        np.frombuffer(into, np.uint8).reshape(height, width, 4)[:] = read[::-1]
+        self._target.read_into(into)
 
     def _quality(self) -> Quality:
         number = self._view.quality
         return Quality.for_renderer(self.name) if number is None else Quality.of(number)
-
-    def _sized(self, size: tuple[int, int]) -> moderngl.Framebuffer:
-        if self._framebuffer is None or self._framebuffer.size != size:
-            for old in (self._framebuffer, self._texture):
-                if old is not None:
-                    old.release()
-            self._texture = self._context.texture(size, 4)
-            self._framebuffer = self._context.framebuffer([self._texture])
-        return self._framebuffer
 
 
 def _sun(terrain: Terrain, camera: Camera, weather: Weather) -> tuple[Sun, str]:

@@ -32,6 +32,7 @@ from sketchterrain.ui.view3d.aim import overview
 from sketchterrain.ui.view3d.bar import Bar
 from sketchterrain.ui.view3d.card import Card
 from sketchterrain.ui.view3d.compass import Compass
+from sketchterrain.ui.view3d.feature_menu import DoingMenu
 from sketchterrain.ui.view3d.view import View3D
 
 WIDTH, HEIGHT = 640, 480
@@ -289,6 +290,27 @@ def test_delete_deletes_what_is_selected(view, document, workspace, chosen) -> N
     assert workspace.chosen is None
     key(view, Qt.Key.Key_Delete)
     assert len(document.sketch.edits) == 1
+
+
+def menu_of(view):
+    return next(each for each in view.findChildren(DoingMenu) if each.isVisible())
+
+
+def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspace, placed) -> None:
+    point = placed.points[placed.points["painted"] & (placed.points["type"] == 0)][0]
+    place = (float(point["x"]), float(point["y"]), 0.0)
+    for text, action in (("Lock mountain", "lock"), ("Add hill here", "add"), ("Delete mountain", "delete")):
+        click(view, 320, 240, RIGHT)
+        link.picked.emit(Picked(link.told[-1].token, place))
+        assert workspace.chosen == Chosen("feature", int(point["id"]))
+        menu = menu_of(view)
+        next(each for each in menu.actions() if each.text() == text).trigger()
+        menu.close()
+        assert document.sketch.edits[-1].action == action
+    assert workspace.chosen is None
+    click(view, 320, 10, RIGHT)
+    link.picked.emit(Picked(link.told[-1].token, None))
+    assert not [each for each in view.findChildren(DoingMenu) if each.isVisible()]
 
 
 def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed) -> None:

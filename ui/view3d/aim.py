@@ -20,7 +20,7 @@ __all__ = ["going_to", "overview"]
 _DISTANCE = 1.6  # of its diameter
 _NEAREST = 40.0  # m
 _FOV = 50.0  # degrees, as the engine's
-_ELEVATION = 38.0  # degrees
+_ELEVATION = 26.0  # degrees: just below a horizon that is seen
 _FILLED = 0.94  # of the picture, by the sketch's corners
 
 

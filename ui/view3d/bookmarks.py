@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from PyQt6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QSize, Qt
@@ -13,7 +14,6 @@ from PyQt6.QtWidgets import (
     QLabel,
     QListWidget,
     QListWidgetItem,
-    QMenu,
     QToolButton,
     QVBoxLayout,
     QWidget,
@@ -23,6 +23,7 @@ from sketchterrain.ui.engine.messages import Look
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
 from sketchterrain.ui.models.bookmarks import Bookmark
+from sketchterrain.ui.view3d.feature_menu import DoingMenu
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.link import EngineLink
@@ -178,17 +179,11 @@ class BookmarksPanel(QWidget):
         item = self._list.itemAt(at)
         if item is None:
             return
-        menu = QMenu(self)
-        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        for name, text, do in (
-            ("eye", "Look from here", lambda: self._go(item)),
-            ("text", "Rename", lambda: self._list.editItem(item)),
-            ("camera", "Use this view", self.renew_current),
-            ("delete", "Delete", self.delete_current),
-        ):
-            action = QAction(text, menu) if name == "text" else QAction(icon(name), text, menu)
-            action.triggered.connect(lambda _=False, do=do: do())
-            menu.addAction(action)
+        menu = DoingMenu(self)
+        menu.offer("eye", "Look from here", partial(self._go, item))
+        menu.offer("", "Rename", partial(self._list.editItem, item))
+        menu.offer("camera", "Use this view", self.renew_current)
+        menu.offer("delete", "Delete", self.delete_current)
         self._list.setCurrentItem(item)
         menu.popup(self._list.mapToGlobal(at))
 

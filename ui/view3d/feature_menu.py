@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QAction
 from PyQt6.QtWidgets import QMenu, QWidget
 
@@ -29,7 +30,29 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 
-__all__ = ["add", "delete", "delete_or_reset", "feature_menu"]
+__all__ = ["DoingMenu", "add", "delete", "delete_or_reset", "feature_menu"]
+
+
+class DoingMenu(QMenu):
+    """A menu that is gone once it is closed, and does what was chosen."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self._dos: dict[str, Callable[[], object]] = {}
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        self.triggered.connect(self._do)
+
+    def offer(self, name: str, text: str, do: Callable[[], object]) -> QAction:
+        """Add something to do, with an icon of `ui.look.icons` or, for an empty name, none."""
+        action = QAction(text, self)
+        if name:
+            action.setIcon(icon(name))
+        self._dos[text] = do
+        self.addAction(action)
+        return action
+
+    def _do(self, action: QAction) -> None:
+        self._dos[action.text()]()
 
 
 def feature_menu(
@@ -40,8 +63,8 @@ def feature_menu(
     *,
     chosen: Chosen | None,
     place: tuple[float, float] | None,
-) -> QMenu:
-    """Return the menu of a place; who shows it deletes it.
+) -> DoingMenu:
+    """Return the menu of a place.
 
     Parameters
     ----------
@@ -52,14 +75,14 @@ def feature_menu(
     place
         Where it is (m); None in the sky, where nothing can be added.
     """
-    menu = QMenu(parent)
+    menu = DoingMenu(parent)
     if chosen is not None and is_there(placed, chosen):
         _add_own(menu, document, workspace, placed, chosen)
     if place is not None:
         menu.addSeparator()
         x, y = place
         for kind in FEATURE_TYPES:
-            _add(menu, f"Add {kind} here", "add", partial(add, document, workspace, kind, x, y))
+            menu.offer("add", f"Add {kind} here", partial(add, document, workspace, kind, x, y))
     return menu
 
 
@@ -70,31 +93,21 @@ def add(document: Document, workspace: Workspace, kind: str, x: float, y: float)
     workspace.chosen = Chosen("feature", sketch.edits[-1].feature or 0)
 
 
-def _add_own(menu: QMenu, document: Document, workspace: Workspace, placed: Placed, chosen: Chosen) -> None:
-    name = name_of(placed, chosen)
+def _add_own(
+    menu: DoingMenu, document: Document, workspace: Workspace, placed: Placed, chosen: Chosen
+) -> None:
+    name, sketch = name_of(placed, chosen), document.sketch
     if chosen.kind == "feature":
-        if is_locked(document.sketch, chosen):
-            _add(
-                menu,
-                f"Unlock {name}",
-                "unlock",
-                lambda: document.do(f"Unlock {name}", unlocked(document.sketch, chosen)),
-            )
-        else:
-            _add(
-                menu,
-                f"Lock {name}",
-                "lock",
-                lambda: document.do(f"Lock {name}", locked(document.sketch, placed, chosen)),
-            )
-    action = _add(
-        menu,
-        f"Reset {name}",
-        "reset",
-        lambda: document.do(f"Reset {name}", reset(document.sketch, placed, chosen)),
-    )
-    action.setEnabled(is_edited(document.sketch, placed, chosen))
-    _add(menu, f"Delete {name}", "delete", lambda: delete(document, workspace, placed, chosen))
+        word, other = (
+            ("Unlock", unlocked(sketch, chosen))
+            if is_locked(sketch, chosen)
+            else ("Lock", locked(sketch, placed, chosen))
+        )
+        menu.offer(word.lower(), f"{word} {name}", partial(document.do, f"{word} {name}", other))
+    again = reset(sketch, placed, chosen)
+    action = menu.offer("reset", f"Reset {name}", partial(document.do, f"Reset {name}", again))
+    action.setEnabled(again is not sketch)
+    menu.offer("delete", f"Delete {name}", partial(delete, document, workspace, placed, chosen))
 
 
 def delete(document: Document, workspace: Workspace, placed: Placed, chosen: Chosen) -> None:
@@ -118,10 +131,3 @@ def delete_or_reset(document: Document, workspace: Workspace, placed: Placed, ch
     else:
         return "A point of a river cannot be deleted; click the river to delete all of it"
     return ""
-
-
-def _add(menu: QMenu, text: str, name: str, do: Callable[[], object]) -> QAction:
-    action = QAction(icon(name), text, menu)
-    action.triggered.connect(lambda _=False: do())
-    menu.addAction(action)
-    return action

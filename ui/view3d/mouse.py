@@ -194,7 +194,6 @@ class Mouse(QObject):
             chosen=chosen,
             place=None if place is None else place[:2],
         )
-        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         if menu.isEmpty():
             menu.close()
         else:

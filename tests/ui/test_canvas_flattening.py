@@ -90,6 +90,22 @@ def test_what_changed_is_made_anew() -> None:
             assert np.array_equal(kept, made)
 
 
+def test_paint_where_nothing_was_is_seen_at_every_level() -> None:
+    layers = {name: np.zeros((2100, 3000), np.uint8) for name in "abc"}
+    flattening = Flattening(layers.__getitem__, PAINTS)
+    for level in (4, 2, 0):
+        sides = -(-2100 >> level), -(-3000 >> level)
+        assert not flattening.window(level, (0, 0, *sides))[1].any()
+    layers["c"][2050:2060, 1020:1030] = 1
+    flattening.forget((2050, 1020, 2060, 1030))
+    for level in (0, 2, 3, 4, 5):
+        sides = -(-2100 >> level), -(-3000 >> level)
+        codes = flattening.window(level, (0, 0, *sides))[1]
+        rows, columns = np.nonzero(codes)
+        assert (rows.min(), rows.max()) == (2050 >> level, 2059 >> level)
+        assert (columns.min(), columns.max()) == (1020 >> level, 1029 >> level)
+
+
 def test_a_thin_line_stays_visible_from_afar() -> None:
     layers = {name: np.zeros((1000, 900), np.uint8) for name in "abc"}
     layers["b"][:, 333] = 1

@@ -28,6 +28,7 @@ MASK: Final = 127
 
 _TILE = 256  # px of a level along a tile
 _MOST_TILES = 320  # kept; 126 MB
+_BLOCK = 1024  # px of the sketch along a square that is remembered to be empty
 _MARKS = (2654435761, 40503017, 3266489917, 668265263, 374761393, 2246822519, 3432918353)  # odd
 _MOST_MIXTURES = 4096  # of labels, that are looked up in a table
 
@@ -72,6 +73,7 @@ class Flattening:
     def __init__(self, layer: Callable[[str], LabelImage], paints: Sequence[Paint] = ()) -> None:
         self._layer = layer
         self._paints = tuple(paints)
+        self._bare: dict[tuple[str, int, int], bool] = {}
         self._tiles: OrderedDict[tuple[int, int, int], _Tile] = OrderedDict()
 
     @property
@@ -82,13 +84,19 @@ class Flattening:
     @paints.setter
     def paints(self, paints: Sequence[Paint]) -> None:
         self._paints = tuple(paints)
-        self._tiles.clear()
+        self.forget()
 
     def forget(self, box: Box | None = None) -> None:
         """Forget what was made of a box of the sketch, or all of it."""
         if box is None:
             self._tiles.clear()
+            self._bare.clear()
             return
+        rows = range(box[0] // _BLOCK, -(-box[2] // _BLOCK))
+        columns = range(box[1] // _BLOCK, -(-box[3] // _BLOCK))
+        self._bare = {
+            key: bare for key, bare in self._bare.items() if key[1] not in rows or key[2] not in columns
+        }
         for (level, row, column), tile in self._tiles.items():
             step, side = 1 << level, _TILE << level
             top, left = row * side, column * side
@@ -153,8 +161,10 @@ class Flattening:
         area = np.s_[box[0] << level : box[2] << level, box[1] << level : box[3] << level]
         images, bits = [], []
         for bit, paint in enumerate(self._paints):
+            if self._is_bare(paint.layer, level, box):  # as most layers are in most places
+                continue
             image = self._layer(paint.layer)[area]
-            if image.max(initial=0) > 0:  # most layers are empty in most places
+            if image.max(initial=0) > 0:
                 images.append(_reduced(image, level))
                 bits.append(bit)
         if not images:
@@ -162,6 +172,22 @@ class Flattening:
         mixture, labels = _mixtures(images)
         colour, code = _mixed([self._paints[bit] for bit in bits], bits, labels)
         return colour[mixture], code[mixture]
+
+    def _is_bare(self, layer: str, level: int, box: Box) -> bool:
+        """Whether a large box of a level is known to be empty, so that a large sketch is read once only."""
+        step = 1 << level
+        if (box[2] - box[0]) * step < _BLOCK or (box[3] - box[1]) * step < _BLOCK:
+            return False
+        image = self._layer(layer)
+        bare = True
+        for row in range(box[0] * step // _BLOCK, -(-box[2] * step // _BLOCK)):
+            for column in range(box[1] * step // _BLOCK, -(-box[3] * step // _BLOCK)):
+                key = (layer, row, column)
+                if key not in self._bare:
+                    block = image[row * _BLOCK : (row + 1) * _BLOCK, column * _BLOCK : (column + 1) * _BLOCK]
+                    self._bare[key] = not block.max(initial=0)
+                bare &= self._bare[key]
+        return bare
 
 
 class _Tile:

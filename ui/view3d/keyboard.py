@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from PyQt6.QtCore import Qt
+from PyQt6.QtCore import QEvent, QObject, Qt
+from PyQt6.QtGui import QKeyEvent
 
 from sketchterrain.ui.engine.messages import MODES
 from sketchterrain.ui.view3d.motion import FLYING_KEYS, Keys
@@ -13,7 +14,7 @@ from sketchterrain.ui.view3d.motion import FLYING_KEYS, Keys
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from PyQt6.QtGui import QKeyEvent
+    from PyQt6.QtWidgets import QWidget
 
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.workspace import Workspace
@@ -27,11 +28,16 @@ _MODE_KEYS: Final = dict(zip((_Key.Key_1, _Key.Key_2, _Key.Key_3), MODES, strict
 _OTHERS: Final = _Modifier.ControlModifier | _Modifier.AltModifier | _Modifier.MetaModifier
 
 
-class Keyboard:
+class Keyboard(QObject):
     """Follows keys.
+
+    It looks at the view's events as a filter: a widget that handles all of its events in Python is still in
+    Python when it is deleted, which Qt's bindings do not always survive.
 
     Parameters
     ----------
+    view
+        Whose keys these are.
     link, workspace, mouse
     commands
         What a key does.
@@ -39,14 +45,28 @@ class Keyboard:
 
     def __init__(
         self,
+        view: QWidget,
         link: EngineLink,
         workspace: Workspace,
         mouse: Mouse,
         commands: Mapping[int, Callable[[], None]],
     ) -> None:
+        super().__init__(view)
         self._link, self._workspace, self._mouse = link, workspace, mouse
         self._commands = commands
         self._keys = Keys()
+        view.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
+        """Keep the view's keys from being shortcuts of the window."""
+        if (
+            isinstance(event, QKeyEvent)
+            and event.type() == QEvent.Type.ShortcutOverride
+            and self.is_own(event)
+        ):
+            event.accept()
+            return True
+        return False
 
     def is_own(self, event: QKeyEvent) -> bool:
         """Whether a key is the view's now; others are the window's."""

@@ -6,8 +6,8 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from PyQt6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
-from PyQt6.QtGui import QKeyEvent, QPainter
+from PyQt6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QPainter
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.ui.engine.messages import Look, Trouble, Turn
@@ -24,9 +24,11 @@ from sketchterrain.ui.view3d.scene import Scene
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from PyQt6.QtCore import QEvent
     from PyQt6.QtGui import (
         QFocusEvent,
         QHideEvent,
+        QKeyEvent,
         QMouseEvent,
         QPaintEvent,
         QResizeEvent,
@@ -73,6 +75,7 @@ class View3D(QWidget):
         self._trouble: Trouble | None = None
         self._unsettled: float | None = None
         self._by_key = False
+        self._ratio = self.devicePixelRatioF()
         self._bar, self._compass, self._card = Bar(self), Compass(self), Card(self)
         self._sizes = QTimer(self)
         self._sizes.setSingleShot(True)
@@ -94,7 +97,7 @@ class View3D(QWidget):
             Qt.Key.Key_Backspace: self.delete_chosen,
             Qt.Key.Key_Menu: self._open_menu,
         }
-        self._keyboard = Keyboard(link, workspace, self._mouse, commands)
+        self._keyboard = Keyboard(self, link, workspace, self._mouse, commands)
         self._connect()
         self._show_card()
 
@@ -202,6 +205,7 @@ class View3D(QWidget):
     def _ask_for_size(self) -> None:
         if self.isVisible():
             ratio = self.devicePixelRatioF()
+            self._ratio = ratio
             size = [max(round(side * ratio), 16) for side in (self.width(), self.height())]
             self._link.show(replace(self._link.view, width=size[0], height=size[1]))
 
@@ -226,6 +230,9 @@ class View3D(QWidget):
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
         """Draw the last picture and what lies over it."""
+        if self.devicePixelRatioF() != self._ratio:  # it is on another screen now
+            self._ratio = self.devicePixelRatioF()
+            self._sizes.start(_SETTLE)
         late = self._unsettled is not None and time.monotonic() - self._unsettled > _REFINES
         painter = QPainter(self)
         self._scene.paint(
@@ -267,16 +274,6 @@ class View3D(QWidget):
     def leaveEvent(self, event: QEvent | None) -> None:
         """Nothing is under the mouse any more."""
         self._mouse.leave()
-
-    def event(self, event: QEvent | None) -> bool:
-        """Keep the view's keys from being shortcuts of the window."""
-        if isinstance(event, QKeyEvent) and event.type() == QEvent.Type.ShortcutOverride:
-            if self._keyboard.is_own(event):
-                event.accept()
-                return True
-        elif event is not None and event.type() == QEvent.Type.DevicePixelRatioChange:
-            self._sizes.start(_SETTLE)
-        return super().event(event)
 
     def keyPressEvent(self, event: QKeyEvent | None) -> None:
         """See `Keyboard`."""

@@ -33,6 +33,8 @@ class Actions(QObject):
         super().__init__(window)
         groups = {kind: QActionGroup(self) for kind in _GROUPS}
         self._actions: dict[str, QAction] = {}
+        self._plain: dict[str, Callable[[], object]] = {}
+        self._checked: dict[str, Callable[[bool], object]] = {}
         for name, command in COMMANDS.items():
             action = QAction(command.text, self)
             action.setObjectName(name)
@@ -45,6 +47,7 @@ class Actions(QObject):
             action.setIconVisibleInMenu(not command.kind)  # there the tick says more
             if command.kind in groups:
                 groups[command.kind].addAction(action)
+            action.triggered.connect(self._do)
             self._actions[name] = action
             window.addAction(action)
 
@@ -63,7 +66,8 @@ class Actions(QObject):
             If there is no such action.
         """
         for name, do in what.items():
-            self._actions[name].triggered.connect(lambda _=False, do=do: do())
+            self._actions[name]  # a name that is none is told now, not when it is chosen
+            self._plain[name] = do
 
     def bind_checked(self, what: Mapping[str, Callable[[bool], object]]) -> None:
         """Say what actions do when a person switches them on or off.
@@ -74,7 +78,17 @@ class Actions(QObject):
             If there is no such action.
         """
         for name, do in what.items():
-            self._actions[name].triggered.connect(lambda on=False, do=do: do(on))
+            self._actions[name]
+            self._checked[name] = do
+
+    def _do(self, on: bool) -> None:
+        # One bound method for all: it is let go in order when the window is deleted.
+        action = self.sender()
+        name = "" if action is None else action.objectName()
+        if name in self._plain:
+            self._plain[name]()
+        elif name in self._checked:
+            self._checked[name](on)
 
 
 def _tool_tip(text: str, tip: str, action: QAction) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,7 +75,6 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     link.device = preferences.device
     link.start()  # its processes load their libraries while this one builds the window
     apply_theme(app, preferences.theme)
-    from sketchterrain.ui.banner import Message
     from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.bookmarks import Bookmarks
     from sketchterrain.ui.models.recent import RecentFiles
@@ -97,8 +97,8 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     window.surprises.catch_all()
     autosave = Autosave(document, state_folder() / "recovery")
     for keeper in (autosave, bookmarks):
-        keeper.failed.connect(lambda line: window.banner.tell(Message("warning", line, "keeping")))
-    preferences.theme_changed.connect(lambda theme: apply_theme(app, theme))
+        keeper.failed.connect(window.warn)
+    preferences.theme_changed.connect(partial(apply_theme, app))
 
     def change_device() -> None:
         link.stop()

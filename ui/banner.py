@@ -137,10 +137,10 @@ class Banner(QFrame):
             self._mark.kind = message.kind
             self._mark.update()
             self._line.setText(message.line)
-            for place, (title, do) in enumerate(message.buttons):
+            for place, (title, _) in enumerate(message.buttons):
                 button = QPushButton(title, self)
                 button.setAutoDefault(False)
-                button.clicked.connect(lambda _=False, do=do, message=message: self._do(message, do))
+                button.clicked.connect(self._press)
                 self._row.insertWidget(2 + place, button)
                 self._buttons.append(button)
             if message.kind in ("info", "good"):
@@ -149,11 +149,12 @@ class Banner(QFrame):
         self.setVisible(message is not None)
         self.raise_()
 
-    def _do(self, message: Message, do: Callable[[], object]) -> None:
-        if message in self._messages:
-            self._messages.remove(message)
-        self._show()
-        do()
+    def _press(self) -> None:
+        message = self.message
+        pressed = [place for place, button in enumerate(self._buttons) if button is self.sender()]
+        if message is not None and pressed:
+            self.dismiss()
+            message.buttons[pressed[0]][1]()
 
 
 class _Mark(QWidget):

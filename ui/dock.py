@@ -64,7 +64,7 @@ class _Title(QWidget):
         row.addWidget(name)
         row.addStretch(1)
         self._float = _button("float", f"Float {dock.windowTitle()}")
-        self._float.clicked.connect(lambda: dock.setFloating(not dock.isFloating()))
+        self._float.clicked.connect(self._float_or_dock)
         close = _button("close", f"Close {dock.windowTitle()}")
         close.clicked.connect(dock.close)
         row.addWidget(self._float)
@@ -72,6 +72,9 @@ class _Title(QWidget):
         self._parts = (name, self._float, close)
         self._shown = True
         self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+
+    def _float_or_dock(self) -> None:
+        self._dock.setFloating(not self._dock.isFloating())
 
     def show_state(self, floats: bool) -> None:
         """Say what the button does now."""

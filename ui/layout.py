@@ -70,9 +70,9 @@ class Layout(QObject):
         self._titles.setInterval(0)
         self._titles.timeout.connect(self._show_titles)
         for dock in self.docks.values():
-            dock.dockLocationChanged.connect(lambda _: self._titles.start())
-            dock.topLevelChanged.connect(lambda _: self._titles.start())
-            dock.visibilityChanged.connect(lambda _: self._titles.start())
+            dock.dockLocationChanged.connect(self._look_soon)
+            dock.topLevelChanged.connect(self._look_soon)
+            dock.visibilityChanged.connect(self._look_soon)
         self.reset()
 
     @property
@@ -158,6 +158,9 @@ class Layout(QObject):
         done = self._window.restoreState(state, _VERSION)
         self._titles.start()
         return done
+
+    def _look_soon(self, *_: object) -> None:
+        self._titles.start()
 
     def _show_titles(self) -> None:
         # What is a tab says its name there.

@@ -43,7 +43,7 @@ class RecentMenu(QMenu):
         forget = self.addAction("&Forget these")
         if forget is not None:
             forget.setStatusTip("Empty this list")
-            forget.triggered.connect(lambda: self._recent.clear())
+            forget.triggered.connect(self._recent.clear)
         self.setEnabled(bool(self._recent.paths))
 
     def _open(self, path: Path, _: bool = False) -> None:

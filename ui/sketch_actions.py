@@ -76,14 +76,13 @@ class SketchActions(QObject):
         )
         for signal in (document.history_changed, document.sketch_changed, document.opened):
             signal.connect(self.refresh)
-        workspace.tool_changed.connect(lambda _: self.refresh())
-        workspace.label_changed.connect(lambda *_: self.refresh())
-        workspace.look_changed.connect(lambda _: self.refresh())
-        workspace.chosen_changed.connect(lambda _: self.refresh())
-        link.placed_changed.connect(lambda _: self.refresh())
+        for signal in (workspace.tool_changed, workspace.label_changed, workspace.look_changed):
+            signal.connect(self.refresh)
+        for signal in (workspace.chosen_changed, link.placed_changed):
+            signal.connect(self.refresh)
         self.refresh()
 
-    def refresh(self) -> None:
+    def refresh(self, *_: object) -> None:
         """Show what can be done now."""
         actions, history, workspace = self._actions, self._document.history, self._workspace
         actions["undo"].setEnabled(history.position > 0)

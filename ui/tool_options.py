@@ -60,9 +60,9 @@ class ToolOptions(QWidget):
             row.addWidget(widget)
         self.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Preferred)
         self._slider.valueChanged.connect(self._set_brush)
-        workspace.brush_changed.connect(lambda _: self._show_brush())
-        workspace.label_changed.connect(lambda *_: self._show_label())
-        workspace.tool_changed.connect(lambda _: self._show_tool())
+        workspace.brush_changed.connect(self._show_brush)
+        workspace.label_changed.connect(self._show_label)
+        workspace.tool_changed.connect(self._show_tool)
         document.sketch_changed.connect(self._show_brush)
         looks.changed.connect(self._show_label)
         self._show_label()
@@ -75,13 +75,13 @@ class ToolOptions(QWidget):
         if event is not None and event.type() == event.Type.DevicePixelRatioChange:
             self._show_label()
 
-    def _show_label(self) -> None:
+    def _show_label(self, *_: object) -> None:
         layer, label = self._workspace.layer, self._workspace.label
         self._swatch.setPixmap(swatch(layer, label, _SWATCH, self.devicePixelRatioF()))
         self._label.setText(f"{LAYERS[layer].title} {label}")
         self._label.setToolTip(f"Painting {LAYERS[layer].title.lower()}, label {label}")
 
-    def _show_brush(self) -> None:
+    def _show_brush(self, *_: object) -> None:
         radius = self._workspace.brush
         metres = radius * self._document.sketch.pixel_size
         self._slider.blockSignals(True)
@@ -90,7 +90,7 @@ class ToolOptions(QWidget):
         pixels = f"{radius:.1f}" if radius < 10 else f"{radius:.0f}"
         self._size.setText(f"{pixels} px · {metres:,.0f} m".replace(",", "\u202f"))
 
-    def _show_tool(self) -> None:
+    def _show_tool(self, *_: object) -> None:
         tool = self._workspace.tool
         self._swatch.setEnabled(tool in _PAINTS)
         self._label.setEnabled(tool in _PAINTS)

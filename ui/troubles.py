@@ -40,9 +40,18 @@ class Troubles(QObject):
         self._banner = banner
         self._link = link
         link.trouble.connect(self._tell)
-        link.placed_changed.connect(lambda _: banner.withdraw("sketch"))
-        link.frame_shown.connect(lambda _: banner.withdraw("view"))
-        link.facts_changed.connect(lambda _: banner.withdraw("engine"))
+        link.placed_changed.connect(self._placed)
+        link.frame_shown.connect(self._drawn)
+        link.facts_changed.connect(self._begun)
+
+    def _placed(self, _: object) -> None:
+        self._banner.withdraw("sketch")
+
+    def _drawn(self, _: object) -> None:
+        self._banner.withdraw("view")
+
+    def _begun(self, _: object) -> None:
+        self._banner.withdraw("engine")
 
     def _tell(self, trouble: Trouble) -> None:
         if trouble.what == "engine":

@@ -45,10 +45,10 @@ class ViewActions(QObject):
             }
         )
         workspace.overlays_changed.connect(self.refresh)
-        link.view_changed.connect(lambda _: self.refresh())
+        link.view_changed.connect(self.refresh)
         self.refresh()
 
-    def refresh(self) -> None:
+    def refresh(self, *_: object) -> None:
         """Show what is shown now."""
         for name in OVERLAYS:
             self._actions[f"overlay-{name}"].setChecked(name in self._workspace.overlays)

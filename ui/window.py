@@ -191,7 +191,7 @@ class MainWindow(QMainWindow):
                 "open-folder": files.ask_open_folder,
                 "save": files.save,
                 "save-as": files.save_as,
-                "import": lambda: files.ask_import(self._workspace.layer),
+                "import": self._import,
                 "quit": self.close,
                 "fit": self.canvas.fit,
                 "zoom-in": self.canvas.zoom_in,
@@ -257,8 +257,15 @@ class MainWindow(QMainWindow):
         self.setWindowModified(self._document.is_modified)
         self.setWindowFilePath(str(path) if path else "")
 
+    def warn(self, line: str) -> None:
+        """Tell of something that could not be kept."""
+        self.banner.tell(Message("warning", line, "keeping"))
+
     def _say(self, line: str) -> None:
         self.banner.tell(Message("info", line, "hint"))
+
+    def _import(self) -> None:
+        self.files.ask_import(self._workspace.layer)
 
     def _show_place(self, x: float, y: float) -> None:
         self.canvas.show_place(x, y)

@@ -93,7 +93,7 @@ class ExportDialog(QDialog):
         self._clock.setInterval(500)
         self._clock.timeout.connect(self._show_time)
         self.wishes.changed.connect(self._check)
-        self.folder.textChanged.connect(lambda _: self._check())
+        self.folder.textChanged.connect(self._check)
         self.setMinimumWidth(480)
         self._check()
 
@@ -161,10 +161,10 @@ class ExportDialog(QDialog):
         button = self._buttons.addButton(title, role)
         if button is None:
             raise RuntimeError("expected a button")
-        button.clicked.connect(lambda _=False: do())
+        button.clicked.connect(do)
         return button
 
-    def _check(self) -> None:
+    def _check(self, *_: object) -> None:
         line = ""
         try:
             check_size(self._sketch, self.wishes.samples)

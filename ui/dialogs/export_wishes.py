@@ -79,8 +79,8 @@ class ExportWishes(QWidget):
         rows.addLayout(fields)
         rows.addWidget(self._told)
         for box in (self.sizes, self.foliage, self.maps, self.views):
-            box.currentIndexChanged.connect(lambda _: self._show())
-        self.grass.toggled.connect(lambda _: self._show())
+            box.currentIndexChanged.connect(self._show)
+        self.grass.toggled.connect(self._show)
         self._show()
 
     @property
@@ -108,7 +108,7 @@ class ExportWishes(QWidget):
         columns, rows = (size, short) if east >= north else (short, size)
         return f"{columns} × {rows}, {max(east, north) / (size - 1):.3g} m apart"
 
-    def _show(self) -> None:
+    def _show(self, *_: object) -> None:
         self.grass.setEnabled(self.foliage.currentData() in ("ply", "both"))
         east, north = self._sketch.size
         disk = _DISK * self.samples**2 * min(east, north) / max(east, north) / (1 << 20)

@@ -65,7 +65,7 @@ class FindDialog(QDialog):
         self.text.textChanged.connect(self._fill)
         self.text.returnPressed.connect(self.accept)
         self.text.installEventFilter(self)
-        self.list.itemClicked.connect(lambda *_: self.accept())
+        self.list.itemClicked.connect(self.accept)
         self._fill("")
         self.resize(440, 360)
 

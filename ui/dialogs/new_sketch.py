@@ -64,9 +64,9 @@ class NewSketchDialog(QDialog):
         rows.addWidget(self._told)
         rows.addStretch(1)
         rows.addWidget(button_row(self, "Create")[0])
-        self.sheet.currentTextChanged.connect(lambda _: self._show())
+        self.sheet.currentTextChanged.connect(self._show)
         for box in (self.columns, self.rows, self.extent):
-            box.valueChanged.connect(lambda _: self._show())
+            box.valueChanged.connect(self._show)
         self.setMinimumWidth(420)
         self._show()
 
@@ -87,7 +87,7 @@ class NewSketchDialog(QDialog):
         chosen = _SIZES[self.sheet.currentText()]
         return chosen or (self.columns.value(), self.rows.value())
 
-    def _show(self) -> None:
+    def _show(self, *_: object) -> None:
         width, height = self._pixels()
         other = _SIZES[self.sheet.currentText()] is None
         for box, value in ((self.columns, width), (self.rows, height)):

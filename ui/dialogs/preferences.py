@@ -60,7 +60,7 @@ class PreferencesDialog(QDialog):
         self._process = QProcess(self)
         self._process.finished.connect(self._show_devices)
         self._process.start(sys.executable, ["-P", "-c", _ASK])
-        self.finished.connect(lambda _: self._stop_asking())
+        self.finished.connect(self._stop_asking)
 
     def accept(self) -> None:
         """Set what was chosen."""
@@ -85,7 +85,7 @@ class PreferencesDialog(QDialog):
         else:
             self._told.setText("No OpenCL device was found: pip install 'sketchterrain[cpu]' brings drivers.")
 
-    def _stop_asking(self) -> None:
+    def _stop_asking(self, *_: object) -> None:
         if self._process.state() != QProcess.ProcessState.NotRunning:
             self._process.finished.disconnect(self._show_devices)
             self._process.kill()

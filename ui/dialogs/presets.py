@@ -52,7 +52,7 @@ class PresetsDialog(QDialog):
             item.setSizeHint(QSize(_PICTURE.width() + 2 * MARGIN, _PICTURE.height() + 4 * MARGIN))
             self.list.addItem(item)
         self.list.setCurrentRow(self.list.count() - 1)
-        self.list.itemActivated.connect(lambda _: self.accept())
+        self.list.itemActivated.connect(self.accept)
         rows.addWidget(self.list, 1)
         rows.addWidget(button_row(self, "Open")[0])
         self.resize(2 * _PICTURE.width() + 160, 2 * _PICTURE.height() + 260)

@@ -54,7 +54,7 @@ class RecoveryDialog(QDialog):
             item.setData(Qt.ItemDataRole.UserRole, place)
             self.list.addItem(item)
         self.list.setCurrentRow(0)
-        self.list.itemActivated.connect(lambda _: self.accept())
+        self.list.itemActivated.connect(self.accept)
         rows.addWidget(self.list, 1)
         self._said = note()
         rows.addWidget(self._said)
@@ -65,7 +65,7 @@ class RecoveryDialog(QDialog):
         self.discard = discard
         self.discard.clicked.connect(self._discard)
         rows.addWidget(box)
-        self.list.currentRowChanged.connect(lambda _: self._show())
+        self.list.currentRowChanged.connect(self._show)
         self._show()
         self.resize(460, 300)
 
@@ -75,7 +75,7 @@ class RecoveryDialog(QDialog):
         item = self.list.currentItem()
         return self._found[0 if item is None else int(item.data(Qt.ItemDataRole.UserRole))]
 
-    def _show(self) -> None:
+    def _show(self, *_: object) -> None:
         later = self.chosen.was_saved_since
         self._said.setText("The file was saved after this was kept: it is newer." if later else "")
         (self.discard if later else self.recover).setDefault(True)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QObject, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QFont, QGuiApplication, QPalette
+from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.ui.look.style import Marks
 from sketchterrain.ui.look.style_sheet import style_sheet
-
-if TYPE_CHECKING:
-    from PyQt6.QtWidgets import QApplication
 
 __all__ = [
     "CHOICES",
@@ -144,10 +142,15 @@ class Looks(QObject):
         self._choice = choice
         hints = QGuiApplication.styleHints()
         if not self._follows and hints is not None:
-            hints.colorSchemeChanged.connect(lambda _: self._show(app))
+            hints.colorSchemeChanged.connect(self._follow)
             self._follows = True
             app.setStyle(Marks(theme))
         self._show(app, always=True)
+
+    def _follow(self, _: Qt.ColorScheme) -> None:
+        app = QApplication.instance()
+        if isinstance(app, QApplication):
+            self._show(app)
 
     def _show(self, app: QApplication, *, always: bool = False) -> None:
         shown = {"light": LIGHT, "dark": DARK}.get(self._choice) or _of_the_system()

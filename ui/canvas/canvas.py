@@ -13,7 +13,7 @@ from sketchterrain.ui.canvas.desk import Desk
 from sketchterrain.ui.canvas.hands import Hands
 from sketchterrain.ui.canvas.keys import Keys
 from sketchterrain.ui.canvas.marks import Marks
-from sketchterrain.ui.canvas.overlays import Overlays, Remark
+from sketchterrain.ui.canvas.overlays import Overlays
 from sketchterrain.ui.canvas.shown import Shown
 from sketchterrain.ui.canvas.viewport import Viewport
 from sketchterrain.ui.look.theme import theme
@@ -74,8 +74,7 @@ class Canvas(QWidget):
         self._keys = Keys(self._desk, self._hands, self)
         self._fits = True
         self._shows_focus = False
-        self._remark = Remark(self)
-        self._overlays = Overlays(self._desk, self._marks, self._remark)
+        self._overlays = Overlays(self._desk, self._marks)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
@@ -147,8 +146,7 @@ class Canvas(QWidget):
         workspace.chosen_changed.connect(self._redraw)
         link.placed_changed.connect(self._redraw)
         link.frame_shown.connect(self._on_frame)
-        self._desk.tells.message.connect(self._say)
-        self._remark.changed.connect(self._on_remark)
+        self._desk.tells.message.connect(self.message)
         self._desk.tells.stale.connect(self._redraw)
         self._shown.stale.connect(self._on_stale)
 
@@ -160,9 +158,6 @@ class Canvas(QWidget):
 
     def _on_stale(self, area: object) -> None:
         self.update(self._logical(cast("QRect", area)))
-
-    def _on_remark(self) -> None:
-        self.update(0, self.height() - 60, self.width(), 60)
 
     def _on_sketch(self) -> None:
         sketch, viewport = self._desk.document.sketch, self._desk.viewport
@@ -178,10 +173,6 @@ class Canvas(QWidget):
     def _on_frame(self, facts: object) -> None:
         for area in self._overlays.eye_moved(cast("FrameFacts", facts)):
             self._redraw(area)
-
-    def _say(self, line: str) -> None:
-        self.message.emit(line)
-        self._remark.say(line)
 
     # ── drawing ──────────────────────────────────────────────────────────────────────────────────────────
 

@@ -12,7 +12,7 @@ from PyQt6.QtGui import QColor, QFontMetricsF, QPainterPath, QPen, QPolygonF
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.canvas.glyphs import CHOSEN, DARK
 from sketchterrain.ui.canvas.underlays import AGREEMENT
-from sketchterrain.ui.canvas.writing import plate, write_beside
+from sketchterrain.ui.canvas.writing import plate
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 __all__ = [
     "draw_agreement",
     "draw_eye",
-    "draw_line",
     "draw_scale_bar",
     "draw_warnings",
     "eye_area",
@@ -164,9 +163,3 @@ def draw_agreement(painter: QPainter, desk: Desk, width: float) -> None:
             row.setLeft(row.left() + 18.0)
         painter.setPen(theme().text)
         painter.drawText(row, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
-
-
-def draw_line(painter: QPainter, text: str, width: float, height: float) -> None:
-    """Write a line for a person at the bottom, in the middle."""
-    advance = QFontMetricsF(painter.font()).horizontalAdvance(text)
-    write_beside(painter, QPointF(0.5 * (width - advance) - 5.0, height - MARGIN), text)

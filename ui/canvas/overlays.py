@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QObject, QRect, QRectF, QTimer, pyqtSignal
+from PyQt6.QtCore import QRect, QRectF
 from PyQt6.QtGui import QPainter
 
 from sketchterrain.ui.canvas import furniture
@@ -15,32 +15,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.canvas.tool import Tool
     from sketchterrain.ui.engine.messages import FrameFacts, Pose
 
-__all__ = ["Overlays", "Remark"]
-
-_SECONDS = 3.5  # that a remark stays
-
-
-class Remark(QObject):
-    """A line for a person that is shown for a while."""
-
-    changed = pyqtSignal()
-
-    def __init__(self, parent: QObject) -> None:
-        super().__init__(parent)
-        self.line = ""
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.timeout.connect(self._end)
-
-    def say(self, line: str, *, seconds: float = _SECONDS) -> None:
-        """Show a line in place of the one before."""
-        self._timer.start(round(1000 * seconds))
-        self.line = line
-        self.changed.emit()
-
-    def _end(self) -> None:
-        self.line = ""
-        self.changed.emit()
+__all__ = ["Overlays"]
 
 
 class Overlays:
@@ -50,13 +25,11 @@ class Overlays:
     ----------
     desk : Desk
     marks : Marks
-    remark : Remark
     """
 
-    def __init__(self, desk: Desk, marks: Marks, remark: Remark) -> None:
+    def __init__(self, desk: Desk, marks: Marks) -> None:
         self._desk = desk
         self._marks = marks
-        self._remark = remark
         self._eye: Pose | None = None
 
     def forget_eye(self) -> None:
@@ -87,5 +60,3 @@ class Overlays:
         furniture.draw_scale_bar(painter, desk, height)
         if "adherence" in shown:
             furniture.draw_agreement(painter, desk, width)
-        if self._remark.line:
-            furniture.draw_line(painter, self._remark.line, width, height)

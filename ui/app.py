@@ -84,10 +84,10 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     recent = RecentFiles(state_folder() / "recent")
     if path is not None:
         recent.add(path.absolute())
-    bookmarks = Bookmarks(document, state_folder() / "bookmarks")
+    workspace, bookmarks = Workspace(), Bookmarks(document, state_folder() / "bookmarks")
     window = MainWindow(
         document,
-        Workspace(),
+        workspace,
         link,
         preferences=preferences,
         recent=recent,

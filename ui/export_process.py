@@ -63,7 +63,7 @@ def main() -> int:
         # From the window that started this process, and nobody else.
         wish, sketch = pickle.load(sys.stdin.buffer)  # noqa: S301
         done = _export(wish, sketch, told)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
     except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
         from sketchterrain.exit_codes import told as words_for

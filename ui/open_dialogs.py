@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.ui.actions import Actions
     from sketchterrain.ui.banner import Banner
+    from sketchterrain.ui.dialogs.export import ExportDialog
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.files import Files
     from sketchterrain.ui.models.document import Document
@@ -56,6 +57,7 @@ class OpenDialogs(QObject):
         self._files = files
         self._banner = banner
         self._writing = Background(self)
+        self._exporting: ExportDialog | None = None
         actions.bind(
             {
                 "new": self.new,
@@ -91,14 +93,30 @@ class OpenDialogs(QObject):
         """Export the terrain."""
         from sketchterrain.ui.dialogs.export import ExportDialog
 
+        if self._exporting is not None:
+            self._exporting.raise_()
+            self._exporting.activateWindow()
+            return
         kept = self._preferences.export_folder
         folder = kept or self._preferences.last_folder / "terrain"
         dialog = ExportDialog(
             self._document.sketch, folder, device=self._preferences.device, parent=self._window
         )
-        self._run(dialog)
-        if dialog.job is not None:
-            self._preferences.export_folder = dialog.target
+        self._exporting = dialog
+        dialog.finished.connect(self._end_export)
+        dialog.show()  # beside the window: one goes on painting
+
+    def end(self) -> None:
+        """Close what stands open beside the window; an export is cancelled."""
+        if self._exporting is not None:
+            self._exporting.close()
+
+    def _end_export(self) -> None:
+        dialog, self._exporting = self._exporting, None
+        if dialog is not None:
+            if dialog.job is not None:
+                self._preferences.export_folder = dialog.target
+            dialog.deleteLater()
 
     def save_picture(self) -> None:
         """Save what the 3-D view shows."""

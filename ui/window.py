@@ -70,6 +70,7 @@ class MainWindow(QMainWindow):
         The sketch and the 3-D view.
     layout_of_parts : Layout
     files : Files
+    dialogs : OpenDialogs
     banner : Banner
     surprises : Surprises
     """
@@ -176,7 +177,7 @@ class MainWindow(QMainWindow):
         FullViews(self, actions, self.layout_of_parts)
         SketchActions(actions, self._document, self._workspace, self._link, self.banner)
         ViewActions(actions, self._workspace, self._link)
-        OpenDialogs(
+        self.dialogs = OpenDialogs(
             self,
             actions,
             document=self._document,
@@ -242,6 +243,7 @@ class MainWindow(QMainWindow):
         if not self.files.may_leave():
             event.ignore()
             return
+        self.dialogs.end()
         self._preferences.layout = self.saveGeometry(), self.layout_of_parts.state()
         self._preferences.keep()
         event.accept()

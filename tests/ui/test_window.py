@@ -237,6 +237,19 @@ def test_the_picture_is_saved_as_it_is_shown(window, link, tmp_path, monkeypatch
     assert "cannot be written" in window.banner.message.line
 
 
+def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
+    from sketchterrain.ui.dialogs.export import ExportDialog
+
+    do(window, "export")
+    do(window, "export")
+    (dialog,) = window.findChildren(ExportDialog)
+    assert dialog.isVisible()
+    assert not dialog.isModal()
+    do(window, "undo")
+    assert window.close()
+    assert dialog.isHidden()
+
+
 def test_a_better_picture_is_asked_of_the_engine(window, link, tmp_path, monkeypatch) -> None:
     from sketchterrain.ui.dialogs.picture import PictureDialog
     from sketchterrain.ui.engine.messages import TakePicture

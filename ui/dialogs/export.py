@@ -116,6 +116,7 @@ class ExportDialog(QDialog):
         if self.job is not None and self.job.is_running:
             self.job.cancel()
             self.job.wait()
+        self._clock.stop()
         super().closeEvent(event)
 
     def _ask_page(self) -> QWidget:

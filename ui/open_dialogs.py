@@ -35,6 +35,11 @@ class OpenDialogs(QObject):
     Parameters
     ----------
     window, actions, document, link, preferences, files, banner
+
+    Attributes
+    ----------
+    exporting : ExportDialog or None
+        The one that stands open beside the window.
     """
 
     def __init__(
@@ -57,7 +62,7 @@ class OpenDialogs(QObject):
         self._files = files
         self._banner = banner
         self._writing = Background(self)
-        self._exporting: ExportDialog | None = None
+        self.exporting: ExportDialog | None = None
         actions.bind(
             {
                 "new": self.new,
@@ -93,26 +98,26 @@ class OpenDialogs(QObject):
         """Export the terrain."""
         from sketchterrain.ui.dialogs.export import ExportDialog
 
-        if self._exporting is not None:
-            self._exporting.raise_()
-            self._exporting.activateWindow()
+        if self.exporting is not None:
+            self.exporting.raise_()
+            self.exporting.activateWindow()
             return
         kept = self._preferences.export_folder
         folder = kept or self._preferences.last_folder / "terrain"
         dialog = ExportDialog(
             self._document.sketch, folder, device=self._preferences.device, parent=self._window
         )
-        self._exporting = dialog
+        self.exporting = dialog
         dialog.finished.connect(self._end_export)
         dialog.show()  # beside the window: one goes on painting
 
     def end(self) -> None:
         """Close what stands open beside the window; an export is cancelled."""
-        if self._exporting is not None:
-            self._exporting.close()
+        if self.exporting is not None:
+            self.exporting.close()
 
     def _end_export(self) -> None:
-        dialog, self._exporting = self._exporting, None
+        dialog, self.exporting = self.exporting, None
         if dialog is not None:
             if dialog.job is not None:
                 self._preferences.export_folder = dialog.target

@@ -15,6 +15,7 @@ from PyQt6.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
     QComboBox,
+    QDialog,
     QDockWidget,
     QMenu,
 )
@@ -220,5 +221,5 @@ class _Closing:
             if widget is not None:
                 widget.close()
         for menu in QApplication.topLevelWidgets():
-            if isinstance(menu, QMenu) and menu.isVisible():
+            if isinstance(menu, (QMenu, QDialog)) and menu.isVisible():
                 menu.close()

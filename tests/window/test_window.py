@@ -170,20 +170,20 @@ def test_a_tour(person, tmp_path):
     # It is exported.
     out_folder = tmp_path / "out"
     person.key("ctrl+e")
-    person.wait("app.activeModalWidget() is not None")
-    person.focus("app.activeModalWidget()")
-    person.click(*middle_of(person, "app.activeModalWidget().folder"), times=3)
+    person.wait("window.dialogs.exporting is not None")
+    person.focus("window.dialogs.exporting")
+    person.click(*middle_of(person, "window.dialogs.exporting.folder"), times=3)
     person.write(str(out_folder))
     person.see(pictures / "export.png")
     person.key("Return")
-    person.wait("app.activeModalWidget().job is not None")
+    person.wait("window.dialogs.exporting.job is not None")
     person.until(lambda: (out_folder / "report.json").exists(), "the export", seconds=300.0)
-    person.wait("not app.activeModalWidget().job.is_running")
+    person.wait("not window.dialogs.exporting.job.is_running")
     person.see(pictures / "exported.png")
     report = json.loads((out_folder / "report.json").read_text(encoding="utf-8"))
     assert {"height.tif", "foliage.csv", "features.json", "preview.png"} <= set(report["files"])
     person.key("Escape")
-    person.wait("app.activeModalWidget() is None")
+    person.wait("window.dialogs.exporting is None")
 
     # It is saved, and opened again.
     person.focus("window")

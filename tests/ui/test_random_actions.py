@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from PyQt6.QtCore import QEvent
-from PyQt6.QtWidgets import QApplication
+from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.sketch import load_sketch
 from sketchterrain.ui.models.bookmarks import Bookmarks
@@ -99,6 +99,8 @@ def test_things_done_at_random_leave_nothing_behind(window, document, workspace,
     at_rest(window, document, workspace)
     grown = resident() / weighed
     more = widgets() - counted
+    stray = [each for each in QApplication.topLevelWidgets() if type(each) is QWidget]
+    told = [(each.size(), [type(child).__name__ for child in each.children()]) for each in stray]
     print(f"{ACTIONS} actions: memory {weighed >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
-    assert not more, f"widgets that stayed: {more}"
+    assert not more, f"widgets that stayed: {more}, {told}"
     assert grown < GROWTH

@@ -5,18 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, cast
 
 from PyQt6.QtCore import QEvent, QPointF, QRect, QRectF, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QHelpEvent, QKeyEvent, QPainter, QPen
-from PyQt6.QtWidgets import QSizePolicy, QToolTip, QWidget
+from PyQt6.QtGui import QKeyEvent, QPainter, QPen
+from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.canvas import furniture
 from sketchterrain.ui.canvas.desk import Desk
 from sketchterrain.ui.canvas.hands import Hands
 from sketchterrain.ui.canvas.keys import Keys
 from sketchterrain.ui.canvas.marks import Marks
 from sketchterrain.ui.canvas.overlays import Overlays
 from sketchterrain.ui.canvas.shown import Shown
+from sketchterrain.ui.canvas.tips import Tips
 from sketchterrain.ui.canvas.viewport import Viewport
 from sketchterrain.ui.look.theme import theme
+from sketchterrain.ui.own_keys import OwnKeys
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import (
@@ -72,6 +73,8 @@ class Canvas(QWidget):
         self._shown = Shown(self._desk, self)
         self._hands = Hands(self._desk, self._marks, self)
         self._keys = Keys(self._desk, self._hands, self)
+        OwnKeys(self, self._keys.wants)
+        Tips(self._desk, self)
         self._fits = True
         self._shows_focus = False
         self._overlays = Overlays(self._desk, self._marks)
@@ -214,21 +217,6 @@ class Canvas(QWidget):
         painter.end()
 
     # ── input: see `hands` and `keys` ────────────────────────────────────────────────────────────────────
-
-    def event(self, event: QEvent | None) -> bool:
-        """Keep keys that mean something here from being shortcuts; show what was decided at a warning."""
-        kind = event.type() if event is not None else None
-        if kind == QEvent.Type.ShortcutOverride and self._keys.wants(cast("QKeyEvent", event)):
-            cast("QKeyEvent", event).accept()
-            return True
-        if kind == QEvent.Type.ToolTip:
-            asked = cast("QHelpEvent", event)
-            text = ""
-            if "contradictions" in self._desk.workspace.overlays:
-                text = furniture.warning_at(self._desk, QPointF(asked.pos()))
-            QToolTip.showText(asked.globalPos(), text, self)
-            return True
-        return super().event(event)
 
     def mousePressEvent(self, event: QMouseEvent | None) -> None:
         """Begin what the tool does."""

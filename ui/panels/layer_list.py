@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from PyQt6.QtCore import QEvent, QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QKeyEvent
+from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
 from PyQt6.QtWidgets import QAbstractItemView, QFrame, QHeaderView, QTreeWidget, QTreeWidgetItem, QWidget
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.ui.own_keys import OwnKeys
 from sketchterrain.ui.panels.layer_rows import DETAIL, EYE, HEIGHT, LOCK, NAME, PLACE, SHOWN, LayerRow
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from PyQt6.QtGui import QMouseEvent
+    from PyQt6.QtGui import QKeyEvent, QMouseEvent
 
 __all__ = ["LayerList", "Row"]
 
@@ -72,6 +72,7 @@ class LayerList(QTreeWidget):
         self.setAccessibleName("Layers")
         self.setToolTip("What is painted. 1 to 7 choose a layer, Space shows or hides it")
         self._size_columns()
+        OwnKeys(self, self._is_own)
         self.currentItemChanged.connect(self._choose)
         self.customContextMenuRequested.connect(self._ask_menu)
 
@@ -96,13 +97,6 @@ class LayerList(QTreeWidget):
             if item is not None and item is not self.currentItem():
                 self.setCurrentItem(item)
                 self.scrollToItem(item)
-
-    def event(self, e: QEvent | None) -> bool:
-        """Keep the keys that choose layers from the window's shortcuts."""
-        if isinstance(e, QKeyEvent) and e.type() == QEvent.Type.ShortcutOverride and self._is_own(e):
-            e.accept()
-            return True
-        return super().event(e)
 
     def keyPressEvent(self, event: QKeyEvent | None) -> None:
         """Choose a layer, show and hide it, or delete a label."""

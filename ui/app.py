@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
+from sketchterrain.ui.garbage import keep_what_is_there
 from sketchterrain.ui.screen import check_screen
 
 if TYPE_CHECKING:
@@ -107,6 +108,7 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
 
     preferences.device_changed.connect(change_device)
     window.show()
+    keep_what_is_there()
     QTimer.singleShot(0, lambda: _welcome(window, document, autosave, is_new=is_new))
     code = app.exec()
     window.hide()

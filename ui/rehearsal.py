@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import DeviceError
+from sketchterrain.ui.garbage import keep_what_is_there
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -86,6 +87,7 @@ class Rehearsal:
         self._window.show()
         self._link.start()
         self._wait(lambda: self._link.frame is not None)
+        keep_what_is_there()
 
     def end(self) -> None:
         """Close the window and end the processes."""

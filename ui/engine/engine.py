@@ -32,6 +32,8 @@ _SLICE: Final = 0.008
 """s that the relief gets between two frames."""
 _IDLE_SLICE: Final = 0.03
 """s that it gets at a time while there is nothing to draw."""
+_RELIEF_WAITS: Final = 0.4
+"""s from one relief to the next while one paints."""
 _EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 
 
@@ -66,6 +68,7 @@ class Engine:
         self._land, self._show, self._jobs = land, show, jobs
         self._facts = facts
         self._relief = ReliefMaker()
+        self._relief_made = 0.0
         self._eye: Eye | None = None
         self._view = ViewState()
         self._expected, self._fresh = -1, -1
@@ -119,7 +122,7 @@ class Engine:
             due = self._show.due(moving=self._eye.restless)
             if due is not None and due <= 0.0:
                 self._guarded("view", self._draw)
-        if self._relief.busy and self._land.terrain is not None:
+        if self._relief_due() == 0.0:
             self._guarded("engine", self._make_relief)
         self._say("")
 
@@ -128,7 +131,19 @@ class Engine:
         due = None
         if self._show is not None and self._eye is not None:
             due = self._show.due(moving=self._eye.restless)
-        return 0.0 if self._relief.busy and self._land.terrain is not None else due
+        relief = self._relief_due()
+        return min((each for each in (due, relief) if each is not None), default=None)
+
+    def _relief_due(self) -> float | None:
+        """Return in how many s the relief goes on; None: it is as new as the terrain.
+
+        It waits for a terrain that is being placed, but not for long: tiles in view come first.
+        """
+        if not self._relief.busy or self._land.terrain is None:
+            return None
+        if self._expected <= self._land.version:
+            return 0.0
+        return max(_RELIEF_WAITS - (time.monotonic() - self._relief_made), 0.0)
 
     def _do(self, message: Any) -> None:
         self._guarded("engine", lambda: self._does[type(message)](message))
@@ -212,6 +227,7 @@ class Engine:
         idle = self._show is None or self._show.due(moving=False) is None
         made = self._relief.work(_IDLE_SLICE if idle else _SLICE)
         if made is not None:
+            self._relief_made = time.monotonic()
             self._window.send(made)
 
     def _quit(self, _: messages.Quit) -> None:

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["held_bytes"]
 
+_NICE = 2
+"""Of the system's priorities, 0 to 19: where all want the processors, the window and the placer go first."""
+
 
 def held_bytes(processes: list[int]) -> int:
     """Return how many bytes of memory processes hold; one that ended holds none."""
@@ -39,6 +42,7 @@ def _main(options: dict[str, Any]) -> None:
         ``window``, ``placer``, ``frames``: numbers of file descriptors. ``placer_id``: of the process.
         ``device``: selector, or None. ``draws``: whether to open OpenGL.
     """
+    os.nice(_NICE)
     window = Channel.of(options["window"], patient=False)
     window.send(Working("Opening the device"))
     from sketchterrain.compute import ComputeContext

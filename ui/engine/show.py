@@ -114,14 +114,17 @@ class Show:
             return None
         now = time.monotonic()
         since = now - self._drawn
-        if moving or self._stale:
+        if moving:
             return max(_QUICKEST - since, 0.0)
+        half = _SHARE * self._took if self.stage.is_software else _QUICKEST
+        if self._stale:  # where another one is on its way, placing it goes before drawing
+            return max((_QUICKEST if self._coming is None else half) - since, 0.0)
         waited = _HOLD[1] if self._coming is None else now - self._coming
         if not self._settled:
             return max(_QUICKEST - since, _HOLD[0] - waited, 0.0)
         if not self._view.plays:
             return None
-        often = max(_PLAYING, _SHARE * self._took) if self.stage.is_software else _QUICKEST
+        often = max(_PLAYING, half) if self.stage.is_software else _QUICKEST
         return max(often - since, _HOLD[1] - waited, 0.0)
 
     def frame(self, eye: Eye) -> FrameThere | None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.changes import Box
 
 __all__ = ["Stage"]
+
+_DRAWING_THREADS = "llvmpipe-"
+_NICE = 10
+"""Of the system's priorities, 0 to 19: about a tenth of the time where all want it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +61,8 @@ class Stage:
         self._context = open_context()
         self.name = str(self._context.info["GL_RENDERER"])
         self.is_software = any(part in self.name.lower() for part in SOFTWARE)
+        if self.is_software:
+            _step_back()
         self._view = ViewState()
         self._shown: _Shown | None = None
         self._target = PictureTarget(self._context)
@@ -165,6 +173,13 @@ class Stage:
     def _quality(self) -> Quality:
         number = self._view.quality
         return Quality.for_renderer(self.name) if number is None else Quality.of(number)
+
+
+def _step_back() -> None:
+    """Let the threads of a driver that draws on the CPU come after those that place and compute."""
+    for thread in Path("/proc/self/task").glob("*"):
+        if (thread / "comm").read_text(encoding="ascii", errors="replace").startswith(_DRAWING_THREADS):
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)
 
 
 def _sun(terrain: Terrain, camera: Camera, weather: Weather) -> tuple[Sun, str]:

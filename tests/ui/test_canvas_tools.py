@@ -486,6 +486,7 @@ def test_a_double_click_brings_the_view_there(full, link, qtbot) -> None:
     for tool in ("select", "pan"):
         full._desk.workspace.tool = tool
         qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
+        qtbot.mouseRelease(full, LEFT, pos=over(full, 2000.0, 1500.0))
         told = link.told[-1]
         assert isinstance(told, GoTo)
         assert (told.x, told.y) == pytest.approx((2000.0, 1500.0), abs=12.0)

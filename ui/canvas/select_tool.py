@@ -52,6 +52,7 @@ class SelectTool(Tool):
         self._hovered: Chosen | None = None
         self._drag: FeatureDrag | None = None
         self._pressed: tuple[float, float] | None = None
+        self._doubled: tuple[float, float] | None = None
         self._shown: tuple[Placed | None, FeatureDrag] | None = None
 
     @property
@@ -96,13 +97,17 @@ class SelectTool(Tool):
                 self.desk.tells.redraw()
 
     def release(self, pointer: Pointer) -> None:
-        """Let go."""
+        """Let go; after a double click that was not dragged bring the 3-D view there."""
         self._pressed = None
         self.finish()
+        doubled, self._doubled = self._doubled, None
+        if doubled is not None and math.dist(doubled, (pointer.x, pointer.y)) * self.desk.scale <= _DRAG:
+            self.desk.link.tell(GoTo(*self.desk.metres(*doubled)))
 
     def double(self, pointer: Pointer) -> None:
-        """Bring the 3-D view there."""
-        self.desk.link.tell(GoTo(*self.desk.metres(pointer.x, pointer.y)))
+        """Begin as with any press: who clicks and at once drags means the drag."""
+        self.press(pointer)
+        self._doubled = (pointer.x, pointer.y)
 
     def finish(self) -> None:
         """Let go: what was dragged is a step of the history."""

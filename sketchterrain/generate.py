@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LARGEST_SIZE", "Extras", "FoliageFiles", "Generated", "check_size", "generate"]
 
+
 @dataclass(frozen=True)
 class Extras:
     """Pictures besides the files.

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
-from sketchterrain.ui.garbage import keep_what_is_there
 from sketchterrain.ui.screen import check_screen
 
 if TYPE_CHECKING:
@@ -76,6 +75,7 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     link.device = preferences.device
     link.start()  # its processes load their libraries while this one builds the window
     apply_theme(app, preferences.theme)
+    from sketchterrain.ui.garbage import Garbage
     from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.bookmarks import Bookmarks
     from sketchterrain.ui.models.recent import RecentFiles
@@ -108,7 +108,7 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
 
     preferences.device_changed.connect(change_device)
     window.show()
-    keep_what_is_there()
+    garbage = Garbage()
     QTimer.singleShot(0, lambda: _welcome(window, document, autosave, is_new=is_new))
     code = app.exec()
     window.hide()
@@ -118,6 +118,7 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     # Views go before the models that they look at.
     window.deleteLater()
     app.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    garbage.end()
     return code
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import DeviceError
-from sketchterrain.ui.garbage import keep_what_is_there
+from sketchterrain.ui.garbage import Garbage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -87,11 +87,12 @@ class Rehearsal:
         self._window.show()
         self._link.start()
         self._wait(lambda: self._link.frame is not None)
-        keep_what_is_there()
+        self._garbage = Garbage()
 
     def end(self) -> None:
         """Close the window and end the processes."""
         self._heart.stop()
+        self._garbage.end()
         self._link.stop()
         self._document.saved(self._document.sketch, Path(self._folder.name))  # or it would ask
         self._window.close()

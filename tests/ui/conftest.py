@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from typing import Any
 
@@ -31,6 +32,15 @@ class FakeLink(EngineLink):
 
     def tell(self, message: Any) -> None:
         self.told.append(message)
+
+
+@pytest.fixture(autouse=True)
+def garbage_on_this_thread():
+    """What a test leaves is taken apart here: a search for garbage on another thread would do it there."""
+    gc.disable()
+    yield
+    gc.collect(0)
+    gc.enable()
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 from PyQt6.QtCore import QEvent
 from PyQt6.QtWidgets import QApplication, QWidget
 
-from sketchterrain.sketch import load_sketch
+from sketchterrain.sketch import LAYERS, load_sketch
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.recent import RecentFiles
@@ -79,7 +79,8 @@ def at_rest(window, document, workspace) -> None:
     document.open(load_sketch("valley_river"))
     workspace.chosen = None
     workspace.tool = "brush"
-    workspace.use_label("mountain", 1)
+    for layer in reversed(LAYERS):  # forms are made when they are needed first; mountains come last
+        workspace.use_label(layer, 1)
     window.actions_by_name["reset-layout"].trigger()
     window.resize(1500, 920)
     window.canvas.fit()

@@ -155,6 +155,20 @@ def test_painting_changes_heights_and_the_picture_and_undo_brings_them_back(runn
     assert np.abs(pixels(link).astype(int) - before).mean() < 1.0
 
 
+def test_a_step_that_changes_nothing_more_is_followed_too(running, qapp):
+    """A slow hand: the whole stroke is on the ground when the button is let go."""
+    document, link, _ = running
+    draft = stroke(document, 60, 60)
+    wait(qapp, settled(link, newest(link) + 1))
+    heights, version = link.relief.height, newest(link)
+    draft.commit("Paint mountains")
+    wait(qapp, settled(link, version + 1))
+    assert link.relief.height is heights
+    document.undo()
+    wait(qapp, settled(link, version + 2))
+    assert link.relief.height is not heights
+
+
 def test_the_newest_of_many_quick_strokes_wins(running, qapp):
     document, link, listener = running
     listener.followed.clear()

@@ -53,6 +53,18 @@ def test_heights_stand_at_the_pixels_middles():
     assert not maker.busy
 
 
+def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
+    maker, ground = ReliefMaker(), Ground()
+    maker.follow(ground, 3, [EVERYWHERE])
+    maker.work(0.0)
+    asked = ground.asked
+    maker.follow(ground, 4, [])
+    assert finish(maker).version == 4
+    assert ground.asked < asked + ground.sketch.width_px * ground.sketch.height_px
+    maker.follow(ground, 5, [])
+    assert not maker.busy
+
+
 def test_only_what_changed_is_asked_again_and_the_shading_is_that_of_the_whole():
     maker = ReliefMaker()
     maker.follow(Ground(), 1, [EVERYWHERE])

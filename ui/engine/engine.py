@@ -14,7 +14,7 @@ from sketchterrain.ui.engine import messages
 from sketchterrain.ui.engine.channel import Channel, ready
 from sketchterrain.ui.engine.eye import Eye
 from sketchterrain.ui.engine.messages import Picked, Trouble, ViewState, Working
-from sketchterrain.ui.engine.plan import Coming, Followed, MeasureJob, PictureJob, Plan
+from sketchterrain.ui.engine.plan import Coming, Followed, MeasureJob, PictureJob, Plan, StillRelief
 from sketchterrain.ui.engine.relief import ReliefMaker
 
 if TYPE_CHECKING:
@@ -200,8 +200,9 @@ class Engine:
                 self._be_at(self._wanted)
         else:
             self._eye.follow(terrain)
-        if areas:
-            self._relief.follow(terrain, version, areas)
+        self._relief.follow(terrain, version, areas)
+        if not self._relief.busy:
+            self._window.send(StillRelief(version))
         if self._show is not None:
             self._draw_from_now_on(self._show, terrain, self._eye)
         self._land.owed = []

@@ -25,7 +25,14 @@ from sketchterrain.ui.engine.messages import (
     ViewState,
     Working,
 )
-from sketchterrain.ui.engine.plan import Coming, Followed, FrameThere, PictureWritten, StillPlaced
+from sketchterrain.ui.engine.plan import (
+    Coming,
+    Followed,
+    FrameThere,
+    PictureWritten,
+    StillPlaced,
+    StillRelief,
+)
 from sketchterrain.ui.engine.updates import UpdateMaker
 
 if TYPE_CHECKING:
@@ -211,6 +218,9 @@ class EngineLink(QObject):
         elif isinstance(message, Relief):
             self.relief = message
             self.relief_changed.emit(message)
+        elif isinstance(message, StillRelief):
+            if self.relief is not None:
+                self.relief = replace(self.relief, version=message.version)
         elif isinstance(message, Followed):
             self.followed.emit(message)
         elif isinstance(message, Picked):

@@ -19,6 +19,7 @@ __all__ = [
     "PictureWritten",
     "Plan",
     "StillPlaced",
+    "StillRelief",
 ]
 
 
@@ -115,5 +116,12 @@ class PictureWritten:
 @dataclass(frozen=True)
 class StillPlaced:
     """The placer to the window: for this version of the sketch all stays placed as it was."""
+
+    version: int
+
+
+@dataclass(frozen=True)
+class StillRelief:
+    """The engine to the window: for this version of the sketch the relief is the last one."""
 
     version: int

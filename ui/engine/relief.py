@@ -101,6 +101,8 @@ class ReliefMaker:
             above, below = max(top - 1, 0), min(end + 1, len(stale))
             self._shade[top:end] = hill_shade(height[above:below], cell)[top - above : end - above]
             yield False
+        if not self._stale.any():  # what came meanwhile differs nowhere
+            version = self._version
         self._made = Relief(version, self._step, height.copy(), self._shade.copy())
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _DRIVEN = Path(__file__).with_name("driven.py")
-_PATIENCE = 120.0  # s; machines are shared
+_PATIENCE = 300.0  # s; machines are shared
 
 
 class Person:

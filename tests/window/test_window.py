@@ -79,7 +79,7 @@ def test_a_tour(person, tmp_path):
 
     def see(name: str) -> None:
         wait_for_terrain(person)
-        person.until(lambda: person.ask("window._link.frame.settled"), "a whole picture", seconds=60.0)
+        person.until(lambda: person.ask("window._link.frame.settled"), "a whole picture")
         person.see(pictures / f"{name}.png")
 
     person.start()
@@ -179,7 +179,7 @@ def test_a_tour(person, tmp_path):
     person.see(pictures / "export.png")
     person.key("Return")
     person.wait("window.dialogs.exporting.job is not None")
-    person.until(lambda: (out_folder / "report.json").exists(), "the export", seconds=300.0)
+    person.until(lambda: (out_folder / "report.json").exists(), "the export")
     person.wait("not window.dialogs.exporting.job.is_running")
     person.see(pictures / "exported.png")
     report = json.loads((out_folder / "report.json").read_text(encoding="utf-8"))

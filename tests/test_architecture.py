@@ -24,14 +24,18 @@ MAY_IMPORT = {
     "tiles": {"errors"},
     "render": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
     "export": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
+    "trace": {"errors", "resources", "whole_files", "sketch"},
 }
 ANYTHING = {
     "__init__",
     "__main__",
     "arguments",
+    "batch",
     "benchmarks",
     "cli",
+    "commands",
     "exit_codes",
+    "exporting",
     "fly",
     "generate",
     "jobs",

@@ -1,0 +1,1 @@
+"""Many terrains: what to make, in which order, what came of each, and how to go on after a stop."""

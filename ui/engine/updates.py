@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.sketch.box import around
 from sketchterrain.ui.engine.messages import LayerPatch, SketchUpdate
 from sketchterrain.ui.engine.mirror import settings_of
 
@@ -74,13 +75,7 @@ class UpdateMaker:
         return LayerPatch(max(top, 0), max(left, 0), pixels if still else pixels.copy())
 
     def _painted(self, layer: str, box: Box) -> None:
-        known = self._boxes.get(layer, box)
-        self._boxes[layer] = (
-            min(known[0], box[0]),
-            min(known[1], box[1]),
-            max(known[2], box[2]),
-            max(known[3], box[3]),
-        )
+        self._boxes[layer] = around(self._boxes.get(layer), box)
 
     def _opened(self) -> None:
         self._all = self._fresh = True

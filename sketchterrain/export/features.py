@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sketchterrain.features import Lake, River, ShapeField
     from sketchterrain.terrain import TerrainFeatures
 
-__all__ = ["write_features"]
+__all__ = ["lake_outline", "write_features"]
 
 _CENTIMETRES = 2  # decimals of an outline
 # What only some types have; for the others the field says nothing.
@@ -95,12 +95,18 @@ def _lake(lake: Lake) -> dict[str, Any]:
         "label": lake.label,
         "level": lake.level,
         "depth": lake.depth,
-        "outline": [ring.tolist() for ring in _outline(lake.shape)],
+        "outline": [ring.tolist() for ring in lake_outline(lake.shape)],
     }
 
 
-def _outline(shape: ShapeField) -> list[npt.NDArray[np.float64]]:
-    """Return closed rings of x, y (m) along the shore, islands included."""
+def lake_outline(shape: ShapeField) -> list[npt.NDArray[np.float64]]:
+    """Return closed rings along the shore, islands included.
+
+    Returns
+    -------
+    list of ndarray of float64, shape (n, 2)
+        x and y, m, to the centimetre; the last point of a ring is its first.
+    """
     rings = find_contours(shape.inside.astype(np.float64), 0.0, positive_orientation="high")
     corner = np.array([shape.west, shape.south])
     return [np.round(ring[:, ::-1] * shape.spacing + corner, _CENTIMETRES) for ring in rings]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import Raster
 
-__all__ = ["quantised_weights", "write_materials"]
+__all__ = ["four_of", "quantised_weights", "write_materials"]
 
 _CHANNELS = ("red", "green", "blue", "alpha")
 _WHOLE = 255
@@ -39,7 +39,7 @@ def write_materials(folder: Path, raster: Raster, names: Sequence[str]) -> tuple
         (f"materials-{number}.png" if number > 1 else "materials.png", first)
         for number, first in enumerate(range(0, len(names), len(_CHANNELS)), start=1)
     ]
-    images = [write_png(folder / name, _four_of(weights, first)) for name, first in files]
+    images = [write_png(folder / name, four_of(weights, first)) for name, first in files]
     meaning = {
         "format": 1,
         "encoding": "value / 255 is the weight; the weights of a vertex sum to 255 over all files",
@@ -105,7 +105,8 @@ def _rounded(weights: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     return result
 
 
-def _four_of(weights: npt.NDArray[np.uint8], first: int) -> npt.NDArray[np.uint8]:
+def four_of(weights: npt.NDArray[np.uint8], first: int) -> npt.NDArray[np.uint8]:
+    """Return four materials as the channels of an image, from one on; channels without a material are 0."""
     image = np.zeros((*weights.shape[:2], len(_CHANNELS)), np.uint8)
     part = weights[..., first : first + len(_CHANNELS)]
     image[..., : part.shape[-1]] = part

@@ -5,8 +5,8 @@ from __future__ import annotations
 from PyQt6.QtCore import QSize, Qt
 from PyQt6.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QSizePolicy, QToolButton, QWidget
 
-from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import SMALL, SPACING
+from sketchterrain.ui.look.tool_buttons import tool_button
 
 __all__ = ["Dock"]
 
@@ -96,12 +96,8 @@ class _Title(QWidget):
         return QSize(60, super().minimumSizeHint().height() if self._shown else 0)
 
 
-def _button(name: str, tip: str) -> QToolButton:
-    button = QToolButton()
-    button.setIcon(icon(name))
-    button.setIconSize(QSize(12, 12))
-    button.setToolTip(tip)
-    button.setAccessibleName(tip)
+def _button(name: str, title: str) -> QToolButton:
+    button = tool_button(name, title, side=12)
     button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
     button.setAutoRaise(True)
     return button

@@ -12,15 +12,15 @@ from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.commands import placed_edits
-from sketchterrain.ui.commands.chosen_parts import is_there, name_of, point_of
+from sketchterrain.ui.commands.chosen_parts import is_there, point_of
 from sketchterrain.ui.commands.labels import labels_of
 from sketchterrain.ui.commands.settings import WORLD, set_setting
+from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
 from sketchterrain.ui.models.workspace import TOOLS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.sketch import Sketch
     from sketchterrain.ui.actions import Actions
     from sketchterrain.ui.banner import Banner
     from sketchterrain.ui.engine.link import EngineLink
@@ -56,8 +56,8 @@ class SketchActions(QObject):
             {
                 "undo": document.undo,
                 "redo": document.redo,
-                "delete-chosen": self._delete_chosen,
-                "reset-chosen": self._reset_chosen,
+                "delete-chosen": partial(self._act, delete),
+                "reset-chosen": partial(self._act, reset),
                 "choose-none": self._choose_none,
                 "brush-smaller": partial(self._scale_brush, 1.0 / _STEP),
                 "brush-larger": partial(self._scale_brush, _STEP),
@@ -106,7 +106,8 @@ class SketchActions(QObject):
         """Make another terrain of the same sketch."""
         thrown = random.randrange(_SEEDS - 1)  # noqa: S311 - a terrain, no secret
         seed = thrown + (thrown >= self._document.sketch.seed)  # never the one that it has
-        self._do(f"Seed {seed}", lambda: set_setting(self._document.sketch, WORLD, "seed", seed))
+        sketch = self._document.sketch
+        self._try(lambda: self._document.do(f"Seed {seed}", set_setting(sketch, WORLD, "seed", seed)))
 
     def _refresh_chosen(self) -> None:
         chosen, placed = self._workspace.chosen, self._link.placed
@@ -122,31 +123,20 @@ class SketchActions(QObject):
         edited = bool(there and placed and chosen and placed_edits.is_edited(sketch, placed, chosen))
         self._actions["reset-chosen"].setEnabled(edited)
 
-    def _do(self, title: str, change: Callable[[], Sketch]) -> None:
+    def _try(self, change: Callable[[], None]) -> None:
         try:
-            self._document.do(title, change())
+            change()
         except InputError as error:
             self._banner.tell(Message("warning", str(error), "command"))
 
-    def _with_chosen(self, title: str, change: Callable[[Sketch, Placed, Chosen], Sketch]) -> None:
+    def _act(self, act: Callable[[Document, Workspace, Placed, Chosen], None]) -> None:
         chosen, placed = self._workspace.chosen, self._link.placed
         if chosen is not None and placed is not None:
-            name = name_of(placed, chosen)
-            self._do(title.format(name), lambda: change(self._document.sketch, placed, chosen))
+            self._try(lambda: act(self._document, self._workspace, placed, chosen))
             self.refresh()
 
-    def _delete_chosen(self) -> None:
-        self._with_chosen("Delete {}", lambda sketch, _, chosen: placed_edits.deleted(sketch, chosen))
-        self._workspace.chosen = None
-
-    def _reset_chosen(self) -> None:
-        self._with_chosen("Reset {}", placed_edits.reset)
-
     def _lock_chosen(self, on: bool) -> None:
-        if on:
-            self._with_chosen("Lock {}", placed_edits.locked)
-        else:
-            self._with_chosen("Unlock {}", lambda sketch, _, chosen: placed_edits.unlocked(sketch, chosen))
+        self._act(lock if on else unlock)
 
     def _choose_none(self) -> None:
         self._workspace.chosen = None

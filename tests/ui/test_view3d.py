@@ -11,6 +11,7 @@ from PyQt6.QtGui import QColor, QFocusEvent, QImage, QKeyEvent, QMouseEvent, QWh
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.render.camera import Camera
+from sketchterrain.ui.doing_menu import DoingMenu
 from sketchterrain.ui.engine.messages import (
     EngineFacts,
     Fly,
@@ -32,7 +33,6 @@ from sketchterrain.ui.view3d.aim import overview
 from sketchterrain.ui.view3d.bar import Bar
 from sketchterrain.ui.view3d.card import Card
 from sketchterrain.ui.view3d.compass import Compass
-from sketchterrain.ui.view3d.feature_menu import DoingMenu
 from sketchterrain.ui.view3d.view import View3D
 
 WIDTH, HEIGHT = 640, 480

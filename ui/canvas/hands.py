@@ -170,7 +170,6 @@ class Hands(QObject):
         self._desk.workspace.chosen = chosen
         at = self._desk.metres(*self._desk.on_sketch(place))
         menu = feature_menu(self._canvas, self._desk, chosen, *at)
-        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         menu.popup(event.globalPos())
 
     def leave(self) -> None:

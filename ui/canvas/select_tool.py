@@ -13,8 +13,8 @@ from sketchterrain.ui.canvas.marks import draw_chosen
 from sketchterrain.ui.canvas.tool import Tool
 from sketchterrain.ui.canvas.writing import write_beside
 from sketchterrain.ui.commands.chosen_parts import is_there, name_of
-from sketchterrain.ui.commands.placed_edits import deleted
 from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.models.chosen_acts import delete
 from sketchterrain.ui.models.drags import FeatureDrag
 from sketchterrain.ui.models.handles import chosen_at, handles_of
 
@@ -147,11 +147,8 @@ class SelectTool(Tool):
         elif key == Qt.Key.Key_Escape:
             workspace.chosen = None
         elif placed is not None and workspace.chosen is not None:
-            chosen = workspace.chosen
             self.finish()
-            document = self.desk.document
-            document.do(f"Delete {name_of(placed, chosen)}", deleted(document.sketch, chosen))
-            workspace.chosen = None
+            delete(self.desk.document, workspace, placed, workspace.chosen)
         return True
 
     def chosen_under(self, place: QPointF) -> Chosen | None:

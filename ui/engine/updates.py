@@ -75,7 +75,7 @@ class UpdateMaker:
         return LayerPatch(max(top, 0), max(left, 0), pixels if still else pixels.copy())
 
     def _painted(self, layer: str, box: Box) -> None:
-        self._boxes[layer] = around(self._boxes.get(layer), box)
+        self._boxes[layer] = around(self._boxes.get(layer), box) or box
 
     def _opened(self) -> None:
         self._all = self._fresh = True

@@ -9,16 +9,10 @@ from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.ui.commands.chosen_parts import is_there, name_of, river_of
-from sketchterrain.ui.commands.placed_edits import (
-    deleted,
-    is_edited,
-    is_locked,
-    locked,
-    reset,
-    unlocked,
-)
+from sketchterrain.ui.commands.placed_edits import is_edited, is_locked
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import MARGIN, SMALL
+from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
 from sketchterrain.ui.panels.feature_form import FeatureForm
 from sketchterrain.ui.panels.lake_form import LakeForm
 from sketchterrain.ui.panels.page_head import PageHead
@@ -26,7 +20,8 @@ from sketchterrain.ui.panels.river_form import RiverForm
 from sketchterrain.ui.panels.text import faint_label
 
 if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
+    from collections.abc import Callable
+
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.engine.messages import Placed
     from sketchterrain.ui.models.document import Document
@@ -125,25 +120,18 @@ class ChosenPage(QWidget):
             button.setEnabled(False)
 
     def _lock(self, held: bool) -> None:
-        placed, chosen = self._link.placed, self._chosen()
-        if placed is not None and chosen is not None:
-            sketch = self._document.sketch
-            changed = locked(sketch, placed, chosen) if held else unlocked(sketch, chosen)
-            self._do("Lock" if held else "Unlock", changed, placed, chosen)
+        self._act(lock if held else unlock)
 
     def _reset(self) -> None:
-        placed, chosen = self._link.placed, self._chosen()
-        if placed is not None and chosen is not None:
-            self._do("Reset", reset(self._document.sketch, placed, chosen), placed, chosen)
+        self._act(reset)
 
     def _delete(self) -> None:
+        self._act(delete)
+
+    def _act(self, act: Callable[[Document, Workspace, Placed, Chosen], None]) -> None:
         placed, chosen = self._link.placed, self._chosen()
         if placed is not None and chosen is not None:
-            self._do("Delete", deleted(self._document.sketch, chosen), placed, chosen)
-            self._workspace.chosen = None
-
-    def _do(self, verb: str, sketch: Sketch, placed: Placed, chosen: Chosen) -> None:
-        self._document.do(f"{verb} {name_of(placed, chosen)}", sketch)
+            act(self._document, self._workspace, placed, chosen)
 
     def _lay_out(self) -> None:
         down = QVBoxLayout(self)

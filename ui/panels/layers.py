@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
-from PyQt6.QtWidgets import QHBoxLayout, QLabel, QMenu, QToolButton, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
@@ -17,8 +18,9 @@ from sketchterrain.ui.commands.labels import (
     free_label,
     new_label,
 )
-from sketchterrain.ui.look.icons import icon
+from sketchterrain.ui.doing_menu import DoingMenu
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
+from sketchterrain.ui.look.tool_buttons import tool_button
 from sketchterrain.ui.panels.area_count import AreaCount
 from sketchterrain.ui.panels.label_detail import label_detail
 from sketchterrain.ui.panels.label_page import label_title
@@ -26,8 +28,6 @@ from sketchterrain.ui.panels.layer_list import LayerList, Row
 from sketchterrain.ui.panels.number_box import WAY, PatientSlider
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 
@@ -59,9 +59,15 @@ class LayersPanel(QWidget):
         self.opacity.setAccessibleName("Opacity of the layer")
         self.opacity.setToolTip("How strongly the layer that is painted on covers what lies beneath")
         self._percent = QLabel(self)
-        self.add = self._button("add", "New label", "Another label of this layer, with properties of its own")
-        self.remove = self._button("delete", "Delete label", "Delete this label and what is painted with it")
-        self.clear = self._button("eraser", "Clear layer", "Erase all that is painted on this layer")
+        self.add = tool_button(
+            "add", "New label", tip="Another label of this layer, with properties of its own", parent=self
+        )
+        self.remove = tool_button(
+            "delete", "Delete label", tip="Delete this label and what is painted with it", parent=self
+        )
+        self.clear = tool_button(
+            "eraser", "Clear layer", tip="Erase all that is painted on this layer", parent=self
+        )
         self._count = AreaCount(self)
         self._lay_out()
         self._connect()
@@ -118,23 +124,25 @@ class LayersPanel(QWidget):
         for name in LAYERS:
             self._workspace.set_look(name, visible=alone or name == layer)
 
-    def menu(self) -> QMenu:
+    def menu(self) -> DoingMenu:
         """Return what can be done with the label in use; it goes when it is closed."""
         layer = self._workspace.layer
         look = self._workspace.look(layer)
         title = LAYERS[layer].title.lower()
-        menu = QMenu(self)
-        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        _add(menu, "add", "&New label", self.new_label, enabled=self.add.isEnabled())
-        _add(menu, "", "&Copy label", self.copy_label, enabled=self.add.isEnabled())
-        _add(menu, "delete", "&Delete label", self.delete_label, enabled=self.remove.isEnabled())
-        _add(menu, "eraser", f"C&lear {title}", self.clear_layer, enabled=self.clear.isEnabled())
+        menu = DoingMenu(self)
+        for name, text, do, button in (
+            ("add", "&New label", self.new_label, self.add),
+            ("", "&Copy label", self.copy_label, self.add),
+            ("delete", "&Delete label", self.delete_label, self.remove),
+            ("eraser", f"C&lear {title}", self.clear_layer, self.clear),
+        ):
+            menu.offer(name, text, do).setEnabled(button.isEnabled())
         menu.addSeparator()
-        eye, lock = ("eye-off", "&Hide") if look.visible else ("eye", "S&how"), ("unlock", "Un&lock")
-        _add(menu, eye[0], f"{eye[1]} {title}", lambda: self._turn_eye(layer))
-        _add(menu, "eye", f"Show &only {title}, or all", lambda: self.show_only(layer))
-        lock = lock if look.locked else ("lock", "Loc&k")
-        _add(menu, lock[0], f"{lock[1]} {title}", lambda: self._turn_lock(layer))
+        eye = ("eye-off", "&Hide") if look.visible else ("eye", "S&how")
+        lock = ("unlock", "Un&lock") if look.locked else ("lock", "Loc&k")
+        menu.offer(eye[0], f"{eye[1]} {title}", partial(self._turn_eye, layer))
+        menu.offer("eye", f"Show &only {title}, or all", partial(self.show_only, layer))
+        menu.offer(lock[0], f"{lock[1]} {title}", partial(self._turn_lock, layer))
         return menu
 
     def sizeHint(self) -> QSize:
@@ -235,14 +243,6 @@ class LayersPanel(QWidget):
     def _open_menu(self, place: QPoint) -> None:
         self.menu().popup(place)
 
-    def _button(self, name: str, title: str, tip: str) -> QToolButton:
-        button = QToolButton(self)
-        button.setIcon(icon(name))
-        button.setIconSize(QSize(18, 18))
-        button.setAccessibleName(title)
-        button.setToolTip(tip)
-        return button
-
     def _lay_out(self) -> None:
         self._percent.setFont(tabular(self._percent.font()))
         self._percent.setFixedWidth(self._percent.fontMetrics().horizontalAdvance("100 %") + 2)
@@ -265,10 +265,3 @@ class LayersPanel(QWidget):
         down.setSpacing(0)
         down.addWidget(self.list, 1)
         down.addLayout(foot)
-
-
-def _add(menu: QMenu, name: str, text: str, act: Callable[[], None], *, enabled: bool = True) -> None:
-    action = menu.addAction(icon(name), text) if name else menu.addAction(text)
-    if action is not None:
-        action.setEnabled(enabled)
-        action.triggered.connect(lambda _: act())

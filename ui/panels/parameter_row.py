@@ -5,11 +5,11 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QSize, pyqtSignal
+from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QSizePolicy, QToolButton, QWidget
 
-from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import SMALL, SPACING
+from sketchterrain.ui.look.tool_buttons import tool_button
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import help_of, title_of, tool_tip, with_unit
 
@@ -94,13 +94,10 @@ class ParameterRow(QWidget):
             QWidget.setTabOrder(one, next_one)
 
     def _reset_button(self) -> QToolButton:
-        button = QToolButton(self)
-        button.setIcon(icon("reset"))
-        button.setIconSize(QSize(14, 14))
+        tip = f"Back to {with_unit(self.parameter, self.parameter.default)}"
+        button = tool_button("reset", f"{self.title}: back to the default", tip=tip, side=14, parent=self)
         button.setFixedSize(22, 22)
         button.setAutoRaise(True)
-        button.setAccessibleName(f"{self.title}: back to the default")
-        button.setToolTip(f"Back to {with_unit(self.parameter, self.parameter.default)}")
         policy = button.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         button.setSizePolicy(policy)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING, Final
 
-from PyQt6.QtCore import QRegularExpression, QSize, pyqtSignal
+from PyQt6.QtCore import QRegularExpression, pyqtSignal
 from PyQt6.QtGui import QRegularExpressionValidator
 from PyQt6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QMenu, QToolButton, QVBoxLayout, QWidget
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import SKETCH
-from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
+from sketchterrain.ui.look.tool_buttons import tool_button
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import help_of, tool_tip
 
@@ -38,12 +38,12 @@ class SeedRow(QWidget):
         self._seed = 0
         self._used: list[int] = []
         self.field = self._make_field()
-        self.dice = self._make_button(
-            "dice", "Throw a seed", "Another seed: another terrain of the same sketch"
+        self.dice = tool_button(
+            "dice", "Throw a seed", tip="Another seed: another terrain of the same sketch", parent=self
         )
         self.dice.clicked.connect(lambda: self.edited.emit(_other_than(self._seed)))
-        self.earlier = self._make_button(
-            "undo", "Seeds used before", "Go back to a seed that was used before"
+        self.earlier = tool_button(
+            "undo", "Seeds used before", tip="Go back to a seed that was used before", parent=self
         )
         self.earlier.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
         self._menu = QMenu(self.earlier)
@@ -94,14 +94,6 @@ class SeedRow(QWidget):
         field.setToolTip(tool_tip(_SEED))
         field.editingFinished.connect(self._finish)
         return field
-
-    def _make_button(self, name: str, title: str, tip: str) -> QToolButton:
-        button = QToolButton(self)
-        button.setIcon(icon(name))
-        button.setIconSize(QSize(18, 18))
-        button.setAccessibleName(title)
-        button.setToolTip(tip)
-        return button
 
     def _lay_out(self) -> None:
         title = QLabel("&Seed", self)

@@ -14,16 +14,15 @@ from PyQt6.QtWidgets import (
     QLabel,
     QListWidget,
     QListWidgetItem,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
+from sketchterrain.ui.doing_menu import DoingMenu
 from sketchterrain.ui.engine.messages import Look
-from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
+from sketchterrain.ui.look.tool_buttons import tool_button
 from sketchterrain.ui.models.bookmarks import Bookmark
-from sketchterrain.ui.view3d.feature_menu import DoingMenu
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.link import EngineLink
@@ -62,9 +61,9 @@ class BookmarksPanel(QWidget):
         self._trouble = QLabel(self)
         self._trouble.setWordWrap(True)
         self._trouble.hide()
-        self._add = _button(self, "add", "Keep this view as a bookmark")
-        self._renew = _button(self, "camera", "Let the bookmark be about this view")
-        self._delete = _button(self, "delete", "Delete the bookmark")
+        self._add = tool_button("add", "Keep this view as a bookmark", parent=self)
+        self._renew = tool_button("camera", "Let the bookmark be about this view", parent=self)
+        self._delete = tool_button("delete", "Delete the bookmark", parent=self)
         buttons = QHBoxLayout()
         buttons.setSpacing(SMALL)
         for button in (self._add, self._renew):
@@ -186,15 +185,6 @@ class BookmarksPanel(QWidget):
         menu.offer("delete", "Delete", self.delete_current)
         self._list.setCurrentItem(item)
         menu.popup(self._list.mapToGlobal(at))
-
-
-def _button(parent: QWidget, name: str, tip: str) -> QToolButton:
-    button = QToolButton(parent)
-    button.setIcon(icon(name))
-    button.setIconSize(QSize(18, 18))
-    button.setToolTip(tip)
-    button.setAccessibleName(tip)
-    return button
 
 
 def _small(picture: QImage) -> bytes:

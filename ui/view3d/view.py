@@ -12,11 +12,11 @@ from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.ui.engine.messages import Look, Trouble, Turn
 from sketchterrain.ui.look.theme import looks
+from sketchterrain.ui.models.chosen_acts import delete_or_reset
 from sketchterrain.ui.view3d.aim import going_to, overview
 from sketchterrain.ui.view3d.bar import Bar
 from sketchterrain.ui.view3d.card import Card, notice_of
 from sketchterrain.ui.view3d.compass import Compass, heading_of
-from sketchterrain.ui.view3d.feature_menu import delete_or_reset
 from sketchterrain.ui.view3d.keyboard import Keyboard
 from sketchterrain.ui.view3d.mouse import Mouse
 from sketchterrain.ui.view3d.scene import Scene

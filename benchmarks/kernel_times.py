@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.spline_cases import splines_and_places
 from sketchterrain.benchmarks.spline_methods import KERNELS, SplineQueries
 from sketchterrain.benchmarks.timing import alternate, spread
-from sketchterrain.render.texture_maker import LAYERS, embossed, painted_layer
+from sketchterrain.look.texture_maker import LAYERS, embossed, painted_layer
 from sketchterrain.terrain.graded_poisson import GradedPoisson
 from sketchterrain.terrain.lattice import QUADS
 from sketchterrain.terrain.patch_places import sample_stride

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from sketchterrain.compute import ComputeContext
-from sketchterrain.render.texture_maker import LAYERS, embossed, painted_layer
+from sketchterrain.look.texture_maker import LAYERS, embossed, painted_layer
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-// The textures of materials, each square, tileable, its rows northward (render/texture_maker.py).
+// The textures of materials, each square, tileable, its rows northward (look/texture_maker.py).
 #include "material_layers.clh"
 
 inline REAL4 material_at(int layer, REAL u, REAL v)

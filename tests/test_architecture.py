@@ -12,6 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
+GROUND = {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"}
 # Each room and the rooms it may import; a room may always import itself.
 MAY_IMPORT = {
     "errors": set(),
@@ -22,8 +23,9 @@ MAY_IMPORT = {
     "compute": {"errors", "resources"},
     "terrain": {"errors", "sketch", "features", "compute"},
     "tiles": {"errors"},
-    "render": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
-    "export": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "tiles", "compute"},
+    "look": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "compute"},
+    "render": GROUND | {"look"},
+    "export": GROUND | {"look"},
     "trace": {"errors", "resources", "whole_files", "sketch"},
 }
 ANYTHING = {
@@ -133,7 +135,7 @@ def named_by_room() -> dict[str, list[str]]:
 @pytest.mark.parametrize(
     ("room", "files"),
     [
-        *((room, f"sketchterrain/{room}/*.py") for room in ("terrain", "tiles", "render", "export")),
+        *((room, f"sketchterrain/{room}/*.py") for room in ("terrain", "tiles", "look", "render", "export")),
         ("ui", "ui/*.py"),
         *(
             (f"ui/{room}", f"ui/{room}/*.py")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sketchterrain.look.trees import CUT, DETAILS
 from sketchterrain.render.plant_cells import (
     ROOM,
     Place,
@@ -20,7 +21,6 @@ from sketchterrain.render.plant_meshes import KINDS, Instances, PlantBatch, Plan
 from sketchterrain.render.plant_shade import PlantShade
 from sketchterrain.render.programs import build_program, build_transform
 from sketchterrain.render.thinning import Thinning, share_of, width_of
-from sketchterrain.render.trees import CUT, DETAILS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 
+from sketchterrain.look.trees import DETAILS, SPECIES, VARIANTS, plant_mesh
 from sketchterrain.render.programs import set_uniforms
-from sketchterrain.render.trees import DETAILS, SPECIES, VARIANTS, plant_mesh
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 
+from sketchterrain.look.trees import DETAILS
 from sketchterrain.render.allowance import Pace
 from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.render.sky import Sun
 from sketchterrain.render.thinning import share_of, width_of
-from sketchterrain.render.trees import DETAILS
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.look.trees import HEIGHTS, VARIANTS
 from sketchterrain.render.thinning import bulk_of, hold_of, whim_of
-from sketchterrain.render.trees import HEIGHTS, VARIANTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
+from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render.programs import fill_screen, set_uniforms
-from sketchterrain.render.texture_maker import LAYERS
 from sketchterrain.render.texture_places import OCTAVES, texture_phases, texture_uniforms, texture_widths
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.render.texture_maker import LAYERS
+from sketchterrain.look.texture_maker import LAYERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -9,10 +9,10 @@ import moderngl
 import numpy as np
 
 from sketchterrain.compute import ComputeContext, Device
+from sketchterrain.look.texture_files import read_pictures
+from sketchterrain.look.texture_levels import changed_levels, made_levels
+from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render.gl_functions import gl_function
-from sketchterrain.render.texture_files import read_pictures
-from sketchterrain.render.texture_levels import changed_levels, made_levels
-from sketchterrain.render.texture_maker import LAYERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final, cast
 import moderngl
 import numpy as np
 
+from sketchterrain.look.water_surfaces import surfaces
 from sketchterrain.render.programs import build_program, set_uniforms
-from sketchterrain.render.water_surfaces import surfaces
 from sketchterrain.render.water_waves import LAYERS, wave_layers, wave_phases, wave_texture
 
 if TYPE_CHECKING:

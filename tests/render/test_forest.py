@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sketchterrain.look.trees import DETAILS
 from sketchterrain.render import Camera, Quality, Sun
 from sketchterrain.render.renderer import Renderer
 from sketchterrain.render.snapshot import canvas, read_picture
-from sketchterrain.render.trees import DETAILS
 from sketchterrain.render.weather import Weather
 
 from .conftest import Waves

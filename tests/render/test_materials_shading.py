@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from sketchterrain.look.texture_maker import LAYERS
+from sketchterrain.look.texture_mips import roughened
 from sketchterrain.render import Camera, Quality, Sun, render_picture
 from sketchterrain.render.programs import set_uniforms
-from sketchterrain.render.texture_maker import LAYERS
-from sketchterrain.render.texture_mips import roughened
 from sketchterrain.render.texture_places import (
     OCTAVES,
     PERIOD,

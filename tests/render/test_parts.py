@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
+from sketchterrain.look.water_surfaces import ACROSS, sheet, strip
 from sketchterrain.render import Sun
 from sketchterrain.render.plant_shade import shade_matrix
 from sketchterrain.render.relief import HeightMap
 from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.textures import tileable_noise
-from sketchterrain.render.water_surfaces import ACROSS, sheet, strip
 
 
 def test_irradiance_of_a_uniform_sphere_is_pi_everywhere():

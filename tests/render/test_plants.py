@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sketchterrain.look.trees import DETAILS
 from sketchterrain.render import Camera, Quality, Sun
 from sketchterrain.render.allowance import Allowance
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares
@@ -11,7 +12,6 @@ from sketchterrain.render.plant_cells import CELL, KEPT, PlantCells, cells_near,
 from sketchterrain.render.plant_meshes import KINDS, PlantMeshes
 from sketchterrain.render.plant_shade import PlantShade, shade_matrix, sun_axes
 from sketchterrain.render.plant_stand import SINK
-from sketchterrain.render.trees import DETAILS
 from sketchterrain.terrain.plant import PLANT
 
 SUN = Sun(200.0, 35.0)

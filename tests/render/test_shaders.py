@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import BuildError
+from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render import Quality, Weather, clouds, plant_stand, scatter, texture_places
 from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.programs import build_program, build_transform
 from sketchterrain.render.shading import Shading
-from sketchterrain.render.texture_maker import LAYERS
 from sketchterrain.resources import source
 
 pytestmark = pytest.mark.gl

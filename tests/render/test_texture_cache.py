@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain.render.texture_cache import cache_folder, kept
+from sketchterrain.look.texture_cache import cache_folder, kept
 
 
 class Maker:

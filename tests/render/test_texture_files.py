@@ -10,11 +10,11 @@ from PIL import Image
 
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.errors import InputError
+from sketchterrain.look.texture_files import read_pictures
+from sketchterrain.look.texture_levels import changed_levels, made_levels
+from sketchterrain.look.texture_maker import LAYERS
+from sketchterrain.look.texture_mips import linear_of
 from sketchterrain.render import Camera, Quality, Sun, render_picture
-from sketchterrain.render.texture_files import read_pictures
-from sketchterrain.render.texture_levels import changed_levels, made_levels
-from sketchterrain.render.texture_maker import LAYERS
-from sketchterrain.render.texture_mips import linear_of
 from sketchterrain.render.textures import MaterialTextures
 
 SIZE = 32

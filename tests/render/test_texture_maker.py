@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.render.texture_maker import LAYERS, Layer, embossed, painted_layer
+from sketchterrain.look.texture_maker import LAYERS, Layer, embossed, painted_layer
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)

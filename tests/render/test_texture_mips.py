@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sketchterrain.render.texture_mips import (
+from sketchterrain.look.texture_mips import (
     decoded,
     encoded,
     halved,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sketchterrain.render.texture_maker import LAYERS
+from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.render.texture_places import (
     OCTAVES,
     PERIOD,

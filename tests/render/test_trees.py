@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sketchterrain.render.tree_levels import level
-from sketchterrain.render.tree_measure import seen, sprig
-from sketchterrain.render.tree_shape import BROAD, NEEDLES, SOLID
-from sketchterrain.render.trees import DETAILS, HEIGHTS, SPECIES, VARIANTS, plant_mesh
+from sketchterrain.look.tree_levels import level
+from sketchterrain.look.tree_measure import seen, sprig
+from sketchterrain.look.tree_shape import BROAD, NEEDLES, SOLID
+from sketchterrain.look.trees import DETAILS, HEIGHTS, SPECIES, VARIANTS, plant_mesh
 from sketchterrain.terrain.plant import STOREYS
 
 from .test_shaders import evaluate

@@ -8,10 +8,10 @@ import moderngl
 import numpy as np
 import pytest
 
+from sketchterrain.look.water_surfaces import current, strip, surfaces
 from sketchterrain.render import Camera
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.water import Water
-from sketchterrain.render.water_surfaces import current, strip, surfaces
 from sketchterrain.render.water_waves import (
     LAYERS,
     wave_layers,

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.render.tree_growth import Wood, grow_crown, grow_whorls
-from sketchterrain.render.tree_leaves import Openness, leaves_of_crown, leaves_of_whorls
-from sketchterrain.render.tree_measure import seen
-from sketchterrain.render.tree_shape import SOLID, Leaves, Triangles, joined_triangles, unit
-from sketchterrain.render.tree_species import SPECIES, Colours, Crown, forms
-from sketchterrain.render.tree_triangles import sheets, spears, tubes
+from sketchterrain.look.tree_growth import Wood, grow_crown, grow_whorls
+from sketchterrain.look.tree_leaves import Openness, leaves_of_crown, leaves_of_whorls
+from sketchterrain.look.tree_measure import seen
+from sketchterrain.look.tree_shape import SOLID, Leaves, Triangles, joined_triangles, unit
+from sketchterrain.look.tree_species import SPECIES, Colours, Crown, forms
+from sketchterrain.look.tree_triangles import sheets, spears, tubes
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -9,8 +9,8 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.render.texture_maker import LAYERS
-from sketchterrain.render.texture_mips import linear
+from sketchterrain.look.texture_maker import LAYERS
+from sketchterrain.look.texture_mips import linear
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.render.tree_growth import frames
-from sketchterrain.render.tree_shape import BANDED, SOLID, Leaves, Triangles
+from sketchterrain.look.tree_growth import frames
+from sketchterrain.look.tree_shape import BANDED, SOLID, Leaves, Triangles
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.render.tree_leaves import Openness
-    from sketchterrain.render.tree_species import Colours
+    from sketchterrain.look.tree_leaves import Openness
+    from sketchterrain.look.tree_species import Colours
 
     Floats = npt.NDArray[np.float64]
 

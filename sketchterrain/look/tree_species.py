@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from sketchterrain.render.tree_shape import BROAD, NEEDLES
+from sketchterrain.look.tree_shape import BROAD, NEEDLES
 
 __all__ = ["HEIGHTS", "SPECIES", "Colours", "Crown", "Whorls", "forms"]
 

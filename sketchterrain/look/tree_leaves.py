@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.render.tree_growth import GOLDEN_ANGLE, frames
-from sketchterrain.render.tree_shape import Leaves, unit
+from sketchterrain.look.tree_growth import GOLDEN_ANGLE, frames
+from sketchterrain.look.tree_shape import Leaves, unit
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.render.tree_growth import Wood
-    from sketchterrain.render.tree_species import Crown, Whorls
+    from sketchterrain.look.tree_growth import Wood
+    from sketchterrain.look.tree_species import Crown, Whorls
 
     Floats = npt.NDArray[np.float64]
 

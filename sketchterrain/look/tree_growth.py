@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sketchterrain.render.tree_shape import across, unit
+from sketchterrain.look.tree_shape import across, unit
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.render.tree_species import Crown, Whorls
+    from sketchterrain.look.tree_species import Crown, Whorls
 
     Floats = npt.NDArray[np.float64]
 

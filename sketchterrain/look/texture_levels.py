@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.render.texture_cache import kept
-from sketchterrain.render.texture_maker import LAYERS, SOURCE, embossed, painted_layer
-from sketchterrain.render.texture_mips import decoded, linear_of, mipmaps
+from sketchterrain.look.texture_cache import kept
+from sketchterrain.look.texture_maker import LAYERS, SOURCE, embossed, painted_layer
+from sketchterrain.look.texture_mips import decoded, linear_of, mipmaps
 from sketchterrain.resources import source
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.render.texture_files import Pictures
+    from sketchterrain.look.texture_files import Pictures
 
 __all__ = ["Levels", "changed_levels", "made_levels"]
 

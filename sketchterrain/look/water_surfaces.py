@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.render.scene import Features, Field, Pool, Reach
+    from sketchterrain.look.waters import Features, Field, Pool, Reach
 
     Floats = npt.NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.render.tree_levels import CUT, DETAILS, VARIANTS, level
-from sketchterrain.render.tree_species import HEIGHTS, SPECIES
+from sketchterrain.look.tree_levels import CUT, DETAILS, VARIANTS, level
+from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 
 if TYPE_CHECKING:
     import numpy.typing as npt

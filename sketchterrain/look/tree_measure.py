@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.render.tree_shape import BROAD, NEEDLES
+from sketchterrain.look.tree_shape import BROAD, NEEDLES
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.render.tree_shape import Triangles
+    from sketchterrain.look.tree_shape import Triangles
 
     Floats = npt.NDArray[np.float64]
 

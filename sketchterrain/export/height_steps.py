@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
 __all__ = ["HeightSteps"]
+
+_STEPS = 65536
+_HIGHEST = _STEPS - 1
+_DECIMALS = 3  # of what a person types in
+_SMALLEST = 1.0  # m: a range that programs accept, also of flat ground
+_ROWS_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
@@ -33,19 +43,71 @@ class HeightSteps:
     @property
     def step(self) -> float:
         """The quantum, m: a height is off by half of it at most."""
-        return self.range / 65536.0
+        return self.range / _STEPS
+
+    @property
+    def highest(self) -> float:
+        """The height of the number 65535, m."""
+        return self.low + self.step * _HIGHEST
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What a sidecar says of them."""
+        return {
+            "metres": "low + number * metres_per_step",
+            "low": self.low,
+            "range": self.range,
+            "metres_per_step": self.step,
+            "height_of_65535": self.highest,
+        }
 
     @classmethod
     def of(cls, height: npt.NDArray[np.float32], wanted: tuple[float, float] | None = None) -> HeightSteps:
         """Return steps that hold all heights, in the range that was asked for, else as fine as may be.
+
+        Found ones are whole millimetres, which can be typed in, and a range of 1 m at least.
 
         Raises
         ------
         InputError
             If heights lie outside of `wanted` (lowest and highest, m), or it is no range.
         """
-        raise NotImplementedError
+        low, high = float(height.min()), float(height.max())
+        if wanted is not None:
+            return cls._checked(low, high, wanted)
+        unit = 10.0**_DECIMALS
+        lowest = math.floor(low * unit) / unit
+        least = (high - lowest) * (_STEPS / _HIGHEST)
+        return cls(lowest, max(math.ceil(least * unit) / unit, _SMALLEST))
+
+    @classmethod
+    def _checked(cls, low: float, high: float, wanted: tuple[float, float]) -> HeightSteps:
+        lowest, highest = wanted
+        if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
+            raise InputError(f"heights {lowest:g},{highest:g}: expected the lowest and the highest, m")
+        steps = cls(lowest, highest - lowest)
+        if low < lowest - 0.5 * steps.step or high > steps.highest + 0.5 * steps.step:
+            raise InputError(
+                f"heights {lowest:g},{highest:g}: the terrain goes from {low:.2f} to {high:.2f} m, "
+                f"which does not fit into them"
+            )
+        return steps
 
     def encode(self, height: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-        """Return the nearest steps."""
-        raise NotImplementedError
+        """Return the nearest steps, of the heights' shape.
+
+        Raises
+        ------
+        InputError
+            If a height is farther outside of the range than half a step.
+        """
+        result = np.empty(height.shape, np.uint16)
+        for top in range(0, len(height), _ROWS_AT_ONCE):  # bounds the memory of large grids
+            rows = slice(top, top + _ROWS_AT_ONCE)
+            number = np.rint((height[rows].astype(np.float64) - self.low) / self.step)
+            if number.min() < 0 or number.max() > _HIGHEST:
+                low, high = float(height[rows].min()), float(height[rows].max())
+                held = f"{self.low:g} to {self.highest:g} m"
+                raise InputError(f"heights from {low:.2f} to {high:.2f} m do not fit into {held}")
+            result[rows] = number
+        return result

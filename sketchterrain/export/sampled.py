@@ -5,13 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from sketchterrain.export.weights import quantised_weights
+
 if TYPE_CHECKING:
-    import numpy as np
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     from sketchterrain.export.grid import Grid
+    from sketchterrain.terrain import Terrain
 
-__all__ = ["Sampled"]
+__all__ = ["BYTES_PER_VERTEX", "Sampled", "normal_bytes", "sample"]
+
+BYTES_PER_VERTEX = 15
+"""Of heights, normals and the weights of eight materials."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,3 +49,33 @@ class Sampled:
         return Sampled(
             self.grid.part(left, top, columns, rows), self.height[at], self.normal[at], self.weights[at]
         )
+
+
+def sample(terrain: Terrain, grid: Grid, *, progress: Callable[[float], None] | None = None) -> Sampled:
+    """Evaluate a terrain at a grid's vertices, in bands: what is kept is 15 bytes a vertex.
+
+    Parameters
+    ----------
+    terrain
+    grid
+    progress
+        Called with the share that is done, 0 … 1.
+    """
+    shape = (grid.rows, grid.columns)
+    sampled = Sampled(
+        grid,
+        np.empty(shape, np.float32),
+        np.empty((*shape, 3), np.uint8),
+        np.empty((*shape, len(terrain.material_names)), np.uint8),
+    )
+    for band in terrain.grid(*grid.area, columns=grid.columns, rows=grid.rows, progress=progress):
+        rows = slice(band.top, band.top + len(band.height))
+        sampled.height[rows] = band.height
+        sampled.normal[rows] = normal_bytes(band.normal)
+        sampled.weights[rows] = quantised_weights(band.materials)
+    return sampled
+
+
+def normal_bytes(normal: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
+    """Return unit vectors as bytes: −1 is 0, 1 is 255."""
+    return np.rint(normal * np.float32(127.5) + np.float32(127.5)).astype(np.uint8)

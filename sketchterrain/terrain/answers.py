@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["Raster", "TerrainFeatures", "Tile"]
+__all__ = ["Band", "Raster", "TerrainFeatures", "Tile"]
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,24 @@ class Raster:
     """
 
     spacing: tuple[float, float]
+    height: npt.NDArray[np.float32]
+    normal: npt.NDArray[np.float32]
+    materials: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Band:
+    """Some rows of a grid of vertices; row 0 is its north edge.
+
+    Attributes
+    ----------
+    top : int
+        The first row's place in the whole grid.
+    height, normal, materials : ndarray of float32
+        As in :class:`Tile`, of (rows, columns) vertices.
+    """
+
+    top: int
     height: npt.NDArray[np.float32]
     normal: npt.NDArray[np.float32]
     materials: npt.NDArray[np.float32]

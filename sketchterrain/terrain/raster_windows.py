@@ -1,4 +1,4 @@
-"""A wide grid as patches side by side: cut into windows, and joined again."""
+"""A wide grid as patches side by side: cut into windows, evaluated band by band, and joined again."""
 
 from __future__ import annotations
 
@@ -6,20 +6,83 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain.errors import InputError
+from sketchterrain.terrain.answers import Band
 from sketchterrain.terrain.lattice import QUADS, to_lattice
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     import numpy.typing as npt
 
-__all__ = ["axis_of", "joined", "windows_of"]
+    from sketchterrain.terrain.evaluation import Evaluator
+
+__all__ = ["bands"]
+
+# As many patches as one launch takes: fewer would leave a device idle, more would only take memory.
+_PATCHES_PER_BAND = 256
 
 
-def axis_of(length: float, count: int, extent: float) -> npt.NDArray[np.int64]:
-    """Return lattice coordinates of ``count`` vertices over a length, with one more beyond each end."""
-    return to_lattice(np.arange(-1, count + 1) * (length / (count - 1)), extent)
+def bands(
+    evaluator: Evaluator,
+    area: tuple[float, float, float, float],
+    columns: int,
+    rows: int,
+    *,
+    cell_size: float,
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[Band]:
+    """Evaluate a grid over a rectangle, some rows at a time, from the north on.
+
+    Positions follow from a vertex's place in the whole grid, so its bits do not depend on the bands.
+
+    Parameters
+    ----------
+    evaluator
+    area
+        West, south, east, north, m; the outermost vertices lie on it.
+    columns, rows
+        Vertices, ≥ 2 each.
+    cell_size
+        Metres between samples; what they can't carry is left out.
+    progress
+        Called with the share that is done, 0 … 1.
+
+    Raises
+    ------
+    InputError
+        If there are fewer vertices, or the rectangle is none.
+    """
+    west, south, east, north = area
+    if columns < 2 or rows < 2:
+        raise InputError(f"expected at least 2 × 2 vertices, got {columns} × {rows}")
+    if not (np.isfinite(area).all() and west < east and south < north):
+        raise InputError(f"expected a rectangle west < east, south < north, got {area}")
+    extent = evaluator.recipe.extent
+    across = _windows_of(_axis_of(west, east, columns, extent))
+    down = _windows_of(_axis_of(south, north, rows, extent)[::-1])
+    at_once = max(_PATCHES_PER_BAND // len(across), 1)
+    for first in range(0, len(down), at_once):
+        part = down[first : first + at_once]
+        shape = (len(part), len(across))
+        axis_x = np.broadcast_to(across[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
+        axis_y = np.broadcast_to(part[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
+        surface = evaluator.surface(
+            axis_x, axis_y, cell_size=cell_size, progress=_share(progress, first, len(part), len(down))
+        )
+        top = QUADS * first
+        # The band's last row is the next one's first, except where there is none.
+        here = rows - top if first + len(part) == len(down) else QUADS * len(part)
+        parts = (surface.height, surface.normal, surface.materials)
+        yield Band(top, *(_joined(each, shape, here, columns) for each in parts))
 
 
-def windows_of(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _axis_of(first: float, last: float, count: int, extent: float) -> npt.NDArray[np.int64]:
+    """Return lattice coordinates of ``count`` vertices between two places, with one more beyond each end."""
+    return to_lattice(first + np.arange(-1, count + 1) * ((last - first) / (count - 1)), extent)
+
+
+def _windows_of(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Cut an axis into overlapping windows of QUADS + 3; the last is filled up with its last vertex."""
     inner = len(axis) - 2
     starts = range(0, max(inner - 1, 1), QUADS)
@@ -27,7 +90,7 @@ def windows_of(axis: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return axis[index]
 
 
-def joined(
+def _joined(
     patches: npt.NDArray[np.floating], shape: tuple[int, int], rows: int, columns: int
 ) -> npt.NDArray[np.float32]:
     """Put patches side by side; neighbours share a row or column of vertices."""
@@ -37,3 +100,9 @@ def joined(
         part = result[top : top + QUADS + 1, left : left + QUADS + 1]
         part[...] = patch[: part.shape[0], : part.shape[1]]
     return result
+
+
+def _share(
+    progress: Callable[[float], None] | None, first: int, part: int, whole: int
+) -> Callable[[float], None] | None:
+    return None if progress is None else lambda share: progress((first + share * part) / whole)

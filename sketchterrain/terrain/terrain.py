@@ -14,7 +14,7 @@ from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import SPECIES
-from sketchterrain.terrain.raster_windows import axis_of, joined, windows_of
+from sketchterrain.terrain.raster_windows import bands
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.vertices import VertexStore
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain.answers import Band
     from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
@@ -264,16 +265,49 @@ class Terrain:
         east, north = self.size
         cell = self.extent / (longer_side - 1)
         columns, rows = (max(2, round(length / cell) + 1) for length in (east, north))
-        x = axis_of(east, columns, self.extent)
-        y = axis_of(north, rows, self.extent)[::-1]
-        patches_x, patches_y = windows_of(x), windows_of(y)
-        shape = (len(patches_y), len(patches_x))
-        axis_x = np.broadcast_to(patches_x[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
-        axis_y = np.broadcast_to(patches_y[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
-        surface = self._evaluator.surface(axis_x, axis_y, cell_size=cell, progress=progress)
-        spacing = (east / (columns - 1), north / (rows - 1))
-        parts = (surface.height, surface.normal, surface.materials)
-        return Raster(spacing, *(joined(part, shape, rows, columns) for part in parts))
+        parts = [np.empty((rows, columns, *more), np.float32) for more in ((), (3,), (len(MATERIALS),))]
+        area = (0.0, 0.0, east, north)
+        for band in bands(self._evaluator, area, columns, rows, cell_size=cell, progress=progress):
+            for whole, part in zip(parts, (band.height, band.normal, band.materials), strict=True):
+                whole[band.top : band.top + len(part)] = part
+        return Raster((east / (columns - 1), north / (rows - 1)), *parts)
+
+    def grid(
+        self,
+        west: float,
+        south: float,
+        east: float,
+        north: float,
+        *,
+        columns: int,
+        rows: int,
+        cell_size: float | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> Iterator[Band]:
+        """Return any rectangle of the world as a grid, in bands of rows from the north: bounded memory.
+
+        A vertex is the same to the bit in whatever bands it comes.
+
+        Parameters
+        ----------
+        west, south, east, north
+            Metres; the outermost vertices lie on them.
+        columns, rows
+            Vertices, ≥ 2 each.
+        cell_size
+            Distance between samples, m: what they can't carry is left out; by default the larger spacing.
+        progress
+            Called with the share that is done, 0 … 1.
+
+        Raises
+        ------
+        InputError
+            If there are fewer vertices, or the rectangle is not finite or the wrong way round.
+        """
+        spacing = max((east - west) / max(columns - 1, 1), (north - south) / max(rows - 1, 1))
+        cell = spacing if cell_size is None else cell_size
+        area = (west, south, east, north)
+        return bands(self._evaluator, area, columns, rows, cell_size=cell, progress=progress)
 
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"

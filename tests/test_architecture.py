@@ -18,6 +18,7 @@ MAY_IMPORT = {
     "errors": set(),
     "resources": {"errors"},
     "whole_files": {"errors"},
+    "metric_crs": {"errors"},
     "sketch": {"errors", "resources", "whole_files"},
     "features": {"errors", "sketch"},
     "compute": {"errors", "resources"},
@@ -25,8 +26,8 @@ MAY_IMPORT = {
     "tiles": {"errors"},
     "look": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "compute"},
     "render": GROUND | {"look"},
-    "export": GROUND | {"look"},
-    "trace": {"errors", "resources", "whole_files", "sketch"},
+    "export": GROUND | {"look", "metric_crs"},
+    "trace": {"errors", "resources", "whole_files", "sketch", "metric_crs"},
 }
 ANYTHING = {
     "__init__",

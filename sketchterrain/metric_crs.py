@@ -1,0 +1,77 @@
+"""Coordinate reference systems that a person names, and those whose unit is the metre."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError, one_line
+
+if TYPE_CHECKING:
+    from rasterio.crs import CRS
+
+__all__ = ["metric_crs", "named_crs"]
+
+# A code of an authority, WKT or a PROJ string. GDAL would take names of files and addresses too, and open them.
+_FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)
+_LONGEST = 20_000  # characters: the longest WKT of EPSG's has about 8000
+_SHOWN = 60
+
+
+def named_crs(text: str) -> CRS:
+    """Return the coordinate reference system that a text names.
+
+    Parameters
+    ----------
+    text
+        ``EPSG:25832`` or another authority's code, a URN of one, WKT, or a PROJ string (`OSRSetFromUserInput`
+        of GDAL reads them); no file and no address.
+
+    Raises
+    ------
+    InputError
+        If it names none.
+    """
+    from rasterio import Env
+    from rasterio.crs import CRS
+    from rasterio.errors import CRSError
+
+    wanted = text.strip()
+    if len(wanted) <= _LONGEST and _FORMS.fullmatch(wanted):
+        try:
+            with Env():  # takes GDAL's own messages off the terminal
+                return CRS.from_user_input(wanted)
+        except CRSError:
+            pass
+    raise InputError(
+        f"{_shown(text)!r} is no coordinate reference system: expected a code such as EPSG:25832, or WKT"
+    )
+
+
+def metric_crs(text: str) -> CRS:
+    """Return the projected coordinate reference system in metres that a text names.
+
+    Raises
+    ------
+    InputError
+        If it names none, or one in degrees, in feet or around the Earth's centre.
+    """
+    crs = named_crs(text)
+    if crs.is_projected:
+        unit, metres = crs.linear_units_factor
+        if metres == 1.0:
+            return crs
+        problem = f"is in the unit {one_line(unit)}"
+    elif crs.is_geographic:
+        problem = "is in degrees"
+    else:
+        problem = "is no map's"
+    raise InputError(
+        f"the coordinate reference system {_shown(text)!r} {problem}: expected one in metres, "
+        "such as EPSG:25832 (UTM zone 32)"
+    )
+
+
+def _shown(text: str) -> str:
+    line = one_line(text.strip())
+    return line if len(line) <= _SHOWN else f"{line[: _SHOWN - 1]}…"

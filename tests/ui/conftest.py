@@ -71,3 +71,38 @@ def placed():
     fill = recipe.fill.within(0.0, 0.0, *sketch.size)
     points = np.sort(np.concatenate([recipe.painted, fill]), order="id")
     return Placed(1, points, tuple(recipe.rivers), tuple(recipe.lakes))
+
+
+@pytest.fixture
+def open_window(qtbot, document, workspace, link, tmp_path):
+    """Open the whole window; each time with the files that the one before left."""
+    # Not above: other tests are not to load all of it.
+    from sketchterrain.ui.models.bookmarks import Bookmarks
+    from sketchterrain.ui.models.preferences import Preferences
+    from sketchterrain.ui.models.recent import RecentFiles
+    from sketchterrain.ui.models.saving import Saving
+    from sketchterrain.ui.window import MainWindow
+
+    def open_():
+        made = MainWindow(
+            document,
+            workspace,
+            link,
+            preferences=Preferences(tmp_path / "desktop.ini"),
+            recent=RecentFiles(tmp_path / "recent"),
+            saving=Saving(document),
+            bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
+        )
+        # Closing it at the end must not ask what to do with the test's changes.
+        qtbot.addWidget(
+            made, before_close_func=lambda _: document.saved(document.sketch, tmp_path / "end.sketch")
+        )
+        made.show()
+        return made
+
+    return open_
+
+
+@pytest.fixture
+def window(open_window):
+    return open_window()

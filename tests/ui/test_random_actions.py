@@ -14,11 +14,6 @@ from PyQt6.QtCore import QEvent
 from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.sketch import LAYERS, load_sketch
-from sketchterrain.ui.models.bookmarks import Bookmarks
-from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.recent import RecentFiles
-from sketchterrain.ui.models.saving import Saving
-from sketchterrain.ui.window import MainWindow
 
 from .monkey import Monkey
 
@@ -29,23 +24,10 @@ GROWTH = 1.05
 
 
 @pytest.fixture
-def window(qtbot, document, workspace, link, placed, tmp_path):
-    made = MainWindow(
-        document,
-        workspace,
-        link,
-        preferences=Preferences(tmp_path / "desktop.ini"),
-        recent=RecentFiles(tmp_path / "recent"),
-        saving=Saving(document),
-        bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
-    )
-    qtbot.addWidget(
-        made, before_close_func=lambda _: document.saved(document.sketch, tmp_path / "end.sketch")
-    )
-    made.show()
+def window(window, link, placed):
     link.placed = placed
     link.placed_changed.emit(placed)
-    return made
+    return window
 
 
 def settle() -> None:

@@ -17,35 +17,12 @@ from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.messages import MeasureAdherence, Trouble
 from sketchterrain.ui.menus import MENUS
-from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.recent import RecentFiles
-from sketchterrain.ui.models.saving import Saving
-from sketchterrain.ui.window import MainWindow
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 BUTTON = QMessageBox.StandardButton
-
-
-@pytest.fixture
-def window(qtbot, document, workspace, link, tmp_path):
-    made = MainWindow(
-        document,
-        workspace,
-        link,
-        preferences=Preferences(tmp_path / "desktop.ini"),
-        recent=RecentFiles(tmp_path / "recent"),
-        saving=Saving(document),
-        bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
-    )
-    # Closing it at the end must not ask what to do with the test's changes.
-    qtbot.addWidget(
-        made, before_close_func=lambda _: document.saved(document.sketch, tmp_path / "end.sketch")
-    )
-    made.show()
-    return made
 
 
 def actions(window) -> list:
@@ -349,23 +326,11 @@ def test_one_part_alone_and_back(window) -> None:
     assert not window.actions_by_name["leave"].isEnabled()
 
 
-def test_the_layout_is_remembered_and_can_be_reset(
-    window, tmp_path, document, workspace, link, qtbot
-) -> None:
+def test_the_layout_is_remembered_and_can_be_reset(window, open_window) -> None:
     window.layout_of_parts.docks["history"].close()
     window.layout_of_parts.docks["view"].setFloating(True)
     assert window.close()
-    again = MainWindow(
-        document,
-        workspace,
-        link,
-        preferences=Preferences(tmp_path / "desktop.ini"),
-        recent=RecentFiles(tmp_path / "recent"),
-        saving=Saving(document),
-        bookmarks=Bookmarks(document, tmp_path / "bookmarks"),
-    )
-    qtbot.addWidget(again)
-    again.show()
+    again = open_window()
     docks = again.layout_of_parts.docks
     assert docks["history"].isHidden()
     assert docks["view"].isFloating()

@@ -4,35 +4,19 @@ from __future__ import annotations
 
 import io
 import stat
-import struct
 import zipfile
-import zlib
 from typing import TYPE_CHECKING
 
-from sketchterrain.errors import InputError, one_line
-from sketchterrain.sketch.contents import LARGEST_TOTAL, SETTINGS, file_limit, sketch_files, too_large
-from sketchterrain.sketch.wording import shown
+from sketchterrain.sketch.contents import LARGEST_TOTAL, SETTINGS, file_limit, sketch_files
+from sketchterrain.sketch.safe_zip import open_zip
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
     from pathlib import Path
 
 __all__ = ["pack_zip", "read_zip"]
 
-_MOST_ENTRIES = 1000
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-_BROKEN = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    OSError,
-    EOFError,
-    ValueError,
-    OverflowError,
-    NotImplementedError,
-    RuntimeError,
-)
 
 
 def read_zip(path: Path, place: str) -> dict[str, bytes]:
@@ -47,18 +31,15 @@ def read_zip(path: Path, place: str) -> dict[str, bytes]:
         If it is not a zip, or an entry is unsafe (``..``, an absolute path, a link, encrypted, there
         twice), or it is too large, or a file is missing, unknown or damaged.
     """
-    try:
-        if path.stat().st_size > LARGEST_TOTAL:
-            raise too_large(place, LARGEST_TOTAL)
-        with zipfile.ZipFile(path) as archive:
-            entries = _safe_entries(archive, place)
-            root = _root(entries)
-            files = {name[len(root) :]: info for name, info in entries.items() if name.startswith(root)}
-            names = [name for name in files if name and "/" not in name]
-            return {name: _read(archive, files[name], name, place) for name in sketch_files(names, place)}
-    except _BROKEN as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise InputError(f"{place}: expected a folder or a whole zip ({one_line(reason)})") from None
+    with open_zip(
+        path, place, largest=LARGEST_TOTAL, expected="a folder or a whole zip", inside="the sketch"
+    ) as archive:
+        root = _root(archive.names)
+        inner = [name.removeprefix(root) for name in archive.names if name.startswith(root)]
+        names = [name for name in inner if name and "/" not in name]
+        return {
+            name: archive.read(f"{root}{name}", file_limit(name), name) for name in sketch_files(names, place)
+        }
 
 
 def pack_zip(files: Mapping[str, bytes]) -> bytes:
@@ -73,49 +54,8 @@ def pack_zip(files: Mapping[str, bytes]) -> bytes:
     return stream.getvalue()
 
 
-def _safe_entries(archive: zipfile.ZipFile, place: str) -> dict[str, zipfile.ZipInfo]:
-    infos = archive.infolist()
-    if len(infos) > _MOST_ENTRIES:
-        raise InputError(f"{place}: {len(infos)} entries: expected at most {_MOST_ENTRIES}")
-    if sum(info.file_size for info in infos) > LARGEST_TOTAL:
-        raise too_large(f"{place}, unpacked", LARGEST_TOTAL)
-    entries: dict[str, zipfile.ZipInfo] = {}
-    for info in infos:
-        problem = "it is there twice" if info.filename in entries else _problem(info)
-        if problem:
-            raise InputError(f"{place}: entry {shown(info.orig_filename)} refused: {problem}")
-        entries[info.filename] = info
-    return entries
-
-
-def _problem(info: zipfile.ZipInfo) -> str | None:
-    name = info.orig_filename
-    if "\\" in name or "\0" in name or ":" in name:
-        return "expected a plain relative path with /"
-    if name.startswith("/") or not {"", ".", ".."}.isdisjoint(name.removesuffix("/").split("/")):
-        return "expected a path inside the sketch"
-    if info.flag_bits & 0x1:
-        return "it is encrypted"
-    if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
-        return "expected a plain file, not a link or a device"
-    if info.compress_type not in _METHODS:
-        return "expected it stored or deflated"
-    return None
-
-
-def _root(entries: Mapping[str, zipfile.ZipInfo]) -> str:
+def _root(entries: Collection[str]) -> str:
     """Return the one top folder (with its ``/``) that holds the whole sketch, or nothing."""
     tops = {name.split("/")[0] for name in entries if not name.startswith((".", "__MACOSX/"))}
     top = f"{tops.pop()}/" if len(tops) == 1 else ""
     return top if f"{top}{SETTINGS}" in entries else ""
-
-
-def _read(archive: zipfile.ZipFile, info: zipfile.ZipInfo, name: str, place: str) -> bytes:
-    limit = file_limit(name)
-    if info.file_size > limit:
-        raise too_large(f"{place}/{name}", limit)
-    with archive.open(info) as stream:
-        content = stream.read(limit + 1)
-    if len(content) > limit:
-        raise too_large(f"{place}/{name}", limit)
-    return content

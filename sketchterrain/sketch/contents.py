@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.parameters import LAYERS
+from sketchterrain.sketch.safe_zip import too_large
 from sketchterrain.sketch.wording import did_you_mean, shown
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ __all__ = [
     "file_limit",
     "read_folder",
     "sketch_files",
-    "too_large",
 ]
 
 SETTINGS = "sketch.toml"
@@ -105,9 +105,3 @@ def read_folder(
 def file_limit(name: str) -> int:
     """Return the most bytes that the sketch's file `name` may have."""
     return _LARGEST_SETTINGS if name == SETTINGS else LARGEST_FILE
-
-
-def too_large(place: str, limit: int) -> InputError:
-    """Return the error that a file or archive has more than `limit` bytes."""
-    size = f"{limit >> 20} MiB" if limit >> 20 else f"{limit >> 10} KiB"
-    return InputError(f"{place}: too large: expected at most {size}")

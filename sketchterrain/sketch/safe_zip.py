@@ -1,0 +1,147 @@
+"""A stranger's zip, read without trust: each entry is looked at before any is decompressed."""
+
+from __future__ import annotations
+
+import stat
+import struct
+import zipfile
+import zlib
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.sketch.wording import shown
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+__all__ = ["SafeZip", "open_zip", "too_large"]
+
+_MOST_ENTRIES = 1000
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_BROKEN = (
+    zipfile.BadZipFile,
+    zlib.error,
+    struct.error,
+    OSError,
+    EOFError,
+    ValueError,
+    OverflowError,
+    NotImplementedError,
+    RuntimeError,
+)
+
+
+class SafeZip:
+    """The entries of an open zip.
+
+    Attributes
+    ----------
+    place : str
+        How errors name it.
+    names : tuple of str
+        Of all entries, folders' end with ``/``.
+    """
+
+    def __init__(self, archive: zipfile.ZipFile, place: str, largest: int, inside: str) -> None:
+        self.place = place
+        self._archive = archive
+        self._entries = _safe_entries(archive, place, largest, inside)
+        self.names = tuple(self._entries)
+
+    def read(self, name: str, limit: int, told: str | None = None) -> bytes:
+        """Return what an entry holds; no more is decompressed than `limit` bytes.
+
+        Parameters
+        ----------
+        name
+            One of `names`.
+        limit
+            The most bytes that it may have.
+        told
+            How errors name it, if otherwise.
+
+        Raises
+        ------
+        InputError
+            If it is larger, whatever the zip says of it.
+        """
+        info, place = self._entries[name], f"{self.place}/{one_line(told or name)}"
+        if info.file_size > limit:
+            raise too_large(place, limit)
+        with self._archive.open(info) as stream:
+            content = stream.read(limit + 1)
+        if len(content) > limit:
+            raise too_large(place, limit)
+        return content
+
+
+@contextmanager
+def open_zip(path: Path, place: str, *, largest: int, expected: str, inside: str) -> Iterator[SafeZip]:
+    """Yield the entries of a zip, all of which are safe.
+
+    Parameters
+    ----------
+    path
+    place
+        How errors name it.
+    largest
+        The most bytes of the file, and of its entries together as they say.
+    expected
+        What it should be, for the error that it is damaged.
+    inside
+        What an entry's path should not leave.
+
+    Raises
+    ------
+    InputError
+        If it is not a whole zip, also while it is being read, or an entry is unsafe (``..``, an absolute
+        path, a link, encrypted, there twice), or it is too large.
+    """
+    try:
+        if path.stat().st_size > largest:
+            raise too_large(place, largest)
+        with zipfile.ZipFile(path) as archive:
+            yield SafeZip(archive, place, largest, inside)
+    except _BROKEN as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise InputError(f"{place}: expected {expected} ({one_line(reason)})") from None
+
+
+def too_large(place: str, limit: int) -> InputError:
+    """Return the error that a file or archive has more than `limit` bytes."""
+    size = f"{limit >> 20} MiB" if limit >> 20 else f"{limit >> 10} KiB"
+    return InputError(f"{place}: too large: expected at most {size}")
+
+
+def _safe_entries(
+    archive: zipfile.ZipFile, place: str, largest: int, inside: str
+) -> dict[str, zipfile.ZipInfo]:
+    infos = archive.infolist()
+    if len(infos) > _MOST_ENTRIES:
+        raise InputError(f"{place}: {len(infos)} entries: expected at most {_MOST_ENTRIES}")
+    if sum(info.file_size for info in infos) > largest:
+        raise too_large(f"{place}, unpacked", largest)
+    entries: dict[str, zipfile.ZipInfo] = {}
+    for info in infos:
+        problem = "it is there twice" if info.filename in entries else _problem(info, inside)
+        if problem:
+            raise InputError(f"{place}: entry {shown(info.orig_filename)} refused: {problem}")
+        entries[info.filename] = info
+    return entries
+
+
+def _problem(info: zipfile.ZipInfo, inside: str) -> str | None:
+    name = info.orig_filename
+    if "\\" in name or "\0" in name or ":" in name:
+        return "expected a plain relative path with /"
+    if name.startswith("/") or not {"", ".", ".."}.isdisjoint(name.removesuffix("/").split("/")):
+        return f"expected a path inside {inside}"
+    if info.flag_bits & 0x1:
+        return "it is encrypted"
+    if stat.S_IFMT(info.external_attr >> 16) not in (0, stat.S_IFREG, stat.S_IFDIR):
+        return "expected a plain file, not a link or a device"
+    if info.compress_type not in _METHODS:
+        return "expected it stored or deflated"
+    return None

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 __all__ = ["metric_crs", "named_crs"]
 
-# A code of an authority, WKT or a PROJ string. GDAL would take names of files and addresses too, and open them.
+# A code of an authority, WKT or a PROJ string: GDAL would open files and addresses too.
 _FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)
 _LONGEST = 20_000  # characters: the longest WKT of EPSG's has about 8000
 _SHOWN = 60

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
 
 from sketchterrain import export
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export import FoliageFiles
-from sketchterrain.jobs import run_job
+from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.jobs import Devices
 from sketchterrain.render import check_view
 from sketchterrain.report import peak_memory, report_of, rounded
 from sketchterrain.sizes import LARGEST_SIZE, check_size
@@ -21,13 +23,24 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    import numpy as np
+    import numpy.typing as npt
+
     from sketchterrain.compute import ComputeContext
     from sketchterrain.progress import Stages
     from sketchterrain.render import Weather
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
 
-__all__ = ["LARGEST_SIZE", "Extras", "FoliageFiles", "Generated", "check_size", "generate"]
+    class TakePicture(Protocol):
+        """Takes one picture, as :func:`~sketchterrain.render.render_picture` does."""
+
+        def __call__(
+            self, terrain: Terrain, *, view: str, weather: Weather, timings: dict[str, float]
+        ) -> npt.NDArray[np.uint8]: ...
+
+
+__all__ = ["LARGEST_SIZE", "Extras", "FoliageFiles", "Generated", "Shared", "check_size", "generate"]
 
 
 @dataclass(frozen=True)
@@ -72,16 +85,36 @@ class Generated:
     problem: str | None
 
 
+@dataclass(frozen=True)
+class Shared:
+    """What several terrains that one process makes need only once.
+
+    Attributes
+    ----------
+    devices : Devices
+        What they are made on.
+    memory : ShapeMemory
+        Of sketches that were placed before; of one thread.
+    take_picture : callable or None
+        Takes the previews, as :func:`~sketchterrain.render.render_picture` does, which is the default.
+    """
+
+    devices: Devices
+    memory: ShapeMemory = field(default_factory=ShapeMemory)
+    take_picture: TakePicture | None = None
+
+
 def generate(
     sketch: Sketch,
     folder: Path,
     *,
-    device: str | None,
-    fast: bool,
+    device: str | None = None,
+    fast: bool = False,
     size: int,
     foliage: FoliageFiles | None = None,
     extras: Extras,
     stages: Stages,
+    shared: Shared | None = None,
 ) -> Generated:
     """Write a sketch's terrain: heights, normals, materials, plants, features, a picture and a report.
 
@@ -107,6 +140,8 @@ def generate(
     stages
         Told and timed: ``device``, ``features``, ``ground``, ``plants``, ``adherence``, ``map``, ``preview``
         and ``files``.
+    shared
+        In place of a device: what other terrains were or will be made with. The files are the same.
 
     Raises
     ------
@@ -119,6 +154,7 @@ def generate(
     """
     check_view(extras.view)
     weather = weather_at(sketch, extras.hour, extras.clouds)
+    use = shared or Shared(Devices(device, fast=fast))
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> Generated:
         export.prepare_folder(folder)
@@ -127,6 +163,7 @@ def generate(
                 sketch,
                 hidden,
                 context=context,
+                shared=use,
                 size=size,
                 foliage=foliage or FoliageFiles(),
                 extras=extras,
@@ -137,7 +174,7 @@ def generate(
             report = export.write_json(hidden / "report.json", done.report)
             return replace(done, files=export.move_into(folder, (*done.files, report)))
 
-    return run_job(work, device=device, fast=fast, stages=stages)
+    return use.devices.run(work, stages=stages)
 
 
 def _generate(
@@ -145,6 +182,7 @@ def _generate(
     folder: Path,
     *,
     context: ComputeContext,
+    shared: Shared,
     size: int,
     foliage: FoliageFiles,
     extras: Extras,
@@ -154,7 +192,7 @@ def _generate(
     """Write all files but the report."""
     with _Writer() as writer:
         with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context)
+            terrain = build(sketch, device=context, memory=shared.memory)
             features = terrain.features
         area = (0.0, 0.0, *terrain.size)
         export.check_room(folder, terrain, area, foliage)
@@ -176,7 +214,8 @@ def _generate(
                 writer.add(name, export.write_sheet, folder / name, export.map_sheet(terrain))
         if extras.preview:
             with stages.stage("preview", "Preview"):
-                problem = _add_preview(writer, folder, terrain, extras.view, weather, rendering)
+                take = partial(shared.take_picture or _taken, terrain, view=extras.view, weather=weather)
+                problem = _add_preview(writer, folder, take, rendering)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
     told = report_of(terrain, raster, plants)
@@ -225,21 +264,22 @@ class _Writer:
 
 
 def _add_preview(
-    writer: _Writer,
-    folder: Path,
-    terrain: Terrain,
-    view: str,
-    weather: Weather,
-    rendering: dict[str, float],
+    writer: _Writer, folder: Path, take: Callable[..., npt.NDArray[np.uint8]], rendering: dict[str, float]
 ) -> str | None:
     """Render the preview; a machine without OpenGL still gets all the rest."""
-    from sketchterrain.render import render_picture
-
     try:
-        picture = render_picture(terrain, view=view, weather=weather, timings=rendering)
+        picture = take(timings=rendering)
     except DeviceFailedError:  # not OpenGL's failure: what the device made before is not to be trusted either
         raise
     except SketchterrainError as error:
         return str(error)
     writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
     return None
+
+
+def _taken(
+    terrain: Terrain, *, view: str, weather: Weather, timings: dict[str, float]
+) -> npt.NDArray[np.uint8]:
+    from sketchterrain.render import render_picture
+
+    return render_picture(terrain, view=view, weather=weather, timings=timings)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from threading import Lock
 from typing import TYPE_CHECKING, TypeVar
 
 from sketchterrain.compute import ComputeContext, choose_device, spare_device
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import Device
     from sketchterrain.progress import Stages
 
-__all__ = ["run_job"]
+__all__ = ["Devices", "run_job"]
 
 T = TypeVar("T")
 
@@ -48,31 +49,74 @@ def run_job(
     DeviceError
         If there is no such device, or it has no room.
     """
-    chosen = choose_device(device)
-    failed: list[Device] = []
-    told: list[str] = []
-    while True:
-        try:
-            with stages.stage("device", "Opening the device"):
-                context = ComputeContext(chosen, fast=fast)
-            if not fast:
-                _tell_other_bits(chosen)
-            return work(context, tuple(told))
-        except DeviceFailedError as error:
-            failed.append(chosen)
-            spare = spare_device(failed)
-            if spare is None:
-                raise DeviceFailedError(f"{error}; there is no other device to start again on") from error
-            told.append(f"{error}; all of it is done again on {spare.name} ({spare.platform})")
-            chosen = spare
-        _note(told[-1])
+    return Devices(device, fast=fast).run(work, stages=stages)
 
 
-def _tell_other_bits(device: Device) -> None:
-    # A driver whose bits the tests hold is spared the terrain, which takes it longer than opening.
-    verdict = self_test(device, compare=not device.known)
-    if verdict.bits != "same":
-        _note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
+class Devices:
+    """The device that jobs are done on, one after the other or at once; one that failed is left for good.
+
+    Parameters
+    ----------
+    device
+        Selector as for :func:`~sketchterrain.compute.choose_device`.
+    fast
+        Whether the kernels may trade bits for speed.
+
+    Raises
+    ------
+    DeviceError
+        If there is no such device.
+    """
+
+    def __init__(self, device: str | None, *, fast: bool = False) -> None:
+        self.fast = fast
+        self._chosen = choose_device(device)
+        self._failed: list[Device] = []
+        self._lock = Lock()
+        self._told: set[Device] = set()
+
+    @property
+    def chosen(self) -> Device:
+        """The one that the next job begins on."""
+        return self._chosen
+
+    def run(self, work: Callable[[ComputeContext, tuple[str, ...]], T], *, stages: Stages) -> T:
+        """Do work as :func:`run_job` does it, on the device that did not fail in any job yet."""
+        told: list[str] = []
+        while True:
+            chosen = self._chosen
+            try:
+                with stages.stage("device", "Opening the device"):
+                    context = ComputeContext(chosen, fast=self.fast)
+                if not self.fast:
+                    self._tell_other_bits(chosen)
+                return work(context, tuple(told))
+            except DeviceFailedError as error:
+                spare = self._after(chosen, error)
+                told.append(f"{error}; all of it is done again on {spare.name} ({spare.platform})")
+            _note(told[-1])
+
+    def _after(self, failed: Device, error: DeviceFailedError) -> Device:
+        """Return the device that takes the place of one that failed; several jobs may tell it at once."""
+        with self._lock:
+            if failed not in self._failed:
+                self._failed.append(failed)
+            if self._chosen in self._failed:
+                spare = spare_device(self._failed)
+                if spare is None:
+                    raise DeviceFailedError(f"{error}; there is no other device to start again on") from error
+                self._chosen = spare
+            return self._chosen
+
+    def _tell_other_bits(self, device: Device) -> None:
+        # A driver whose bits the tests hold is spared the terrain, which takes it longer than opening.
+        with self._lock:
+            if device in self._told:
+                return
+            self._told.add(device)
+            verdict = self_test(device, compare=not device.known)
+        if verdict.bits != "same":
+            _note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
 
 
 def _note(line: str) -> None:

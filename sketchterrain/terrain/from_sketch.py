@@ -31,7 +31,13 @@ if TYPE_CHECKING:
 __all__ = ["build", "make_recipe", "rebuild"]
 
 
-def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeContext | None = None) -> Terrain:
+def build(
+    sketch: Sketch,
+    *,
+    seed: int | None = None,
+    device: str | ComputeContext | None = None,
+    memory: ShapeMemory | None = None,
+) -> Terrain:
     """Place a sketch's features and open a device; no part of the terrain is computed yet.
 
     Parameters
@@ -42,6 +48,8 @@ def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeConte
     device
         An open :class:`~sketchterrain.compute.ComputeContext`, or a selector as for
         :func:`~sketchterrain.compute.choose_device`.
+    memory
+        Of terrains built before in this thread, of this or of any other sketch: it saves time.
 
     Raises
     ------
@@ -51,7 +59,7 @@ def build(sketch: Sketch, *, seed: int | None = None, device: str | ComputeConte
     context = device if isinstance(device, ComputeContext) else ComputeContext(device)
     if seed is not None:
         sketch = sketch.replace(seed=seed)
-    memory = ShapeMemory()
+    memory = ShapeMemory() if memory is None else memory
     return Terrain(sketch, make_recipe(sketch, memory=memory), context, memory=memory)
 
 

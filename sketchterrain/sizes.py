@@ -10,7 +10,7 @@ from sketchterrain.errors import InputError
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
 
-__all__ = ["LARGEST_SIZE", "check_size", "gibibytes", "memory_needed"]
+__all__ = ["LARGEST_SIZE", "amount", "check_size", "gibibytes", "machine_memory", "memory_needed"]
 
 LARGEST_SIZE = 16385
 """The most vertices along the longer side."""
@@ -50,7 +50,7 @@ def check_size(sketch: Sketch, size: int) -> None:
     if size < 2:
         raise InputError(f"size = {size}: expected 2 to {LARGEST_SIZE} vertices")
     needed = memory_needed(sketch, size)
-    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    there = machine_memory()
     if size > LARGEST_SIZE:
         raise InputError(
             f"size = {size}: expected 2 to {LARGEST_SIZE} vertices; this needs about {gibibytes(needed)}"
@@ -59,6 +59,16 @@ def check_size(sketch: Sketch, size: int) -> None:
         raise InputError(
             f"size = {size} needs about {gibibytes(needed)} of memory, this machine has {gibibytes(there)}"
         )
+
+
+def machine_memory() -> int:
+    """Return the bytes of memory that this machine has."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def amount(count: float) -> str:
+    """Return bytes as a person reads them, MiB where they are less than one GiB."""
+    return gibibytes(count) if count >= 1 << 30 else f"{count / (1 << 20):.1f} MiB"
 
 
 def gibibytes(count: float) -> str:

@@ -82,6 +82,7 @@ class Export:
     name : str
         Of the sketch, as file names can have it.
     options : ExportOptions
+        As they count: size and format are set.
     grid : Grid
         Vertices of the whole.
     tiling : Tiling
@@ -151,12 +152,21 @@ class Target:
         Whether tiles must be square: the square over the sketch's longer side is taken then.
     spacing : float or None
         m between vertices, where the target wants just that: the size follows from it.
+    multiple : int
+        With a spacing: columns and rows are whole multiples of it.
     formats : tuple of str
         Formats of heights that can be chosen, the usual one first.
     knows : frozenset of str
-        Names of the `ExportOptions` that it heeds, besides ``size``, ``plants`` and ``grass``.
+        Names of the `ExportOptions` that it heeds, besides ``size``, ``plants`` and ``grass``: ``tiles``,
+        ``overlap``, ``tile_name``, ``tile_first`` and ``tiles_from_south`` each, ``format`` and so on.
     tiling : Tiling or None
         How tiles are named and numbered; None: it has no tiles.
+    check : callable or None
+        Takes the options and raises `InputError` where they cannot be meant, before any work is done.
+    disk, memory : float
+        Bytes a vertex, at most: that its files take, and that writing them takes besides what was sampled.
+    bytes_per_plant : float
+        Of its files, at most.
     """
 
     name: str
@@ -168,6 +178,11 @@ class Target:
     size: int = 1025
     square: bool = False
     spacing: float | None = None
+    multiple: int = 1
     formats: tuple[str, ...] = ()
     knows: frozenset[str] = field(default_factory=frozenset)
     tiling: Tiling | None = None
+    check: Callable[[ExportOptions], None] | None = None
+    disk: float = 16.0
+    memory: float = 16.0
+    bytes_per_plant: float = 100.0

@@ -128,6 +128,10 @@ class Tiling:
             f"the nearest that can are {near}"
         )
 
+    def whole(self, side: int, tiles: int) -> int:
+        """Return how many vertices tiles with so many along a side have together."""
+        return tiles * (side - self.overlap) + self.overlap if tiles > 1 else side
+
     def nearest(self, vertices: int, tiles: int) -> tuple[int, ...]:
         """Return the nearest numbers of vertices below and above (or itself) that can be cut into tiles."""
         if tiles == 1:

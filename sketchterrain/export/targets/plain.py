@@ -1,0 +1,217 @@
+"""Plain formats: raw numbers, 16-bit PNG, OpenEXR and NumPy arrays, for whatever reads them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.export.exr import write_exr
+from sketchterrain.export.features import write_features
+from sketchterrain.export.files import write_png
+from sketchterrain.export.foliage_files import FoliageFiles, write_foliage
+from sketchterrain.export.height_steps import HeightSteps
+from sketchterrain.export.raw import npy_rows, write_npy, write_raw
+from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.weights import four_of
+from sketchterrain.terrain.plant import PLANT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from sketchterrain.export.sampled import Sampled
+    from sketchterrain.export.target import Export
+
+    Heights = npt.NDArray[np.float32]
+
+__all__ = ["TARGETS"]
+
+_TILED = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
+_CHANNELS = ("red", "green", "blue", "alpha")
+_AXES = "x east, y north, z up, metres from the sketch's south-west corner"
+_KINDS = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
+_IN_STEPS = frozenset({"r16", "r16be"})
+
+
+def _write_raw(export: Export) -> Written:
+    form = str(export.options.format)
+    kind = _KINDS[form]
+    ending = form[:3]
+    if form in _IN_STEPS:
+        steps = HeightSteps.of(export.sampled.height, export.options.heights)
+
+        def write(path: Path, height: Heights) -> Path:
+            return write_raw(path.with_name(f"{path.name}.{ending}"), steps.encode(height), kind)
+
+        facts = {"heights": {"numbers": "uint16", **steps.facts}}
+    else:
+
+        def write(path: Path, height: Heights) -> Path:
+            return write_raw(path.with_name(f"{path.name}.{ending}"), height, kind)
+
+        facts = {"heights": {"numbers": "float32"}}
+    order = "big-endian" if kind.startswith(">") else "little-endian"
+    settings = {"header": "0 bytes", "rows": "from north to south", "byte order": order}
+    return _images(export, write, facts | {"byte_order": order}, settings)
+
+
+def _write_png16(export: Export) -> Written:
+    steps = HeightSteps.of(export.sampled.height, export.options.heights)
+
+    def write(path: Path, height: Heights) -> Path:
+        return write_png(path.with_name(f"{path.name}.png"), steps.encode(height))
+
+    facts = {"heights": {"numbers": "uint16", **steps.facts}}
+    return _images(export, write, facts, {"colour space": "linear, non-colour data"})
+
+
+def _write_exr(export: Export) -> Written:
+    def write(path: Path, height: Heights) -> Path:
+        return write_exr(path.with_name(f"{path.name}.exr"), {"Y": height})
+
+    facts = {"heights": {"numbers": "float32", "channel": "Y", "metres": "value"}}
+    return _images(export, write, facts, {"colour space": "linear, non-colour data"})
+
+
+def _images(
+    export: Export, write: Callable[[Path, Heights], Path], facts: dict[str, Any], settings: dict[str, str]
+) -> Written:
+    """Write heights as a format has them, normals and weights as images, plants as a table."""
+    files: dict[Path, str] = {}
+    names = export.terrain.material_names
+    with export.stages.stage("files", "Writing files") as tell:
+        for share, stem, part in _parts(export):
+            files[write(stem.with_name(f"{stem.name}_height"), part.height)] = "heights"
+            normal = write_png(stem.with_name(f"{stem.name}_normal.png"), np.ascontiguousarray(part.normal))
+            files[normal] = "normals, red east, green north (Y+), blue up; 0 is -1, 255 is 1"
+            for first in range(0, len(names), len(_CHANNELS)):
+                path = stem.with_name(f"{stem.name}_{_weights_suffix(first)}.png")
+                held = ", ".join(names[first : first + len(_CHANNELS)])
+                files[write_png(path, four_of(part.weights, first))] = f"weights of {held}; no opacity"
+            tell(share)
+    materials = [
+        {
+            "name": name,
+            "files": f"*_{_weights_suffix(index)}.png",
+            "channel": _CHANNELS[index % len(_CHANNELS)],
+        }
+        for index, name in enumerate(names)
+    ]
+    files |= _plant_table(export) | _features(export)
+    return Written(files, settings, facts | {"axes": _AXES, "materials": materials})
+
+
+def _write_npy(export: Export) -> Written:
+    files: dict[Path, str] = {}
+    with export.stages.stage("files", "Writing files") as tell:
+        for share, stem, part in _parts(export):
+            for what, values, line in (
+                ("height", part.height, "heights, float32 (rows, columns), m"),
+                (
+                    "normal",
+                    part.normal,
+                    "normals east, north, up, uint8 (rows, columns, 3); value / 127.5 - 1",
+                ),
+                ("materials", part.weights, "weights, uint8 (rows, columns, materials), sum 255"),
+            ):
+                files[write_npy(stem.with_name(f"{stem.name}_{what}.npy"), values)] = line
+            tell(share)
+    files |= _plant_rows(export) | _features(export)
+    facts = {
+        "heights": {"numbers": "float32"},
+        "byte_order": "little-endian",
+        "axes": _AXES,
+        "materials": list(export.terrain.material_names),
+        "species": list(export.terrain.species_names),
+    }
+    return Written(files, {"read with": "numpy.load"}, facts)
+
+
+def _parts(export: Export) -> list[tuple[float, Path, Sampled]]:
+    """Return the tiles: how much is done with each, its path without an ending, and what it holds."""
+    pieces = list(export.tiling.pieces(export.grid.columns, export.grid.rows))
+    return [
+        (
+            number / len(pieces),
+            export.folder / export.tiling.name(export.name, piece),
+            export.sampled.part(piece.left, piece.top, piece.columns, piece.rows),
+        )
+        for number, piece in enumerate(pieces, start=1)
+    ]
+
+
+def _plant_table(export: Export) -> dict[Path, str]:
+    if not export.options.plants:
+        return {}
+    wanted = FoliageFiles("both" if export.options.grass else "csv", export.options.grass)
+    with export.stages.stage("plants", "Plants") as tell:
+        written = write_foliage(export.folder, export.terrain, export.grid.area, wanted, progress=tell)
+    what = {".csv": "trees and shrubs, a line each", ".ply": "plants, grass too, as a point cloud"}
+    return {path: what[path.suffix] for path in written.files}
+
+
+def _plant_rows(export: Export) -> dict[Path, str]:
+    if not export.options.plants:
+        return {}
+    path = export.folder / "foliage.npy"
+    _, south, _, north = export.grid.area
+    with export.stages.stage("plants", "Plants") as tell, npy_rows(path, PLANT) as add:
+        for storey in ("woody", "grass") if export.options.grass else ("woody",):
+            for plants in export.terrain.foliage_pieces(*export.grid.area, storey=storey):
+                add(plants)
+                if len(plants):  # they come in rows from south to north
+                    tell(float(plants["y"].max() - south) / (north - south))
+    return {path: "plants, a structured array; species are indices into the sidecar's species"}
+
+
+def _features(export: Export) -> dict[Path, str]:
+    paths = write_features(export.folder, export.terrain.features)
+    return dict.fromkeys(paths, "mountains, hills, forests; rivers as centrelines, lakes as outlines")
+
+
+def _weights_suffix(index: int) -> str:
+    number = index // len(_CHANNELS) + 1
+    return f"materials-{number}" if number > 1 else "materials"
+
+
+_TILING = Tiling(overlap=1)
+TARGETS = (
+    Target(
+        name="raw",
+        title="Raw numbers",
+        line="heights as 16-bit or float32 numbers without a header, row after row",
+        write=_write_raw,
+        formats=("r16", "r32", "r16be"),
+        knows=_TILED | {"format", "heights"},
+        tiling=_TILING,
+    ),
+    Target(
+        name="png16",
+        title="PNG, 16 bits",
+        line="heights as 16-bit greyscale PNG",
+        write=_write_png16,
+        knows=_TILED | {"heights"},
+        tiling=_TILING,
+    ),
+    Target(
+        name="exr",
+        title="OpenEXR",
+        line="heights in metres as float32 OpenEXR",
+        write=_write_exr,
+        libraries=(Library("OpenEXR", "exr"),),
+        knows=_TILED,
+        tiling=_TILING,
+    ),
+    Target(
+        name="npy",
+        title="NumPy",
+        line="heights, normals, weights and plants as NumPy arrays",
+        write=_write_npy,
+        knows=_TILED,
+        tiling=_TILING,
+    ),
+)

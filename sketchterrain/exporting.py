@@ -1,0 +1,186 @@
+"""A sketch's terrain taken to a program: checked, built, sampled and written in that program's own files."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import unicodedata
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.export import move_into, prepare_folder, staging
+from sketchterrain.export.planning import Plan, plan
+from sketchterrain.export.sampled import BYTES_PER_VERTEX, sample
+from sketchterrain.export.sidecar import write_sidecar
+from sketchterrain.export.target import Export, ExportOptions
+from sketchterrain.export.targets import target_named
+from sketchterrain.jobs import run_job
+from sketchterrain.sizes import amount, machine_memory
+from sketchterrain.terrain import build
+from sketchterrain.whole_files import telling_failure
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.export.target import Tellable
+    from sketchterrain.progress import Stages
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain import Terrain
+
+__all__ = ["Exported", "export", "file_name", "memory_needed", "plan_of", "write_export"]
+
+_BYTES_AT_LEAST = 450 << 20  # the program, a device's programs, a band of rows
+# No file may be named so on Windows, whatever its ending.
+_RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written.
+
+    Attributes
+    ----------
+    report : dict
+        What the sidecar says.
+    files : tuple of Path
+        The sidecar last.
+    """
+
+    report: dict[str, Any]
+    files: tuple[Path, ...]
+
+
+def export(
+    sketch: Sketch,
+    folder: Path,
+    target: str,
+    options: ExportOptions,
+    *,
+    device: str | None,
+    fast: bool,
+    stages: Stages,
+) -> Exported:
+    """Write a sketch's terrain as a target's files, with a sidecar that says what to type in.
+
+    All files come into the folder together, when all of them are there. Where a device fails everything is
+    done again on a CPU device.
+
+    Parameters
+    ----------
+    sketch
+        With the seed that counts.
+    folder
+        Made if it is not there.
+    target
+        One of `TARGET_NAMES`.
+    options
+    device
+        Selector as for :func:`~sketchterrain.compute.choose_device`.
+    fast
+        Whether the kernels may trade bits for speed.
+    stages
+        Told and timed: ``device``, ``features``, ``ground``, and those of the target.
+
+    Raises
+    ------
+    InputError
+        If there is no such target, it does not take what was asked for, or disk or memory have no room.
+    DeviceError
+        If there is no such device, or none that did not fail.
+    SketchterrainError
+        If a library is not installed, or a file cannot be written.
+    """
+    wanted = plan_of(sketch, target, options)
+
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> Exported:
+        prepare_folder(folder)
+        with stages.stage("features", "Placing features"):
+            terrain = build(sketch, device=context)
+        with staging(folder) as hidden:
+            done = write_export(wanted, terrain, hidden, stages=stages)
+            report = done.report | {"restarts": list(restarts)} if restarts else done.report
+            return Exported(report, move_into(folder, done.files))
+
+    return run_job(work, device=device, fast=fast, stages=stages)
+
+
+def plan_of(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
+    """Return what an export will be, refused where this machine has not the memory for it.
+
+    Raises
+    ------
+    InputError
+        As :func:`export` says; nothing has been computed yet.
+    SketchterrainError
+        If a library is not installed.
+    """
+    wanted = plan(sketch, target_named(target), options)
+    needed, there = memory_needed(wanted), machine_memory()
+    if needed > there:
+        size = f"{wanted.grid.columns} × {wanted.grid.rows} vertices"
+        raise InputError(f"{size} need about {amount(needed)} of memory, this machine has {amount(there)}")
+    return wanted
+
+
+def memory_needed(wanted: Plan) -> float:
+    """Return about how many bytes of memory an export takes."""
+    return _BYTES_AT_LEAST + wanted.vertices * (BYTES_PER_VERTEX + wanted.target.memory)
+
+
+def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellable) -> Exported:
+    """Sample a terrain and write a target's files and the sidecar.
+
+    Parameters
+    ----------
+    wanted
+        From :func:`plan_of`, of the terrain's sketch.
+    terrain
+    folder
+        A hidden one: what is there after a failure is no export.
+    stages
+        Told and timed: ``ground``, and those of the target.
+
+    Raises
+    ------
+    InputError
+        If the disk may have no room, or heights do not fit into a range.
+    SketchterrainError
+        If a file cannot be written.
+    """
+    _check_room(wanted, terrain, folder)
+    with stages.stage("ground", "Heights and materials") as tell:
+        sampled = sample(terrain, wanted.grid, progress=tell)
+    name = file_name(terrain.sketch.name)
+    job = Export(terrain, name, wanted.options, wanted.grid, wanted.tiling, sampled, folder, stages)
+    written = wanted.target.write(job)
+    path, told = write_sidecar(job, written, wanted.target.name)
+    return Exported(told, (*written.files, path))
+
+
+def file_name(title: str) -> str:
+    """Return a sketch's name as the name of a file on any system; ``terrain`` if nothing is left of it.
+
+    >>> file_name("Valley with a river")
+    'valley_with_a_river'
+    """
+    plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode()
+    name = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")[:64].strip("_")
+    return f"terrain_{name}" if _RESERVED.fullmatch(name) else name or "terrain"
+
+
+def _check_room(wanted: Plan, terrain: Terrain, folder: Path) -> None:
+    """Refuse what the folder's disk may have no room for, before it is computed."""
+    options, target = wanted.options, wanted.target
+    storeys = (("woody",) if options.plants else ()) + (("grass",) if options.grass else ())
+    plants = sum(terrain.foliage_estimate(*wanted.grid.area, storey=each)[0] for each in storeys)
+    columns, rows = wanted.tile_side
+    needed = target.disk * columns * rows * wanted.tiling.count + target.bytes_per_plant * plants
+    with telling_failure(folder):
+        left = shutil.disk_usage(folder).free
+    if needed > left:
+        raise InputError(
+            f"{wanted.vertices:.3g} vertices and up to {plants:.3g} plants need up to {amount(needed)}, "
+            f"{one_line(folder.parent)} has {amount(left)} left"
+        )

@@ -1,0 +1,92 @@
+"""A terrain that proves orientation, and whole exports of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import sketchterrain as st
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.exporting import plan_of, write_export
+from sketchterrain.progress import Stages
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """An export that was made: its folder, and what its sidecar says."""
+
+    folder: Path
+    sidecar: dict[str, Any]
+
+    def of(self, ending: str) -> list[Path]:
+        """Return the files whose names end so, in the order of the sidecar."""
+        names = [entry["file"] for entry in self.sidecar["files"]]
+        return [self.folder / name for name in names if name.endswith(ending)]
+
+    def places(self, tile: int = 0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return x and y of a tile's vertices, (rows, columns), from what the sidecar says alone."""
+        grid = self.sidecar["tiles"][tile]
+        bounds = grid["bounds"]
+        x = np.linspace(bounds["west"], bounds["east"], grid["columns"])
+        y = np.linspace(bounds["north"], bounds["south"], grid["rows"])
+        return np.broadcast_to(x, (len(y), len(x))), np.broadcast_to(y[:, None], (len(y), len(x)))
+
+
+@pytest.fixture(scope="session")
+def corner() -> st.Sketch:
+    """One high mountain in the north-east corner, one river from north-west to south-west, a lake, a wood."""
+    mountain, river, lake, forest = (np.zeros((64, 64), np.uint8) for _ in range(4))
+    mountain[4:18, 46:60] = 1
+    river[2:54, 8:10] = 1
+    lake[50:58, 4:16] = 1
+    forest[40:56, 34:52] = 1
+    return st.Sketch(
+        name="High corner",
+        extent=1024.0,
+        seed=5,
+        ground={"relief": 5.0},
+        layers={"mountain": mountain, "river": river, "lake": lake, "forest": forest},
+        labels={("mountain", 1): {"height": 500.0}},
+    )
+
+
+@pytest.fixture(scope="session")
+def terrain(corner: st.Sketch) -> st.Terrain:
+    return st.build(corner)
+
+
+@pytest.fixture(scope="session")
+def exported(
+    terrain: st.Terrain, corner: st.Sketch, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[..., Outcome]:
+    """Return what makes an export of the terrain: ``exported("raw", size=65, plants=False)``."""
+    made: dict[str, Outcome] = {}
+
+    def export(target: str, **options: object) -> Outcome:
+        key = f"{target} {sorted(options.items())}"
+        if key not in made:
+            folder = tmp_path_factory.mktemp(target)
+            done = write_export(
+                plan_of(corner, target, ExportOptions(**options)),  # type: ignore[arg-type]
+                terrain,
+                folder,
+                stages=Stages(),
+            )
+            told = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
+            assert told == json.loads(json.dumps(done.report))
+            assert [entry["file"] for entry in told["files"]] == [path.name for path in done.files]
+            assert {path.name for path in folder.iterdir()} == {path.name for path in done.files}
+            made[key] = Outcome(folder, told)
+        return made[key]
+
+    return export

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.compute import Device
+    from sketchterrain.export.target import Target
     from sketchterrain.render.overlays import Legend
     from sketchterrain.render.sharing_probe import Sharing
     from sketchterrain.sketch import Sketch
@@ -20,6 +21,7 @@ __all__ = [
     "adherence_lines",
     "device_entry",
     "device_lines",
+    "exported_lines",
     "flown_lines",
     "generated_lines",
     "legend_lines",
@@ -27,11 +29,14 @@ __all__ = [
     "preset_lines",
     "say",
     "say_json",
+    "target_entry",
+    "target_lines",
     "tested_entry",
     "undescribed_labels",
 ]
 
 _NAME = 10  # columns of the first word
+_FILES_SHOWN = 12  # of an export in tiles
 _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
     "mapped": "kernels write into mapped vertex buffers, no copy",
@@ -130,6 +135,67 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     lines += [f"started again: {line}" for line in report["restarts"]]
     lines += [f"decided: {line}" for line in report["resolutions"]]
     return [*lines, *(f"note: {line}" for line in report["notes"])]
+
+
+def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
+    """Return what was written, where it lies, and what to type in where it is imported."""
+    grid, heights, tiles = report["grid"], report["heights"], report["tiles"]
+    cut = f" in {len(tiles)} tiles" if len(tiles) > 1 else ""
+    names = [entry["file"] for entry in report["files"]]
+    shown = [*names[:_FILES_SHOWN], f"and {len(names) - _FILES_SHOWN} more"] if cut else names
+    lines = [
+        f"{report['sketch']}, seed {report['seed']}, for {report['target']}: {grid['columns']} × "
+        f"{grid['rows']} vertices{cut} {grid['spacing']['x']:.6g} m apart, {heights['minimum']:.1f} to "
+        f"{heights['maximum']:.1f} m high, in {seconds:.1f} s",
+        f"files: {folder}: {' '.join(shown)}",
+    ]
+    lines += [f"started again: {line}" for line in report.get("restarts", [])]
+    if report["import"]:
+        lines.append("to type in where they are imported:")
+        width = max(len(name) for name in report["import"])
+        lines += [f"  {name:<{width}}  {_typed(value)}" for name, value in report["import"].items()]
+    return lines
+
+
+def _typed(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def target_entry(target: Target) -> dict[str, Any]:
+    """Return what a target is, what it takes, and which of its libraries are not installed."""
+    from sketchterrain.export.libraries import missing
+    from sketchterrain.export.planning import option_names
+
+    return {
+        "name": target.name,
+        "title": target.title,
+        "line": target.line,
+        "tile_sizes": list(target.sizes) or None,
+        "size": target.size if target.spacing is None else None,
+        "spacing": target.spacing,
+        "square": target.square,
+        "formats": list(target.formats),
+        "options": list(option_names(target)),
+        "missing": [{"library": each.module, "extra": each.extra} for each in missing(target.libraries)],
+    }
+
+
+def target_lines(entry: dict[str, Any]) -> list[str]:
+    """Return lines that tell a person what a target is and takes."""
+    if entry["spacing"] is not None:
+        sizes = f"vertices {entry['spacing']:g} m apart"
+    elif entry["tile_sizes"] is not None:
+        sizes = f"sides of {', '.join(str(side) for side in entry['tile_sizes'])} vertices"
+    else:
+        sizes = f"any size, {entry['size']} vertices unless you say so"
+    formats = f"; formats {', '.join(entry['formats'])}" if entry["formats"] else ""
+    options = " ".join(f"--{name.replace('_', '-')}" for name in entry["options"])
+    lines = [f"{entry['name']:<{_NAME}}{entry['title']}: {entry['line']}"]
+    lines += [f"{'':<{_NAME}}{line}" for line in (f"{sizes}{formats}", options)]
+    for lack in entry["missing"]:
+        install = f"pip install 'sketchterrain[{lack['extra']}]'"
+        lines.append(f"{'':<{_NAME}}{lack['library']} is not installed: {install}")
+    return lines
 
 
 def flown_lines(told: dict[str, Any]) -> list[str]:

@@ -1,0 +1,75 @@
+# ruff: noqa: TC001 - typer reads the commands' annotations at run time
+"""Commands that take a terrain to a program, and that tell which programs there are."""
+
+from __future__ import annotations
+
+from sketchterrain import arguments as given
+from sketchterrain.commands import target_arguments as asked
+from sketchterrain.listings import exported_lines, say, say_json, target_entry, target_lines
+from sketchterrain.progress import Stages
+
+__all__ = ["export", "targets"]
+
+
+def export(
+    sketch: given.SketchName,
+    target: asked.TargetName,
+    output: given.Folder,
+    size: asked.WholeSize = None,
+    tiles: asked.Tiles = None,
+    overlap: asked.Overlap = None,
+    tile_name: asked.TileName = None,
+    tile_first: asked.TileFirst = None,
+    tiles_from_south: asked.TilesFromSouth = None,
+    form: asked.Format = None,
+    heights: asked.Heights = None,
+    error: asked.MeshError = None,
+    crs: asked.Crs = None,
+    origin: asked.Origin = None,
+    plants: asked.Plants = True,
+    grass: asked.GrassToo = False,
+    seed: given.Seed = None,
+    device: given.DeviceName = None,
+    fast: given.Fast = False,
+    as_json: given.AsJson = False,
+) -> None:
+    """Take a terrain to an engine, a GIS or a plain format: the right size, the right way up."""
+    options = asked.options_of(
+        size=size,
+        tiles=tiles,
+        overlap=overlap,
+        tile_name=tile_name,
+        tile_first=tile_first,
+        tiles_from_south=tiles_from_south,
+        form=form,
+        heights=heights,
+        error=error,
+        crs=crs,
+        origin=origin,
+        plants=plants,
+        grass=grass,
+    )
+    with Stages() as stages:
+        with stages.stage("sketch", "Reading the sketch"):
+            from sketchterrain.sketch import load_sketch
+
+            document = load_sketch(sketch)
+            document = document if seed is None else document.replace(seed=seed)
+        with stages.stage("program", "Loading the program"):
+            from sketchterrain import exporting as whole
+        done = whole.export(document, output, target, options, device=device, fast=fast, stages=stages)
+    if as_json:
+        say_json(done.report | {"folder": str(output), "timings": stages.seconds | {"total": stages.elapsed}})
+    else:
+        say(*exported_lines(done.report, output, stages.elapsed))
+
+
+def targets(as_json: given.AsJson = False) -> None:
+    """List where a terrain can be taken: sizes, formats, options, and what must be installed."""
+    from sketchterrain.export.targets import TARGET_NAMES, target_named
+
+    entries = [target_entry(target_named(name)) for name in TARGET_NAMES]
+    if as_json:
+        say_json(entries)
+    else:
+        say(*(line for entry in entries for line in target_lines(entry)))

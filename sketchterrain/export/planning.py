@@ -83,6 +83,11 @@ def plan(sketch: Sketch, target: Target, options: ExportOptions) -> Plan:
     if target.check is not None:
         target.check(options)
     grid = _grid(sketch.size, target, tiling, options.size)
+    if target.most is not None and max(grid.columns, grid.rows) > target.most:
+        raise InputError(
+            f"{target.name}: {grid.columns} × {grid.rows} vertices {target.spacing:g} m apart, "
+            f"it takes {target.most} each way at most: expected a smaller extent"
+        )
     made = options.format or (target.formats[0] if target.formats else None)
     whole = replace(options, size=max(grid.columns, grid.rows), format=made)
     return Plan(target, whole, grid, tiling)
@@ -157,8 +162,9 @@ def _spaced(length: tuple[float, float], spacing: float, multiple: int, tiling: 
     sketch's edge: 4096 m are 4096 pixels of 1 m. Else 4096 m are 4097 vertices.
     """
     quads = [math.ceil(each / spacing - _ROUNDING) for each in length]
-    if multiple > 1:
-        least = [max(-(-each // multiple), 1) * multiple for each in quads]
+    if multiple > 1:  # of each tile
+        whole = [multiple * tiles for tiles in (tiling.columns, tiling.rows)]
+        least = [max(-(-each // of), 1) * of for each, of in zip(quads, whole, strict=True)]
     else:
         least = [max(each, 1) + 1 for each in quads]
     columns, rows = (

@@ -153,7 +153,9 @@ class Target:
     spacing : float or None
         m between vertices, where the target wants just that: the size follows from it.
     multiple : int
-        With a spacing: columns and rows are whole multiples of it.
+        With a spacing: columns and rows of a tile are whole multiples of it.
+    most : int or None
+        With a spacing: vertices along a side of the whole, at most.
     formats : tuple of str
         Formats of heights that can be chosen, the usual one first.
     knows : frozenset of str
@@ -179,6 +181,7 @@ class Target:
     square: bool = False
     spacing: float | None = None
     multiple: int = 1
+    most: int | None = None
     formats: tuple[str, ...] = ()
     knows: frozenset[str] = field(default_factory=frozenset)
     tiling: Tiling | None = None

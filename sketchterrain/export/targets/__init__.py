@@ -14,6 +14,9 @@ __all__ = ["TARGET_NAMES", "target_named"]
 
 # Each in the module here that has it in its TARGETS: what a target needs is loaded when it is asked for.
 _MODULES = {
+    "unity": "unity",
+    "unreal": "unreal",
+    "godot": "godot",
     "raw": "plain",
     "png16": "plain",
     "exr": "plain",

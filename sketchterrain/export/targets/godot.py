@@ -1,0 +1,174 @@
+"""Godot with Terrain3D: heights in metres at 1 m a pixel, its control map, plants and water."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.errors import InputError
+from sketchterrain.export.control_map import control_map
+from sketchterrain.export.engine_axes import EngineAxes
+from sketchterrain.export.engine_files import path_of, tiles_of
+from sketchterrain.export.engine_plants import storeys_of, write_plants
+from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.exr import write_exr
+from sketchterrain.export.files import write_png
+from sketchterrain.export.height_steps import HeightSteps
+from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.weights import four_of
+from sketchterrain.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.export.grid import Grid
+    from sketchterrain.export.sampled import Sampled
+    from sketchterrain.export.target import Export, ExportOptions
+    from sketchterrain.export.tiling import Piece
+
+__all__ = ["TARGETS", "godot_axes", "import_position", "region_size", "write_godot"]
+
+_REGION: Final = 256  # vertices along a region's side unless a larger one is chosen
+_REGIONS: Final = 32  # each way, at most
+_MOST: Final = 16384  # vertices along a side that the importer takes
+_FILES: Final = {
+    "exr": "heights, m: float32",
+    "r16": "heights: 16 bits, little-endian, no header",
+    "control": "control map: the two heaviest materials of each vertex as bits of Terrain3D",
+    "weights": "weights of four materials: red, green, blue, alpha",
+    "normal": "normals, Y+: red east, green north, blue up",
+    "plants": "trees and shrubs, m: x east, y up, z south",
+    "grass": "grass, flowers and ferns, m: x east, y up, z south",
+    "water": "rivers and lakes, m: x east, y up, z south",
+}
+
+
+def region_size(grid: Grid) -> int:
+    """Return the smallest region size, from Terrain3D's own 256 on, of which 32 cover the grid each way."""
+    size, longer = _REGION, max(grid.columns, grid.rows)
+    while size * _REGIONS < longer:
+        size *= 2
+    return size
+
+
+def import_position(grid: Grid) -> tuple[int, int]:
+    """Return where the north-west vertex comes to lie, x and z in m: the terrain is about the world's origin.
+
+    It is a whole multiple of the region size, to which versions up to 1.0 round it.
+    """
+    region = region_size(grid)
+    x, z = (-region * (vertices // 2 // region) for vertices in (grid.columns, grid.rows))
+    return x, z
+
+
+def godot_axes(grid: Grid) -> EngineAxes:
+    """Return Godot's axes, with its origin where :func:`import_position` makes it lie."""
+    x, z = import_position(grid)
+    return EngineAxes("east", "up", "south", origin=(grid.west - x, grid.north + z, 0.0))
+
+
+def write_godot(export: Export) -> Written:
+    """Write what the importer of Terrain3D takes ("Importing & Exporting Data" in its documentation).
+
+    An image's first row is the north edge: z grows southward. EXR images have the one channel R, as
+    Terrain3D's own exports have; heights are metres. Numbers of r16 are read as
+    minimum + number / 65535 · (maximum − minimum).
+    """
+    steps = _steps(export)
+    axes = godot_axes(export.grid)
+    files: dict[Path, str] = {}
+    with export.stages.stage("godot", "Heights and control map") as tell:
+        for done, (piece, tile) in enumerate(tiles_of(export), start=1):
+            files |= _images(export, piece, tile, steps)
+            tell(done / export.tiling.count)
+    for storey, kind in storeys_of(export.options).items():
+        with export.stages.stage(kind, kind.capitalize()) as tell:
+            path = export.folder / f"{export.name}_{kind}.json"
+            files[write_plants(path, export.terrain, storey, export.sampled, axes, progress=tell)] = _FILES[
+                kind
+            ]
+    water = export.folder / f"{export.name}_water.json"
+    files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
+    facts: dict[str, Any] = {
+        "axes": axes.facts,
+        "textures": dict(enumerate(export.terrain.material_names)),
+    }
+    if steps is not None:
+        facts |= {"heights": steps.facts, "byte_order": "little"}
+    return Written(files, _settings(export, steps), facts)
+
+
+def _steps(export: Export) -> HeightSteps | None:
+    if export.options.format != "r16":
+        return None
+    return HeightSteps.of(export.sampled.height, export.options.heights)
+
+
+def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps | None) -> dict[Path, str]:
+    files = {_write_heights(export, piece, tile, steps): _FILES["exr" if steps is None else "r16"]}
+    control = path_of(export, "control", piece, ".exr")
+    files[write_exr(control, {"R": control_map(tile.weights)})] = _FILES["control"]
+    normal = path_of(export, "normal", piece, ".png")
+    files[write_png(normal, np.ascontiguousarray(tile.normal))] = _FILES["normal"]
+    for number, first in enumerate(range(0, tile.weights.shape[-1], 4), start=1):
+        path = path_of(export, f"weights{number}", piece, ".png")
+        files[write_png(path, four_of(tile.weights, first))] = _FILES["weights"]
+    return files
+
+
+def _write_heights(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps | None) -> Path:
+    if steps is None:
+        return write_exr(path_of(export, "height", piece, ".exr"), {"R": tile.height})
+    numbers = steps.encode(tile.height).astype("<u2")
+    return write_whole(path_of(export, "height", piece, ".r16"), numbers.tobytes())
+
+
+def _settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:
+    ending = ".exr" if steps is None else ".r16"
+    x, z = import_position(export.grid)
+    r16 = {} if steps is None else {"r16_range": {"x": steps.low, "y": steps.highest}}
+    return {
+        "where": "addons/terrain_3d/tools/importer.tscn",
+        "region_size": region_size(export.grid),
+        "vertex_spacing": 1.0,
+        "import_scale": 1.0,
+        "height_offset": 0.0,
+        **r16,
+        "tiles": [
+            {
+                "height_file_name": path_of(export, "height", piece, ending).name,
+                "control_file_name": path_of(export, "control", piece, ".exr").name,
+                "import_position": {"x": x + piece.left, "y": z + piece.top},
+                **({} if steps is None else {"r16_size": {"x": piece.columns, "y": piece.rows}}),
+            }
+            for piece in export.tiling.pieces(export.grid.columns, export.grid.rows)
+        ],
+    }
+
+
+def _check(options: ExportOptions) -> None:
+    if options.heights is not None and options.format != "r16":
+        raise InputError("godot: a range of heights is for the format r16, EXR has metres")
+
+
+TARGETS: Final = (
+    Target(
+        name="godot",
+        title="Godot, Terrain3D",
+        line="EXR or r16 heights at 1 m a pixel, control map, plants, water",
+        write=write_godot,
+        libraries=(Library("OpenEXR", "exr"),),
+        spacing=1.0,
+        multiple=_REGION,
+        most=_MOST,
+        formats=("exr", "r16"),
+        knows=frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}),
+        tiling=Tiling(overlap=0),
+        check=_check,
+        disk=24.0,
+        memory=16.0,
+        bytes_per_plant=100.0,
+    ),
+)

@@ -1,0 +1,190 @@
+"""Unity: RAW heights, splat maps, tree instances, water, as its terrains take them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.export.decimals import decimals, words
+from sketchterrain.export.engine_axes import EngineAxes
+from sketchterrain.export.engine_files import path_of, tiles_of
+from sketchterrain.export.engine_plants import plants_within, storeys_of
+from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.files import write_png
+from sketchterrain.export.grid_ground import ground_at
+from sketchterrain.export.height_steps import HeightSteps
+from sketchterrain.export.json_rows import json_rows, write_listing
+from sketchterrain.export.layer_images import edge_to_edge
+from sketchterrain.export.target import Target, Written
+from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.weights import four_of
+from sketchterrain.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from sketchterrain.export.sampled import Sampled
+    from sketchterrain.export.target import Export
+    from sketchterrain.export.tiling import Piece
+
+__all__ = ["TARGETS", "unity_axes", "write_unity"]
+
+_FILES: Final = {
+    "height": "heights: RAW, 16 bits, little-endian, first row south",
+    "normal": "normals, Y+: red east, green north, blue up",
+    "splat": "weights of four terrain layers: red, green, blue, alpha",
+    "plants": "trees and shrubs as fields of TreeInstance",
+    "grass": "grass, flowers and ferns as fields of TreeInstance",
+    "water": "rivers and lakes, m: x east, y up, z north",
+}
+
+
+def unity_axes(export: Export) -> EngineAxes:
+    """Return Unity's axes, with the south-west corner of all terrains at the origin."""
+    return EngineAxes("east", "up", "north", origin=(export.grid.west, export.grid.south, 0.0))
+
+
+def write_unity(export: Export) -> Written:
+    """Write what Unity's terrains take.
+
+    Rows come from the south, for *Import Raw* puts a file's first row at z = 0 and scales numbers by
+    1/65536 of the terrain's height (``ImportRawHeightmap`` in Unity's reference source); so do the weights,
+    whose images show north at the top, as Unity turns images. Trees are in the terrain's own space, 0 … 1
+    ("TreeInstance" in Unity's documentation), on the ground as these heights have it.
+    """
+    steps = HeightSteps.of(export.sampled.height, export.options.heights)
+    axes = unity_axes(export)
+    files: dict[Path, str] = {}
+    tiles: list[dict[str, Any]] = []
+    with export.stages.stage("unity", "Heights and splat maps") as tell:
+        for done, (piece, tile) in enumerate(tiles_of(export), start=1):
+            files |= _images(export, piece, tile, steps)
+            tiles.append(_settings(export, piece, tile, steps, axes))
+            tell(done / export.tiling.count)
+    if storeys := storeys_of(export.options):
+        with export.stages.stage("plants", "Plants") as tell:
+            for done, (piece, tile) in enumerate(tiles_of(export), start=1):
+                for storey, kind in storeys.items():
+                    path = _write_trees(export, piece, tile, storey, kind, steps)
+                    files[path] = _FILES[kind]
+                tell(done / export.tiling.count)
+    water = export.folder / f"{export.name}_water.json"
+    files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
+    facts = {
+        "heights": steps.facts,
+        "byte_order": "little",
+        "orientation": {
+            "raw": {"row_0": "south", "column_0": "west", "samples": "vertices"},
+            "images": {"row_0": "north", "column_0": "west"},
+        },
+        "axes": axes.facts,
+        "layers": _layers(export),
+        "species": list(export.terrain.species_names),
+    }
+    return Written(files, {"import_raw": _DIALOG, "tiles": tiles}, facts)
+
+
+_DIALOG: Final = {
+    "where": "Terrain, Terrain Settings, Import Raw",
+    "Depth": "Bit 16",
+    "Byte Order": "Windows",
+    "Flip Vertically": False,
+    "others": "as tiles say: Resolution, Terrain Size; Position is the Transform's",
+}
+
+
+def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> dict[Path, str]:
+    numbers = steps.encode(tile.height)[::-1].astype("<u2")
+    raw = write_whole(path_of(export, "", piece, ".raw"), numbers.tobytes())
+    normal = write_png(path_of(export, "normal", piece, ".png"), np.ascontiguousarray(tile.normal))
+    weights = edge_to_edge(tile.weights)
+    splats = [
+        write_png(path_of(export, f"splat{number}", piece, ".png"), four_of(weights, first))
+        for number, first in enumerate(range(0, weights.shape[-1], 4), start=1)
+    ]
+    return {raw: _FILES["height"], normal: _FILES["normal"]} | dict.fromkeys(splats, _FILES["splat"])
+
+
+def _settings(
+    export: Export, piece: Piece, tile: Sampled, steps: HeightSteps, axes: EngineAxes
+) -> dict[str, Any]:
+    west, south, east, north = tile.grid.area
+    x, _, z = axes.places(np.array([west]), np.array([south]), np.zeros(1))[0].tolist()
+    return {
+        "file": path_of(export, "", piece, ".raw").name,
+        "Resolution": tile.grid.columns,
+        "Terrain Size": {"X": east - west, "Y": steps.range, "Z": north - south},
+        "Position": {"X": x, "Y": steps.low, "Z": z},
+        "Control Texture Resolution": tile.grid.columns - 1,
+    }
+
+
+def _layers(export: Export) -> list[dict[str, Any]]:
+    channels = ("red", "green", "blue", "alpha")
+    return [
+        {"name": name, "file": f"splat{index // 4 + 1}", "channel": channels[index % 4]}
+        for index, name in enumerate(export.terrain.material_names)
+    ]
+
+
+def _write_trees(
+    export: Export, piece: Piece, tile: Sampled, storey: str, kind: str, steps: HeightSteps
+) -> Path:
+    head = {
+        "format": 1,
+        "terrain": path_of(export, "", piece, ".raw").name,
+        "prototypes": list(export.terrain.species_names),
+    }
+    pieces = plants_within(export.terrain, tile.grid.area, storey)
+    rows = (_tree_rows(plants, tile, steps) for plants in pieces)
+    return write_listing(path_of(export, kind, piece, ".json"), head, "instances", rows)
+
+
+def _tree_rows(plants: npt.NDArray[np.void], tile: Sampled, steps: HeightSteps) -> bytes:
+    west, south, east, north = tile.grid.area
+    height = (ground_at(tile, plants["x"], plants["y"]) - steps.low) / steps.range
+    # Unity turns clockwise seen from above.
+    turn = np.mod(-plants["rotation"].astype(np.float64), 2.0 * np.pi)
+    scale = decimals(plants["scale"], 3)
+    return json_rows(
+        [
+            b'{"prototypeIndex":',
+            words([str(index) for index in range(256)])[plants["species"]],
+            b',"position":{"x":',
+            decimals((plants["x"] - west) / (east - west), 8),
+            b',"y":',
+            decimals(np.clip(height, 0.0, 1.0), 8),
+            b',"z":',
+            decimals((plants["y"] - south) / (north - south), 8),
+            b'},"widthScale":',
+            scale,
+            b',"heightScale":',
+            scale,
+            b',"rotation":',
+            decimals(turn, 4),
+            b',"tint":',
+            decimals(plants["tint"], 3),
+            b"}",
+        ]
+    )
+
+
+TARGETS: Final = (
+    Target(
+        name="unity",
+        title="Unity",
+        line="RAW heights of 2ⁿ + 1, splat maps, tree instances, water",
+        write=write_unity,
+        sizes=(33, 65, 129, 257, 513, 1025, 2049, 4097),
+        size=1025,
+        square=True,
+        knows=frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south", "heights"}),
+        tiling=Tiling(pattern="{name}_{x}_{y}", from_south=True),
+        disk=16.0,
+        memory=24.0,
+        bytes_per_plant=180.0,
+    ),
+)

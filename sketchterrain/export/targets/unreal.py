@@ -1,0 +1,147 @@
+"""Unreal Engine: 16-bit heights, a weight map a layer, normals Y−, plants and water for its landscapes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from sketchterrain.export.engine_axes import EngineAxes
+from sketchterrain.export.engine_files import path_of, tiles_of
+from sketchterrain.export.engine_plants import storeys_of, write_plants
+from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.files import write_png
+from sketchterrain.export.height_steps import HeightSteps
+from sketchterrain.export.layer_images import normals_down
+from sketchterrain.export.target import Target, Written
+from sketchterrain.export.tiling import Tiling
+from sketchterrain.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    import numpy.typing as npt
+
+    from sketchterrain.export.sampled import Sampled
+    from sketchterrain.export.target import Export
+    from sketchterrain.export.tiling import Piece
+
+__all__ = ["TARGETS", "unreal_axes", "write_unreal"]
+
+_CENTIMETRES: Final = 100.0
+# Quads along a section's side, for the sizes that Epic's "Landscape Technical Guide" recommends; all of them
+# have 2 × 2 sections a component.
+_SECTION_QUADS: Final = {127: 63, 253: 63, 505: 63, 1009: 63, 2017: 63, 4033: 63, 8129: 127}
+_SECTIONS: Final = 2
+_FILES: Final = {
+    "png": "heights: 16-bit grey",
+    "r16": "heights: 16 bits, little-endian, no header",
+    "normal": "normals, Y−: red east, green south, blue up",
+    "plants": "trees and shrubs, cm: x east, y south, z up",
+    "grass": "grass, flowers and ferns, cm: x east, y south, z up",
+    "water": "rivers and lakes, cm: x east, y south, z up",
+}
+
+
+def unreal_axes(export: Export) -> EngineAxes:
+    """Return Unreal's axes, with the north-west corner of the landscape at the origin."""
+    origin = (export.grid.west, export.grid.north, 0.0)
+    return EngineAxes("east", "south", "up", unit="cm", per_metre=_CENTIMETRES, origin=origin)
+
+
+def write_unreal(export: Export) -> Written:
+    """Write what Unreal's landscapes take.
+
+    A landscape's first row is its north edge, for its y axis points south. Number 32768 is its own height,
+    and 128 steps are as many centimetres as its Z scale ("Landscape Technical Guide": ±256 m at a scale of
+    100); so the Z scale is the range in m · 100 / 512.
+    """
+    steps = HeightSteps.of(export.sampled.height, export.options.heights)
+    axes = unreal_axes(export)
+    files: dict[Path, str] = {}
+    with export.stages.stage("unreal", "Heights and weight maps") as tell:
+        for done, (piece, tile) in enumerate(tiles_of(export), start=1):
+            files |= _images(export, piece, tile, steps)
+            tell(done / export.tiling.count)
+    for storey, kind in storeys_of(export.options).items():
+        with export.stages.stage(kind, kind.capitalize()) as tell:
+            path = export.folder / f"{export.name}_{kind}.json"
+            place = (export.terrain, storey, export.sampled, axes)
+            files[write_plants(path, *place, degrees=True, progress=tell)] = _FILES[kind]
+    water = export.folder / f"{export.name}_water.json"
+    files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
+    facts = {
+        "heights": steps.facts,
+        "byte_order": "little" if export.options.format == "r16" else "as PNG has it",
+        "axes": axes.facts,
+        "layers": list(export.terrain.material_names),
+    }
+    return Written(files, _settings(export, steps), facts)
+
+
+def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> dict[Path, str]:
+    files = {_write_heights(export, piece, steps.encode(tile.height)): _FILES[export.options.format or "png"]}
+    normal = path_of(export, "normal", piece, ".png")
+    files[write_png(normal, normals_down(tile.normal))] = _FILES["normal"]
+    for index, name in enumerate(export.terrain.material_names):
+        path = path_of(export, f"weight_{name}", piece, ".png")
+        files[write_png(path, tile.weights[..., index].copy())] = f"weights of {name}: 255 is all of it"
+    return files
+
+
+def _write_heights(export: Export, piece: Piece, numbers: npt.NDArray[np.uint16]) -> Path:
+    if export.options.format == "r16":
+        return write_whole(path_of(export, "height", piece, ".r16"), numbers.astype("<u2").tobytes())
+    return write_png(path_of(export, "height", piece, ".png"), numbers)
+
+
+def _settings(export: Export, steps: HeightSteps) -> dict[str, Any]:
+    dx, dy = export.grid.spacing
+    tiling = export.tiling
+    pieces = tiling.pieces(export.grid.columns, export.grid.rows)
+    first = next(pieces)
+    quads = _SECTION_QUADS[first.columns]
+    components = (first.columns - 1) // (quads * _SECTIONS)
+    settings: dict[str, Any] = {
+        "Heightmap File": path_of(export, "height", first, f".{export.options.format}").name,
+        "Scale": {
+            "X": dx * _CENTIMETRES,
+            "Y": dy * _CENTIMETRES,
+            "Z": steps.range * _CENTIMETRES / 512.0,
+        },
+        "Location": {
+            "X": 0.0,
+            "Y": 0.0,
+            "Z": (steps.low + steps.range / 2.0) * _CENTIMETRES,
+            "of": "the Landscape actor once it is there: its north-west corner",
+        },
+        "Section Size": f"{quads}x{quads} Quads",
+        "Sections Per Component": f"{_SECTIONS}x{_SECTIONS} Sections",
+        "Number of Components": {"X": components, "Y": components},
+        "Overall Resolution": {"X": first.columns, "Y": first.rows},
+    }
+    if tiling.count > 1:
+        settings["Flip Tile Y Coordinate"] = tiling.from_south
+        settings["Tile Coordinates Offset"] = {"X": 0, "Y": 0}
+        settings["tiles"] = "components and resolution are those of one tile"
+    return settings
+
+
+TARGETS: Final = (
+    Target(
+        name="unreal",
+        title="Unreal Engine",
+        line="16-bit PNG or r16 heights, a weight map a layer, normals Y−, plants, water",
+        write=write_unreal,
+        sizes=tuple(_SECTION_QUADS),
+        size=1009,
+        square=True,
+        formats=("png", "r16"),
+        knows=frozenset(
+            {"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}
+        ),
+        tiling=Tiling(pattern="{name}_x{x}_y{y}"),
+        disk=16.0,
+        memory=8.0,
+        bytes_per_plant=100.0,
+    ),
+)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import Raster
 
-__all__ = ["write_height_tif"]
+__all__ = ["local_metres", "write_height_tif"]
 
 _FLOAT_PREDICTOR = 3
 _BLOCK = 256  # samples along the side of a TIFF tile
@@ -24,6 +24,11 @@ _LOCAL_METRES = (
     'LOCAL_CS["sketch, metres from its south-west corner",UNIT["metre",1],'
     'AXIS["Easting",EAST],AXIS["Northing",NORTH]]'
 )
+
+
+def local_metres() -> CRS:
+    """Return the coordinate reference system of a sketch that lies nowhere on Earth."""
+    return CRS.from_wkt(_LOCAL_METRES)
 
 
 def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
@@ -43,7 +48,7 @@ def write_height_tif(folder: Path, raster: Raster) -> tuple[Path, ...]:
             height=rows,
             count=1,
             dtype="float32",
-            crs=CRS.from_wkt(_LOCAL_METRES),
+            crs=local_metres(),
             transform=corner,
             compress="deflate",
             predictor=_FLOAT_PREDICTOR,

@@ -1,0 +1,199 @@
+"""What was placed in a terrain as layers of points, lines and areas with attributes."""
+
+from __future__ import annotations
+
+from itertools import chain
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sketchterrain.export.features import lake_outline
+from sketchterrain.export.geopackage import VectorLayer
+from sketchterrain.features import FEATURE_TYPES
+from sketchterrain.features.catalogue import conifer_share
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.features import Lake, River
+    from sketchterrain.features.catalogue import Points
+
+__all__ = ["Origin", "feature_layer", "lake_layer", "plant_layer", "river_layer", "station_layer"]
+
+
+class Origin(NamedTuple):
+    """What is added to the world's x and y, m."""
+
+    east: float
+    north: float
+
+
+def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
+    """Return the lakes as areas at their level, islands left out."""
+    import shapely
+
+    # Rings cut each other nowhere; where one touches itself, an area has to be mended.
+    areas = [
+        shapely.make_valid(shapely.build_area(shapely.multilinestrings(lake_outline(lake.shape))))
+        for lake in lakes
+    ]
+    moved = [
+        shapely.force_3d(
+            shapely.multipolygons([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]),
+            lake.level,
+        )
+        for lake, area in zip(lakes, _shifted(areas, origin), strict=True)
+    ]
+    return VectorLayer(
+        "lakes",
+        "MultiPolygon Z",
+        _objects(moved),
+        {
+            "id": _texts(lake.id for lake in lakes),
+            "label": np.array([lake.label for lake in lakes], np.int32),
+            "level": np.array([lake.level for lake in lakes], np.float64),
+            "depth": np.array([lake.depth for lake in lakes], np.float64),
+        },
+    )
+
+
+def river_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
+    """Return the rivers' centrelines, springs first, at the height of the water.
+
+    Widths and depths (m) are the mean along the river and those at its two ends.
+    """
+    import shapely
+
+    ends = {"spring": 0, "mouth": -1}
+    fields: dict[str, npt.NDArray[Any]] = {
+        "id": _texts(river.id for river in rivers),
+        "label": np.array([river.label for river in rivers], np.int32),
+        "length": np.array([_along(river)[-1] for river in rivers], np.float64),
+    }
+    for name in ("width", "depth"):
+        values = [getattr(river, f"centreline_{name}") for river in rivers]
+        means = [_mean(value, _along(river)) for value, river in zip(values, rivers, strict=True)]
+        fields[name] = np.array(means, np.float64)
+        fields |= {
+            f"{name}_{end}": np.array([value[at] for value in values], np.float32) for end, at in ends.items()
+        }
+    lines = [shapely.linestrings(_moved(river.centreline, origin)) for river in rivers]
+    return VectorLayer("rivers", "LineString Z", _objects(lines), fields)
+
+
+def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
+    """Return every point of the centrelines with the width and depth that the river has there."""
+    import shapely
+
+    counts = [len(river.centreline) for river in rivers]
+    places = _joined([_moved(river.centreline, origin) for river in rivers], (0, 3))
+    return VectorLayer(
+        "river_stations",
+        "Point Z",
+        shapely.points(places),
+        {
+            "river": _texts(chain.from_iterable([r.id] * n for r, n in zip(rivers, counts, strict=True))),
+            "distance": _joined([_along(river) for river in rivers], (0,)),
+            "width": _joined([river.centreline_width for river in rivers], (0,)).astype(np.float32),
+            "depth": _joined([river.centreline_depth for river in rivers], (0,)).astype(np.float32),
+        },
+    )
+
+
+def feature_layer(points: Points, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
+    """Return mountains, hills, dunes and forests as points with what they are made by.
+
+    Parameters
+    ----------
+    points
+    height
+        Of the ground at each, m.
+    origin
+    """
+    import shapely
+
+    names = np.array(FEATURE_TYPES, dtype=object)
+    forests = points["type"] == FEATURE_TYPES.index("forest")
+    only = ("peakiness", "wavelength", "wind", "erosion", "gullies")
+    fields: dict[str, npt.NDArray[Any]] = {
+        "id": _texts(points["id"]),
+        "type": names[points["type"]],
+        "radius": points["radius"],
+        "strength": points["strength"],
+    }
+    fields |= {name: np.where(forests, np.float32(0.0), points[name]) for name in only}
+    fields["conifers"] = np.where(forests, conifer_share(points["peakiness"]), -1.0).astype(np.float32)
+    fields["painted"] = points["painted"]
+    places = np.stack([points["x"] + origin.east, points["y"] + origin.north, height], axis=-1)
+    return VectorLayer("features", "Point Z", shapely.points(places), fields)
+
+
+def plant_layer(
+    name: str, plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin
+) -> VectorLayer:
+    """Return plants as points.
+
+    Parameters
+    ----------
+    name
+        Of the layer.
+    plants
+        As :meth:`sketchterrain.Terrain.foliage` returns them.
+    species
+        Names that their ``species`` points into.
+    origin
+    """
+    import shapely
+
+    places = np.stack([plants["x"] + origin.east, plants["y"] + origin.north, plants["z"]], axis=-1)
+    return VectorLayer(
+        name,
+        "Point Z",
+        shapely.points(places),
+        {
+            "species": np.array(species, dtype=object)[plants["species"]],
+            "scale": np.ascontiguousarray(plants["scale"]),
+            "rotation": np.degrees(plants["rotation"]).astype(np.float32),
+            "tint": np.ascontiguousarray(plants["tint"]),
+            "level": plants["level"].astype(np.int16),
+        },
+    )
+
+
+def _along(river: River) -> npt.NDArray[np.float64]:
+    """Metres along a centreline, seen from above, from the spring to each of its points."""
+    steps = np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _mean(values: npt.NDArray[np.float32], along: npt.NDArray[np.float64]) -> float:
+    return (
+        float(np.trapezoid(values.astype(np.float64), along) / along[-1]) if along[-1] else float(values[0])
+    )
+
+
+def _moved(places: npt.NDArray[np.float64], origin: Origin) -> npt.NDArray[np.float64]:
+    return np.add(places, (origin.east, origin.north, 0.0))
+
+
+def _shifted(areas: Sequence[Any], origin: Origin) -> list[Any]:
+    import shapely
+
+    return [shapely.transform(area, lambda xy: xy + origin) for area in areas]
+
+
+def _joined(parts: Sequence[npt.NDArray[Any]], empty: tuple[int, ...]) -> npt.NDArray[Any]:
+    return np.concatenate(parts) if parts else np.zeros(empty)
+
+
+def _texts(numbers: Iterable[Any]) -> npt.NDArray[np.object_]:
+    """64-bit unsigned ids, which a GeoPackage has no numbers for, as texts."""
+    return _objects([str(int(number)) for number in numbers])
+
+
+def _objects(values: Sequence[Any]) -> npt.NDArray[np.object_]:
+    result = np.empty(len(values), dtype=object)
+    result[:] = values
+    return result

@@ -11,7 +11,7 @@ from PyQt6.QtGui import QDesktopServices
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Message
-from sketchterrain.ui.engine.messages import TakePicture
+from sketchterrain.ui.engine.orders import TakePicture
 from sketchterrain.ui.models.background import Background
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject
 
-from sketchterrain.ui.engine.messages import MODES, MeasureAdherence
+from sketchterrain.ui.engine.orders import MODES, MeasureAdherence
 from sketchterrain.ui.models.workspace import OVERLAYS
 
 if TYPE_CHECKING:

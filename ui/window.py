@@ -12,7 +12,7 @@ from PyQt6.QtWidgets import QMainWindow, QMenu, QSizePolicy, QTabWidget, QWidget
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.engine.orders import GoTo
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.full_views import FullViews
 from sketchterrain.ui.layout import Layout

@@ -15,7 +15,8 @@ from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.hands import Hands
 from sketchterrain.ui.canvas.shown import Shown
-from sketchterrain.ui.engine.messages import Adherence, FrameFacts, Placed, Pose, Relief
+from sketchterrain.ui.engine.messages import Adherence, FrameFacts, Placed, Relief
+from sketchterrain.ui.engine.orders import Pose
 from sketchterrain.ui.look.layer_colours import DRAW_ORDER, label_colour
 from sketchterrain.ui.models.document import Document
 

@@ -17,7 +17,8 @@ from PyQt6.QtWidgets import QApplication, QMenu
 
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.engine.messages import GoTo, Placed, Relief
+from sketchterrain.ui.engine.messages import Placed, Relief
+from sketchterrain.ui.engine.orders import GoTo
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.handles import handles_of
 from sketchterrain.ui.models.workspace import Chosen

@@ -14,7 +14,7 @@ from PyQt6.QtCore import QEventLoop
 
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.messages import (
+from sketchterrain.ui.engine.orders import (
     Fly,
     GoTo,
     Look,

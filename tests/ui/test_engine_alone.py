@@ -17,20 +17,17 @@ from sketchterrain.ui.engine.channel import Channel, pickled
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.jobs import Jobs
 from sketchterrain.ui.engine.land import Land
-from sketchterrain.ui.engine.messages import (
-    EngineFacts,
+from sketchterrain.ui.engine.messages import EngineFacts, Picked, Relief, Trouble
+from sketchterrain.ui.engine.mirror import settings_of
+from sketchterrain.ui.engine.orders import (
     LayerPatch,
     MeasureAdherence,
     Pick,
-    Picked,
     Quit,
-    Relief,
     SketchUpdate,
     TakePicture,
-    Trouble,
     Turn,
 )
-from sketchterrain.ui.engine.mirror import settings_of
 from sketchterrain.ui.engine.plan import Followed, Plan
 
 

@@ -14,8 +14,9 @@ from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.engine import placing
 from sketchterrain.ui.engine.channel import Channel, unpickled
-from sketchterrain.ui.engine.messages import LayerPatch, Placed, Quit, SketchUpdate, Trouble, Working
+from sketchterrain.ui.engine.messages import Placed, Trouble, Working
 from sketchterrain.ui.engine.mirror import settings_of
+from sketchterrain.ui.engine.orders import LayerPatch, Quit, SketchUpdate
 from sketchterrain.ui.engine.placer import Placer
 from sketchterrain.ui.engine.placing import Abandoned, Patience
 from sketchterrain.ui.engine.plan import StillPlaced

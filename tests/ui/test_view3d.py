@@ -12,18 +12,14 @@ from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.doing_menu import DoingMenu
-from sketchterrain.ui.engine.messages import (
-    EngineFacts,
+from sketchterrain.ui.engine.messages import EngineFacts, FrameFacts, Picked, Relief, Trouble
+from sketchterrain.ui.engine.orders import (
     Fly,
-    FrameFacts,
     GoTo,
     Look,
     Pan,
     Pick,
-    Picked,
     Pose,
-    Relief,
-    Trouble,
     Turn,
     ViewState,
     Zoom,

@@ -7,7 +7,8 @@ import pytest
 
 from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render.camera import Camera
-from sketchterrain.ui.engine.messages import FrameFacts, Placed, Pose, Relief
+from sketchterrain.ui.engine.messages import FrameFacts, Placed, Relief
+from sketchterrain.ui.engine.orders import Pose
 from sketchterrain.ui.models.workspace import Chosen
 from sketchterrain.ui.view3d.aim import overview
 from sketchterrain.ui.view3d.compass import heading_of

@@ -15,7 +15,8 @@ from PyQt6.QtWidgets import QFileDialog, QMenu, QMessageBox
 
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
 from sketchterrain.ui.banner import Message
-from sketchterrain.ui.engine.messages import MeasureAdherence, Trouble
+from sketchterrain.ui.engine.messages import Trouble
+from sketchterrain.ui.engine.orders import MeasureAdherence
 from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
 
@@ -229,7 +230,7 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
 
 def test_a_better_picture_is_asked_of_the_engine(window, link, tmp_path, monkeypatch) -> None:
     from sketchterrain.ui.dialogs.picture import PictureDialog
-    from sketchterrain.ui.engine.messages import TakePicture
+    from sketchterrain.ui.engine.orders import TakePicture
 
     path = tmp_path / "best.png"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))

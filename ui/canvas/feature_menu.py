@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.doing_menu import DoingMenu, offer_chosen
-from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.engine.orders import GoTo
 from sketchterrain.ui.models.chosen_acts import add
 
 if TYPE_CHECKING:

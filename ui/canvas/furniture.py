@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from PyQt6.QtGui import QPainter
 
     from sketchterrain.ui.canvas.desk import Desk
-    from sketchterrain.ui.engine.messages import Pose
+    from sketchterrain.ui.engine.orders import Pose
 
 __all__ = [
     "draw_agreement",

@@ -14,7 +14,7 @@ from sketchterrain.ui.canvas.fill_tools import FillTool, PickTool, pick_label
 from sketchterrain.ui.canvas.line_tool import LineTool
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool import Tool
-from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.engine.orders import GoTo
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import QContextMenuEvent, QMouseEvent, QTabletEvent, QWheelEvent

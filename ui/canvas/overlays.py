@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from sketchterrain.ui.canvas.desk import Desk
     from sketchterrain.ui.canvas.marks import Marks
     from sketchterrain.ui.canvas.tool import Tool
-    from sketchterrain.ui.engine.messages import FrameFacts, Pose
+    from sketchterrain.ui.engine.messages import FrameFacts
+    from sketchterrain.ui.engine.orders import Pose
 
 __all__ = ["Overlays"]
 

@@ -13,7 +13,7 @@ from sketchterrain.ui.canvas.marks import draw_chosen
 from sketchterrain.ui.canvas.tool import Tool
 from sketchterrain.ui.canvas.writing import write_beside
 from sketchterrain.ui.commands.chosen_parts import is_there, name_of
-from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.engine.orders import GoTo
 from sketchterrain.ui.models.chosen_acts import delete
 from sketchterrain.ui.models.drags import FeatureDrag
 from sketchterrain.ui.models.handles import chosen_at, handles_of

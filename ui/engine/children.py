@@ -11,7 +11,7 @@ from typing import Final
 
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.messages import Quit
+from sketchterrain.ui.engine.orders import Quit
 
 __all__ = ["Children"]
 

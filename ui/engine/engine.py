@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 from sketchterrain.errors import DeviceFailedError, SketchterrainError, one_line
 from sketchterrain.render import Camera, find_view
 from sketchterrain.render.weather import Weather
-from sketchterrain.ui.engine import messages
+from sketchterrain.ui.engine import orders
 from sketchterrain.ui.engine.channel import Channel, ready
 from sketchterrain.ui.engine.eye import Eye
-from sketchterrain.ui.engine.messages import Picked, Trouble, ViewState, Working
+from sketchterrain.ui.engine.messages import Picked, Trouble, Working
+from sketchterrain.ui.engine.orders import ViewState
 from sketchterrain.ui.engine.plan import Coming, Followed, MeasureJob, PictureJob, Plan, StillRelief
 from sketchterrain.ui.engine.relief import ReliefMaker
 
@@ -28,12 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Engine"]
 
-_SLICE: Final = 0.008
-"""s that the relief gets between two frames."""
-_IDLE_SLICE: Final = 0.03
-"""s that it gets at a time while there is nothing to draw."""
-_RELIEF_WAITS: Final = 0.4
-"""s from one relief to the next while one paints."""
+_SLICE: Final = 0.008  # s that the relief gets between two frames
+_IDLE_SLICE: Final = 0.03  # s that it gets at a time while there is nothing to draw
 _EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 
 
@@ -68,25 +65,22 @@ class Engine:
         self._land, self._show, self._jobs = land, show, jobs
         self._facts = facts
         self._relief = ReliefMaker()
-        self._relief_made = 0.0
         self._eye: Eye | None = None
         self._view = ViewState()
         self._expected, self._fresh = -1, -1
-        self._wanted: messages.Look | None = None
+        self._wanted: orders.Look | None = None
         self._busy_with = ""
         self._goes_on = True
         self._does: dict[type, Callable[[Any], None]] = {
-            messages.Quit: self._quit,
+            orders.Quit: self._quit,
             ViewState: self._look,
-            messages.FrameTaken: self._taken,
-            messages.Look: self._be_at,
-            messages.Pick: self._pick,
-            messages.MeasureAdherence: self._measure,
-            messages.TakePicture: self._take_picture,
+            orders.FrameTaken: self._taken,
+            orders.Look: self._be_at,
+            orders.Pick: self._pick,
+            orders.MeasureAdherence: self._measure,
+            orders.TakePicture: self._take_picture,
             Coming: self._expect,
-            **dict.fromkeys(
-                (messages.Turn, messages.Pan, messages.Zoom, messages.Fly, messages.GoTo), self._move
-            ),
+            **dict.fromkeys((orders.Turn, orders.Pan, orders.Zoom, orders.Fly, orders.GoTo), self._move),
         }
 
     def run(self) -> None:
@@ -118,32 +112,29 @@ class Engine:
             waiting = ready(channels[:2], 0.0)
         if plans:
             self._guarded("view", lambda: self._follow(plans))
-        if self._show is not None and self._eye is not None:
-            due = self._show.due(moving=self._eye.restless)
-            if due is not None and due <= 0.0:
-                self._guarded("view", self._draw)
+        due = self._frame_due()
+        if due is not None and due <= 0.0:
+            self._guarded("view", self._draw)
         if self._relief_due() == 0.0:
             self._guarded("engine", self._make_relief)
         self._say("")
 
     def _pause(self) -> float | None:
         """Return how long to wait for messages, s; None: until there is one."""
-        due = None
-        if self._show is not None and self._eye is not None:
-            due = self._show.due(moving=self._eye.restless)
-        relief = self._relief_due()
-        return min((each for each in (due, relief) if each is not None), default=None)
+        waits = (self._frame_due(), self._relief_due())
+        return min((each for each in waits if each is not None), default=None)
+
+    def _frame_due(self) -> float | None:
+        """Return in how many s the next frame is due; None: none is."""
+        if self._show is None or self._eye is None:
+            return None
+        return self._show.due(moving=self._eye.restless)
 
     def _relief_due(self) -> float | None:
-        """Return in how many s the relief goes on; None: it is as new as the terrain.
-
-        It waits for a terrain that is being placed, but not for long: tiles in view come first.
-        """
-        if not self._relief.busy or self._land.terrain is None:
+        """Return in how many s the relief goes on; None: there is nothing to make."""
+        if self._land.terrain is None:
             return None
-        if self._expected <= self._land.version:
-            return 0.0
-        return max(_RELIEF_WAITS - (time.monotonic() - self._relief_made), 0.0)
+        return self._relief.due(coming=self._expected > self._land.version)
 
     def _do(self, message: Any) -> None:
         self._guarded("engine", lambda: self._does[type(message)](message))
@@ -194,7 +185,7 @@ class Engine:
         if terrain is None:
             return
         if self._eye is None or self._eye.size != terrain.size or self._fresh >= 0 <= version - self._fresh:
-            self._eye, self._fresh = Eye(terrain, aspect=self._aspect), -1
+            self._eye, self._fresh = Eye(terrain, aspect=self._view.aspect), -1
             self._eye.use(self._view.mode)
             if self._wanted is not None:
                 self._be_at(self._wanted)
@@ -228,10 +219,9 @@ class Engine:
         idle = self._show is None or self._show.due(moving=False) is None
         made = self._relief.work(_IDLE_SLICE if idle else _SLICE)
         if made is not None:
-            self._relief_made = time.monotonic()
             self._window.send(made)
 
-    def _quit(self, _: messages.Quit) -> None:
+    def _quit(self, _: orders.Quit) -> None:
         self._goes_on = False
 
     def _look(self, view: ViewState) -> None:
@@ -241,7 +231,7 @@ class Engine:
         if self._show is not None:
             self._show.look(view)
 
-    def _taken(self, _: messages.FrameTaken) -> None:
+    def _taken(self, _: orders.FrameTaken) -> None:
         if self._show is not None:
             self._show.taken()
 
@@ -255,9 +245,9 @@ class Engine:
 
     def _move(self, motion: Any) -> None:
         if self._eye is not None:
-            self._eye.take(motion, aspect=self._aspect)
+            self._eye.take(motion, aspect=self._view.aspect)
 
-    def _be_at(self, look: messages.Look) -> None:
+    def _be_at(self, look: orders.Look) -> None:
         terrain = self._land.terrain
         self._wanted = look if self._eye is None else None
         if self._eye is None or terrain is None:
@@ -268,16 +258,16 @@ class Engine:
         self._say("Looking for a view")
         self._eye.be_at(find_view(terrain, weather=Weather.of(terrain.sketch)))
 
-    def _pick(self, pick: messages.Pick) -> None:
-        place = None if self._eye is None else self._eye.seen(pick.x, pick.y, aspect=self._aspect)
+    def _pick(self, pick: orders.Pick) -> None:
+        place = None if self._eye is None else self._eye.seen(pick.x, pick.y, aspect=self._view.aspect)
         self._window.send(Picked(pick.token, place))
 
-    def _measure(self, _: messages.MeasureAdherence) -> None:
+    def _measure(self, _: orders.MeasureAdherence) -> None:
         if self._land.sketch is None or self._land.terrain is None:
             raise SketchterrainError(self._land.lacks or "there is no terrain yet")
         self._jobs.add(MeasureJob(self._land.version, self._land.sketch, self._land.recipe))
 
-    def _take_picture(self, wanted: messages.TakePicture) -> None:
+    def _take_picture(self, wanted: orders.TakePicture) -> None:
         sun = None if self._show is None else self._show.stage.sun
         if sun is None or self._eye is None or self._land.sketch is None:
             lacks = self._facts.no_picture or self._facts.no_device
@@ -294,11 +284,6 @@ class Engine:
                 overlays=tuple(self._view.overlays),
             )
         )
-
-    @property
-    def _aspect(self) -> float:
-        """Width over height of the picture."""
-        return self._view.width / self._view.height if self._view.width and self._view.height else 1.6
 
     def _tell_facts(self, **changes: str) -> None:
         facts = replace(self._facts, **changes)

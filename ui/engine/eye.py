@@ -12,7 +12,7 @@ from sketchterrain.render.near_ground import NearGround
 from sketchterrain.render.orbit import Orbit
 from sketchterrain.render.sight import sight
 from sketchterrain.render.walk import Walk
-from sketchterrain.ui.engine.messages import Fly, GoTo, Pan, Pose, Turn, Zoom
+from sketchterrain.ui.engine.orders import Fly, GoTo, Pan, Pose, Turn, Zoom
 
 if TYPE_CHECKING:
     import numpy.typing as npt

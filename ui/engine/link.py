@@ -15,16 +15,13 @@ from sketchterrain.ui.engine.messages import (
     Adherence,
     EngineFacts,
     FrameFacts,
-    FrameTaken,
-    Look,
-    Pick,
     Picked,
     Placed,
     Relief,
     Trouble,
-    ViewState,
     Working,
 )
+from sketchterrain.ui.engine.orders import FrameTaken, Look, Pick, ViewState
 from sketchterrain.ui.engine.plan import (
     Coming,
     Followed,

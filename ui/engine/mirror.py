@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.ui.engine.messages import LayerPatch, SketchUpdate
+from sketchterrain.ui.engine.orders import LayerPatch, SketchUpdate
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

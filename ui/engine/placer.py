@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Final
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.engine.channel import Channel, pickled
-from sketchterrain.ui.engine.messages import Placed, Quit, SketchUpdate, Trouble, Working
+from sketchterrain.ui.engine.messages import Placed, Trouble, Working
 from sketchterrain.ui.engine.mirror import SketchMirror
+from sketchterrain.ui.engine.orders import Quit, SketchUpdate
 from sketchterrain.ui.engine.placing import Abandoned, Patience
 from sketchterrain.ui.engine.plan import Plan, StillPlaced
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.changes import Box
-    from sketchterrain.ui.engine.messages import FrameFacts, Pose, SketchUpdate
+    from sketchterrain.ui.engine.messages import FrameFacts
+    from sketchterrain.ui.engine.orders import Pose, SketchUpdate
 
 __all__ = [
     "Coming",

@@ -24,6 +24,8 @@ LARGEST: Final = 1024
 """Samples along the longer side, at most."""
 _POINTS: Final = 16384  # samples that are asked for at once
 _BAND: Final = 32  # rows
+_WAITS: Final = 0.4
+"""s from one relief to the next while one paints."""
 _SUN: Final = np.array([-0.5, 0.5, 0.75]) / np.linalg.norm([-0.5, 0.5, 0.75])
 _STEEPER: Final = 1.6  # times the true slopes: gentle ground shows its shape too
 
@@ -40,6 +42,7 @@ class ReliefMaker:
         self._stale = np.zeros((0, 0), np.bool_)
         self._work: Iterator[bool] | None = None
         self._made: Relief | None = None
+        self._handed_out = 0.0
 
     def follow(self, terrain: Terrain, version: int, areas: list[Box]) -> None:
         """Make the relief of a terrain next, which differs from the one before in some areas only (m)."""
@@ -63,6 +66,15 @@ class ReliefMaker:
         """Whether there is something to make."""
         return self._work is not None or bool(self._stale.any())
 
+    def due(self, *, coming: bool) -> float | None:
+        """Return in how many s it goes on; None: it is as new as the terrain.
+
+        It waits for a terrain that is `coming`, but not for long: tiles in view come first.
+        """
+        if not self.busy:
+            return None
+        return max(_WAITS - (time.monotonic() - self._handed_out), 0.0) if coming else 0.0
+
     def work(self, seconds: float) -> Relief | None:
         """Go on for about so long; return a relief when it is whole."""
         until = time.perf_counter() + seconds
@@ -72,7 +84,7 @@ class ReliefMaker:
                 stale, self._stale = self._stale, np.zeros_like(self._stale)
                 self._work = self._steps(self._terrain, self._version, stale)
             if next(self._work, True):
-                self._work = None
+                self._work, self._handed_out = None, time.monotonic()
                 return self._made
             if time.perf_counter() >= until:
                 break

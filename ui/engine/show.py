@@ -7,7 +7,8 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.ui.engine.frames import PLACES
-from sketchterrain.ui.engine.messages import FrameFacts, ViewState
+from sketchterrain.ui.engine.messages import FrameFacts
+from sketchterrain.ui.engine.orders import ViewState
 from sketchterrain.ui.engine.plan import FrameThere
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from sketchterrain.render.picture_target import PictureTarget
 from sketchterrain.render.quality import SOFTWARE
 from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.sunlight import find_sun, sun_of
-from sketchterrain.ui.engine.messages import ViewState
+from sketchterrain.ui.engine.orders import ViewState
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.box import around
-from sketchterrain.ui.engine.messages import LayerPatch, SketchUpdate
 from sketchterrain.ui.engine.mirror import settings_of
+from sketchterrain.ui.engine.orders import LayerPatch, SketchUpdate
 
 if TYPE_CHECKING:
     from collections.abc import Callable

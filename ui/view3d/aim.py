@@ -9,7 +9,7 @@ import numpy as np
 
 from sketchterrain.features.lakes import lake_centre
 from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
-from sketchterrain.ui.engine.messages import GoTo, Pose
+from sketchterrain.ui.engine.orders import GoTo, Pose
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.messages import Placed

@@ -8,7 +8,7 @@ from PyQt6.QtCore import QRectF, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QPainter
 from PyQt6.QtWidgets import QButtonGroup, QFrame, QHBoxLayout, QToolButton, QWidget
 
-from sketchterrain.ui.engine.messages import MODES
+from sketchterrain.ui.engine.orders import MODES
 from sketchterrain.ui.look.icons import draw_icon
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.doing_menu import DoingMenu
-from sketchterrain.ui.engine.messages import Look
+from sketchterrain.ui.engine.orders import Look
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
 from sketchterrain.ui.look.tool_buttons import tool_button
 from sketchterrain.ui.models.bookmarks import Bookmark

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from PyQt6.QtCore import QEvent, QObject, Qt
 from PyQt6.QtGui import QKeyEvent
 
-from sketchterrain.ui.engine.messages import MODES
+from sketchterrain.ui.engine.orders import MODES
 from sketchterrain.ui.view3d.motion import FLYING_KEYS, Keys
 
 if TYPE_CHECKING:

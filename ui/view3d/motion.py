@@ -6,7 +6,7 @@ from typing import Final
 
 from PyQt6.QtCore import Qt
 
-from sketchterrain.ui.engine.messages import Fly, Pan, Turn, Zoom
+from sketchterrain.ui.engine.orders import Fly, Pan, Turn, Zoom
 
 __all__ = ["FLYING_KEYS", "Keys", "dragged", "zoomed"]
 

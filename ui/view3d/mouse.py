@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject, QPointF, Qt, QTimer, pyqtSignal
 
-from sketchterrain.ui.engine.messages import GoTo
+from sketchterrain.ui.engine.orders import GoTo
 from sketchterrain.ui.models.handles import chosen_at, handles_of
 from sketchterrain.ui.view3d.cursors import grip_cursor
 from sketchterrain.ui.view3d.feature_menu import feature_menu

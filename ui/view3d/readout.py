@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sketchterrain.ui.engine.messages import Pose
+    from sketchterrain.ui.engine.orders import Pose
     from sketchterrain.ui.view3d.draped import Ground
     from sketchterrain.ui.view3d.projection import Projection
 

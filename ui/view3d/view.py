@@ -10,7 +10,7 @@ from PyQt6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtGui import QPainter
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.engine.messages import Look, Trouble, Turn
+from sketchterrain.ui.engine.orders import Look, Turn
 from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.chosen_acts import delete_or_reset
 from sketchterrain.ui.view3d.aim import going_to, overview
@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     )
 
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import FrameFacts, ViewState
+    from sketchterrain.ui.engine.messages import FrameFacts, Trouble
+    from sketchterrain.ui.engine.orders import ViewState
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 

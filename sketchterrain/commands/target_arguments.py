@@ -153,8 +153,8 @@ def options_of(
     from sketchterrain.export.target import ExportOptions
 
     if tiles is None or tiles == (1, 1):
-        of_tiles = {"--overlap": overlap, "--tile-name": tile_name, "--tile-first": tile_first}
-        of_tiles |= {"--tiles-from-south": tiles_from_south}
+        of_tiles: dict[str, object] = {"--overlap": overlap, "--tile-name": tile_name}
+        of_tiles |= {"--tile-first": tile_first, "--tiles-from-south": tiles_from_south}
         refuse_together("no --tiles", of_tiles, "there is one tile")
     return ExportOptions(
         size=size,

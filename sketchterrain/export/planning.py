@@ -187,7 +187,7 @@ def _side(target: Target, tiling: Tiling, tiles: int, size: int | None) -> int:
 def _legal_side(target: Target, tiling: Tiling, tiles: int, size: int | None) -> int:
     whole = {side: tiling.whole(side, tiles) for side in target.sizes if tiles == 1 or side > tiling.overlap}
     wanted = whole.get(target.size) if size is None else size
-    if wanted in whole.values():
+    if wanted is not None and wanted in whole.values():
         return wanted
     if size is None or not whole:
         raise InputError(f"{target.name}: tiles cannot share {tiling.overlap} vertices")

@@ -78,4 +78,5 @@ def sample(terrain: Terrain, grid: Grid, *, progress: Callable[[float], None] | 
 
 def normal_bytes(normal: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     """Return unit vectors as bytes: −1 is 0, 1 is 255."""
-    return np.rint(normal * np.float32(127.5) + np.float32(127.5)).astype(np.uint8)
+    whole: npt.NDArray[np.uint8] = np.rint(normal * np.float32(127.5) + np.float32(127.5)).astype(np.uint8)
+    return whole

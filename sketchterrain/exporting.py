@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import unicodedata
@@ -155,6 +156,8 @@ def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellab
     name = file_name(terrain.sketch.name)
     job = Export(terrain, name, wanted.options, wanted.grid, wanted.tiling, sampled, folder, stages)
     written = wanted.target.write(job)
+    for file in written.files:  # some libraries leave that to the system
+        _flush(file)
     path, told = write_sidecar(job, written, wanted.target.name)
     return Exported(told, (*written.files, path))
 
@@ -168,6 +171,11 @@ def file_name(title: str) -> str:
     plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode()
     name = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")[:64].strip("_")
     return f"terrain_{name}" if _RESERVED.fullmatch(name) else name or "terrain"
+
+
+def _flush(file: Path) -> None:
+    with telling_failure(file), file.open("rb") as stream:
+        os.fsync(stream.fileno())
 
 
 def _check_room(wanted: Plan, terrain: Terrain, folder: Path) -> None:

@@ -81,11 +81,22 @@ class HeightSteps:
         return cls(lowest, max(math.ceil(least * unit) / unit, _SMALLEST))
 
     @classmethod
-    def _checked(cls, low: float, high: float, wanted: tuple[float, float]) -> HeightSteps:
-        lowest, highest = wanted
+    def between(cls, lowest: float, highest: float) -> HeightSteps:
+        """Return the steps of a range, m.
+
+        Raises
+        ------
+        InputError
+            If it is none.
+        """
         if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
             raise InputError(f"heights {lowest:g},{highest:g}: expected the lowest and the highest, m")
-        steps = cls(lowest, highest - lowest)
+        return cls(lowest, highest - lowest)
+
+    @classmethod
+    def _checked(cls, low: float, high: float, wanted: tuple[float, float]) -> HeightSteps:
+        steps = cls.between(*wanted)
+        lowest, highest = wanted
         if low < lowest - 0.5 * steps.step or high > steps.highest + 0.5 * steps.step:
             raise InputError(
                 f"heights {lowest:g},{highest:g}: the terrain goes from {low:.2f} to {high:.2f} m, "

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.grid import Grid
+from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.libraries import require
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.tiling import Tiling
@@ -76,6 +77,7 @@ def plan(sketch: Sketch, target: Target, options: ExportOptions) -> Plan:
         If a library is not installed.
     """
     _check_options(target, options)
+    _check_numbers(options)
     require(target.name, target.libraries)
     tiling = _tiling(target, options)
     if options.crs is not None:
@@ -107,6 +109,15 @@ def _check_options(target: Target, options: ExportOptions) -> None:
         raise InputError(f"{target.name}: expected {formats} as format, got {one_line(options.format)!r}")
     if options.grass and not options.plants:
         raise InputError("grass without plants: expected either, or no option grass")
+
+
+def _check_numbers(options: ExportOptions) -> None:
+    if options.heights is not None:
+        HeightSteps.between(*options.heights)
+    if options.error is not None and not 0.0 < options.error < math.inf:
+        raise InputError(f"error = {options.error:g}: expected more than 0 m")
+    if not all(math.isfinite(each) for each in options.origin):
+        raise InputError(f"origin {options.origin}: expected two finite numbers, m")
 
 
 def _tiling(target: Target, options: ExportOptions) -> Tiling:

@@ -11,7 +11,6 @@ from PyQt6.QtWidgets import QMainWindow, QMenu, QSizePolicy, QTabWidget, QWidget
 
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.orders import GoTo
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.full_views import FullViews
@@ -19,20 +18,11 @@ from sketchterrain.ui.layout import Layout
 from sketchterrain.ui.look.app_icon import app_icon
 from sketchterrain.ui.menus import add_last, add_menus, add_tool_bars
 from sketchterrain.ui.open_dialogs import OpenDialogs
-from sketchterrain.ui.panels.adherence import AdherencePanel
-from sketchterrain.ui.panels.contradictions import ContradictionsPanel
-from sketchterrain.ui.panels.history import HistoryPanel
-from sketchterrain.ui.panels.layers import LayersPanel
-from sketchterrain.ui.panels.properties import PropertiesPanel
-from sketchterrain.ui.panels.status_line import StatusLine
-from sketchterrain.ui.panels.view import ViewPanel
-from sketchterrain.ui.panels.world import WorldPanel
+from sketchterrain.ui.parts import Parts
 from sketchterrain.ui.recent_menu import RecentMenu
 from sketchterrain.ui.sketch_actions import SketchActions
 from sketchterrain.ui.tool_options import ToolOptions
 from sketchterrain.ui.troubles import Surprises, Troubles
-from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
-from sketchterrain.ui.view3d.view import View3D
 from sketchterrain.ui.view_actions import ViewActions
 
 if TYPE_CHECKING:
@@ -108,26 +98,10 @@ class MainWindow(QMainWindow):
         add_last(commands, self.actions_by_name)
         self.banner = Banner(self, below=commands)
         self.surprises = Surprises(self.banner, self)
-        self.canvas = Canvas(document, workspace, link)
-        self.view = View3D(document, workspace, link)
+        self._parts = Parts(document, workspace, link, bookmarks)
+        self.canvas, self.view = self._parts.canvas, self._parts.view
         self.setCentralWidget(self.canvas)
-        contradictions = ContradictionsPanel(workspace, link)
-        self._layers = LayersPanel(document, workspace)
-        self._bookmarks = BookmarksPanel(link, bookmarks)
-        self.layout_of_parts = Layout(
-            self,
-            {
-                "layers": self._layers,
-                "properties": PropertiesPanel(document, workspace, link),
-                "world": WorldPanel(document),
-                "light": ViewPanel(document, link),
-                "view": self.view,
-                "history": HistoryPanel(document),
-                "adherence": AdherencePanel(workspace, link),
-                "contradictions": contradictions,
-                "bookmarks": self._bookmarks,
-            },
-        )
+        self.layout_of_parts = Layout(self, self._parts.panels)
         self.files = Files(
             self,
             document=document,
@@ -137,18 +111,14 @@ class MainWindow(QMainWindow):
             banner=self.banner,
         )
         self._add_menus(recent)
-        self._status = StatusLine(document, workspace, link)
         status = self.statusBar()
         if status is not None:
             status.setSizeGripEnabled(False)
-            status.addPermanentWidget(self._status, 1)
+            status.addPermanentWidget(self._parts.status, 1)
         Troubles(self.banner, link)
-        for part in (self.canvas, self.view):
-            part.hovered.connect(self._status.hover)
-            part.message.connect(self._say)
-        self._layers.message.connect(self._say)
+        self._parts.tell_by(self._say)
         self.view.picture_wanted.connect(self.actions_by_name["save-picture"].trigger)
-        contradictions.show_place.connect(self._show_place)
+        self._parts.contradictions.show_place.connect(self._show_place)
         self._bind()
         document.saved_changed.connect(self._show_title)
         document.sketch_changed.connect(self._show_title)
@@ -198,15 +168,15 @@ class MainWindow(QMainWindow):
                 "zoom-in": self.canvas.zoom_in,
                 "zoom-out": self.canvas.zoom_out,
                 "actual-size": self.canvas.actual_size,
-                "new-label": self._layers.new_label,
-                "delete-label": self._layers.delete_label,
-                "clear-layer": self._layers.clear_layer,
+                "new-label": self._parts.layers.new_label,
+                "delete-label": self._parts.layers.delete_label,
+                "clear-layer": self._parts.layers.clear_layer,
                 "look-all": self.view.see_all,
                 "look-best": self.view.see_best,
                 "look-chosen": self.view.see_chosen,
-                "bookmark": self._bookmarks.add,
+                "bookmark": self._parts.bookmarks.add,
                 **{
-                    f"bookmark-{number}": partial(self._bookmarks.go_to, number - 1)
+                    f"bookmark-{number}": partial(self._parts.bookmarks.go_to, number - 1)
                     for number in range(1, 10)
                 },
                 "restart": self._restart,

@@ -1,0 +1,185 @@
+"""A coloured map as a sketch: its colours, what each stands for, and so the label of each pixel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.sketch import LAYERS
+from sketchterrain.trace.found_colours import find_colours
+from sketchterrain.trace.gaps import fill_gaps, without_specks
+from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND
+from sketchterrain.trace.lines import joined
+from sketchterrain.trace.majority import NO_VOTE, majority
+from sketchterrain.trace.picture import read_picture
+from sketchterrain.trace.sorted_pixels import CLEAR, UNKNOWN, sort_pixels
+from sketchterrain.trace.traced import Traced
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from sketchterrain.trace.found_colours import FoundColour
+    from sketchterrain.trace.legend import Legend, Meaning
+    from sketchterrain.trace.sheet import Sheet
+    from sketchterrain.trace.sorted_pixels import SortedPixels
+
+__all__ = ["SPECKS", "ColouredMap", "TracedMap", "read_map"]
+
+SPECKS: Final = 8
+"""Areas of fewer pixels of the sketch vanish unless it is asked otherwise."""
+
+_INK_REACH = 24.0  # px of the sketch that lettering is filled from its sides; a wider area stays empty
+_THIN = ("river",)
+_GAP = 4  # px of the sketch; lettering and noise break a river so far
+_TOLD = 12  # colours that notes name
+
+
+@dataclass(frozen=True, eq=False)
+class TracedMap(Traced):
+    """What a coloured map gave.
+
+    Attributes
+    ----------
+    colours : tuple of (FoundColour, Meaning or None)
+        What each of its colours was taken for; None: for nothing, the legend does not have it.
+    sure, taken, unknown : float
+        Shares of the picture: plainly one of its colours; taken from what is beside, as borders are; like
+        nothing around it.
+    """
+
+    colours: tuple[tuple[FoundColour, Meaning | None], ...]
+    sure: float
+    taken: float
+    unknown: float
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredMap:
+    """A coloured map that was read: it is asked for a sketch as often as meanings change.
+
+    Attributes
+    ----------
+    name : str
+        Of its file, without the ending.
+    rgba : numpy.ndarray
+        uint8, (height, width, 4).
+    colours : tuple of FoundColour
+        The most common first.
+    meanings : tuple of Meaning or None
+        What the legend says of each of these.
+    pixels : SortedPixels
+    """
+
+    name: str
+    rgba: npt.NDArray[np.uint8]
+    colours: tuple[FoundColour, ...]
+    meanings: tuple[Meaning | None, ...]
+    pixels: SortedPixels
+
+    def traced(
+        self, sheet: Sheet, *, meanings: Sequence[Meaning | None] | None = None, specks: int = SPECKS
+    ) -> TracedMap:
+        """Return the sketch.
+
+        Parameters
+        ----------
+        sheet
+        meanings
+            In place of what the legend says of each colour; None is nothing.
+        specks
+            Areas of fewer pixels of the sketch take what is beside them.
+
+        Raises
+        ------
+        InputError
+            If no colour stands for a label.
+        """
+        meant = tuple(self.meanings if meanings is None else meanings)
+        painted = sorted({each for each in meant if each is not None and each.label}, key=_order)
+        if not painted:
+            named = ", ".join(each.code for each in self.colours[:_TOLD])
+            raise InputError(
+                f"no colour of the legend in it, but {named}: expected some to be named, "
+                "as with --colour mountain=#8b5a2b"
+            )
+        value_of = {meaning: value for value, meaning in enumerate(painted, start=1)}
+        table = np.zeros(256, dtype=np.uint8)
+        table[UNKNOWN] = NO_VOTE
+        table[CLEAR] = 0
+        for index, meaning in enumerate(meant):
+            table[index] = NO_VOTE if meaning == INK else value_of.get(meaning or NOTHING, 0)
+        height, width = self.pixels.index.shape
+        thin = [value for meaning, value in value_of.items() if meaning.layer in _THIN]
+        values = majority(table[self.pixels.index], sheet.size(width, height), thin=thin)
+        values = fill_gaps(values, reach=_INK_REACH, beyond=0)
+        for value in thin:
+            values[joined(values == value, _GAP)] = value
+        values = without_specks(values, specks)
+        layers = {name: np.zeros(values.shape, dtype=np.uint8) for name in LAYERS}
+        for meaning, value in value_of.items():
+            layers[meaning.layer][values == value] = meaning.label
+        sketch, told = sheet.sketch(layers, self.name)
+        pairs = tuple(zip(self.colours, meant, strict=True))
+        pixels = self.pixels
+        notes = (
+            f"{pixels.sure:.1%} of the picture is plainly one of its {len(self.colours)} colours, "
+            f"{pixels.taken:.1%} took what is beside it, {pixels.unknown:.1%} is like nothing around it",
+            *_colour_notes(pairs),
+            *told,
+        )
+        return TracedMap(sketch, notes, pairs, pixels.sure, pixels.taken, pixels.unknown)
+
+
+def read_map(path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
+    """Read a coloured map.
+
+    Parameters
+    ----------
+    path
+        A PNG, JPEG, TIFF or WebP picture.
+    legend
+        What its colours stand for.
+
+    Raises
+    ------
+    InputError
+        If it is no such picture, is too large, or has no colours.
+    """
+    picture, place = read_picture(path), one_line(path)
+    if picture.is_grey:
+        raise InputError(
+            f"{place}: it is black, white and grey: expected a coloured map, or the layer "
+            "that is painted in it, as with --layer mountain"
+        )
+    # The program's own legend has more colours than any picture: they are no reason to tell two apart.
+    sought = () if legend is OWN_LEGEND else (each.rgb for each in legend.colours)
+    colours = find_colours(picture.rgba, sought=sought)
+    if not colours:
+        raise InputError(f"{place}: no area of it is of one colour: expected a coloured map")
+    meanings = tuple(legend.meaning(each.rgb) for each in colours)
+    return ColouredMap(path.stem, picture.rgba, colours, meanings, sort_pixels(picture.rgba, colours))
+
+
+def _order(meaning: Meaning) -> tuple[int, int]:
+    return tuple(LAYERS).index(meaning.layer), meaning.label
+
+
+def _colour_notes(pairs: Sequence[tuple[FoundColour, Meaning | None]]) -> list[str]:
+    known = [f"{each.code} is {meaning} ({each.share:.1%})" for each, meaning in pairs if meaning is not None]
+    left = [f"{each.code} ({each.share:.1%})" for each, meaning in pairs if meaning is None]
+    notes = [", ".join(known[:_TOLD]) + _more(known)] if known else []
+    if left:
+        notes.append(
+            f"no colour of the legend, left empty: {', '.join(left[:_TOLD])}{_more(left)}; "
+            "--colour LAYER=#rrggbb names one"
+        )
+    return notes
+
+
+def _more(told: Sequence[str]) -> str:
+    return f" and {len(told) - _TOLD} more" if len(told) > _TOLD else ""

@@ -1,25 +1,247 @@
-"""Plain formats, read again by readers that are not ours."""
+"""Plain formats, read again by readers that are not ours: right heights, right place, right way up."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import csv
+import json
+import struct
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import OpenEXR
 import pytest
+import rasterio
+from PIL import Image
+
+import sketchterrain as st
+from sketchterrain.errors import InputError
+from sketchterrain.export.grid import Grid
+from sketchterrain.export.sampled import Sampled
+from sketchterrain.export.target import Export, ExportOptions
+from sketchterrain.export.targets import target_named
+from sketchterrain.export.tiling import Tiling
+from sketchterrain.exporting import plan_of, write_export
+from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
-    import sketchterrain as st
+    from numpy.typing import NDArray
+
+SIDE = 65
+FORMS = [("raw", "r16"), ("raw", "r16be"), ("raw", "r32"), ("png16", None), ("exr", None), ("npy", None)]
 
 
-@pytest.mark.parametrize(("form", "kind"), [("r16", "<u2"), ("r16be", ">u2"), ("r32", "<f4")])
-def test_raw_numbers_are_the_heights(exported: Callable, terrain: st.Terrain, form: str, kind: str) -> None:
-    done = exported("raw", size=65, format=form, plants=False)
-    heights = done.sidecar["heights"]
-    values = np.fromfile(done.of(form[:3])[0], kind).reshape(65, 65).astype(np.float64)
-    if form != "r32":
-        values = heights["low"] + values * heights["metres_per_step"]
-    expected = terrain.heights(*done.places(), cell_size=16.0)
-    quantum = 0.0 if form == "r32" else 0.5 * heights["metres_per_step"]
-    np.testing.assert_allclose(values, expected, rtol=0.0, atol=quantum * 1.000001)
+def read(path: Path, tile: dict[str, Any]) -> NDArray[Any]:
+    """Return a file's numbers."""
+    if path.suffix == ".exr":
+        return np.asarray(OpenEXR.File(str(path)).channels()["Y"].pixels)
+    if path.suffix == ".npy":
+        return np.asarray(np.load(path))
+    if path.suffix == ".png":
+        with Image.open(path) as image:
+            return np.asarray(image)
+    return np.fromfile(path, {".r16": "<u2", ".r32": "<f4"}[path.suffix]).reshape(
+        tile["rows"], tile["columns"]
+    )
+
+
+def heights(done: Any, tile: int = 0) -> NDArray[np.float64]:
+    """Return a tile's heights in metres, as whoever knows the sidecar alone would."""
+    told = done.sidecar["heights"]
+    path = next(
+        path
+        for ending in (".r16", ".r32", ".exr", "_height.npy", "_height.png")
+        for path in done.of(ending)[tile : tile + 1]
+    )
+    number = read(path, done.sidecar["tiles"][tile])
+    if done.sidecar.get("byte_order") == "big-endian":
+        number = number.byteswap()
+    if told["numbers"] == "float32":
+        return number.astype(np.float64)
+    return told["low"] + number.astype(np.float64) * told["metres_per_step"]
+
+
+@pytest.fixture(params=FORMS, ids=lambda form: form[1] or form[0])
+def done(request: pytest.FixtureRequest, exported: Callable[..., Any]) -> Any:
+    target, form = request.param
+    return exported(target, size=SIDE, **({"format": form} if form else {}))
+
+
+def test_heights_come_back_within_the_quantum_at_their_places(done: Any, terrain: st.Terrain) -> None:
+    told = done.sidecar["heights"]
+    expected = terrain.heights(*done.places(), cell_size=done.sidecar["grid"]["spacing"]["x"])
+    off = np.abs(heights(done) - expected)
+    assert off.max() <= 0.5 * told.get("metres_per_step", 0.0) * (1 + 1e-9)
+    assert (told["minimum"], told["maximum"]) == (expected.min(), expected.max())
+
+
+def test_the_mountain_is_in_the_upper_right_the_river_on_the_left(done: Any) -> None:
+    row, column = np.unravel_index(heights(done).argmax(), (SIDE, SIDE))
+    assert row < 0.35 * SIDE
+    assert column > 0.65 * SIDE
+    bed = weights(done)[..., 6]
+    assert bed[:, : SIDE // 4].sum() > 0
+    assert bed[:, SIDE // 2 :].sum() == 0
+
+
+def weights(done: Any) -> NDArray[np.uint8]:
+    if done.sidecar["target"] == "npy":
+        return np.asarray(np.load(done.of("_materials.npy")[0]))
+    images = done.of("_materials.png") + done.of("_materials-2.png")
+    return np.concatenate([np.asarray(Image.open(path)) for path in images], axis=-1)
+
+
+def test_weights_sum_to_255_and_are_named(done: Any, terrain: st.Terrain) -> None:
+    assert (weights(done).sum(axis=-1, dtype=int) == 255).all()
+    named = [each if isinstance(each, str) else each["name"] for each in done.sidecar["materials"]]
+    assert named == list(terrain.material_names)
+
+
+def test_normals_are_those_of_the_heights(done: Any) -> None:
+    path = (done.of("_normal.npy") or done.of("_normal.png"))[0]
+    normal = read(path, done.sidecar["tiles"][0]).astype(np.float64) / 127.5 - 1.0
+    dx, dy = (done.sidecar["grid"]["spacing"][axis] for axis in "xy")
+    south, east = np.gradient(heights(done), dy, dx)
+    slope = np.stack([-east, south, np.ones_like(east)], axis=-1)
+    slope /= np.linalg.norm(slope, axis=-1, keepdims=True)
+    inner = (slice(1, -1), slice(1, -1))
+    assert np.abs(normal - slope)[inner].max() < 0.02
+
+
+def test_plants_stand_on_the_ground_in_the_wood(done: Any, terrain: st.Terrain) -> None:
+    if done.sidecar["target"] == "npy":
+        plants = np.load(done.of("foliage.npy")[0])
+        x, y, z = (plants[axis] for axis in "xyz")
+        assert set(plants["species"]) <= set(range(len(done.sidecar["species"])))
+    else:
+        with done.of("foliage.csv")[0].open(encoding="ascii") as stream:
+            rows = list(csv.DictReader(stream))
+        x, y, z = (np.array([float(row[axis]) for row in rows]) for axis in "xyz")
+    assert len(x) > 100
+    np.testing.assert_allclose(z, terrain.heights(x, y), atol=0.05)
+    wood = (x > 34 * 16) & (x < 52 * 16) & (y > 8 * 16) & (y < 24 * 16)
+    assert wood.mean() > 0.8
+
+
+def test_the_river_runs_south_in_the_west_into_a_lake(done: Any) -> None:
+    told = json.loads(done.of("features.json")[0].read_text(encoding="utf-8"))
+    (river,), (lake,) = told["splines"], told["lakes"]
+    line = np.array(river["centreline"])
+    assert line[0, 1] > 700 > 300 > line[-1, 1]
+    assert line[:, 0].max() < 400
+    assert np.concatenate(lake["outline"])[:, 1].max() < 300
+
+
+def test_the_sidecar_names_every_file_and_says_what_it_is(done: Any) -> None:
+    assert {path.name for path in done.folder.iterdir()} == {each["file"] for each in done.sidecar["files"]}
+    assert all(each["what"] for each in done.sidecar["files"])
+    assert done.sidecar["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 1024.0, "north": 1024.0}
+    assert done.sidecar["import"]
+
+
+def test_the_same_terrain_gives_the_same_bytes(done: Any, terrain: st.Terrain, tmp_path: Path) -> None:
+    form = next((form for target, form in FORMS if form and done.of(form[:3])), None)
+    if done.sidecar.get("byte_order") == "big-endian":
+        form = "r16be"
+    options = ExportOptions(size=SIDE, format=form)
+    write_export(plan_of(terrain.sketch, done.sidecar["target"], options), terrain, tmp_path, stages=Stages())
+    for path in done.folder.iterdir():
+        assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
+
+
+def test_raw_has_nothing_but_numbers_from_the_north_west_on(exported: Callable[..., Any]) -> None:
+    little, big = (exported("raw", size=SIDE, format=form) for form in ("r16", "r16be"))
+    content = [each.of(".r16")[0].read_bytes() for each in (little, big)]
+    assert [len(each) for each in content] == [2 * SIDE * SIDE] * 2
+    first = heights(little)[0, 0]
+    steps = little.sidecar["heights"]
+    for text, order in zip(content, "<>", strict=True):
+        (number,) = struct.unpack(f"{order}H", text[:2])
+        assert steps["low"] + number * steps["metres_per_step"] == first
+
+
+def test_another_reader_sees_the_same_png(exported: Callable[..., Any]) -> None:
+    done = exported("png16", size=SIDE)
+    path = done.of("_height.png")[0]
+    with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
+        image = rasterio.open(path)
+    with image:
+        assert image.dtypes == ("uint16",)
+        np.testing.assert_array_equal(image.read(1), read(path, {}))
+
+
+@pytest.mark.parametrize("overlap", [0, 1, 3])
+def test_tiles_joined_are_the_whole(exported: Callable[..., Any], overlap: int) -> None:
+    side = 4 * 16 + overlap
+    whole = exported("raw", size=side, format="r32", plants=False)
+    cut = exported("raw", size=side, format="r32", plants=False, tiles=(4, 2), overlap=overlap)
+    joined = np.full((side, side), np.nan)
+    assert len(cut.sidecar["tiles"]) == 8
+    for number, tile in enumerate(cut.sidecar["tiles"]):
+        part = joined[tile["top"] :, tile["left"] :][: tile["rows"], : tile["columns"]]
+        values = heights(cut, number)
+        known = ~np.isnan(part)
+        np.testing.assert_array_equal(part[known], values[known])
+        part[:] = values
+    np.testing.assert_array_equal(joined, heights(whole))
+
+
+def test_each_tile_says_where_it_lies(exported: Callable[..., Any], terrain: st.Terrain) -> None:
+    done = exported("exr", size=SIDE, plants=False, tiles=(2, 2), tiles_from_south=True, tile_first=1)
+    assert [(tile["x"], tile["y"]) for tile in done.sidecar["tiles"]] == [(1, 2), (2, 2), (1, 1), (2, 1)]
+    for number, tile in enumerate(done.sidecar["tiles"]):
+        path = done.of(".exr")[number]
+        assert path.name == f"high_corner_x{tile['x']}_y{tile['y']}_height.exr"
+        expected = terrain.heights(*done.places(number), cell_size=16.0)
+        np.testing.assert_array_equal(heights(done, number), expected)
+
+
+def test_one_range_for_many_terrains(exported: Callable[..., Any]) -> None:
+    done = exported("png16", size=33, plants=False, heights=(-200.0, 1800.0))
+    told = done.sidecar["heights"]
+    assert (told["low"], told["range"]) == (-200.0, 2000.0)
+    assert told["minimum"] == pytest.approx(heights(done).min(), abs=told["metres_per_step"])
+    with pytest.raises(InputError, match="the terrain goes from"):
+        exported("png16", size=33, plants=False, heights=(-200.0, 200.0))
+
+
+def test_without_plants_there_is_no_file_of_them(exported: Callable[..., Any]) -> None:
+    for target in ("raw", "npy"):
+        assert not any(
+            path.name.startswith("foliage") for path in exported(target, size=33, plants=False).of("")
+        )
+
+
+def test_grass_comes_too_where_it_is_asked_for(tmp_path: Path) -> None:
+    meadow = st.build(st.Sketch(name="Meadow", extent=64.0, layers={"forest": np.ones((16, 16), np.uint8)}))
+    counts = []
+    for grass in (False, True):
+        wanted = plan_of(meadow.sketch, "npy", ExportOptions(size=9, grass=grass))
+        write_export(wanted, meadow, tmp_path, stages=Stages())
+        counts.append(np.bincount(np.load(tmp_path / "foliage.npy")["species"], minlength=8))
+    np.testing.assert_array_equal(counts[0][:5], counts[1][:5])
+    assert counts[0][:5].sum() > 0
+    assert counts[0][5:].sum() == 0 < counts[1][5:].sum()
+
+
+@pytest.mark.slow
+def test_the_largest_tile_in_full(terrain: st.Terrain, tmp_path: Path) -> None:
+    side = 8129
+    height = np.add.outer(np.linspace(900.0, -100.0, side, dtype=np.float32), np.zeros(side, np.float32))
+    height[:, -1] = 1000.0  # the east edge
+    sampled = Sampled(
+        Grid(0.0, 0.0, 8128.0, 8128.0, side, side),
+        height,
+        np.broadcast_to(np.uint8([127, 127, 255]), (side, side, 3)),
+        np.broadcast_to(np.uint8([255, 0, 0, 0, 0, 0, 0, 0]), (side, side, 8)),
+    )
+    options = ExportOptions(plants=False, format="r16", size=side)
+    target_named("raw").write(
+        Export(terrain, "ramp", options, sampled.grid, Tiling(), sampled, tmp_path, Stages())
+    )
+    number = np.fromfile(tmp_path / "ramp_height.r16", "<u2").reshape(side, side)
+    assert (number[:, -1] >= 65534).all()
+    assert number[-1, 0] == 0
+    assert (np.diff(number[:, 0].astype(int)) <= 0).all()

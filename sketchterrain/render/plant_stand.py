@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.look.plant_variants import plant_chances, plant_variants
 from sketchterrain.look.trees import HEIGHTS, VARIANTS
 from sketchterrain.render.thinning import bulk_of, hold_of, whim_of
 
@@ -71,7 +72,7 @@ class Stand(NamedTuple):
 def stand_of(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
     """Return the plants (`PLANT`) of the cell with a south-west corner (m)."""
     place = np.stack([plants["x"] - corner[0], plants["y"] - corner[1], plants["z"] - SINK], axis=1)
-    chance, variant = _chances(plants)
+    chance, second = plant_chances(plants)
     whim = whim_of(plants["level"], chance)
     tall = np.asarray(HEIGHTS)[plants["species"]] * plants["scale"]
     crowding = _crowding(place, tall)
@@ -81,7 +82,7 @@ def stand_of(plants: npt.NDArray[np.void], corner: Floats) -> Stand:
     rows[:, :3], rows[:, 3] = place, tall
     rows[:, 4], rows[:, 5] = np.cos(plants["rotation"]), np.sin(plants["rotation"])
     rows[:, 6] = np.floor(15.0 * crowding) + 0.998 * plants["tint"]
-    kind = plants["species"] * VARIANTS + np.minimum(variant * VARIANTS, VARIANTS - 1)
+    kind = plants["species"] * VARIANTS + plant_variants(second)
     order = np.argsort(-hold, kind="stable")
     single = [array.astype(np.float32)[order] for array in (whim, bulk, hold)]
     return Stand(rows[order], single[0], single[1], single[2], kind.astype(np.uint8)[order])
@@ -116,16 +117,6 @@ def _crowding(place: Floats, tall: Floats) -> Floats:
     ]
     many = np.bincount(at, trees, minlength=int(CELL / PATCH) ** 2)
     return np.asarray(np.clip((many[at] - 1.0) / (DENSE * PATCH**2), 0.0, 1.0))
-
-
-def _chances(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
-    """Return two numbers in 0..1 for each plant from its place alone."""
-    x, y = ((plants[axis] * 8.0).astype(np.int64) for axis in ("x", "y"))
-    seed = x * 73_856_093 ^ y * 19_349_663
-    bits = (seed.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(24)
-    first = ((bits >> np.uint64(16)) & np.uint64(0xFFFF)).astype(np.float64) / 0xFFFF
-    second = ((bits >> np.uint64(32)) & np.uint64(0xFF)).astype(np.float64) / 0xFF
-    return first, second
 
 
 _EMPTY: Final = Stand(

@@ -1,0 +1,87 @@
+"""glTF: one GLB with ground, water and plants, and another with the plants as points."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.glb import Glb
+from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, add_points, gathered_plants
+from sketchterrain.export.gltf_scene import AXES, add_ground, add_water, centre_of
+from sketchterrain.export.ground_images import ground_images
+from sketchterrain.export.ground_mesh import check_error, ground_mesh, mesh_facts
+from sketchterrain.export.target import Library, Target, Written
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.export.target import Export
+
+__all__ = ["LIBRARIES", "TARGETS", "write_glb", "write_gltf"]
+
+LIBRARIES: Final = (Library("pygltflib", "gltf"), Library("pydelatin", "gltf"))
+
+
+def write_gltf(export: Export) -> Written:
+    """Write what programs that read glTF 2.0 take, and beside it images of the ground."""
+    files, facts = write_glb(export)
+    water = export.folder / f"{export.name}_water.json"
+    files[write_water(water, export.terrain.features, AXES)] = "rivers and lakes, m: x east, y up, z south"
+    files |= ground_images(export)
+    settings = {
+        "up": "+Y",
+        "unit": "1 m",
+        "scale": 1.0,
+        "plants": "instances (EXT_mesh_gpu_instancing) in the scene itself; for programs that show one plant of "
+        f"each kind only: {export.name}_plant_points.glb, of the same origin",
+    }
+    return Written(files, settings, facts)
+
+
+def write_glb(export: Export) -> tuple[dict[Path, str], dict[str, Any]]:
+    """Write ``NAME.glb`` and, where there are plants, ``NAME_plant_points.glb``.
+
+    Vertices are float32 from the middle of the ground on, indices 32 bits (glTF 2.0 specification, "Meshes").
+    Instances follow EXT_mesh_gpu_instancing of the Khronos registry; it is used, not required.
+
+    Returns
+    -------
+    files, facts
+        As of `Written`.
+    """
+    made = ground_mesh(export)
+    scene = Glb()
+    add_ground(scene, made.mesh, export)
+    add_water(scene, export)
+    files: dict[Path, str] = {}
+    facts: dict[str, Any] = {"heights": {"numbers": "float32"}, "axes": AXES.facts, "byte_order": "little"}
+    facts["mesh"] = mesh_facts(export, made)
+    if export.options.plants:
+        with export.stages.stage("plants", "Plants"):
+            planting = gathered_plants(export, AXES)
+            detail = add_instances(scene, planting)
+        facts["plants"] = {"count": len(planting.model), "level_of_detail": detail}
+        if len(planting.model):
+            points = Glb()
+            add_points(points, planting, centre_of(export.grid))
+            path = export.folder / f"{export.name}_plant_points.glb"
+            files[points.write(path)] = "plants as points, a node a species, with _SCALE and _ROTATION"
+    with export.stages.stage("glb", "GLB"):
+        path = scene.write(export.folder / f"{export.name}.glb")
+    return {path: "ground, water and plants, m: x east, y up, z south"} | files, facts
+
+
+TARGETS: Final = (
+    Target(
+        name="gltf",
+        title="glTF",
+        line="a GLB: mesh with baked materials, water, plants as instances; plants as points besides",
+        write=write_gltf,
+        libraries=LIBRARIES,
+        knows=frozenset({"error"}),
+        check=check_error,
+        disk=80.0,
+        memory=150.0,
+        bytes_per_plant=BYTES_PER_PLANT,
+    ),
+)

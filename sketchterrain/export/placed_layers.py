@@ -32,24 +32,11 @@ class Origin(NamedTuple):
 
 def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
     """Return the lakes as areas at their level, islands left out."""
-    import shapely
-
-    # Rings cut each other nowhere; where one touches itself, an area has to be mended.
-    areas = [
-        shapely.make_valid(shapely.build_area(shapely.multilinestrings(lake_outline(lake.shape))))
-        for lake in lakes
-    ]
-    moved = [
-        shapely.force_3d(
-            shapely.multipolygons([part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]),
-            lake.level,
-        )
-        for lake, area in zip(lakes, _shifted(areas, origin), strict=True)
-    ]
+    areas = [_area(lake, origin) for lake in lakes]
     return VectorLayer(
         "lakes",
         "MultiPolygon Z",
-        _objects(moved),
+        _objects(areas),
         {
             "id": _texts(lake.id for lake in lakes),
             "label": np.array([lake.label for lake in lakes], np.int32),
@@ -178,10 +165,15 @@ def _moved(places: npt.NDArray[np.float64], origin: Origin) -> npt.NDArray[np.fl
     return np.add(places, (origin.east, origin.north, 0.0))
 
 
-def _shifted(areas: Sequence[Any], origin: Origin) -> list[Any]:
+def _area(lake: Lake, origin: Origin) -> Any:
+    """Return a lake's surface as a shapely area: what an odd number of rings goes around."""
     import shapely
 
-    return [shapely.transform(area, lambda xy: xy + origin) for area in areas]
+    rings = [shapely.linestrings(ring + origin) for ring in lake_outline(lake.shape)]
+    # Rings cut each other nowhere; where one touches itself, an area has to be mended.
+    area = shapely.make_valid(shapely.build_area(shapely.multilinestrings(rings)))
+    parts = [part for part in shapely.get_parts(area) if part.geom_type == "Polygon"]
+    return shapely.force_3d(shapely.multipolygons(parts), lake.level)
 
 
 def _joined(parts: Sequence[npt.NDArray[Any]], empty: tuple[int, ...]) -> npt.NDArray[Any]:

@@ -1,0 +1,287 @@
+"""The GIS target, read back by GDAL: where things lie, which way up, and how the file is laid out."""
+
+from __future__ import annotations
+
+import resource
+import struct
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyogrio
+import pytest
+import rasterio
+import shapely
+
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.export.geopackage import VectorLayer, geopackage
+from sketchterrain.export.placed_layers import Origin, lake_layer
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.exporting import plan_of
+from sketchterrain.features.catalogue import Lake
+from sketchterrain.features.shape_fields import ShapeField
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+EAST, NORTH = 512_000.0, 5_403_000.0
+PLACED = {"crs": "EPSG:25832", "origin": (EAST, NORTH)}
+
+
+@pytest.fixture(scope="module")
+def outcome(exported):
+    return exported("geotiff", size=513, **PLACED)
+
+
+def raster(outcome, what: str) -> Path:
+    (path,) = outcome.of(f"_{what}.tif")
+    return path
+
+
+def world(file: rasterio.DatasetReader) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where a reader thinks that the middles of the pixels lie, less the origin."""
+    rows, columns = np.indices(file.shape)
+    x, y = rasterio.transform.xy(file.transform, rows.ravel(), columns.ravel())
+    return np.reshape(x, file.shape) - EAST, np.reshape(y, file.shape) - NORTH
+
+
+def layer(outcome, name: str) -> tuple[dict, NDArray[np.object_], dict[str, NDArray]]:
+    (path,) = outcome.of(".gpkg")
+    meta, _, geometry, fields = pyogrio.raw.read(path, layer=name)
+    return meta, shapely.from_wkb(geometry), dict(zip(meta["fields"], fields, strict=True))
+
+
+def test_heights_are_the_terrains_where_gdal_says_that_they_lie(outcome, terrain) -> None:
+    with rasterio.open(raster(outcome, "height")) as file:
+        height = file.read(1)
+        x, y = world(file)
+        assert file.crs.to_epsg() == 25832
+        assert file.tags()["AREA_OR_POINT"] == "Point"
+        assert file.nodata == -9999.0
+        assert (file.dtypes, file.descriptions, file.units) == (("float32",), ("height",), ("m",))
+        assert tuple(file.bounds) == (EAST - 1, NORTH - 1, EAST + 1025, NORTH + 1025)  # half a spacing more
+    np.testing.assert_array_equal(height, terrain.heights(x, y, cell_size=2.0))
+    row, column = np.unravel_index(height.argmax(), height.shape)
+    assert row < 160 < 350 < column  # the mountain stands in the north-east
+
+
+def test_without_a_crs_the_sketch_lies_in_local_metres(exported, terrain) -> None:
+    local = exported("geotiff", size=65, plants=False)
+    with rasterio.open(raster(local, "height")) as file:
+        assert 'UNIT["metre",1' in file.crs.to_wkt()
+        assert file.crs.to_epsg() is None
+        assert file.xy(0, 0) == (0.0, 1024.0)
+        np.testing.assert_array_equal(
+            file.read(1)[0], terrain.heights(np.arange(65) * 16.0, 1024.0, cell_size=16.0)
+        )
+    assert local.sidecar["target"] == "geotiff"
+    _, lakes, _ = layer(local, "lakes")
+    assert shapely.contains_xy(lakes[0], 10 * 16.0, 10 * 16.0)
+
+
+@pytest.mark.parametrize("what", ["height", "normal", "materials"])
+def test_the_files_are_laid_out_for_reading_in_parts(outcome, what: str) -> None:
+    """As GDAL's validate_cloud_optimized_geotiff.py wants it, but read without GDAL."""
+    content = raster(outcome, what).read_bytes()
+    assert b"LAYOUT=IFDS_BEFORE_DATA" in content[:400]
+    directories = list(tiff_directories(content))
+    sizes = [tags[256][0] for tags in directories]
+    assert sizes == [513, 256]
+    assert all(tags[322] == tags[323] == (256,) for tags in directories)
+    # The coarsest comes first after all directories, the finest last.
+    first = [min(offset for offset in tags[324] if offset) for tags in directories]
+    assert first == sorted(first, reverse=True)
+    assert len(content) > max(first)
+
+
+def tiff_directories(content: bytes) -> Iterator[dict[int, tuple[int, ...]]]:
+    """Read the image file directories of a little-endian classic TIFF: numbers by tag."""
+    magic, at = struct.unpack_from("<4sI", content)
+    assert magic == b"II*\0"
+    kinds = {3: "H", 4: "I", 16: "Q"}
+    while at:
+        (count,) = struct.unpack_from("<H", content, at)
+        tags = {}
+        for index in range(count):
+            entry = at + 2 + 12 * index
+            tag, kind, length = struct.unpack_from("<HHI", content, entry)
+            if kind in kinds:
+                form = f"<{length}{kinds[kind]}"
+                (far,) = struct.unpack_from("<I", content, entry + 8)
+                place = far if struct.calcsize(form) > 4 else entry + 8
+                tags[tag] = struct.unpack_from(form, content, place)
+        yield tags
+        (at,) = struct.unpack_from("<I", content, at + 2 + 12 * count)
+
+
+def test_an_overview_is_the_mean_of_what_it_covers(outcome) -> None:
+    with rasterio.open(raster(outcome, "height")) as file:
+        height = file.read(1).astype(np.float64)
+        assert file.overviews(1) == [2]
+    with rasterio.open(raster(outcome, "height"), overview_level=0) as coarse:
+        shown = coarse.read(1)
+    assert shown.shape == (256, 256)
+    # Exactly 513/256 pixels a pixel: the mean with the shares of those that are cut.
+    edges = np.linspace(0.0, 513.0, 257)
+    share = np.clip(
+        np.minimum(edges[1:, None], np.arange(1, 514)) - np.maximum(edges[:-1, None], np.arange(513)), 0, 1
+    )
+    share /= share.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(shown, share @ height @ share.T, atol=1e-3)
+
+
+def test_normals_and_weights_have_named_bands(outcome, terrain) -> None:
+    with rasterio.open(raster(outcome, "normal")) as file:
+        assert file.descriptions == ("east", "north", "up")
+        normal = file.read().astype(np.float64) / 127.5 - 1.0
+    with rasterio.open(raster(outcome, "height")) as file:
+        height = file.read(1).astype(np.float64)
+    north, east = np.gradient(height, 2.0)
+    slope = np.stack([-east, north, np.ones_like(east)])
+    slope /= np.linalg.norm(slope, axis=0)
+    cosine = (normal * slope).sum(axis=0) / np.linalg.norm(normal, axis=0)
+    assert np.median(np.degrees(np.arccos(np.clip(cosine, -1, 1)))) < 1.0
+    with rasterio.open(raster(outcome, "materials")) as file:
+        assert file.descriptions == terrain.material_names
+        assert np.all(file.read().sum(axis=0, dtype=int) == 255)
+
+
+def test_the_river_runs_down_from_north_to_south_in_the_west(outcome, terrain) -> None:
+    meta, (line,), fields = layer(outcome, "rivers")
+    assert meta["geometry_type"] == "LineString Z"
+    assert rasterio.crs.CRS.from_user_input(meta["crs"]).to_epsg() == 25832
+    (river,) = terrain.features.rivers
+    places = shapely.get_coordinates(line, include_z=True) - (EAST, NORTH, 0.0)
+    np.testing.assert_allclose(places, river.centreline, atol=1e-6)
+    assert places[0, 1] > 900 > 300 > places[-1, 1]
+    assert places[:, 0].max() < 300
+    assert np.all(np.diff(places[:, 2]) <= 0)
+    assert fields["id"].tolist() == [str(river.id)]
+    assert fields["length"][0] == pytest.approx(line.length)
+    assert fields["width_mouth"][0] == river.centreline_width[-1]
+    assert river.centreline_depth.min() <= fields["depth"][0] <= river.centreline_depth.max()
+    _, stations, along = layer(outcome, "river_stations")
+    assert len(stations) == len(places)
+    np.testing.assert_array_equal(along["width"], river.centreline_width)
+    assert along["distance"][-1] == pytest.approx(line.length)
+
+
+def test_the_lake_lies_where_it_was_painted_at_its_level(outcome, terrain) -> None:
+    _, (area,), fields = layer(outcome, "lakes")
+    (lake,) = terrain.features.lakes
+    assert fields["level"].tolist() == [lake.level]
+    assert shapely.get_coordinates(area, include_z=True)[0, 2] == pytest.approx(lake.level)
+    west, south, east, north = area.bounds
+    assert (west - EAST, south - NORTH, east - EAST, north - NORTH) == pytest.approx(
+        (4 * 16, 6 * 16, 16 * 16, 14 * 16), abs=24
+    )
+
+
+def test_an_island_is_a_hole_and_a_pond_on_it_an_area() -> None:
+    away = np.hypot(*(np.indices((41, 41)) - 20.0))
+    inside = np.where(away < 4, 3.0 - away, np.minimum(away - 8.0, 17.0 - away)).astype(np.float32)
+    field = ShapeField(west=100.0, south=200.0, spacing=2.0, inside=inside)
+    made = lake_layer([Lake(7, 1, field, 12.5, 3.0)], Origin(1000.0, 2000.0))
+    (area,) = made.geometry
+    assert area.is_valid
+    assert [len(part.interiors) for part in sorted(area.geoms, key=lambda part: -part.area)] == [1, 0]
+    assert area.area == pytest.approx(4 * np.pi * (17**2 - 8**2 + 3**2), rel=0.02)
+    assert (area.centroid.x, area.centroid.y) == pytest.approx((1140.0, 2240.0), abs=0.1)
+
+
+def test_features_and_plants_are_points_with_what_they_are(outcome, terrain) -> None:
+    _, points, fields = layer(outcome, "features")
+    placed = terrain.features.points
+    assert fields["id"].tolist() == [str(each) for each in placed["id"]]
+    assert set(fields["type"]) <= {"mountain", "hill", "dune", "forest"}
+    highest = fields["strength"] == fields["strength"][fields["type"] == "mountain"].max()
+    assert shapely.get_x(points[highest])[0] - EAST > 700 < shapely.get_y(points[highest])[0] - NORTH
+    _, trees, woods = layer(outcome, "plants")
+    plants = terrain.foliage(0, 0, 1024, 1024)
+    assert len(trees) == len(plants) > 100
+    assert outcome.sidecar["layers"]["plants"] == len(plants)
+    places = shapely.get_coordinates(trees, include_z=True) - (EAST, NORTH, 0.0)
+    np.testing.assert_allclose(places, np.stack([plants[axis] for axis in "xyz"], axis=-1), atol=1e-6)
+    assert woods["species"].tolist() == [terrain.species_names[each] for each in plants["species"]]
+    np.testing.assert_allclose(np.radians(woods["rotation"]), plants["rotation"], atol=1e-5)
+
+
+def test_a_gis_finds_the_plants_of_a_place_by_the_index(outcome, terrain) -> None:
+    (path,) = outcome.of(".gpkg")
+    box = (EAST + 500, NORTH + 100, EAST + 700, NORTH + 300)
+    info = pyogrio.raw.read(path, layer="plants", bbox=box)[2]
+    assert len(info) == len(terrain.foliage(500, 100, 700, 300)) > 0
+
+
+def test_every_layer_is_there_even_an_empty_one(exported) -> None:
+    done = exported("geotiff", size=65, grass=True)
+    (path,) = done.of(".gpkg")
+    names = [str(name) for name, _ in pyogrio.list_layers(path)]
+    assert names == ["lakes", "rivers", "river_stations", "features", "plants", "grass"]
+    assert done.sidecar["layers"]["grass"] == len(layer(done, "grass")[1]) > 0
+
+
+def test_the_same_terrain_gives_the_same_bytes(exported, outcome, terrain, corner, tmp_path) -> None:
+    from sketchterrain.exporting import write_export
+    from sketchterrain.progress import Stages
+
+    again = write_export(
+        plan_of(corner, "geotiff", ExportOptions(size=513, **PLACED)), terrain, tmp_path, stages=Stages()
+    )
+    for path in again.files:
+        assert path.read_bytes() == (outcome.folder / path.name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("crs", "told"),
+    [
+        ("nonsense", "'nonsense' is no coordinate reference system"),
+        ("", "'' is no coordinate"),
+        ("EPSG:999999", "is no coordinate"),
+        ("/etc/passwd", "is no coordinate"),
+        ("https://example.com/x", "is no coordinate"),
+        ("PROJCS[", "is no coordinate"),
+        ("a\nb" * 9999, "is no coordinate"),
+        ("EPSG:4326", "is in degrees"),
+        ("EPSG:2263", "unit US survey foot"),
+        ("EPSG:4978", "is no map's"),
+        ("EPSG:5773", "is no map's"),
+    ],
+)
+def test_a_crs_that_will_not_do_is_refused_before_any_work(corner, capfd, crs: str, told: str) -> None:
+    with pytest.raises(InputError) as refused:
+        plan_of(corner, "geotiff", ExportOptions(crs=crs))
+    assert told in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert len(str(refused.value)) < 220
+    assert capfd.readouterr().err == ""  # GDAL says nothing of its own
+
+
+@contextmanager
+def files_no_larger_than(size: int) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.8, 0.97])
+def test_a_full_disk_leaves_no_geopackage_that_looks_whole(tmp_path, share: float) -> None:
+    points = shapely.points(np.random.default_rng(3).random((5000, 2)))
+    layer = VectorLayer("plants", "Point", points, {"number": np.arange(5000)})
+    whole = tmp_path / "whole.gpkg"
+    with geopackage(whole, "EPSG:25832") as file:
+        file.add(layer)
+    room = int(whole.stat().st_size * share)
+    with (
+        files_no_larger_than(room),
+        pytest.raises(SketchterrainError, match=r"cut\.gpkg: cannot be written") as told,
+        geopackage(tmp_path / "cut.gpkg", "EPSG:25832") as file,
+    ):
+        file.add(layer)
+    assert "\n" not in str(told.value)

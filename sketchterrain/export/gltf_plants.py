@@ -84,7 +84,7 @@ def gathered_plants(export: Export, axes: EngineAxes) -> Planting:
     for storey in storeys_of(export.options):
         for plants in plants_within(terrain, sampled.grid.area, storey):
             ground = ground_at(sampled, plants["x"], plants["y"])
-            place = axes.places(plants["x"], plants["y"], ground)
+            place = axes.places(plants["x"], plants["y"], ground).astype(np.float64)
             model = plants["species"].astype(np.int64) * VARIANTS
             if storey == "woody":
                 model += plant_variants(plant_chances(plants)[1]).astype(np.int64)

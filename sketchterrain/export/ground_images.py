@@ -18,7 +18,7 @@ __all__ = ["ground_images"]
 
 
 def ground_images(export: Export) -> dict[Path, str]:
-    """Write ``NAME_normal.png`` and ``NAME_materials.png``, ``NAME_materials-2.png`` …, and return what each is.
+    """Write ``NAME_normal.png``, ``NAME_materials.png``, ``NAME_materials-2.png`` …; return what each is.
 
     A texel a vertex, row 0 the north edge; four materials an image.
     """

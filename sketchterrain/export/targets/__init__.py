@@ -17,6 +17,7 @@ _MODULES = {
     "unity": "unity",
     "unreal": "unreal",
     "godot": "godot",
+    "gltf": "gltf",
     "geotiff": "geotiff",
     "raw": "plain",
     "png16": "plain",

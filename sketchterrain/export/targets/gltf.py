@@ -32,8 +32,10 @@ def write_gltf(export: Export) -> Written:
         "up": "+Y",
         "unit": "1 m",
         "scale": 1.0,
-        "plants": "instances (EXT_mesh_gpu_instancing) in the scene itself; for programs that show one plant of "
-        f"each kind only: {export.name}_plant_points.glb, of the same origin",
+        "plants": (
+            "instances (EXT_mesh_gpu_instancing); where a program shows one plant of each kind only: "
+            f"{export.name}_plant_points.glb, of the same origin"
+        ),
     }
     return Written(files, settings, facts)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sketchterrain import export
@@ -40,7 +39,16 @@ if TYPE_CHECKING:
         ) -> npt.NDArray[np.uint8]: ...
 
 
-__all__ = ["LARGEST_SIZE", "Extras", "FoliageFiles", "Generated", "Shared", "check_size", "generate"]
+__all__ = [
+    "LARGEST_SIZE",
+    "Extras",
+    "FoliageFiles",
+    "Generated",
+    "Shared",
+    "check_size",
+    "generate",
+    "preview_of",
+]
 
 
 @dataclass(frozen=True)
@@ -214,8 +222,9 @@ def _generate(
                 writer.add(name, export.write_sheet, folder / name, export.map_sheet(terrain))
         if extras.preview:
             with stages.stage("preview", "Preview"):
-                take = partial(shared.take_picture or _taken, terrain, view=extras.view, weather=weather)
-                problem = _add_preview(writer, folder, take, rendering)
+                picture, problem = preview_of(terrain, extras.view, weather, shared, rendering)
+                if picture is not None:
+                    writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
         with stages.stage("files", "Writing files"):
             files = writer.finish() + plants.files
     told = report_of(terrain, raster, plants)
@@ -263,23 +272,23 @@ class _Writer:
         return paths
 
 
-def _add_preview(
-    writer: _Writer, folder: Path, take: Callable[..., npt.NDArray[np.uint8]], rendering: dict[str, float]
-) -> str | None:
-    """Render the preview; a machine without OpenGL still gets all the rest."""
+def preview_of(
+    terrain: Terrain, view: str, weather: Weather, shared: Shared, timings: dict[str, float]
+) -> tuple[npt.NDArray[np.uint8] | None, str | None]:
+    """Render a preview; a machine without OpenGL still gets all the rest.
+
+    Returns
+    -------
+    picture : (height, width, 3) uint8, or None
+    problem : str or None
+        Why there is none.
+    """
+    from sketchterrain.render import render_picture
+
+    take = shared.take_picture or render_picture
     try:
-        picture = take(timings=rendering)
+        return take(terrain, view=view, weather=weather, timings=timings), None
     except DeviceFailedError:  # not OpenGL's failure: what the device made before is not to be trusted either
         raise
     except SketchterrainError as error:
-        return str(error)
-    writer.add("preview.png", export.write_picture, folder / "preview.png", picture)
-    return None
-
-
-def _taken(
-    terrain: Terrain, *, view: str, weather: Weather, timings: dict[str, float]
-) -> npt.NDArray[np.uint8]:
-    from sketchterrain.render import render_picture
-
-    return render_picture(terrain, view=view, weather=weather, timings=timings)
+        return None, str(error)

@@ -8,7 +8,7 @@ import moderngl
 
 from sketchterrain.errors import DeviceError
 
-__all__ = ["VERSION", "close_context", "open_context"]
+__all__ = ["VERSION", "close_context", "delete_dead", "open_context"]
 
 VERSION = 430
 """OpenGL 4.3 core: the ground is drawn by one indirect multi-draw."""
@@ -41,3 +41,14 @@ def close_context(context: moderngl.Context) -> None:
     """
     context.gc_mode = None  # type: ignore[assignment]  # as its documentation says
     context.release()
+
+
+def delete_dead(context: moderngl.Context) -> None:
+    """Delete what died in a context whose ``gc_mode`` is ``context_gc``; what was given back before is left.
+
+    moderngl's own way fails at the latter.
+    """
+    while context.objects:
+        dead = context.objects.popleft()
+        if hasattr(dead, "release"):
+            dead.release()

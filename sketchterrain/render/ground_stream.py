@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.features.recent import Same
 from sketchterrain.render.ground import GroundPool
+from sketchterrain.render.kept import Kept
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.sharing_probe import beside_gl, on_context
 from sketchterrain.render.stats import GroundChange, StreamStats
-from sketchterrain.render.vertex_memory import open_vertex_memory
+from sketchterrain.render.vertex_memory import DrawnMemory, open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import ScreenError, TileStream, View
 
@@ -68,6 +70,8 @@ class GroundStream:
         Which tiles are too coarse; by default by the quality's tolerance on the screen.
     timer
         Seconds that run on, by which the time for tiles is kept.
+    kept
+        Has the vertices' memory, which the next one of this context gets; by default it is this one's own.
 
     Attributes
     ----------
@@ -95,6 +99,7 @@ class GroundStream:
         finest_cell: float = 0.2,
         metric: Metric | None = None,
         timer: Callable[[], float] = time.perf_counter,
+        kept: Kept | None = None,
     ) -> None:
         quality = quality or Quality()
         terrain = beside_gl(terrain)
@@ -116,7 +121,13 @@ class GroundStream:
         self.terrain = terrain
         self._timer = timer
         self._view: View | None = None
-        self.memory = open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory)
+        self._own = kept is None
+        self.memory = (kept or Kept()).of(
+            "vertices",
+            (Same(terrain.context), slots * tile_bytes, memory),
+            lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
+            close=DrawnMemory.close,
+        )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
         self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads)
         self._eye: npt.NDArray[np.float64] | None = None
@@ -236,7 +247,8 @@ class GroundStream:
     def release(self) -> None:
         """Give the memory of the vertices back; nothing can be drawn any more."""
         self.draws = None
-        self.memory.close()
+        if self._own:
+            self.memory.close()
 
     def _place(self, draws: DrawList, eye: tuple[float, float, float]) -> None:
         self.draws, self._placed_for = draws, eye

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import moderngl
 
     from sketchterrain.render.camera import Camera
+    from sketchterrain.render.kept import Kept
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
@@ -61,6 +62,8 @@ class Renderer:
         What a picture may cost.
     timer
         Seconds that run on, against which a frame's budget is kept.
+    kept
+        What the renderers of this context before it have left, and the next one will find.
 
     Attributes
     ----------
@@ -82,6 +85,7 @@ class Renderer:
         textures: Path | None = None,
         quality: Quality | None = None,
         timer: Callable[[], float] = time.perf_counter,
+        kept: Kept | None = None,
     ) -> None:
         self.timings: dict[str, float] = {}
         self._context = context
@@ -101,6 +105,7 @@ class Renderer:
             textures=textures,
             quality=quality,
             timed=self._timed,
+            kept=kept,
         )
         self.ground = self.scenery.ground
 

@@ -13,6 +13,7 @@ from sketchterrain.render.forest import Forest
 from sketchterrain.render.frame import FrameBlock, within_period
 from sketchterrain.render.ground_cover import GroundCover
 from sketchterrain.render.ground_stream import GroundStream
+from sketchterrain.render.kept import Kept
 from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky
@@ -63,6 +64,8 @@ class Scenery:
         What a picture may cost.
     timed
         Told what the start is busy with: ``textures``, ``sky``.
+    kept
+        What other scenery of this context has left, and the next will find.
 
     Attributes
     ----------
@@ -90,7 +93,9 @@ class Scenery:
         textures: Path | None,
         quality: Quality,
         timed: Callable[[str], AbstractContextManager[None]],
+        kept: Kept | None = None,
     ) -> None:
+        kept = kept or Kept()
         self._context = context
         self._sun = sun
         self._weather = weather
@@ -103,14 +108,18 @@ class Scenery:
         self._aridity = _aridity(terrain)
         self._textures = textures
         with timed("textures"):
-            self._materials = MaterialTextures.of(context, terrain, quality, folder=textures)
-            self._noise = noise_texture(context)
+            self._materials = kept.of(
+                "materials",
+                (repr(terrain.sketch.look), textures, quality.material_texels, quality.hexes > 1),
+                lambda: MaterialTextures.of(context, terrain, quality, folder=textures),
+            )
+            self._noise = kept.of("noise", None, lambda: noise_texture(context))
         with timed("sky"):
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
             self._cloudiness = cloud_defines(quality, weather)
             self.shading, self._clouds = self._lighting()
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
-        self.ground = GroundStream(context, terrain, quality, metric=metric)
+        self.ground = GroundStream(context, terrain, quality, metric=metric, kept=kept)
         self.lit = LitGround(
             context,
             terrain,

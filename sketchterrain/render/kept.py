@@ -1,0 +1,56 @@
+"""What pictures of different terrains share, so that the second one finds it made."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Hashable
+
+__all__ = ["Kept"]
+
+T = TypeVar("T")
+
+
+class Kept:
+    """One thing of each kind, of one OpenGL context: textures of materials, memory of vertices.
+
+    Whoever asks for it may use it until the next one asks.
+    """
+
+    def __init__(self) -> None:
+        self._things: dict[str, tuple[Hashable, object, Callable[[], None] | None]] = {}
+
+    def of(
+        self, kind: str, key: Hashable, make: Callable[[], T], *, close: Callable[[T], None] | None = None
+    ) -> T:
+        """Return the thing of a kind, made if there is none that was made for the key.
+
+        Parameters
+        ----------
+        kind
+        key
+            All that it depends on.
+        make
+            Makes it.
+        close
+            Gives it back, when one for another key takes its place.
+        """
+        known = self._things.get(kind)
+        if known is not None and known[0] == key:
+            thing: T = known[1]  # type: ignore[assignment]  # of the kind that was asked for before
+            return thing
+        self._forget(kind)
+        made = make()
+        self._things[kind] = key, made, None if close is None else lambda: close(made)
+        return made
+
+    def close(self) -> None:
+        """Give all of it back."""
+        for kind in list(self._things):
+            self._forget(kind)
+
+    def _forget(self, kind: str) -> None:
+        _, _, close = self._things.pop(kind, (None, None, None))
+        if close is not None:
+            close()

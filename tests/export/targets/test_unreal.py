@@ -1,0 +1,253 @@
+"""Exports to Unreal Engine, read the way its landscapes read them."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import rasterio
+from PIL import Image
+from rasterio.errors import NotGeoreferencedWarning
+from scipy.interpolate import RegularGridInterpolator
+
+from sketchterrain.errors import InputError
+from sketchterrain.export.sampled import Sampled
+from sketchterrain.export.target import Export, ExportOptions
+from sketchterrain.export.targets.unreal import TARGETS
+from sketchterrain.exporting import plan_of
+from sketchterrain.progress import Stages
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    import sketchterrain as st
+
+# Epic's table of recommended sizes: quads a section, sections a component, components.
+GUIDE = {
+    127: (63, 2, 1),
+    253: (63, 2, 2),
+    505: (63, 2, 4),
+    1009: (63, 2, 8),
+    2017: (63, 2, 16),
+    4033: (63, 2, 32),
+    8129: (127, 2, 32),
+}
+
+
+def numbers(path: Path) -> np.ndarray:
+    """Return a heightmap's numbers, by a reader that is not ours."""
+    if path.suffix == ".r16":
+        found = np.fromfile(path, "<u2")
+        side = round(len(found) ** 0.5)
+        return found.reshape(side, side)
+    with Image.open(path) as image:
+        assert image.mode == "I;16"
+        return np.asarray(image)
+
+
+def imported(found: np.ndarray, settings: dict[str, Any]) -> np.ndarray:
+    """Heights in m, [y, x], y southward: 128 steps from 32768 on are one unit of scale in cm."""
+    local = (found.astype(np.float64) - 32768.0) / 128.0
+    return (local * settings["Scale"]["Z"] + settings["Location"]["Z"]) / 100.0
+
+
+def assert_heights(terrain: st.Terrain, outcome: Any, height: np.ndarray) -> None:
+    """A sample of vertices, corners among them, has the terrain's heights within half a step."""
+    settings, axes = outcome.sidecar["import"], outcome.sidecar["axes"]
+    assert (axes["x"], axes["y"], axes["z"], axes["unit"]) == ("east", "south", "up", "cm")
+    random = np.random.default_rng(3)
+    row, column = (np.append(random.integers(0, side, 3000), [0, side - 1]) for side in height.shape)
+    x = settings["Location"]["X"] + column * settings["Scale"]["X"]
+    y = settings["Location"]["Y"] + row * settings["Scale"]["Y"]
+    east, north = axes["origin"]["east"] + x / 100.0, axes["origin"]["north"] - y / 100.0
+    true = terrain.heights(east, north, cell_size=settings["Scale"]["X"] / 100.0)
+    half = settings["Scale"]["Z"] / 128.0 / 100.0 / 2.0
+    assert np.abs(height[row, column] - true).max() <= half + 1e-4
+
+
+@pytest.mark.parametrize("form", ["png", "r16"])
+@pytest.mark.parametrize("size", [127, 253, 505, pytest.param(1009, marks=pytest.mark.slow)])
+def test_heights_are_those_of_the_terrain_where_unreal_puts_them(
+    terrain: st.Terrain, exported: Callable[..., Any], size: int, form: str
+) -> None:
+    outcome = exported("unreal", size=size, format=form, plants=False)
+    settings = outcome.sidecar["import"]
+    found = numbers(outcome.folder / settings["Heightmap File"])
+    assert found.shape == (size, size)
+    assert_heights(terrain, outcome, imported(found, settings))
+
+
+@pytest.mark.parametrize("size", GUIDE)
+def test_components_are_those_of_the_guide(corner: st.Sketch, size: int) -> None:
+    plan = plan_of(corner, "unreal", ExportOptions(size=size, plants=False))
+    assert (plan.grid.columns, plan.grid.rows) == (size, size)
+    quads, sections, components = GUIDE[size]
+    assert quads * sections * components + 1 == size
+    assert tuple(GUIDE) == TARGETS[0].sizes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("size", "form"), [(2017, "png"), (4033, "png"), (8129, "r16")])
+def test_large_sizes_come_back_too(
+    corner: st.Sketch, terrain: st.Terrain, tmp_path: Path, size: int, form: str
+) -> None:
+    plan = plan_of(corner, "unreal", ExportOptions(size=size, format=form, plants=False))
+    at = np.linspace(0.0, 1.0, size, dtype=np.float32)
+    height = 900.0 * (0.7 * at[None] ** 2 + 0.3 * (1.0 - at[:, None])) - 150.0  # highest in the north-east
+    flat = np.broadcast_to(np.uint8([128, 128, 255]), (size, size, 3))
+    grass = np.broadcast_to(np.uint8([255, 0, 0, 0, 0, 0, 0, 0]), (size, size, 8))
+    sampled = Sampled(plan.grid, height, flat, grass)
+    written = plan.target.write(
+        Export(terrain, "big", plan.options, plan.grid, plan.tiling, sampled, tmp_path, Stages())
+    )
+    settings = written.settings
+    quads, sections, components = GUIDE[size]
+    assert settings["Section Size"] == f"{quads}x{quads} Quads"
+    assert settings["Sections Per Component"] == f"{sections}x{sections} Sections"
+    assert settings["Number of Components"] == {"X": components, "Y": components}
+    assert settings["Overall Resolution"] == {"X": size, "Y": size}
+    got = imported(numbers(tmp_path / f"big_height.{form}"), settings)
+    assert np.abs(got - height).max() <= settings["Scale"]["Z"] / 128.0 / 100.0 / 2.0 + 1e-4
+
+
+def test_the_z_scale_is_the_range_by_512(exported: Callable[..., Any]) -> None:
+    told = exported("unreal", size=127, heights=(-100.0, 924.0), plants=False).sidecar
+    assert told["import"]["Scale"]["Z"] == 1024.0 * 100.0 / 512.0
+    assert told["import"]["Location"]["Z"] == 41200.0
+    assert told["import"]["Scale"]["X"] == told["import"]["Scale"]["Y"] == pytest.approx(102400.0 / 126)
+
+
+def test_gdal_reads_the_same_numbers(exported: Callable[..., Any]) -> None:
+    outcome = exported("unreal", size=253)
+    path = outcome.folder / outcome.sidecar["import"]["Heightmap File"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        file = rasterio.open(path)
+    with file:
+        assert (file.count, file.dtypes) == (1, ("uint16",))
+        np.testing.assert_array_equal(file.read(1), numbers(path))
+
+
+def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None:
+    outcome = exported("unreal", size=253)
+    found = numbers(outcome.folder / outcome.sidecar["import"]["Heightmap File"])
+    row, column = np.unravel_index(found.argmax(), found.shape)
+    assert row < 0.3 * 252
+    assert column > 0.7 * 252
+
+
+@pytest.mark.parametrize("from_south", [False, True])
+def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., Any], from_south: bool) -> None:
+    whole = exported("unreal", size=253)
+    outcome = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=from_south)
+    settings = outcome.sidecar["import"]
+    assert settings["Flip Tile Y Coordinate"] is from_south
+    assert settings["Overall Resolution"] == {"X": 127, "Y": 127}
+    assert settings["Number of Components"] == {"X": 1, "Y": 1}
+    joined = np.full((253, 253), -1)
+    for x in (0, 1):
+        for y in (0, 1):
+            found = numbers(outcome.folder / f"high_corner_height_x{x}_y{y}.png")
+            down = 1 - y if settings["Flip Tile Y Coordinate"] else y  # Unreal's y points south
+            window = joined[126 * down : 126 * down + 127, 126 * x : 126 * x + 127]
+            np.testing.assert_array_equal(window[window >= 0], found[window >= 0])
+            window[:] = found
+    np.testing.assert_array_equal(joined, numbers(whole.folder / "high_corner_height.png"))
+
+
+def test_tiles_can_stand_side_by_side(exported: Callable[..., Any]) -> None:
+    outcome = exported("unreal", size=254, tiles=(2, 2), overlap=0, plants=False)
+    grid = outcome.sidecar["grid"]
+    assert (grid["columns"], outcome.sidecar["tiles"][1]["left"]) == (254, 127)
+
+
+def weights(outcome: Any, suffix: str = "") -> np.ndarray:
+    layers = []
+    for name in outcome.sidecar["layers"]:
+        with Image.open(outcome.folder / f"high_corner_weight_{name}{suffix}.png") as image:
+            assert image.mode == "L"
+            layers.append(np.asarray(image).astype(int))
+    return np.stack(layers, axis=-1)
+
+
+def test_weights_sum_to_255_and_lie_where_the_materials_are(exported: Callable[..., Any]) -> None:
+    outcome = exported("unreal", size=253)
+    found = weights(outcome)
+    assert found.shape == (253, 253, 8)
+    assert (found.sum(axis=-1) == 255).all()
+    wood = found[..., outcome.sidecar["layers"].index("forest_floor")]
+    y, x = np.indices(wood.shape) / 252.0
+    # Painted in columns 34 … 52 of 64 and rows 40 … 56 from the north.
+    assert (wood * x).sum() / wood.sum() == pytest.approx(43 / 64, abs=0.04)
+    assert (wood * y).sum() / wood.sum() == pytest.approx(48 / 64, abs=0.04)
+    tiled = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=False)
+    np.testing.assert_array_equal(weights(tiled, "_x1_y0"), found[:127, 126:])
+
+
+def test_normals_are_y_down(exported: Callable[..., Any]) -> None:
+    outcome = exported("unreal", size=253)
+    settings = outcome.sidecar["import"]
+    height = imported(numbers(outcome.folder / settings["Heightmap File"]), settings)
+    south, east = np.gradient(height, settings["Scale"]["X"] / 100.0)
+    with Image.open(outcome.folder / "high_corner_normal.png") as image:
+        normal = np.asarray(image) / 127.5 - 1.0
+    for channel, slope in ((0, east), (1, south)):
+        assert np.corrcoef(normal[..., channel].ravel(), -slope.ravel())[0, 1] > 0.9
+    assert (normal[..., 2] > 0.0).all()
+
+
+def test_plants_are_the_terrains_and_stand_on_unreals_ground(
+    terrain: st.Terrain, exported: Callable[..., Any]
+) -> None:
+    outcome = exported("unreal", size=253)
+    told = json.loads((outcome.folder / "high_corner_plants.json").read_text(encoding="utf-8"))
+    rows = dict(zip(told["fields"], np.array(told["plants"]).T, strict=True))
+    true = terrain.foliage(0.0, 0.0, 1024.0, 1024.0)
+    assert told["species"] == list(terrain.species_names)
+    np.testing.assert_array_equal(rows["species"], true["species"])
+    np.testing.assert_allclose(rows["x"], 100.0 * true["x"], atol=1e-3)
+    np.testing.assert_allclose(rows["y"], 100.0 * (1024.0 - true["y"]), atol=1e-3)
+    settings = outcome.sidecar["import"]
+    height = imported(numbers(outcome.folder / settings["Heightmap File"]), settings)
+    ground = RegularGridInterpolator((range(253), range(253)), height)
+    place = np.stack([rows["y"] / settings["Scale"]["Y"], rows["x"] / settings["Scale"]["X"]], axis=-1)
+    step = settings["Scale"]["Z"] / 128.0
+    assert np.abs(rows["z"] - 100.0 * ground(np.clip(place, 0.0, 252.0))).max() <= step / 2.0 + 1e-2
+    # Unreal's yaw is clockwise seen from above: a plant that looks north looks along −y.
+    yaw = np.radians(rows["rotation"])
+    np.testing.assert_allclose(np.cos(yaw), np.cos(true["rotation"]), atol=1e-5)
+    np.testing.assert_allclose(np.sin(yaw), -np.sin(true["rotation"]), atol=1e-5)
+    np.testing.assert_allclose(rows["normal_y"], -true["normal"][:, 1], atol=1e-4)
+    np.testing.assert_allclose(rows["normal_z"], true["normal"][:, 2], atol=1e-4)
+
+
+def test_water_is_in_centimetres(terrain: st.Terrain, exported: Callable[..., Any]) -> None:
+    outcome = exported("unreal", size=253)
+    water = json.loads((outcome.folder / "high_corner_water.json").read_text(encoding="utf-8"))
+    (river,), (lake,) = water["rivers"], water["lakes"]
+    points, true = np.array(river["points"]), terrain.features.rivers[0]
+    np.testing.assert_allclose(points[:, 0], 100.0 * true.centreline[:, 0], atol=1e-3)
+    np.testing.assert_allclose(points[:, 1], 100.0 * (1024.0 - true.centreline[:, 1]), atol=1e-3)
+    np.testing.assert_allclose(points[:, 2], 100.0 * true.centreline[:, 2], atol=1e-3)
+    np.testing.assert_allclose(river["width"], 100.0 * true.centreline_width, rtol=1e-6)
+    assert lake["level"] == pytest.approx(100.0 * terrain.features.lakes[0].level, abs=1e-3)
+    assert {point[2] for ring in lake["outline"] for point in ring} == {lake["level"]}
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"size": 1024}, "1009 or 2017"),
+        ({"size": 128}, "127 or 253"),
+        ({"size": 16257}, "8129"),
+        ({"size": 505, "format": "raw"}, "png or r16"),
+        ({"size": 505, "crs": "EPSG:25832"}, "crs"),
+    ],
+)
+def test_what_unreal_refuses_is_refused_first(corner: st.Sketch, options: dict[str, Any], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        plan_of(corner, "unreal", ExportOptions(**options))

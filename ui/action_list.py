@@ -72,6 +72,9 @@ COMMANDS: Final[dict[str, Command]] = {
     "new": Command("&New…", "Begin a sketch of another size or extent", "new", ("Ctrl+N",)),
     "open": Command("&Open…", "Open a .sketch file", "open", ("Ctrl+O",)),
     "open-folder": Command("Open &folder…", "Open a sketch that is kept as a folder of images", "open"),
+    "trace": Command(
+        "New from pi&cture…", "Begin with a coloured map, a paint program's layers or a GIS's vectors", "pick"
+    ),
     "presets": Command("&Presets…", "Begin with one of the program's own sketches", "gallery", ("Ctrl+P",)),
     "save": Command("&Save", "Save the sketch", "save", ("Ctrl+S",)),
     "save-as": Command("Save &as…", "Save the sketch under another name", "", ("Ctrl+Shift+S",)),

@@ -25,7 +25,7 @@ _MODES = ("mode-orbit", "mode-fly", "mode-walk")
 
 MENUS: Final[dict[str, tuple[str, ...]]] = {
     "&File": (
-        *("new", "open", "open-folder", ">Open &recent", "presets", _RULE, "save", "save-as", _RULE),
+        *("new", "trace", "open", "open-folder", ">Open &recent", "presets", _RULE, "save", "save-as", _RULE),
         *("import", "export", "save-picture", _RULE, "quit"),
     ),
     "&Edit": (

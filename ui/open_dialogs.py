@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject, QUrl
 from PyQt6.QtGui import QDesktopServices
+from PyQt6.QtWidgets import QFileDialog
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Message
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.preferences import Preferences
 
 __all__ = ["OpenDialogs"]
+
+_TRACED = (
+    "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg)"
+    ";;All files (*)"
+)
 
 
 class OpenDialogs(QObject):
@@ -67,6 +73,7 @@ class OpenDialogs(QObject):
             {
                 "new": self.new,
                 "presets": self.presets,
+                "trace": self.trace,
                 "export": self.export,
                 "save-picture": self.save_picture,
                 "preferences": self.preferences,
@@ -93,6 +100,22 @@ class OpenDialogs(QObject):
         dialog = PresetsDialog(self._window)
         if self._run(dialog):
             self._files.open_preset(dialog.name)
+
+    def trace(self) -> None:
+        """Begin with what is in a picture."""
+        start = str(self._preferences.last_folder)
+        name, _ = QFileDialog.getOpenFileName(self._window, "New from a picture", start, _TRACED)
+        if name:
+            self.trace_file(Path(name))
+
+    def trace_file(self, path: Path) -> None:
+        """Ask what a picture's colours become, and begin with that."""
+        from sketchterrain.ui.dialogs.trace import TraceDialog
+
+        dialog = TraceDialog(path, self._window)
+        if self._run(dialog):
+            self._preferences.last_folder = path.absolute().parent
+            self._files.begin(dialog.sketch())
 
     def export(self) -> None:
         """Export the terrain."""

@@ -25,10 +25,11 @@ if TYPE_CHECKING:
 
     from sketchterrain.trace.found_colours import FoundColour
     from sketchterrain.trace.legend import Legend, Meaning
+    from sketchterrain.trace.picture import Picture
     from sketchterrain.trace.sheet import Sheet
     from sketchterrain.trace.sorted_pixels import SortedPixels
 
-__all__ = ["SPECKS", "ColouredMap", "TracedMap", "read_map"]
+__all__ = ["SPECKS", "ColouredMap", "TracedMap", "map_of", "read_map"]
 
 SPECKS: Final = 8
 """Areas of fewer pixels of the sketch vanish unless it is asked otherwise."""
@@ -150,7 +151,26 @@ def read_map(path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
     InputError
         If it is no such picture, is too large, or has no colours.
     """
-    picture, place = read_picture(path), one_line(path)
+    return map_of(read_picture(path), path, legend)
+
+
+def map_of(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
+    """Return the coloured map that a picture is.
+
+    Parameters
+    ----------
+    picture
+    path
+        Where it came from.
+    legend
+        What its colours stand for.
+
+    Raises
+    ------
+    InputError
+        If it has no colours.
+    """
+    place = one_line(path)
     if picture.is_grey:
         raise InputError(
             f"{place}: it is black, white and grey: expected a coloured map, or the layer "

@@ -196,8 +196,8 @@ def _own() -> Legend:
     common = (
         # What people take for these without asking.
         *("mountain=#8b5a2b", "mountain=#a0522d", "mountain=#5b3a1e", "hill=#9acd32", "forest=#008000"),
-        *("river=#0000ff", "river=#1f4e9c", "lake=#87ceeb", "dune=#ffff00", "dune=#f0e68c", "ink=#000000"),
-        "nothing=#ffffff",
+        *("river=#0000ff", "river=#1f4e9c", "lake=#87ceeb", "dune=#ffff00", "dune=#f0e68c"),
+        *("nothing=#ffffff", "ink=#000000", "ink=#101010", "ink=#202020", "ink=#303030"),
         # OpenStreetMap's standard style (openstreetmap-carto, style/landcover.mss, style/water.mss).
         *("lake=#aad3df", "forest=#add19e", "dune=#f5e9c6", "material=#eee5dc", "nothing=#f2efe9"),
         *("nothing=#cdebb0", "nothing=#ddecec"),

@@ -1,0 +1,124 @@
+"""The dialog for a new sketch from a picture: what it finds, what one can change, what comes of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+from PyQt6.QtCore import Qt
+from PyQt6.QtWidgets import QAbstractSpinBox, QComboBox, QLineEdit
+
+from sketchterrain.trace.legend import NOTHING, Meaning
+from sketchterrain.ui.dialogs.trace import TraceDialog
+
+
+@pytest.fixture
+def picture(tmp_path):
+    """A map of 120×80 px: mountains north-west, a forest east, white between."""
+    pixels = np.full((80, 120, 3), 255, np.uint8)
+    pixels[5:35, 5:45] = (139, 90, 43)
+    pixels[20:70, 80:115] = (0, 128, 0)
+    path = tmp_path / "island.png"
+    Image.fromarray(pixels).save(path)
+    return path
+
+
+def opened(qtbot, path) -> TraceDialog:
+    dialog = TraceDialog(path)
+    qtbot.addWidget(dialog)
+    dialog.show()
+    return dialog
+
+
+def ready(qtbot, dialog: TraceDialog) -> None:
+    qtbot.waitUntil(dialog.agree.isEnabled, timeout=20_000)
+
+
+def test_colours_are_found_and_named(qtbot, picture) -> None:
+    dialog = opened(qtbot, picture)
+    assert not dialog.agree.isEnabled()
+    ready(qtbot, dialog)
+    assert dialog.colours.meanings == (NOTHING, Meaning("forest", 1), Meaning("mountain", 1))
+    assert [box.currentText() for box in dialog.colours.boxes] == ["Nothing", "Forests", "Mountains"]
+    sketch = dialog.sketch()
+    assert (sketch.name, sketch.width_px, sketch.height_px) == ("island", 120, 80)
+    assert sketch.layers["mountain"][5:35, 5:45].all()
+    assert np.count_nonzero(sketch.layers["mountain"]) == 30 * 40
+    assert not dialog.before.pixmap().isNull()
+    assert not dialog.after.pixmap().isNull()
+
+
+def test_a_colour_becomes_something_else_by_keys_alone(qtbot, picture) -> None:
+    dialog = opened(qtbot, picture)
+    ready(qtbot, dialog)
+    box = dialog.colours.boxes[1]
+    box.setFocus()
+    while box.currentText() != "Lakes":
+        before = box.currentIndex()
+        qtbot.keyClick(box, Qt.Key.Key_Down)
+        assert box.currentIndex() > before
+    assert not dialog.agree.isEnabled()
+    ready(qtbot, dialog)
+    assert not dialog.sketch().layers["forest"].any()
+    assert dialog.sketch().layers["lake"][20:70, 80:115].all()
+
+
+def test_size_extent_and_name_are_the_sketchs(qtbot, picture) -> None:
+    dialog = opened(qtbot, picture)
+    ready(qtbot, dialog)
+    dialog.name.selectAll()
+    qtbot.keyClicks(dialog.name, "Far isle")
+    dialog.size_px.setValue(60)
+    dialog.extent.setValue(9000.0)
+    ready(qtbot, dialog)
+    sketch = dialog.sketch()
+    assert (sketch.name, sketch.extent) == ("Far isle", 9000.0)
+    assert (sketch.width_px, sketch.height_px) == (60, 40)
+    assert "60 × 40 px, 9 km × 6 km" in dialog.told.text()
+
+
+def test_nothing_at_all_cannot_be_created(qtbot, picture) -> None:
+    dialog = opened(qtbot, picture)
+    ready(qtbot, dialog)
+    for box in dialog.colours.boxes:
+        box.setCurrentIndex(0)
+    qtbot.waitUntil(lambda: "no colour of the legend" in dialog.told.text(), timeout=20_000)
+    assert not dialog.agree.isEnabled()
+    dialog.colours.boxes[1].setCurrentIndex(3)
+    ready(qtbot, dialog)
+
+
+def test_a_grey_picture_asks_for_its_layer(qtbot, tmp_path) -> None:
+    pixels = np.zeros((64, 64), np.uint8)
+    pixels[20:40, 10:50] = 255
+    Image.fromarray(pixels).save(tmp_path / "mask.png")
+    dialog = opened(qtbot, tmp_path / "mask.png")
+    ready(qtbot, dialog)
+    dialog.layer.setCurrentText("Lakes 2")
+    ready(qtbot, dialog)
+    lake = dialog.sketch().layers["lake"]
+    assert np.array_equal(lake == 2, pixels > 0)
+
+
+def test_what_cannot_be_traced_is_told(qtbot, tmp_path) -> None:
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
+    dialog = opened(qtbot, tmp_path / "a.png")
+    qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.told.text(), timeout=20_000)
+    assert not dialog.agree.isEnabled()
+    qtbot.keyClick(dialog, Qt.Key.Key_Escape)
+    assert dialog.isHidden()
+
+
+def test_it_is_closed_while_it_reads(qtbot, picture) -> None:
+    dialog = opened(qtbot, picture)
+    dialog.reject()
+    qtbot.wait(300)
+    assert dialog.isHidden()
+    assert not dialog.agree.isEnabled()
+
+
+def test_every_control_has_a_name(qtbot, picture) -> None:
+    dialog = opened(qtbot, picture)
+    ready(qtbot, dialog)
+    for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit)):
+        assert control.accessibleName() or control.objectName().startswith("qt_")

@@ -1,0 +1,246 @@
+"""The dialog for a new sketch from a picture: what it shows, what is read from it, what colours become."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, cast
+
+from PyQt6.QtCore import QTimer
+from PyQt6.QtWidgets import (
+    QDialog,
+    QDoubleSpinBox,
+    QGroupBox,
+    QHBoxLayout,
+    QLineEdit,
+    QSpinBox,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from sketchterrain.sketch import SKETCH
+from sketchterrain.trace.coloured_map import SPECKS
+from sketchterrain.trace.sheet import LONGEST, Sheet
+from sketchterrain.ui.dialogs.sheet import button_row, column, form, note
+from sketchterrain.ui.dialogs.shown_picture import ShownPicture
+from sketchterrain.ui.dialogs.trace_colours import ColourTable, meaning_box
+from sketchterrain.ui.dialogs.trace_source import TracedShown, TraceSource, read_source, trace_source
+from sketchterrain.ui.look.theme import MARGIN
+from sketchterrain.ui.models.reading import Reading
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from PyQt6.QtGui import QCloseEvent
+
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.trace.legend import Meaning
+
+__all__ = ["TraceDialog"]
+
+_PATIENCE = 150  # ms that wishes rest until they are followed
+_SIDES = (32, 16384)  # px
+_NOTES = 3
+
+
+class TraceDialog(QDialog):
+    """Asks what a picture's colours become; see `sketch` when it was accepted.
+
+    Parameters
+    ----------
+    path
+        The picture, or the layers of a paint program, or vectors.
+    """
+
+    def __init__(self, path: Path, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._source: TraceSource | None = None
+        self._made: TracedShown | None = None
+        self._reading = Reading(self)
+        self._reading.failed.connect(self._refuse)
+        self._rest = QTimer(self)
+        self._rest.setSingleShot(True)
+        self._rest.setInterval(_PATIENCE)
+        self._rest.timeout.connect(self._trace)
+        rows = column(self, f"New from {path.name}")
+        self.before, self.after = ShownPicture("The picture"), ShownPicture("The sketch")
+        pictures = QHBoxLayout()
+        pictures.setSpacing(MARGIN)
+        pictures.addWidget(_framed("Picture", self.before))
+        pictures.addWidget(_framed("Sketch", self.after))
+        rows.addLayout(pictures, 1)
+        wishes = QHBoxLayout()
+        wishes.setSpacing(2 * MARGIN)
+        wishes.addWidget(self._meanings_page(), 1)
+        wishes.addLayout(self._sheet_form(path), 1)
+        rows.addLayout(wishes)
+        self.told = note()
+        rows.addWidget(self.told)
+        box, self.agree = button_row(self, "Create")
+        rows.addWidget(box)
+        self.agree.setEnabled(False)
+        self.told.setText("Reading …")
+        self.resize(860, 720)
+        self._reading.read(partial(read_source, path), self._take)
+
+    def sketch(self) -> Sketch:
+        """Return the new sketch.
+
+        Raises
+        ------
+        RuntimeError
+            If nothing was traced; the dialog cannot be accepted then.
+        """
+        if self._made is None:
+            raise RuntimeError("expected a traced sketch")
+        return self._made.traced.sketch
+
+    def done(self, result: int) -> None:
+        """Let go of what is being read."""
+        self._rest.stop()
+        self._reading.cancel()
+        super().done(result)
+
+    def closeEvent(self, event: QCloseEvent | None) -> None:
+        """Let go of what is being read."""
+        self._rest.stop()
+        self._reading.cancel()
+        super().closeEvent(event)
+
+    def _meanings_page(self) -> QWidget:
+        self.colours = ColourTable()
+        self.colours.changed.connect(self._change)
+        self.layer = meaning_box(special=False)
+        self.layer.setAccessibleName("What is painted")
+        self.layer.currentIndexChanged.connect(self._change)
+        one = QWidget()
+        fields = form()
+        fields.addRow("What is &painted", self.layer)
+        one.setLayout(fields)
+        self.pages = QStackedWidget()
+        for page in (self.colours, one, note("Its layers say what they are.")):
+            self.pages.addWidget(page)
+        group = QGroupBox("What its colours become")
+        inner = QVBoxLayout(group)
+        inner.addWidget(self.pages)
+        self._group = group
+        return group
+
+    def _sheet_form(self, path: Path) -> QVBoxLayout:
+        self.name = QLineEdit(path.stem)
+        self.name.setMaxLength(int(SKETCH["name"].high))
+        self.extent = QDoubleSpinBox()
+        self.extent.setDecimals(0)
+        self.extent.setRange(SKETCH["extent"].low, SKETCH["extent"].high)
+        self.extent.setSingleStep(1024)
+        self.extent.setSuffix(" m")
+        self.extent.setGroupSeparatorShown(True)
+        self.extent.setValue(float(SKETCH["extent"].default))
+        self.size_px = QSpinBox()
+        self.size_px.setRange(*_SIDES)
+        self.size_px.setSuffix(" px")
+        self.size_px.setValue(512)
+        self.specks = QSpinBox()
+        self.specks.setRange(0, 10_000)
+        self.specks.setSuffix(" px")
+        self.specks.setValue(SPECKS)
+        fields = form()
+        controls: tuple[tuple[str, QWidget, str], ...] = (
+            ("&Name", self.name, "What the sketch is called"),
+            ("&Extent", self.extent, "Length of the picture's longer side"),
+            ("&Size", self.size_px, "Pixels of the sketch along its longer side"),
+            ("S&pecks", self.specks, "Areas of fewer pixels vanish"),
+        )
+        for title, control, tip in controls:
+            fields.addRow(title, control)
+            control.setToolTip(tip)
+            control.setAccessibleName(title.replace("&", ""))
+        for box in (self.size_px, self.specks):
+            box.setKeyboardTracking(False)
+            box.valueChanged.connect(self._change)
+        self.extent.setKeyboardTracking(False)
+        self.extent.valueChanged.connect(self._change)
+        self.name.textEdited.connect(self._change)
+        whole = QVBoxLayout()
+        whole.addLayout(fields)
+        whole.addStretch(1)
+        return whole
+
+    def _take(self, result: object) -> None:
+        source = cast(TraceSource, result)
+        self._source = source
+        if source.shown is not None:
+            self.before.show_pixels(source.shown)
+        if source.map is not None:
+            self.colours.show_colours(source.map.colours, source.map.meanings)
+            height, width = source.map.rgba.shape[:2]
+            self._set_size(max(height, width))
+        elif source.shown is not None:
+            self._set_size(max(source.shown.shape[:2]))
+            self._group.setTitle("What is painted in it becomes")
+            self.pages.setCurrentIndex(1)
+        else:
+            self._group.setTitle("What it becomes")
+            self.pages.setCurrentIndex(2)
+        self.extent.setEnabled(source.kind != "vectors")
+        self.specks.setEnabled(source.map is not None)
+        self._trace()
+
+    def _set_size(self, longest: int) -> None:
+        self.size_px.blockSignals(True)
+        self.size_px.setValue(min(longest, LONGEST))
+        self.size_px.blockSignals(False)
+
+    def _change(self, *_: object) -> None:
+        if self._source is not None:
+            self.agree.setEnabled(False)
+            self._rest.start()
+
+    def _trace(self) -> None:
+        source = self._source
+        if source is None:
+            return
+        sheet = Sheet(
+            size_px=self.size_px.value(),
+            extent=self.extent.value(),
+            name=self.name.text().strip() or "Untitled",
+        )
+        layer = cast("Meaning", self.layer.currentData())
+        work = partial(
+            trace_source,
+            source,
+            sheet,
+            meanings=self.colours.meanings,
+            layer=str(layer),
+            specks=self.specks.value(),
+        )
+        self._reading.read(work, self._show)
+
+    def _show(self, result: object) -> None:
+        made = cast(TracedShown, result)
+        self._made = made
+        self.after.show_pixels(made.shown)
+        if self._source is not None and self._source.shown is None:
+            self.before.setText("Layers" if self._source.kind != "vectors" else "Vectors")
+        sketch = made.traced.sketch
+        east, north = (side / 1000.0 for side in sketch.size)
+        size = f"{sketch.width_px} × {sketch.height_px} px"
+        told = [f"{size}, {east:.3g} km × {north:.3g} km of land, {sketch.pixel_size:.3g} m a pixel."]
+        if self._source is not None and self._source.map is None:
+            told += [f"{line}." for line in made.traced.notes[:_NOTES]]
+        self.told.setText(" ".join(told))
+        self.agree.setEnabled(True)
+        self.agree.setDefault(True)
+
+    def _refuse(self, line: str) -> None:
+        self._made = None
+        self.after.clear()
+        self.agree.setEnabled(False)
+        self.told.setText(line)
+
+
+def _framed(title: str, shown: QWidget) -> QGroupBox:
+    group = QGroupBox(title)
+    rows = QVBoxLayout(group)
+    rows.addWidget(shown)
+    return group

@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import unicodedata
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ from sketchterrain.terrain import build
 from sketchterrain.whole_files import telling_failure
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from sketchterrain.compute import ComputeContext
@@ -96,10 +98,9 @@ def export(
     wanted = plan_of(sketch, target, options)
 
     def work(context: ComputeContext, restarts: tuple[str, ...]) -> Exported:
-        prepare_folder(folder)
-        with stages.stage("features", "Placing features"):
-            terrain = build(sketch, device=context)
-        with staging(folder) as hidden:
+        with _prepared(folder), staging(folder) as hidden:
+            with stages.stage("features", "Placing features"):
+                terrain = build(sketch, device=context)
             done = write_export(wanted, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
             return Exported(report, move_into(folder, done.files))
@@ -171,6 +172,20 @@ def file_name(title: str) -> str:
     plain = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode()
     name = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")[:64].strip("_")
     return f"terrain_{name}" if _RESERVED.fullmatch(name) else name or "terrain"
+
+
+@contextmanager
+def _prepared(folder: Path) -> Iterator[None]:
+    """Make the folder; one that was not there does not stay, empty, after a failure."""
+    new = not folder.exists()
+    prepare_folder(folder)
+    try:
+        yield
+    except BaseException:
+        if new:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
 
 
 def _flush(file: Path) -> None:

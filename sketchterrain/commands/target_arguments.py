@@ -35,7 +35,20 @@ __all__ = [
 ]
 
 # As in sketchterrain.export.targets, which is not loaded for a line of help; a test compares them.
-TARGETS = ("raw", "png16", "exr", "npy")
+TARGETS = (
+    "unity",
+    "unreal",
+    "godot",
+    "blender",
+    "gltf",
+    "geotiff",
+    "raw",
+    "png16",
+    "exr",
+    "npy",
+    "obj",
+    "stl",
+)
 
 
 def _check_target(name: str) -> str:

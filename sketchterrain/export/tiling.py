@@ -124,8 +124,7 @@ class Tiling:
         shared = {0: "nothing", 1: "an edge"}.get(self.overlap, f"{self.overlap} vertices")
         near = " or ".join(str(each) for each in self.nearest(vertices, tiles))
         raise InputError(
-            f"{vertices} vertices cannot be cut into {tiles} equal tiles that share {shared}: "
-            f"the nearest that can are {near}"
+            f"{vertices} vertices cannot be cut into {tiles} equal tiles that share {shared}; nearest: {near}"
         )
 
     def whole(self, side: int, tiles: int) -> int:

@@ -1,0 +1,242 @@
+"""Every target through the command line; what cannot be done is one line, and nothing is half-written."""
+
+from __future__ import annotations
+
+import json
+import resource
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import sketchterrain.export.files
+import sketchterrain.export.libraries
+import sketchterrain.export.planning
+import sketchterrain.export.sidecar
+import sketchterrain.exporting
+from sketchterrain.cli import main
+from sketchterrain.commands.target_arguments import TARGETS
+from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.exporting import file_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+def smallest(target: str) -> list[str]:
+    """Return the options of a small export."""
+    known = target_named(target)
+    if known.spacing is not None:
+        return []
+    return ["--size", str(min(known.sizes, default=33))]
+
+
+def test_the_help_names_the_targets_there_are() -> None:
+    assert TARGETS == TARGET_NAMES
+
+
+@pytest.mark.parametrize("target", TARGET_NAMES)
+def test_a_target_from_the_command_line(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str
+) -> None:
+    done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--json")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["target"] == target
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {each["file"] for each in told["files"]}
+    written = json.loads((tmp_path / "out/terrain.json").read_text(encoding="utf-8"))
+    assert written == {key: told[key] for key in written}
+    assert {"ground", "total"} <= set(told["timings"])
+
+
+def test_a_person_is_told_what_to_type_in(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    options = ("--size", 33, "--tiles", "4x4", "--no-plants", "--heights", "-100,900")
+    done = call("export", sketch, "--to", "raw", "-o", tmp_path, *options)
+    assert done.code == 0, done.err
+    assert "33 × 25 vertices in 16 tiles 16 m apart" in done.out
+    assert "to type in" in done.out
+    assert "and 54 more" in done.out
+
+
+def test_targets_are_listed_with_what_they_take(call: Callable[..., Any]) -> None:
+    done = call("targets", "--json")
+    entries = {entry["name"]: entry for entry in json.loads(done.out)}
+    assert tuple(entries) == TARGET_NAMES
+    assert entries["raw"]["formats"][0] == "r16"
+    assert "heights" in entries["raw"]["options"]
+    assert all(entry["missing"] == [] for entry in entries.values())
+    shown = call("targets").out
+    for name, entry in entries.items():
+        assert f"{name} " in shown
+        assert entry["title"] in shown
+
+
+def test_a_missing_library_is_named_with_its_extra(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sketchterrain.export.libraries, "find_spec", lambda _: None)
+    done = call("export", sketch, "--to", "exr", "-o", tmp_path / "out")
+    assert done.code == 1
+    assert done.error == ("exr needs OpenEXR: not installed, get it with pip install 'sketchterrain[exr]'")
+    assert not (tmp_path / "out").exists()
+    assert "OpenEXR is not installed: pip install 'sketchterrain[exr]'" in call("targets").out
+
+
+@pytest.mark.parametrize(
+    ("target", "options", "line"),
+    [
+        ("raw", ["--size", "66", "--tiles", "2x2"], "66 vertices .* nearest: 65 or 67"),
+        ("raw", ["--size", "9", "--tiles", "9x1"], "nearest: 10$"),
+        ("raw", ["--tiles", "300x300"], "expected 1 to 65536 tiles"),
+        ("raw", ["--tiles", "2x2", "--tile-name", "{x}/{y}"], "file's name"),
+        ("raw", ["--tiles", "2x2", "--tile-name", "..{x}{y}"], "file's name"),
+        ("raw", ["--tiles", "2x2", "--tile-name", "{x}{z}"], "expected only"),
+        ("raw", ["--tiles", "2x2", "--tile-name", "{x}"], "same name"),
+        ("raw", ["--tiles", "12x12", "--tile-name", "{x}{y}"], "same name"),
+        ("raw", ["--format", "r64"], "expected r16 or r32 or r16be as format, got 'r64'"),
+        ("raw", ["--crs", "EPSG:25832"], "raw has no option crs, only size, tiles"),
+        ("raw", ["--error", "1"], "raw has no option error"),
+        ("raw", ["--grass", "--no-plants"], "grass without plants"),
+        ("raw", ["--heights", "5,4"], "expected the lowest and the highest"),
+        ("raw", ["--size", "33", "--heights", "0,10"], "the terrain goes from"),
+        ("exr", ["--heights", "0,900"], "exr has no option heights"),
+        ("png16", ["--size", "1000000"], "of memory, this machine has"),
+        ("raw", ["--size", "1000000000000"], "of memory, this machine has"),
+        ("unity", ["--size", "1000"], r"1000 vertices is no size it takes; the nearest: 513 or 1025"),
+        ("unity", ["--size", "1000", "--tiles", "2x2"], r"in 2 tiles is no size .* nearest: 513 or 1025"),
+        ("unity", ["--size", "32"], "the nearest: 33 "),
+        ("unity", ["--size", "9000"], "the nearest: 4097 "),
+        ("unreal", ["--size", "1024"], "the nearest: 1009 or 2017"),
+        ("godot", ["--size", "1025"], "no size can be chosen, vertices are 1 m apart"),
+        ("geotiff", ["--crs", "EPSG:0"], "no coordinate reference system"),
+        ("geotiff", ["--crs", "nonsense"], "no coordinate reference system"),
+        ("geotiff", ["--crs", "EPSG:4326"], "metres"),
+    ],
+)
+def test_what_a_target_does_not_take_is_one_line(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str, options: list[str], line: str
+) -> None:
+    done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *options)
+    assert (done.code, done.out) == (3, ""), done.err
+    with pytest.raises(AssertionError, match=line):
+        raise AssertionError(done.error)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--to", "nothing"],
+        ["--to", "RAW"],
+        ["--to", "raw", "--size", "1"],
+        ["--to", "raw", "--size", "big"],
+        ["--to", "raw", "--tiles", "4"],
+        ["--to", "raw", "--tiles", "0x4"],
+        ["--to", "raw", "--tiles", "4x4x4"],
+        ["--to", "raw", "--tiles", "2x2", "--overlap", "-1"],
+        ["--to", "raw", "--overlap", "1"],
+        ["--to", "raw", "--tile-name", "{x}{y}"],
+        ["--to", "raw", "--tiles-from-south"],
+        ["--to", "raw", "--heights", "5"],
+        ["--to", "raw", "--heights", "5,nan"],
+        ["--to", "raw", "--origin", "5"],
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_use(call: Callable[..., Any], sketch: Path, tmp_path: Path, options: list[str]) -> None:
+    done = call("export", sketch, "-o", tmp_path / "out", *options)
+    assert (done.code, done.out) == (2, "")
+    assert done.error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_where_the_folder_should_be(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("mine")
+    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
+    assert (done.code, done.error) == (
+        3,
+        f"{tmp_path / 'out'}: expected a folder to write into, this is a file",
+    )
+    assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_written_into(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(self: Path, *_: object, **__: object) -> None:
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "mkdir", refused)
+    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
+    assert (done.code, done.error) == (1, f"{tmp_path / 'out'}: cannot be written (Permission denied)")
+
+
+def test_a_disk_without_room_is_found_before_the_work(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(tmp_path)._replace(free=1 << 20)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(sketchterrain.exporting, "sample", None)
+    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
+    assert done.code == 3
+    assert f"{tmp_path / 'out'} has 1.0 MiB left" in done.error
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def compiled(sketch: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The device's programs lie in its driver's cache, which could not be written later."""
+    folder = str(tmp_path_factory.mktemp("compiled"))
+    assert main(["export", str(sketch), "--to", "raw", "-o", folder, "--size", "33"]) == 0
+
+
+@pytest.mark.usefixtures("compiled")
+@pytest.mark.parametrize("target", TARGET_NAMES)
+def test_a_disk_that_gets_full_leaves_nothing(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str
+) -> None:
+    """As a process that may write no file larger than 1 KB; an old export stays as it was."""
+    (tmp_path / "terrain.json").write_text("mine")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    arguments = ("export", sketch, "--to", target, "-o", tmp_path, *smallest(target))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
+    try:
+        done = call(*arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (done.code, done.out) == (1, "")
+    assert "cannot be written" in done.error
+    assert str(tmp_path) in done.error
+    assert ".sketchterrain-" not in done.error
+    assert [path.name for path in tmp_path.iterdir()] == ["terrain.json"]
+    assert (tmp_path / "terrain.json").read_text() == "mine"
+
+
+@pytest.mark.parametrize("target", TARGET_NAMES)
+def test_an_interrupted_export_leaves_nothing(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sketchterrain.export.sidecar, "write_json", interrupted)
+    done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--no-plants")
+    assert (done.code, done.error) == (130, "interrupted")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("title", "name"),
+    [
+        ("Valley with a river", "valley_with_a_river"),
+        ("Höhenzug / Süd", "hohenzug_sud"),
+        ("../../etc", "etc"),
+        ("山", "terrain"),
+        ("", "terrain"),
+        ("CON", "terrain_con"),
+        ("a" * 300, "a" * 64),
+    ],
+)
+def test_files_have_names_that_any_system_takes(title: str, name: str) -> None:
+    assert file_name(title) == name

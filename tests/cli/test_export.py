@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import shutil
 from pathlib import Path
@@ -15,13 +16,14 @@ import sketchterrain.export.libraries
 import sketchterrain.export.planning
 import sketchterrain.export.sidecar
 import sketchterrain.exporting
-from sketchterrain.cli import main
 from sketchterrain.commands.target_arguments import TARGETS
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.exporting import file_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from sketchterrain.export.sampled import Sampled
 
 
 def smallest(target: str) -> list[str]:
@@ -184,33 +186,47 @@ def test_a_disk_without_room_is_found_before_the_work(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.fixture(scope="module")
-def compiled(sketch: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """The device's programs lie in its driver's cache, which could not be written later."""
-    folder = str(tmp_path_factory.mktemp("compiled"))
-    assert main(["export", str(sketch), "--to", "raw", "-o", folder, "--size", "33"]) == 0
-
-
-@pytest.mark.usefixtures("compiled")
-@pytest.mark.parametrize("target", TARGET_NAMES)
-def test_a_disk_that_gets_full_leaves_nothing(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str
-) -> None:
-    """As a process that may write no file larger than 1 KB; an old export stays as it was."""
-    (tmp_path / "terrain.json").write_text("mine")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    arguments = ("export", sketch, "--to", target, "-o", tmp_path, *smallest(target))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
-    try:
-        done = call(*arguments)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+def nothing_is_left(done: Any, folder: Path) -> None:
     assert (done.code, done.out) == (1, "")
     assert "cannot be written" in done.error
-    assert str(tmp_path) in done.error
+    assert str(folder) in done.error
     assert ".sketchterrain-" not in done.error
-    assert [path.name for path in tmp_path.iterdir()] == ["terrain.json"]
-    assert (tmp_path / "terrain.json").read_text() == "mine"
+    assert [path.name for path in folder.iterdir()] == ["terrain.json"]
+    assert (folder / "terrain.json").read_text() == "mine"
+
+
+@pytest.mark.parametrize("target", TARGET_NAMES)
+def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "terrain.json").write_text("mine")
+    monkeypatch.setattr(os, "fsync", full)
+    nothing_is_left(call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target)), tmp_path)
+
+
+@pytest.mark.parametrize("target", ["raw", "exr", "geotiff"])
+def test_a_disk_that_is_really_full(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
+) -> None:
+    """As a process that may write no file larger than 1 KB: libraries must not hide it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    whole = sketchterrain.exporting.sample
+
+    def then_full(*arguments: Any, **options: Any) -> Sampled:
+        sampled = whole(*arguments, **options)  # before it, drivers write what they compiled
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1024, hard))
+        return sampled
+
+    (tmp_path / "terrain.json").write_text("mine")
+    monkeypatch.setattr(sketchterrain.exporting, "sample", then_full)
+    try:
+        done = call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    nothing_is_left(done, tmp_path)
 
 
 @pytest.mark.parametrize("target", TARGET_NAMES)

@@ -18,10 +18,7 @@ from sketchterrain.export.mesh_error import mesh_error
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["FINEST", "Adapted", "adaptive_mesh"]
-
-FINEST = 0.001
-"""m: the smallest error that can be asked for; float32 holds heights of kilometres about as finely."""
+__all__ = ["Adapted", "adaptive_mesh"]
 
 _ROUNDING = 4.0 * float(np.finfo(np.float32).eps)  # of a height that is weighed from three others
 
@@ -51,12 +48,12 @@ def adaptive_mesh(height: npt.NDArray[np.float32], error: float) -> Adapted:
     Raises
     ------
     InputError
-        If the error is no number from `FINEST` on.
+        If the error is no number above 0.
     """
     from pydelatin import Delatin
 
-    if not (FINEST <= error < np.inf):
-        raise InputError(f"expected an error of a mesh from {FINEST:g} m on, got {error:g}")
+    if not (0.0 < error < np.inf):
+        raise InputError(f"expected an error of a mesh above 0 m, got {error:g}")
     rows, columns = height.shape
     heights = np.ascontiguousarray(height, np.float32)
     aim = error - _ROUNDING * float(np.abs(heights).max())

@@ -2,42 +2,67 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.adaptive_mesh import FINEST, Adapted, adaptive_mesh
+from sketchterrain.export.adaptive_mesh import Adapted, adaptive_mesh
+from sketchterrain.export.libraries import require
 from sketchterrain.export.mesh import grid_mesh
+from sketchterrain.export.mesh_error import mesh_error
+from sketchterrain.export.target import Library
 
 if TYPE_CHECKING:
     from sketchterrain.export.target import Export, ExportOptions
 
-__all__ = ["check_error", "ground_mesh", "mesh_facts"]
+__all__ = ["FINEST", "check_error", "ground_mesh", "mesh_facts"]
+
+FINEST: Final = 0.001
+"""m: the smallest error that can be asked for; float32 holds heights of kilometres about as finely."""
 
 
 def check_error(options: ExportOptions) -> None:
-    """Refuse an error that no mesh can be asked for.
+    """Refuse an error that no mesh can be asked for, or that none here can be made for.
 
     Raises
     ------
     InputError
         If it is no number from `FINEST` on.
+    SketchterrainError
+        If pydelatin is not installed.
     """
-    if options.error is not None and not (FINEST <= options.error < np.inf):
+    if options.error is None:
+        return
+    if not (FINEST <= options.error < np.inf):
         raise InputError(f"expected an error of a mesh from {FINEST:g} m on, got {options.error:g}")
+    require("a mesh at an error bound", (Library("pydelatin", "gltf"),))
 
 
-def ground_mesh(export: Export) -> Adapted:
-    """Return the mesh that an export's options ask for, and how far it is off."""
+def ground_mesh(export: Export, *, decimals: int | None = None) -> Adapted:
+    """Return the mesh that an export's options ask for, and how far it is off as it is written.
+
+    Parameters
+    ----------
+    export
+    decimals
+        Of a metre that the file's heights have; None: they are float32, as they come.
+    """
+    height, error = export.sampled.height, export.options.error
     with export.stages.stage("mesh", "Triangles"):
-        if export.options.error is None:
-            return Adapted(grid_mesh(export.grid.columns, export.grid.rows), 0.0)
-        return adaptive_mesh(export.sampled.height, export.options.error)
+        lost = 0.0 if decimals is None else 0.5 * 10.0**-decimals
+        if error is None:
+            made = Adapted(grid_mesh(export.grid.columns, export.grid.rows), 0.0)
+        else:
+            made = adaptive_mesh(height, error - lost)
+        if decimals is None:
+            return made
+        written = np.round(made.mesh.of(height).astype(np.float64), decimals)
+        return Adapted(made.mesh, mesh_error(made.mesh, height, written))
 
 
 def mesh_facts(export: Export, made: Adapted) -> dict[str, Any]:
-    """Return what the sidecar says of a mesh; errors are vertical, at the grid's vertices."""
+    """Return what the sidecar says of a mesh."""
     asked = {} if export.options.error is None else {"error_asked": export.options.error}
     return {
         "vertices": len(made.mesh.column),

@@ -31,7 +31,7 @@ class _Spans(NamedTuple):
     triangle: Ints
     row: Ints
     first: Ints
-    count: Ints
+    many: Ints
 
     def some(self, which: slice | npt.NDArray[np.bool_]) -> _Spans:
         return _Spans(*(part[which] for part in self))
@@ -65,8 +65,8 @@ def mesh_error(
         y = mesh.row[index].astype(np.int64)
         origin, slope_x, slope_y = _planes(x, y, corners[index])
         for spans in _pieces(_spans(x, y)):
-            of, row = np.repeat(spans.triangle, spans.count), np.repeat(spans.row, spans.count)
-            column = _counted(spans.first, spans.count)
+            of, row = np.repeat(spans.triangle, spans.many), np.repeat(spans.row, spans.many)
+            column = _counted(spans.first, spans.many)
             surface = origin[of] + slope_x[of] * (column - x[of, 0]) + slope_y[of] * (row - y[of, 0])
             worst = max(worst, float(np.abs(surface - height[row, column]).max(initial=0.0)))
             missed[row, column] = False
@@ -109,8 +109,8 @@ def _spans(x: Ints, y: Ints) -> _Spans:
 
 def _pieces(spans: _Spans) -> Iterator[_Spans]:
     """Yield spans in pieces of a bounded number of vertices; none of them is empty."""
-    spans = spans.some(spans.count > 0)
-    upto = np.cumsum(spans.count)
+    spans = spans.some(spans.many > 0)
+    upto = np.cumsum(spans.many)
     start = 0
     while start < len(upto):
         before = int(upto[start - 1]) if start else 0

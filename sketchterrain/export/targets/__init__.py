@@ -17,12 +17,15 @@ _MODULES = {
     "unity": "unity",
     "unreal": "unreal",
     "godot": "godot",
+    "blender": "blender",
     "gltf": "gltf",
     "geotiff": "geotiff",
     "raw": "plain",
     "png16": "plain",
     "exr": "plain",
     "npy": "plain",
+    "obj": "meshes",
+    "stl": "meshes",
 }
 
 TARGET_NAMES = tuple(_MODULES)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["LIBRARIES", "TARGETS", "write_glb", "write_gltf"]
 
-LIBRARIES: Final = (Library("pygltflib", "gltf"), Library("pydelatin", "gltf"))
+LIBRARIES: Final = (Library("pygltflib", "gltf"),)
 
 
 def write_gltf(export: Export) -> Written:
@@ -82,6 +82,7 @@ TARGETS: Final = (
         libraries=LIBRARIES,
         knows=frozenset({"error"}),
         check=check_error,
+        most=8193,
         disk=80.0,
         memory=150.0,
         bytes_per_plant=BYTES_PER_PLANT,

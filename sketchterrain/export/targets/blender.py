@@ -1,0 +1,96 @@
+"""Blender: heights as an OpenEXR displacement, and the same terrain as a GLB."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from sketchterrain.export.engine_axes import EngineAxes
+from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.exr import write_exr
+from sketchterrain.export.gltf_plants import BYTES_PER_PLANT
+from sketchterrain.export.ground_images import ground_images
+from sketchterrain.export.ground_mesh import check_error
+from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.targets.gltf import LIBRARIES, write_glb
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.export.grid import Grid
+    from sketchterrain.export.target import Export
+
+__all__ = ["TARGETS", "write_blender"]
+
+_AXES: Final = EngineAxes("east", "north", "up")
+
+
+def write_blender(export: Export) -> Written:
+    """Write an EXR with heights in metres for a Displace modifier or a shader, and a GLB with all the rest.
+
+    Blender's manual, "Displace Modifier": a vertex is moved by strength · (value − midlevel). Its importer of
+    glTF turns y up into z up, so the GLB comes to lie where the displaced grid does.
+    """
+    heights = export.folder / f"{export.name}_height.exr"
+    with export.stages.stage("exr", "Displacement"):
+        channels = dict.fromkeys("RGB", export.sampled.height)
+        files: dict[Path, str] = {write_exr(heights, channels): "heights, m; row 0 is the north edge"}
+    scene, facts = write_glb(export)
+    files |= scene
+    water = export.folder / f"{export.name}_water.json"
+    files[write_water(water, export.terrain.features, _AXES)] = "rivers and lakes, m: x east, y north, z up"
+    files |= ground_images(export)
+    facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
+    facts["axes"] = _AXES.facts
+    return Written(files, _settings(export.grid, heights.name, f"{export.name}.glb"), facts)
+
+
+def _settings(grid: Grid, heights: str, scene: str) -> dict[str, Any]:
+    dx, dy = grid.spacing
+    middle = {"x": 0.5 * (grid.west + grid.east), "y": 0.5 * (grid.south + grid.north), "z": 0.0}
+    image = {"file": heights, "colour_space": "Non-Color", "extension": "Extend"}
+    return {
+        "glb": {"file": scene, "how": "File, Import, glTF 2.0; location and scale as they come"},
+        "displace_modifier": {
+            "grid": {
+                "x_subdivisions": grid.columns - 1,
+                "y_subdivisions": grid.rows - 1,
+                "size": 1.0,
+                "location": middle,
+                "scale": {"x": grid.east - grid.west, "y": grid.north - grid.south, "z": 1.0},
+            },
+            "texture": image | {"interpolation": False, "clamp": False},
+            "texture_coordinates": "UV",
+            "direction": "Z",
+            "strength": 1.0,
+            "midlevel": 0.0,
+        },
+        "displacement_node": {
+            "plane": {
+                # Half a cell more on each side: the middle of a texel is then where its height was taken.
+                "size": 1.0,
+                "location": middle,
+                "scale": {"x": grid.columns * dx, "y": grid.rows * dy, "z": 1.0},
+            },
+            "image_texture": image | {"interpolation": "Linear"},
+            "scale": 1.0,
+            "midlevel": 0.0,
+        },
+        "uv": "U grows eastward, V northward: the picture's upper edge is the north",
+    }
+
+
+TARGETS: Final = (
+    Target(
+        name="blender",
+        title="Blender",
+        line="heights as a float32 OpenEXR displacement, and a GLB with ground, water and plants",
+        write=write_blender,
+        libraries=(Library("OpenEXR", "exr"), *LIBRARIES),
+        knows=frozenset({"error"}),
+        check=check_error,
+        most=8193,
+        disk=92.0,
+        memory=150.0,
+        bytes_per_plant=BYTES_PER_PLANT,
+    ),
+)

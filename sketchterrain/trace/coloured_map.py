@@ -177,7 +177,8 @@ def map_of(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> Coloure
             "that is painted in it, as with --layer mountain"
         )
     # The program's own legend has more colours than any picture: they are no reason to tell two apart.
-    sought = () if legend is OWN_LEGEND else (each.rgb for each in legend.colours)
+    is_own = legend.colours is OWN_LEGEND.colours
+    sought = () if is_own else (each.rgb for each in legend.colours)
     colours = find_colours(picture.rgba, sought=sought)
     if not colours:
         raise InputError(f"{place}: no area of it is of one colour: expected a coloured map")

@@ -37,6 +37,8 @@ _READERS: dict[str, type[ImageFile]] = {
     "TIFF": TiffImageFile,
     "WebP": WebPImageFile,
 }
+_COLOURLESS = 8  # levels of sRGB that JPEG makes a grey's channels differ by
+_ROWS = 512  # looked at together
 _DEEP = ("I;16", "I;16L", "I;16B", "I;16N")
 _BROKEN = (
     OSError,
@@ -146,7 +148,12 @@ def _seen(image: ImageFile, place: str) -> Picture:
     rgba = np.asarray(
         turned.convert("RGB").convert("RGBA") if turned.mode == "CMYK" else turned.convert("RGBA")
     )
-    opaque = rgba[..., 3] >= 128
-    colour = rgba[..., :3]
-    grey = bool((colour[..., 0] == colour[..., 1]).all() and (colour[..., 1] == colour[..., 2]).all())
-    return Picture(rgba, not bool(opaque.all()), grey)
+    return Picture(rgba, bool((rgba[..., 3] < 128).any()), _is_grey(rgba))
+
+
+def _is_grey(rgba: npt.NDArray[np.uint8]) -> bool:
+    for top in range(0, len(rgba), _ROWS):
+        colour = rgba[top : top + _ROWS, :, :3][rgba[top : top + _ROWS, :, 3] >= 128]
+        if len(colour) and int((colour.max(axis=1) - colour.min(axis=1)).max()) > _COLOURLESS:
+            return False
+    return True

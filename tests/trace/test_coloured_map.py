@@ -1,0 +1,203 @@
+"""A map that is drawn from known labels gives them back, however it was saved."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sketchterrain.errors import InputError
+from sketchterrain.trace.coloured_map import read_map
+from sketchterrain.trace.legend import Legend
+from sketchterrain.trace.sheet import Sheet
+
+SHEET = Sheet(size_px=256)
+SMOOTH, SHARP = Image.Resampling.LANCZOS, Image.Resampling.BICUBIC
+
+# How the map is saved, and which share of all its pixels comes back.
+SMALL = {
+    "as it is": (lambda small: small, {}, 1.0),
+    "blown up": (lambda small: small.resize((512, 512), SHARP), {}, 0.99),
+    "JPEG 90": (lambda small: small, {"quality": 90}, 0.99),
+    "JPEG 50": (lambda small: small, {"quality": 50}, 0.98),
+    "JPEG 25": (lambda small: small, {"quality": 25}, 0.975),
+    "WebP 60": (lambda small: small, {"quality": 60}, 0.97),
+}
+LARGE = {
+    "antialiased": (lambda large: large.resize((256, 256), SMOOTH), {}, 0.99),
+    "antialiased by area": (lambda large: large.resize((256, 256), Image.Resampling.BOX), {}, 0.99),
+    "larger": (lambda large: large.resize((700, 700), SMOOTH), {}, 0.99),
+    "much larger": (lambda large: large, {}, 0.998),
+    "smaller": (lambda large: large.resize((160, 160), SMOOTH), {}, 0.97),
+    "antialiased JPEG 75": (lambda large: large.resize((256, 256), SMOOTH), {"quality": 75}, 0.975),
+    "larger JPEG 40": (lambda large: large.resize((700, 700), SMOOTH), {"quality": 40}, 0.985),
+}
+
+
+@pytest.mark.parametrize("way", [*SMALL, *LARGE])
+def test_labels_come_back(known, labels_of, away, parts, saved, way: str) -> None:
+    change, options, least = (SMALL | LARGE)[way]
+    ending = "webp" if "WebP" in way else "jpg" if options else "png"
+    picture, truth = (known.picture, known.labels) if way in SMALL else (known.large, known.large_labels)
+    path = saved(change(picture), f"map.{ending}", **options)
+    traced = read_map(path).traced(SHEET)
+    labels = labels_of(traced.sketch)
+    assert (labels == truth).mean() >= least
+    assert (labels == truth)[away(truth)].mean() >= 0.999
+    assert set(np.unique(labels)) == set(np.unique(truth))
+    river = traced.sketch.layers["river"] > 0
+    assert parts(river) == 1
+    assert river[:, 0].any()
+    assert river[:, -1].any()
+    assert traced.sure + traced.taken + traced.unknown == pytest.approx(1.0)
+    if way == "as it is":
+        assert traced.sure == 1.0
+
+
+@pytest.mark.parametrize("size", [40, 100, 250, 600])
+def test_a_thin_river_stays_whole_at_any_size(parts, saved, size: int) -> None:
+    pixels = np.full((500, 500, 3), 255, np.uint8)
+    pixels[100:400, 50:200] = (38, 104, 58)
+    columns = np.arange(500)
+    rows = np.rint(250 + 120 * np.sin(columns / 40.0)).astype(int)
+    for column, (row, following) in enumerate(zip(rows, np.append(rows[1:], rows[-1]), strict=True)):
+        low, high = sorted((row, following))
+        pixels[low : high + 1, column] = (56, 116, 196)
+    traced = read_map(saved(pixels)).traced(Sheet(size_px=size))
+    river = traced.sketch.layers["river"] > 0
+    assert parts(river) == 1
+    assert river[:, 0].any()
+    assert river[:, -1].any()
+    assert traced.sketch.layers["forest"].any()
+
+
+def test_two_rivers_far_apart_are_not_joined(parts, saved) -> None:
+    pixels = np.full((120, 120, 3), 255, np.uint8)
+    pixels[20:23] = pixels[60:63] = (56, 116, 196)
+    river = read_map(saved(pixels)).traced(Sheet()).sketch.layers["river"]
+    assert parts(river > 0) == 2
+    assert np.array_equal(np.flatnonzero(river.any(axis=1)), [20, 21, 22, 60, 61, 62])
+
+
+def test_lettering_leaves_no_hole_and_a_broken_river_is_joined(parts, saved) -> None:
+    pixels = np.full((160, 160, 3), 255, np.uint8)
+    pixels[20:120, 20:120] = (140, 92, 70)
+    pixels[130:134] = (56, 116, 196)
+    pixels[60:64, 30:110] = 0  # a bar of ink on the mountains
+    pixels[125:140, 80:83] = 0  # and one across the river
+    traced = read_map(saved(pixels)).traced(Sheet())
+    assert traced.sketch.layers["mountain"][20:120, 20:120].all()
+    assert parts(traced.sketch.layers["river"] > 0) == 1
+
+
+def test_specks_vanish(saved) -> None:
+    pixels = np.full((64, 64, 3), 255, np.uint8)
+    pixels[10:40, 10:40] = (140, 92, 70)
+    pixels[20:22, 20:23] = (38, 104, 58)  # 6 px
+    pixels[50:54, 50:53] = (38, 104, 58)  # 12 px
+    read = read_map(saved(pixels))
+    forest = read.traced(Sheet()).sketch.layers["forest"]
+    assert np.count_nonzero(forest) == 12
+    assert read.traced(Sheet()).sketch.layers["mountain"][10:40, 10:40].all()
+    assert np.count_nonzero(read.traced(Sheet(), specks=0).sketch.layers["forest"]) == 18
+
+
+def test_transparent_is_nothing(saved) -> None:
+    pixels = np.zeros((64, 64, 4), np.uint8)
+    pixels[..., :3] = (140, 92, 70)  # also where nobody sees it
+    pixels[10:40, 10:40, 3] = 255
+    pixels[50:60, 50:60] = (38, 104, 58, 255)
+    sketch = read_map(saved(pixels)).traced(Sheet()).sketch
+    assert np.count_nonzero(sketch.layers["mountain"]) == 900
+    assert np.count_nonzero(sketch.layers["forest"]) == 100
+
+
+def test_a_legend_of_ones_own(saved) -> None:
+    pixels = np.full((64, 64, 3), (200, 30, 200), np.uint8)
+    pixels[:20] = (255, 120, 0)
+    pixels[20:40] = (255, 160, 0)
+    pixels[40:50] = (140, 92, 70)
+    legend = Legend.given(["mountain=#ff7800", "mountain.7=#ffa000", "nothing=#c81ec8"])
+    traced = read_map(saved(pixels), legend).traced(Sheet(name="Mine", extent=777.0, seed=9))
+    mountain = traced.sketch.layers["mountain"]
+    assert (mountain[:20] == 1).all()
+    assert (mountain[20:40] == 7).all()
+    assert not mountain[40:].any()  # a colour of the program's own, but not of this legend
+    assert (traced.sketch.name, traced.sketch.extent, traced.sketch.seed) == ("Mine", 777.0, 9)
+    assert ("mountain", 7) in traced.sketch.labels
+    assert any("left empty: #8c5c46" in line for line in traced.notes)
+
+
+def test_colours_nearly_alike_are_told_apart_if_the_legend_has_both(saved) -> None:
+    pixels = np.full((64, 64, 3), 255, np.uint8)
+    pixels[:30], pixels[30:50] = (140, 92, 70), (132, 88, 70)
+    legend = Legend.given(["hill=#8c5c46", "forest=#845846", "nothing=#ffffff"])
+    sketch = read_map(saved(pixels), legend).traced(Sheet()).sketch
+    assert np.count_nonzero(sketch.layers["hill"]) == 30 * 64
+    assert np.count_nonzero(sketch.layers["forest"]) == 20 * 64
+
+
+@pytest.mark.parametrize("form", ["P", "16 bits", "CMYK", "turned"])
+def test_other_forms_of_pictures(known, labels_of, away, tmp_path, form: str) -> None:
+    if form == "P":
+        path = tmp_path / "map.png"
+        known.picture.quantize(16).save(path)
+    elif form == "16 bits":
+        path = tmp_path / "map.png"
+        path.write_bytes(_deep_png(np.asarray(known.picture)))
+    elif form == "CMYK":
+        path = tmp_path / "map.tif"
+        known.picture.convert("CMYK").save(path)
+    else:
+        path = tmp_path / "map.jpg"
+        exif = Image.Exif()
+        exif[0x0112] = 6  # shown turned by 90° clockwise
+        known.picture.transpose(Image.Transpose.ROTATE_90).save(path, exif=exif, quality=95, subsampling=0)
+    labels = labels_of(read_map(path).traced(SHEET).sketch)
+    assert (labels == known.labels)[away(known.labels)].mean() >= 0.999
+
+
+def _deep_png(rgb: np.ndarray) -> bytes:
+    """A PNG of 16 bits a channel, which Pillow cannot write."""
+    rows = (rgb.astype(">u2") * 257).reshape(len(rgb), -1)
+    lines = b"".join(b"\0" + row.astype(">u2").tobytes() for row in rows)
+    head = struct.pack(">IIBBBBB", rgb.shape[1], rgb.shape[0], 16, 2, 0, 0, 0)
+    chunks = ((b"IHDR", head), (b"IDAT", zlib.compress(lines)), (b"IEND", b""))
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in chunks
+    )
+
+
+def test_the_same_picture_gives_the_same_sketch(known, saved) -> None:
+    path = saved(known.picture, "map.jpg", quality=40)
+    one, other = (read_map(path).traced(SHEET) for _ in range(2))
+    assert one.notes == other.notes
+    for name, image in one.sketch.layers.items():
+        assert np.array_equal(image, other.sketch.layers[name])
+
+
+def test_what_is_no_coloured_map_is_refused(saved) -> None:
+    grey = np.zeros((40, 40, 3), np.uint8)
+    grey[10:30] = 200
+    with pytest.raises(InputError, match="black, white and grey: expected a coloured map, or the layer"):
+        read_map(saved(grey))
+    red = np.zeros((40, 40, 3), np.uint8)
+    red[..., 0] = 255
+    with pytest.raises(InputError, match="no colour of the legend in it, but #ff0000"):
+        read_map(saved(red)).traced(Sheet())
+
+
+def test_a_sheet_that_cannot_be_is_refused() -> None:
+    for wish in (
+        {"size_px": 0},
+        {"size_px": 20_000},
+        {"extent": 0.0},
+        {"extent": float("nan")},
+        {"seed": -1},
+    ):
+        with pytest.raises(InputError):
+            Sheet(**wish)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Exported", "export", "file_name", "memory_needed", "plan_of", "write_export"]
 
-_BYTES_AT_LEAST = 450 << 20  # the program, a device's programs, a band of rows
+_BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of rows
 # No file may be named so on Windows, whatever its ending.
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
 

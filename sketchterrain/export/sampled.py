@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -11,11 +12,13 @@ from sketchterrain.export.weights import quantised_weights
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from concurrent.futures import Future
 
     import numpy.typing as npt
 
     from sketchterrain.export.grid import Grid
     from sketchterrain.terrain import Terrain
+    from sketchterrain.terrain.answers import Band
 
 __all__ = ["BYTES_PER_VERTEX", "Sampled", "normal_bytes", "sample"]
 
@@ -68,12 +71,22 @@ def sample(terrain: Terrain, grid: Grid, *, progress: Callable[[float], None] | 
         np.empty((*shape, 3), np.uint8),
         np.empty((*shape, len(terrain.material_names)), np.uint8),
     )
-    for band in terrain.grid(*grid.area, columns=grid.columns, rows=grid.rows, progress=progress):
-        rows = slice(band.top, band.top + len(band.height))
-        sampled.height[rows] = band.height
-        sampled.normal[rows] = normal_bytes(band.normal)
-        sampled.weights[rows] = quantised_weights(band.materials)
+    with ThreadPoolExecutor(1, "sampled") as aside:  # the device goes on with the next band
+        last: Future[None] | None = None
+        for band in terrain.grid(*grid.area, columns=grid.columns, rows=grid.rows, progress=progress):
+            if last is not None:
+                last.result()
+            last = aside.submit(_keep, sampled, band)
+        if last is not None:
+            last.result()
     return sampled
+
+
+def _keep(sampled: Sampled, band: Band) -> None:
+    rows = slice(band.top, band.top + len(band.height))
+    sampled.height[rows] = band.height
+    sampled.normal[rows] = normal_bytes(band.normal)
+    sampled.weights[rows] = quantised_weights(band.materials)
 
 
 def normal_bytes(normal: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:

@@ -9,9 +9,8 @@ from sketchterrain.export.engine_water import write_water
 from sketchterrain.export.exr import write_exr
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT
 from sketchterrain.export.ground_images import ground_images
-from sketchterrain.export.ground_mesh import check_error
 from sketchterrain.export.target import Library, Target, Written
-from sketchterrain.export.targets.gltf import LIBRARIES, write_glb
+from sketchterrain.export.targets.gltf import LIBRARIES, check_glb, write_glb
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -87,8 +86,7 @@ TARGETS: Final = (
         write=write_blender,
         libraries=(Library("OpenEXR", "exr"), *LIBRARIES),
         knows=frozenset({"error"}),
-        check=check_error,
-        most=8193,
+        check=check_glb,
         disk=92.0,
         memory=150.0,
         bytes_per_plant=BYTES_PER_PLANT,

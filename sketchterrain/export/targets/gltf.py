@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
+from sketchterrain.errors import InputError
 from sketchterrain.export.engine_water import write_water
 from sketchterrain.export.glb import Glb
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, add_points, gathered_plants
@@ -15,11 +16,29 @@ from sketchterrain.export.target import Library, Target, Written
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sketchterrain.export.target import Export
+    from sketchterrain.export.target import Export, ExportOptions
 
-__all__ = ["LIBRARIES", "TARGETS", "write_glb", "write_gltf"]
+__all__ = ["LIBRARIES", "TARGETS", "check_glb", "write_glb", "write_gltf"]
 
 LIBRARIES: Final = (Library("pygltflib", "gltf"),)
+
+_MOST: Final = 8193  # vertices of 56 bytes, their triangles counted in
+
+
+def check_glb(options: ExportOptions) -> None:
+    """Refuse what fits into no GLB before any work is done.
+
+    Raises
+    ------
+    InputError
+        Also as :func:`check_error` says.
+    """
+    check_error(options)
+    if options.error is None and (options.size or 0) > _MOST:
+        raise InputError(
+            f"size = {options.size}: a GLB holds 4 GiB, a mesh of all vertices {_MOST} along a side: "
+            "expected fewer, or an error that the mesh may have"
+        )
 
 
 def write_gltf(export: Export) -> Written:
@@ -81,8 +100,7 @@ TARGETS: Final = (
         write=write_gltf,
         libraries=LIBRARIES,
         knows=frozenset({"error"}),
-        check=check_error,
-        most=8193,
+        check=check_glb,
         disk=80.0,
         memory=150.0,
         bytes_per_plant=BYTES_PER_PLANT,

@@ -17,6 +17,7 @@ from sketchterrain import arguments as given
 from sketchterrain import picture_arguments as pictured
 from sketchterrain import queries
 from sketchterrain.commands import export as taken
+from sketchterrain.commands.batch import batch
 from sketchterrain.commands.trace import trace
 from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, fail, told
 from sketchterrain.listings import (
@@ -296,7 +297,7 @@ def edit(
     raise typer.Exit(run(sketch))
 
 
-for _command in (taken.export, taken.targets, trace, queries.bench, queries.devices, queries.presets):
+for _command in (batch, taken.export, taken.targets, trace, queries.bench, queries.devices, queries.presets):
     app.command()(_command)
 
 

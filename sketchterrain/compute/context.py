@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cache
+from threading import Lock
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -30,6 +31,8 @@ _OPTIONS = ("-cl-std=CL1.2",)
 _FAST_OPTIONS = ("-DFAST", "-cl-fast-relaxed-math")
 
 T = TypeVar("T")
+
+_BUILDING = Lock()  # one build at a time: threads need not all build the same, and share Python's warnings
 
 
 @dataclass(frozen=True)
@@ -213,7 +216,8 @@ class ComputeContext:
     def _build(self, file: str) -> Any:
         options = (*_OPTIONS, f"-DREAL={self.real}", *(_FAST_OPTIONS if self.fast else ()))
         try:
-            return _built(self._context, resources.source(file), options)
+            with _BUILDING:
+                return _built(self._context, resources.source(file), options)
         except cl.Error as error:
             raise build_failure(self.device, file, options, error) from error
 

@@ -1,0 +1,123 @@
+"""How much memory and disk a terrain of a batch takes, and who may begin when."""
+
+from __future__ import annotations
+
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Condition
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.exporting import memory_needed as export_memory
+from sketchterrain.exporting import plan_of
+from sketchterrain.sizes import amount, check_size, machine_memory, memory_needed
+from sketchterrain.whole_files import telling_failure
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sketchterrain.batch.output import Output
+    from sketchterrain.sketch import Sketch
+
+__all__ = ["DEFAULT_SIZE", "Memory", "Needs", "check_disk", "memory_left", "needs_of"]
+
+DEFAULT_SIZE: Final = 1025
+"""Vertices along the longer side, where there is no target."""
+_PREVIEW_MEMORY: Final = 1600 << 20  # measured: OpenGL on a processor, at the best quality
+_PREVIEW_DISK: Final = 3 << 20
+_VERTEX_DISK: Final = 17  # bytes: heights twice, normals, two pictures of weights, if none could be packed
+_PLANT_DISK: Final = 84  # a line of a table
+_PLANTS: Final = 0.004  # for a square metre: twice what a preset's woods have
+_SHARE: Final = 0.9  # of the memory that is left, which a batch may take
+
+
+class Needs(NamedTuple):
+    """What a terrain takes: vertices, bytes of memory, and about how many bytes of disk."""
+
+    vertices: int
+    memory: float
+    disk: float
+
+
+def needs_of(sketch: Sketch, output: Output) -> Needs:
+    """Return what a terrain takes.
+
+    Raises
+    ------
+    InputError
+        If there is no such export or size, or this machine has not the memory for it.
+    SketchterrainError
+        If a library is not installed.
+    """
+    east, north = sketch.size
+    plants = _PLANTS * east * north * _PLANT_DISK
+    if output.target is None:
+        size = output.size or DEFAULT_SIZE
+        check_size(sketch, size)
+        vertices = round(size * size * min(east, north) / max(east, north))
+        memory, disk = memory_needed(sketch, size), _VERTEX_DISK * vertices + plants
+    else:
+        wanted = plan_of(sketch, output.target, output.options or ExportOptions())
+        vertices = wanted.vertices
+        memory, disk = export_memory(wanted), wanted.target.disk * vertices + plants
+    preview = output.preview
+    return Needs(vertices, memory + preview * _PREVIEW_MEMORY, disk + preview * _PREVIEW_DISK)
+
+
+def memory_left() -> int:
+    """Return how many bytes of memory this machine can spare; all that it has where it does not tell."""
+    told = Path("/proc/meminfo")
+    if told.exists():
+        for line in told.read_text(encoding="utf-8").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    return machine_memory()
+
+
+def check_disk(folder: Path, needed: float) -> None:
+    """Refuse a terrain that the disk has no room for, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        With what it needs and what is left.
+    """
+    with telling_failure(folder):
+        left = shutil.disk_usage(folder).free
+    if needed > left:
+        raise InputError(
+            f"{one_line(folder)}: expected room for about {amount(needed)}, the disk has {amount(left)} left"
+        )
+
+
+class Memory:
+    """Lets terrains begin while there is memory for them; one that is alone may always.
+
+    Parameters
+    ----------
+    left
+        Bytes that this machine can spare.
+    """
+
+    def __init__(self, left: float) -> None:
+        self._most = _SHARE * left
+        self._taken = 0.0
+        self._within = 0
+        self._change = Condition()
+
+    @contextmanager
+    def room(self, needed: float) -> Iterator[None]:
+        """Wait until there are so many bytes, and keep them meanwhile."""
+        with self._change:
+            self._change.wait_for(lambda: not self._within or self._taken + needed <= self._most)
+            self._taken += needed
+            self._within += 1
+        try:
+            yield
+        finally:
+            with self._change:
+                self._taken -= needed
+                self._within -= 1
+                self._change.notify_all()

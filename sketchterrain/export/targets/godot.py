@@ -126,9 +126,12 @@ def _write_heights(export: Export, piece: Piece, tile: Sampled, steps: HeightSte
 
 
 def _settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:
-    ending = ".exr" if steps is None else ".r16"
+    pieces = list(export.tiling.pieces(export.grid.columns, export.grid.rows))
+    ending, r16 = ".exr", dict[str, Any]()
+    if steps is not None:
+        size = {"x": pieces[0].columns, "y": pieces[0].rows}
+        ending, r16 = ".r16", {"r16_range": {"x": steps.low, "y": steps.highest}, "r16_size": size}
     x, z = import_position(export.grid)
-    r16 = {} if steps is None else {"r16_range": {"x": steps.low, "y": steps.highest}}
     return {
         "where": "addons/terrain_3d/tools/importer.tscn",
         "region_size": region_size(export.grid),
@@ -141,9 +144,8 @@ def _settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:
                 "height_file_name": path_of(export, "height", piece, ending).name,
                 "control_file_name": path_of(export, "control", piece, ".exr").name,
                 "import_position": {"x": x + piece.left, "y": z + piece.top},
-                **({} if steps is None else {"r16_size": {"x": piece.columns, "y": piece.rows}}),
             }
-            for piece in export.tiling.pieces(export.grid.columns, export.grid.rows)
+            for piece in pieces
         ],
     }
 

@@ -58,11 +58,9 @@ def write_unity(export: Export) -> Written:
     steps = HeightSteps.of(export.sampled.height, export.options.heights)
     axes = unity_axes(export)
     files: dict[Path, str] = {}
-    tiles: list[dict[str, Any]] = []
     with export.stages.stage("unity", "Heights and splat maps") as tell:
         for done, (piece, tile) in enumerate(tiles_of(export), start=1):
             files |= _images(export, piece, tile, steps)
-            tiles.append(_settings(export, piece, tile, steps, axes))
             tell(done / export.tiling.count)
     if storeys := storeys_of(export.options):
         with export.stages.stage("plants", "Plants") as tell:
@@ -84,16 +82,7 @@ def write_unity(export: Export) -> Written:
         "layers": _layers(export),
         "species": list(export.terrain.species_names),
     }
-    return Written(files, {"import_raw": _DIALOG, "tiles": tiles}, facts)
-
-
-_DIALOG: Final = {
-    "where": "Terrain, Terrain Settings, Import Raw",
-    "Depth": "Bit 16",
-    "Byte Order": "Windows",
-    "Flip Vertically": False,
-    "others": "as tiles say: Resolution, Terrain Size; Position is the Transform's",
-}
+    return Written(files, _settings(export, steps, axes), facts)
 
 
 def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> dict[Path, str]:
@@ -108,18 +97,33 @@ def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> 
     return {raw: _FILES["height"], normal: _FILES["normal"]} | dict.fromkeys(splats, _FILES["splat"])
 
 
-def _settings(
-    export: Export, piece: Piece, tile: Sampled, steps: HeightSteps, axes: EngineAxes
-) -> dict[str, Any]:
-    west, south, east, north = tile.grid.area
-    x, _, z = axes.places(np.array([west]), np.array([south]), np.zeros(1))[0].tolist()
+def _settings(export: Export, steps: HeightSteps, axes: EngineAxes) -> dict[str, Any]:
+    """Return what to type in; tiles differ in their place alone."""
+    tiles = list(tiles_of(export))
+    west, south, east, north = tiles[0][1].grid.area
+    side = tiles[0][0].columns
     return {
-        "file": path_of(export, "", piece, ".raw").name,
-        "Resolution": tile.grid.columns,
+        "where": "Terrain, Terrain Settings, Import Raw",
+        "Depth": "Bit 16",
+        "Resolution": side,
+        "Byte Order": "Windows",
+        "Flip Vertically": False,
         "Terrain Size": {"X": east - west, "Y": steps.range, "Z": north - south},
-        "Position": {"X": x, "Y": steps.low, "Z": z},
-        "Control Texture Resolution": tile.grid.columns - 1,
+        "Control Texture Resolution": side - 1,
+        "tiles": [
+            {
+                "file": path_of(export, "", piece, ".raw").name,
+                "Position": _position(axes, tile) | {"Y": steps.low},
+            }
+            for piece, tile in tiles
+        ],
     }
+
+
+def _position(axes: EngineAxes, tile: Sampled) -> dict[str, float]:
+    """Return where the terrain's Transform stands: its south-west corner."""
+    west, south, _, _ = tile.grid.area
+    return dict(zip("XYZ", axes.places(*np.array([[west], [south], [0.0]]))[0].tolist(), strict=True))
 
 
 def _layers(export: Export) -> list[dict[str, Any]]:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 __all__ = ["TARGETS", "unreal_axes", "write_unreal"]
 
 _CENTIMETRES: Final = 100.0
+_DECIMALS: Final = 6  # of centimetres
 # Quads along a section's side, for the sizes that Epic's "Landscape Technical Guide" recommends; all of them
 # have 2 × 2 sections a component.
 _SECTION_QUADS: Final = {127: 63, 253: 63, 505: 63, 1009: 63, 2017: 63, 4033: 63, 8129: 127}
@@ -111,9 +112,9 @@ def _settings(export: Export, steps: HeightSteps) -> dict[str, Any]:
         "Location": {
             "X": 0.0,
             "Y": 0.0,
-            "Z": (steps.low + steps.range / 2.0) * _CENTIMETRES,
-            "of": "the Landscape actor once it is there: its north-west corner",
+            "Z": round((steps.low + steps.range / 2.0) * _CENTIMETRES, _DECIMALS),
         },
+        "Location is": "the Landscape actor's, its north-west corner: to be set once it is there",
         "Section Size": f"{quads}x{quads} Quads",
         "Sections Per Component": f"{_SECTIONS}x{_SECTIONS} Sections",
         "Number of Components": {"X": components, "Y": components},

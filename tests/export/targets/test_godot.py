@@ -40,7 +40,7 @@ def imported(outcome: Any, tile: dict[str, Any]) -> np.ndarray:
         height = red(path)
         assert height.dtype == np.float32
         return height
-    size, low_high = tile["r16_size"], outcome.sidecar["import"]["r16_range"]
+    size, low_high = (outcome.sidecar["import"][key] for key in ("r16_size", "r16_range"))
     share = np.fromfile(path, "<u2").reshape(size["y"], size["x"]) / 65535.0
     return share * (low_high["y"] - low_high["x"]) + low_high["x"]
 

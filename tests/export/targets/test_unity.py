@@ -29,6 +29,11 @@ SIZES = TARGETS[0].sizes
 QUICK = [size for size in SIZES if size <= 513]
 
 
+def tiles_of(settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return what is to be typed in for each terrain."""
+    return [settings | tile for tile in settings["tiles"]]
+
+
 def imported(folder: Path, tile: dict[str, Any]) -> np.ndarray:
     """Heights in m, [z, x], as *Import Raw* makes them of a file with what the sidecar says to type in.
 
@@ -68,7 +73,7 @@ def test_heights_are_those_of_the_terrain_where_unity_puts_them(
     terrain: st.Terrain, exported: Callable[..., Any], size: int
 ) -> None:
     outcome = exported("unity", size=size, plants=False)
-    (tile,) = outcome.sidecar["import"]["tiles"]
+    (tile,) = tiles_of(outcome.sidecar["import"])
     assert tile["Resolution"] == size
     assert (outcome.folder / tile["file"]).stat().st_size == 2 * size * size
     assert_heights(terrain, outcome, tile)
@@ -86,7 +91,7 @@ def test_large_sizes_come_back_too(corner: st.Sketch, terrain: st.Terrain, tmp_p
     written = plan.target.write(
         Export(terrain, "big", plan.options, plan.grid, plan.tiling, sampled, tmp_path, Stages())
     )
-    (tile,) = written.settings["tiles"]
+    (tile,) = tiles_of(written.settings)
     numbers = np.fromfile(tmp_path / "big.raw", "<u2").reshape(size, size)
     got = numbers[::-1] / 65536 * tile["Terrain Size"]["Y"] + tile["Position"]["Y"]
     assert np.abs(got - height).max() <= tile["Terrain Size"]["Y"] / 65536 / 2 + 1e-4
@@ -96,7 +101,7 @@ def test_large_sizes_come_back_too(corner: st.Sketch, terrain: st.Terrain, tmp_p
 
 def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None:
     outcome = exported("unity", size=129)
-    (tile,) = outcome.sidecar["import"]["tiles"]
+    (tile,) = tiles_of(outcome.sidecar["import"])
     height = imported(outcome.folder, tile)
     z, x = np.unravel_index(height.argmax(), height.shape)
     assert x > 0.7 * 128
@@ -106,7 +111,7 @@ def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None
 def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., Any]) -> None:
     whole = exported("unity", size=129)
     outcome = exported("unity", size=129, tiles=(2, 2))
-    tiles = outcome.sidecar["import"]["tiles"]
+    tiles = tiles_of(outcome.sidecar["import"])
     assert {tile["file"] for tile in tiles} == {f"high_corner_{x}_{z}.raw" for x in (0, 1) for z in (0, 1)}
     joined = np.full((129, 129), np.nan)
     for tile in tiles:
@@ -119,7 +124,7 @@ def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., An
         known = ~np.isnan(window)
         np.testing.assert_array_equal(window[known], height[known])
         window[:] = height
-    (tile,) = whole.sidecar["import"]["tiles"]
+    (tile,) = tiles_of(whole.sidecar["import"])
     np.testing.assert_array_equal(joined, imported(whole.folder, tile))
 
 
@@ -161,7 +166,7 @@ def test_weights_sum_to_255_and_lie_where_the_materials_are(exported: Callable[.
 
 def test_normals_lean_away_from_the_slope(exported: Callable[..., Any]) -> None:
     outcome = exported("unity", size=129)
-    (tile,) = outcome.sidecar["import"]["tiles"]
+    (tile,) = tiles_of(outcome.sidecar["import"])
     up, east = np.gradient(imported(outcome.folder, tile), 8.0)
     with Image.open(outcome.folder / "high_corner_normal.png") as image:
         normal = np.asarray(image)[::-1] / 127.5 - 1.0
@@ -175,7 +180,7 @@ def test_trees_are_the_terrains_and_stand_on_unitys_ground(
 ) -> None:
     outcome = exported("unity", size=129, tiles=tiles)
     count = 0
-    for tile, bounds in zip(outcome.sidecar["import"]["tiles"], outcome.sidecar["tiles"], strict=True):
+    for tile, bounds in zip(tiles_of(outcome.sidecar["import"]), outcome.sidecar["tiles"], strict=True):
         name = tile["file"].replace("high_corner", "high_corner_plants").replace(".raw", ".json")
         told = json.loads((outcome.folder / name).read_text(encoding="utf-8"))
         assert told["terrain"] == tile["file"]
@@ -225,16 +230,16 @@ def test_the_sidecar_says_what_to_type_in(exported: Callable[..., Any]) -> None:
     told = exported("unity", size=129).sidecar
     assert told["byte_order"] == "little"
     assert told["orientation"]["raw"]["row_0"] == "south"
-    assert told["import"]["import_raw"]["Byte Order"] == "Windows"
-    assert told["import"]["import_raw"]["Flip Vertically"] is False
-    (tile,) = told["import"]["tiles"]
+    assert told["import"]["Byte Order"] == "Windows"
+    assert told["import"]["Flip Vertically"] is False
+    (tile,) = tiles_of(told["import"])
     assert tile["Terrain Size"] == {"X": 1024.0, "Y": told["heights"]["range"], "Z": 1024.0}
     assert tile["Position"] == {"X": 0.0, "Y": told["heights"]["low"], "Z": 0.0}
 
 
 def test_a_range_can_be_the_same_for_many_terrains(exported: Callable[..., Any]) -> None:
     outcome = exported("unity", size=33, heights=(-100.0, 924.0), plants=False)
-    (tile,) = outcome.sidecar["import"]["tiles"]
+    (tile,) = tiles_of(outcome.sidecar["import"])
     assert (tile["Position"]["Y"], tile["Terrain Size"]["Y"]) == (-100.0, 1024.0)
 
 

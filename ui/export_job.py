@@ -13,7 +13,7 @@ from sketchterrain.ui.models.reading import Reading
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.export_process import Wish
+    from sketchterrain.ui.export_wish import TargetWish, Wish
 
 __all__ = ["ExportJob"]
 
@@ -38,7 +38,7 @@ class ExportJob(QObject):
     failed = pyqtSignal(str)
     """Why there are no files; empty if it was cancelled."""
 
-    def __init__(self, wish: Wish, sketch: Sketch, parent: QObject | None = None) -> None:
+    def __init__(self, wish: Wish | TargetWish, sketch: Sketch, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._wish, self._sketch = wish, sketch
         self._reading = Reading(self)

@@ -1,6 +1,6 @@
 """Exports a terrain in a process of its own, so that the window goes on and can end it at any moment.
 
-Reads one pickled `Wish` and sketch on stdin; writes a line of JSON on stdout for each thing that happens.
+Reads one pickled wish and sketch on stdin; writes a line of JSON on stdout for each thing that happens.
 """
 
 from __future__ import annotations
@@ -11,46 +11,18 @@ import pickle
 import signal
 import sys
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TextIO
 
 from sketchterrain.errors import one_line
+from sketchterrain.ui.export_wish import TargetWish, Wish
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
+    from sketchterrain.progress import Stages
     from sketchterrain.sketch import Sketch
 
-__all__ = ["Wish", "main"]
-
-
-@dataclass(frozen=True)
-class Wish:
-    """What shall be exported.
-
-    Attributes
-    ----------
-    folder : Path
-    size : int
-        Vertices along the longer side.
-    foliage : {'csv', 'ply', 'both', 'none'}
-    grass : bool
-    preview : bool
-    view : {'auto', 'ground', 'hill', 'air'}
-        Of the preview.
-    map : {'png', 'svg'} or None
-    device : str or None
-    """
-
-    folder: Path
-    size: int = 1025
-    foliage: str = "csv"
-    grass: bool = False
-    preview: bool = True
-    view: str = "auto"
-    map: str | None = None
-    device: str | None = None
+__all__ = ["main"]
 
 
 def main() -> int:
@@ -74,24 +46,45 @@ def main() -> int:
     return 0
 
 
-def _export(wish: Wish, sketch: Sketch, told: TextIO) -> dict[str, Any]:
+def _export(wish: Wish | TargetWish, sketch: Sketch, told: TextIO) -> dict[str, Any]:
     from sketchterrain.progress import Stages
 
     with Stages(_shown_on(told)) as stages:
-        with stages.stage("program", "Loading the program"):
-            from sketchterrain.generate import Extras, FoliageFiles, check_size, generate
-
-            check_size(sketch, wish.size)
-        done = generate(
-            sketch,
-            wish.folder,
-            device=wish.device,
-            fast=False,
-            size=wish.size,
-            foliage=FoliageFiles(wish.foliage, wish.grass),
-            extras=Extras(wish.preview, wish.view, map=wish.map),
-            stages=stages,
+        return (
+            _take(wish, sketch, stages) if isinstance(wish, TargetWish) else _generate(wish, sketch, stages)
         )
+
+
+def _take(wish: TargetWish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
+    with stages.stage("program", "Loading the program"):
+        from sketchterrain.exporting import export
+    done = export(
+        sketch, wish.folder, wish.target, wish.options, device=wish.device, fast=False, stages=stages
+    )
+    return {
+        "files": [str(path) for path in done.files],
+        "seconds": stages.elapsed,
+        "heights": done.report["heights"],
+        "settings": done.report["import"],
+        "restarts": done.report.get("restarts", []),
+    }
+
+
+def _generate(wish: Wish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
+    with stages.stage("program", "Loading the program"):
+        from sketchterrain.generate import Extras, FoliageFiles, check_size, generate
+
+        check_size(sketch, wish.size)
+    done = generate(
+        sketch,
+        wish.folder,
+        device=wish.device,
+        fast=False,
+        size=wish.size,
+        foliage=FoliageFiles(wish.foliage, wish.grass),
+        extras=Extras(wish.preview, wish.view, map=wish.map),
+        stages=stages,
+    )
     return {
         "files": [str(path) for path in done.files],
         "problem": done.problem,

@@ -125,11 +125,7 @@ class OpenDialogs(QObject):
             self.exporting.raise_()
             self.exporting.activateWindow()
             return
-        kept = self._preferences.export_folder
-        folder = kept or self._preferences.last_folder / "terrain"
-        dialog = ExportDialog(
-            self._document.sketch, folder, device=self._preferences.device, parent=self._window
-        )
+        dialog = ExportDialog(self._document.sketch, self._preferences, parent=self._window)
         self.exporting = dialog
         dialog.finished.connect(self._end_export)
         dialog.show()  # beside the window: one goes on painting
@@ -142,8 +138,6 @@ class OpenDialogs(QObject):
     def _end_export(self) -> None:
         dialog, self.exporting = self.exporting, None
         if dialog is not None:
-            if dialog.job is not None:
-                self._preferences.export_folder = dialog.target
             dialog.deleteLater()
 
     def save_picture(self) -> None:

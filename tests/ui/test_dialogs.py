@@ -37,6 +37,13 @@ def small() -> Sketch:
     return Sketch(name="Small", extent=512.0, layers={"mountain": mountain})
 
 
+def preferring(folder: Path) -> Preferences:
+    """Return the preferences of someone who exported into a folder."""
+    preferences = Preferences(folder.parent / "desktop.ini")
+    preferences.export_folder = folder
+    return preferences
+
+
 @pytest.fixture
 def made(qtbot, tmp_path, small):
     """One of each."""
@@ -45,7 +52,7 @@ def made(qtbot, tmp_path, small):
     dialogs = {
         "new": NewSketchDialog(),
         "presets": PresetsDialog(),
-        "export": ExportDialog(small, tmp_path / "out"),
+        "export": ExportDialog(small, preferring(tmp_path / "out")),
         "picture": PictureDialog((640, 480), tmp_path, "mine"),
         "keys": KeysDialog(),
         "first": FirstStepsDialog(),
@@ -195,7 +202,7 @@ def test_export_asks_for_what_the_command_line_can(made) -> None:
 
 @pytest.mark.slow
 def test_an_export_writes_what_the_command_line_writes(qtbot, small, tmp_path) -> None:
-    dialog = ExportDialog(small, tmp_path / "out")
+    dialog = ExportDialog(small, preferring(tmp_path / "out"))
     qtbot.addWidget(dialog)
     dialog.show()
     dialog.wishes.sizes.setCurrentIndex(0)
@@ -210,13 +217,13 @@ def test_an_export_writes_what_the_command_line_writes(qtbot, small, tmp_path) -
     assert {Path(path).name for path in told.args[0]["files"]} == names
     assert json.loads((tmp_path / "out" / "report.json").read_text())["sketch"] == "Small"
     assert "Heights and materials" in seen
-    assert dialog._bar.value() == dialog._bar.maximum()
+    assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
     qtbot.waitUntil(lambda: not dialog.job.is_running)
 
 
 @pytest.mark.slow
 def test_a_cancelled_export_leaves_nothing(qtbot, small, tmp_path) -> None:
-    dialog = ExportDialog(small, tmp_path / "out")
+    dialog = ExportDialog(small, preferring(tmp_path / "out"))
     qtbot.addWidget(dialog)
     dialog.show()
     dialog._begin()
@@ -234,7 +241,7 @@ def test_a_cancelled_export_leaves_nothing(qtbot, small, tmp_path) -> None:
 @pytest.mark.slow
 def test_an_export_that_cannot_be_written_says_why(qtbot, small, tmp_path) -> None:
     (tmp_path / "file").write_text("")
-    dialog = ExportDialog(small, tmp_path / "file" / "out")
+    dialog = ExportDialog(small, preferring(tmp_path / "file" / "out"))
     qtbot.addWidget(dialog)
     dialog._begin()
     with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as told:

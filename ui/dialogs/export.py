@@ -2,30 +2,30 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QTimer, QUrl
 from PyQt6.QtGui import QDesktopServices
 from PyQt6.QtWidgets import (
+    QComboBox,
     QDialog,
     QDialogButtonBox,
     QFileDialog,
     QHBoxLayout,
     QLabel,
     QLineEdit,
-    QProgressBar,
     QPushButton,
     QStackedWidget,
     QVBoxLayout,
     QWidget,
 )
 
-from sketchterrain.errors import InputError
-from sketchterrain.sizes import check_size
+from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.ui.dialogs.export_outcome import STAGES, TARGET_STAGES, ExportOutcome
+from sketchterrain.ui.dialogs.export_target import TargetWishes
 from sketchterrain.ui.dialogs.export_wishes import ExportWishes
-from sketchterrain.ui.dialogs.sheet import column, heading, note
+from sketchterrain.ui.dialogs.sheet import column, note
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.ui.look.theme import MARGIN, SPACING
 
@@ -33,23 +33,12 @@ if TYPE_CHECKING:
     from PyQt6.QtGui import QCloseEvent
 
     from sketchterrain.sketch import Sketch
+    from sketchterrain.ui.dialogs.kept_controls import Kept
+    from sketchterrain.ui.models.preferences import Preferences
 
 __all__ = ["ExportDialog"]
 
-_STAGES = {
-    "Starting": 1,
-    "Loading the program": 3,
-    "Opening the device": 1,
-    "Placing features": 8,
-    "Heights and materials": 20,
-    "Plants": 25,
-    "Comparing with the sketch": 8,
-    "Drawing the map": 10,
-    "Preview": 20,
-    "Writing files": 4,
-}
-"""Stages of an export and about what share of it each is, in hundredths."""
-_UNITS = 1000
+_EVERYTHING = "Everything, as “generate” writes it"
 
 
 class ExportDialog(QDialog):
@@ -58,27 +47,30 @@ class ExportDialog(QDialog):
     Parameters
     ----------
     sketch
-    folder
-        Where the files go unless another one is chosen.
-    device
-        Selector of the device; None: the program chooses.
+    preferences
+        Say the device, and what was exported the last time; remember it.
     """
 
-    def __init__(
-        self, sketch: Sketch, folder: Path, *, device: str | None = None, parent: QWidget | None = None
-    ) -> None:
+    def __init__(self, sketch: Sketch, preferences: Preferences, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._sketch = sketch
-        self._device = device
+        self._preferences = preferences
         self.job: ExportJob | None = None
-        self._files: list[str] = []
-        self._stage, self._began = "Starting", 0.0
+        self._set: dict[str, Kept] = {}  # of targets that were looked at
         rows = column(self, "Export terrain")
-        self.pages = QStackedWidget()
-        self.wishes = ExportWishes(sketch)
+        self.targets = QComboBox()
+        self.targets.addItem(_EVERYTHING, "")
+        for name in TARGET_NAMES:
+            self.targets.addItem(target_named(name).title, name)
+        self.targets.setCurrentIndex(max(self.targets.findData(preferences.export_target), 0))
+        self.wishes = ExportWishes(sketch, preferences.exported(""))
+        self.target_wishes = TargetWishes(sketch)
+        self._shown = ""  # the target whose controls are there
+        folder = preferences.export_folder or preferences.last_folder / "terrain"
         self.folder = QLineEdit(str(folder))
+        self.outcome = ExportOutcome()
+        self.pages = QStackedWidget()
         self.pages.addWidget(self._ask_page())
-        self.pages.addWidget(self._work_page())
         rows.addWidget(self.pages, 1)
         self._buttons = QDialogButtonBox()
         self._go = self._button("Export", QDialogButtonBox.ButtonRole.AcceptRole, self._begin)
@@ -89,24 +81,28 @@ class ExportDialog(QDialog):
         self._go.setDefault(True)
         self._show_folder.hide()
         rows.addWidget(self._buttons)
-        self._clock = QTimer(self)
-        self._clock.setInterval(500)
-        self._clock.timeout.connect(self._show_time)
-        self.wishes.changed.connect(self._check)
+        for wishes in (self.wishes, self.target_wishes):
+            wishes.changed.connect(self._check)
         self.folder.textChanged.connect(self._check)
-        self.setMinimumWidth(480)
-        self._check()
+        self.targets.currentIndexChanged.connect(self._use_target)
+        self.setMinimumWidth(540)
+        self._use_target()
 
     @property
-    def target(self) -> Path:
+    def place(self) -> Path:
         """The folder that is chosen."""
         return Path(self.folder.text().strip()).expanduser()
+
+    @property
+    def asked(self) -> ExportWishes | TargetWishes:
+        """What asks for what is wanted now."""
+        return self.target_wishes if self.targets.currentData() else self.wishes
 
     def reject(self) -> None:
         """Cancel what runs; else close."""
         if self.job is not None and self.job.is_running:
             self._close.setEnabled(False)
-            self._doing.setText("Cancelling …")
+            self.outcome.doing.setText("Cancelling …")
             self.job.cancel()
             return
         super().reject()
@@ -116,7 +112,7 @@ class ExportDialog(QDialog):
         if self.job is not None and self.job.is_running:
             self.job.cancel()
             self.job.wait()
-        self._clock.stop()
+        self.outcome.end()
         super().closeEvent(event)
 
     def _ask_page(self) -> QWidget:
@@ -124,37 +120,15 @@ class ExportDialog(QDialog):
         rows = QVBoxLayout(page)
         rows.setContentsMargins(0, 0, 0, 0)
         rows.setSpacing(MARGIN)
+        rows.addLayout(_titled("E&xport for", self.targets, "Program or format"))
         rows.addWidget(self.wishes)
+        rows.addWidget(self.target_wishes)
         browse = QPushButton("Browse…")
         browse.setAutoDefault(False)
         browse.clicked.connect(self._browse)
-        title = QLabel("&Folder")
-        title.setBuddy(self.folder)
-        self.folder.setAccessibleName("Folder for the files")
-        row = QHBoxLayout()
-        row.setSpacing(SPACING)
-        for widget in (title, self.folder, browse):
-            row.addWidget(widget)
-        rows.addLayout(row)
+        rows.addLayout(_titled("&Folder", self.folder, "Folder for the files", browse))
         self._refused = note()
         rows.addWidget(self._refused)
-        rows.addStretch(1)
-        return page
-
-    def _work_page(self) -> QWidget:
-        page = QWidget()
-        rows = QVBoxLayout(page)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
-        self._head = heading("Exporting")
-        self._doing = QLabel("Starting")
-        self._bar = QProgressBar()
-        self._bar.setRange(0, _UNITS)
-        self._bar.setTextVisible(False)
-        self._bar.setAccessibleName("How far the export is")
-        self._told = note()
-        for widget in (self._head, self._doing, self._bar, self._told):
-            rows.addWidget(widget)
         rows.addStretch(1)
         return page
 
@@ -165,84 +139,87 @@ class ExportDialog(QDialog):
         button.clicked.connect(do)
         return button
 
+    def _use_target(self, *_: object) -> None:
+        """Ask for the target that is chosen, as it was asked for the last time."""
+        if self._shown:
+            self._set[self._shown] = self.target_wishes.kept()
+        self._shown = str(self.targets.currentData())
+        self.wishes.setVisible(not self._shown)
+        self.target_wishes.setVisible(bool(self._shown))
+        if self._shown:
+            kept = self._set.get(self._shown) or self._preferences.exported(self._shown)
+            self.target_wishes.use(target_named(self._shown), kept)
+        self._check()
+        QTimer.singleShot(0, self._fit)
+
+    def _fit(self) -> None:
+        """Be as high as the controls need."""
+        if self.job is None:
+            self.resize(self.width(), self.minimumSizeHint().height())
+
     def _check(self, *_: object) -> None:
-        line = ""
-        try:
-            check_size(self._sketch, self.wishes.samples)
-        except InputError as error:
-            line = str(error)
+        line = self.asked.problem
         if not self.folder.text().strip():
             line = "Choose a folder."
-        elif self.target.is_file():
-            line = f"{self.target} is a file: expected a folder."
-        elif (self.target / "report.json").is_file():
-            self._refused.setText("Files of an earlier export there are replaced.")
-            self._go.setEnabled(not line)
-            return
-        self._refused.setText(line)
+        elif self.place.is_file():
+            line = f"{self.place} is a file: expected a folder."
         self._go.setEnabled(not line)
+        if not line and (self.place / self.asked.mark).is_file():
+            line = "Files of an earlier export there are replaced."
+        self._refused.setText(line)
 
     def _browse(self) -> None:
-        start = self.target if self.target.is_dir() else self.target.parent
+        start = self.place if self.place.is_dir() else self.place.parent
         name = QFileDialog.getExistingDirectory(self, "Export into a folder", str(start))
         if name:
             self.folder.setText(name)
 
     def _begin(self) -> None:
-        self.job = ExportJob(self.wishes.wish(self.target, self._device), self._sketch, self)
-        self.job.stage_changed.connect(self._show_stage)
-        self.job.share_changed.connect(self._show_share)
+        self._remember()
+        self.job = ExportJob(self.asked.wish(self.place, self._preferences.device), self._sketch, self)
+        self.job.stage_changed.connect(self.outcome.show_stage)
+        self.job.share_changed.connect(self.outcome.show_share)
         self.job.finished.connect(self._show_done)
         self.job.failed.connect(self._show_failed)
-        self._began = time.monotonic()
-        self.pages.setCurrentIndex(1)
+        self.pages.addWidget(self.outcome)
+        self.pages.setCurrentWidget(self.outcome)
         self._go.hide()
-        self._clock.start()
+        self.outcome.begin(TARGET_STAGES if self._shown else STAGES)
         self.job.start()
 
-    def _show_stage(self, title: str) -> None:
-        self._stage = title
-        self._doing.setText(f"{title} …")
-        self._show_share(0.0)
-
-    def _show_share(self, share: float) -> None:
-        before = 0
-        for title, part in _STAGES.items():
-            if title == self._stage:
-                done = (before + part * share) / sum(_STAGES.values())
-                self._bar.setValue(max(self._bar.value(), round(_UNITS * done)))
-                return
-            before += part
-
-    def _show_time(self) -> None:
-        self._told.setText(f"{time.monotonic() - self._began:.0f} s")
+    def _remember(self) -> None:
+        self._preferences.export_folder = self.place
+        self._preferences.export_target = self._shown
+        self._preferences.keep_exported(self._shown, self.asked.kept())
 
     def _show_done(self, told: dict[str, Any]) -> None:
-        self._files = told["files"]
-        self._finish("Exported")
-        self._bar.setValue(_UNITS)
-        heights = told["heights"]
-        self._doing.setText(f"{len(self._files)} files in {told['seconds']:.0f} s, into\n{self.target}")
-        lines = [f"Heights {heights['minimum']:.0f} m to {heights['maximum']:.0f} m."]
-        if told["plants"]:
-            lines.append(f"{told['plants']:,} plants.".replace(",", "\u202f"))
-        if told["problem"]:
-            lines.append(f"No preview: {told['problem']}")
-        self._told.setText(" ".join(lines))
+        self.outcome.show_done(told, self.place)
         self._show_folder.show()
+        self._finish()
 
     def _show_failed(self, line: str) -> None:
-        self._finish("Not exported" if line else "Cancelled")
-        self._doing.setText("No file was written.")
-        self._told.setText(line)
+        self.outcome.show_failed(line)
+        self._finish()
 
-    def _finish(self, title: str) -> None:
-        self._clock.stop()
-        self._head.setText(title)
+    def _finish(self) -> None:
         self._close.setText("Close")
         self._close.setEnabled(True)
         self._close.setDefault(True)
         self._close.setFocus()
 
     def _open_folder(self) -> None:
-        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.target)))
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.place)))
+
+
+def _titled(title: str, control: QWidget, name: str, *after: QWidget) -> QHBoxLayout:
+    """Return a row of a name and a control, and what follows it."""
+    label = QLabel(title)
+    label.setBuddy(control)
+    control.setAccessibleName(name)
+    row = QHBoxLayout()
+    row.setSpacing(SPACING)
+    row.addWidget(label)
+    row.addWidget(control, 1)
+    for each in after:
+        row.addWidget(each)
+    return row

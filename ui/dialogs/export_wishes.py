@@ -7,15 +7,19 @@ from typing import TYPE_CHECKING, Final
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QCheckBox, QComboBox, QVBoxLayout, QWidget
 
-from sketchterrain.sizes import gibibytes, memory_needed
+from sketchterrain.errors import InputError
+from sketchterrain.sizes import check_size, gibibytes, memory_needed
+from sketchterrain.ui.dialogs.kept_controls import set_values, values_of
 from sketchterrain.ui.dialogs.sheet import form, note
-from sketchterrain.ui.export_process import Wish
+from sketchterrain.ui.export_wish import Wish
 from sketchterrain.ui.look.theme import MARGIN
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from sketchterrain.sketch import Sketch
+    from sketchterrain.ui.dialogs.kept_controls import Kept
 
 __all__ = ["ExportWishes"]
 
@@ -45,13 +49,25 @@ class ExportWishes(QWidget):
     ----------
     sketch
         That shall be exported.
+    kept
+        What was set the last time.
+
+    Attributes
+    ----------
+    problem : str
+        Why it cannot be exported so; empty if it can.
     """
 
     changed = pyqtSignal()
+    mark = "report.json"
+    """Name of a file that an export leaves."""
 
-    def __init__(self, sketch: Sketch, parent: QWidget | None = None) -> None:
+    def __init__(
+        self, sketch: Sketch, kept: Mapping[str, object] | None = None, parent: QWidget | None = None
+    ) -> None:
         super().__init__(parent)
         self._sketch = sketch
+        self.problem = ""
         self.sizes = QComboBox()
         for size in _SIZES:
             self.sizes.addItem(self._size_text(size), size)
@@ -78,6 +94,14 @@ class ExportWishes(QWidget):
         rows.setSpacing(MARGIN)
         rows.addLayout(fields)
         rows.addWidget(self._told)
+        self._controls: dict[str, QWidget] = {
+            "size": self.sizes,
+            "plants": self.foliage,
+            "grass": self.grass,
+            "map": self.maps,
+            "view": self.views,
+        }
+        set_values(self._controls, kept or {})
         for box in (self.sizes, self.foliage, self.maps, self.views):
             box.currentIndexChanged.connect(self._show)
         self.grass.toggled.connect(self._show)
@@ -87,6 +111,10 @@ class ExportWishes(QWidget):
     def samples(self) -> int:
         """Vertices along the longer side."""
         return int(self.sizes.currentData())
+
+    def kept(self) -> Kept:
+        """Return what is set, to be kept."""
+        return values_of(self._controls)
 
     def wish(self, folder: Path, device: str | None) -> Wish:
         """Return what is asked for, into a folder, on a device."""
@@ -109,6 +137,11 @@ class ExportWishes(QWidget):
         return f"{columns} × {rows}, {max(east, north) / (size - 1):.3g} m apart"
 
     def _show(self, *_: object) -> None:
+        self.problem = ""
+        try:
+            check_size(self._sketch, self.samples)
+        except InputError as error:
+            self.problem = str(error)
         self.grass.setEnabled(self.foliage.currentData() in ("ply", "both"))
         east, north = self._sketch.size
         disk = _DISK * self.samples**2 * min(east, north) / max(east, north) / (1 << 20)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 __all__ = ["Preferences", "config_folder", "state_folder"]
 
@@ -89,6 +94,27 @@ class Preferences(QObject):
     @export_folder.setter
     def export_folder(self, folder: Path) -> None:
         self._settings.setValue("export_folder", str(folder))
+
+    @property
+    def export_target(self) -> str:
+        """What a terrain was exported to last; empty: everything, as at first."""
+        return self._text("export_target")
+
+    @export_target.setter
+    def export_target(self, target: str) -> None:
+        self._settings.setValue("export_target", target)
+
+    def exported(self, target: str) -> dict[str, Any]:
+        """Return how a terrain was exported to a target the last time; empty: it never was."""
+        try:
+            kept = json.loads(self._text(f"export/{target or 'everything'}"))
+        except ValueError:
+            return {}
+        return kept if isinstance(kept, dict) else {}
+
+    def keep_exported(self, target: str, values: Mapping[str, object]) -> None:
+        """Remember how a terrain was exported to a target."""
+        self._settings.setValue(f"export/{target or 'everything'}", json.dumps(dict(values)))
 
     @property
     def layout(self) -> tuple[QByteArray, QByteArray] | None:

@@ -1,0 +1,237 @@
+"""Exporting to a program from the desktop program: what is asked, what is told, what is written."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PyQt6.QtWidgets import QApplication
+
+from sketchterrain.export import libraries
+from sketchterrain.export.planning import option_names
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.exporting import plan_of
+from sketchterrain.sketch import Sketch
+from sketchterrain.ui.dialogs.export import ExportDialog
+from sketchterrain.ui.dialogs.export_outcome import setting_rows
+from sketchterrain.ui.models.preferences import Preferences
+
+
+@pytest.fixture
+def small() -> Sketch:
+    mountain = np.zeros((48, 64), np.uint8)
+    mountain[10:30, 10:40] = 1
+    return Sketch(name="Small", extent=512.0, layers={"mountain": mountain})
+
+
+@pytest.fixture
+def opened(qtbot, tmp_path, small):
+    """Open the dialog, each time with what was remembered before."""
+    path = tmp_path / "desktop.ini"
+    Preferences(path).export_folder = tmp_path / "out"
+    kept = []  # qtbot does not hold them
+
+    def open_(target: str = "") -> ExportDialog:
+        preferences = Preferences(path)
+        dialog = ExportDialog(small, preferences)
+        dialog.preferences = preferences  # they have no other owner
+        qtbot.addWidget(dialog)
+        kept.append(dialog)
+        dialog.show()
+        if target:
+            dialog.targets.setCurrentIndex(dialog.targets.findData(target))
+        return dialog
+
+    return open_
+
+
+def told(dialog) -> str:
+    return dialog.target_wishes._told.text()
+
+
+def test_every_target_is_offered_with_the_controls_that_it_heeds(opened, small) -> None:
+    dialog = opened()
+    assert [dialog.targets.itemData(row) for row in range(dialog.targets.count())] == ["", *TARGET_NAMES]
+    assert dialog.wishes.isVisible()
+    for name in TARGET_NAMES:
+        dialog.targets.setCurrentIndex(dialog.targets.findData(name))
+        target, controls = target_named(name), dialog.target_wishes.controls
+        shown = {option for option, row in controls._rows.items() if row.isVisible()}
+        tiles = {"overlap", "tile_name", "tile_first", "tiles_from_south"}
+        assert shown == set(option_names(target)) - tiles, name
+        assert not dialog.wishes.isVisible()
+        if "tiles" in shown:
+            controls.columns.setValue(2)
+            shown = {option for option, row in controls._rows.items() if row.isVisible()}
+            assert shown == set(option_names(target)), name
+            controls.columns.setValue(1)
+        assert dialog.target_wishes.problem == "", name
+        assert dialog._go.isEnabled()
+        usual = plan_of(small, name, ExportOptions())
+        asked = plan_of(small, name, controls.options())
+        assert (asked.grid, asked.tiling) == (usual.grid, usual.tiling), name
+        assert asked.options == usual.options, name
+
+
+def test_every_option_of_an_export_can_be_asked_for(opened) -> None:
+    assert set(opened().target_wishes.controls._rows) == {each.name for each in fields(ExportOptions)}
+
+
+def test_what_an_export_will_be_is_told_at_once(opened) -> None:
+    dialog = opened("unreal")
+    controls = dialog.target_wishes.controls
+    assert told(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
+    assert "512 × 512 m: the world goes on beyond the sketch." in told(dialog)
+    controls.columns.setValue(2)
+    controls.rows.setValue(2)
+    assert told(dialog).startswith("4 tiles of 1009 × 1009, 0.254 m apart.")
+    assert controls.options().size == 2017
+    controls.sizes.setCurrentIndex(controls.sizes.findData(127))
+    assert told(dialog).startswith("4 tiles of 127 × 127, 2.032 m apart.")
+    assert "MiB of disk besides the plants" in told(dialog)
+    assert "MiB of memory" in told(dialog)
+
+
+def test_what_cannot_be_is_said_and_not_begun(opened) -> None:
+    dialog = opened("raw")
+    controls = dialog.target_wishes.controls
+    controls.sizes.setEditText("1024")
+    controls.columns.setValue(2)
+    assert "1023 or 1025" in dialog._refused.text()
+    assert not dialog._go.isEnabled()
+    assert told(dialog) == ""
+    controls.sizes.setEditText("")
+    assert "expected a number of vertices" in dialog._refused.text()
+    controls.sizes.setEditText("1025")
+    assert dialog._refused.text() == ""
+    assert dialog._go.isEnabled()
+    controls.pattern.setText("{name}")
+    assert not dialog._go.isEnabled()
+    dialog.targets.setCurrentIndex(dialog.targets.findData("geotiff"))
+    assert dialog._go.isEnabled()
+    controls.crs.setText("EPSG:4326")
+    assert "EPSG:4326" in dialog._refused.text()
+    assert not dialog._go.isEnabled()
+
+
+def test_a_range_that_is_none_is_refused(opened) -> None:
+    dialog = opened("png16")
+    controls = dialog.target_wishes.controls
+    assert controls.options().heights is None
+    assert not controls.low.isEnabled()
+    controls.ranged.setChecked(True)
+    controls.low.setValue(3000.0)
+    assert "expected the lowest and the highest" in dialog._refused.text()
+    controls.low.setValue(-100.0)
+    assert controls.options().heights == (-100.0, 2000.0)
+    assert dialog._go.isEnabled()
+
+
+def test_a_library_that_lacks_is_said_with_what_brings_it(opened, monkeypatch) -> None:
+    monkeypatch.setattr(libraries, "find_spec", lambda _: None)
+    dialog = opened("exr")
+    assert "pip install 'sketchterrain[exr]'" in dialog._refused.text()
+    assert not dialog._go.isEnabled()
+    dialog.targets.setCurrentIndex(dialog.targets.findData("raw"))
+    assert dialog._go.isEnabled()
+
+
+def test_what_was_asked_for_is_there_again(opened, tmp_path) -> None:
+    dialog = opened("unity")
+    controls = dialog.target_wishes.controls
+    controls.sizes.setCurrentIndex(controls.sizes.findData(129))
+    controls.rows.setValue(3)
+    controls.grass.setChecked(True)
+    dialog.targets.setCurrentIndex(dialog.targets.findData("raw"))
+    assert controls.rows.value() == 1
+    dialog.targets.setCurrentIndex(dialog.targets.findData("unity"))
+    assert controls.rows.value() == 3
+    dialog._remember()
+    dialog.preferences.keep()
+    again = opened()
+    assert again.targets.currentData() == "unity"
+    assert again.target_wishes.controls.options() == controls.options()
+    assert again.folder.text() == str(tmp_path / "out")
+
+
+def test_what_was_kept_and_cannot_be_counts_as_never_chosen(opened) -> None:
+    usual = opened("unity").target_wishes.controls.options()
+    dialog = opened()
+    for bad in (
+        {"columns": "many", "size": 17, "low": float("nan"), "plants": 3, "tile_name": None, "format": []},
+        {"size": {}, "grass": "yes"},
+    ):
+        dialog.preferences.keep_exported("unity", bad)
+        assert opened("unity").target_wishes.controls.options() == usual
+    for text in ("[1, 2]", "no JSON"):
+        dialog.preferences._settings.setValue("export/unity", text)
+        assert dialog.preferences.exported("unity") == {}
+
+
+def test_settings_are_rows_that_can_be_copied(opened, qapp) -> None:
+    settings = {
+        "Size": {"X": 6144.0, "Z": 18579.399999999998},
+        "Flip": False,
+        "tiles": [{"file": "a"}, {"file": "b"}],
+        "empty": [],
+    }
+    rows = [
+        ("Size › X", "6144"),
+        ("Size › Z", "18579.4"),
+        ("Flip", "no"),
+        ("tiles › 1 › file", "a"),
+        ("tiles › 2 › file", "b"),
+        ("empty", "[]"),
+    ]
+    assert list(setting_rows(settings)) == rows
+    outcome = opened().outcome
+    heights = {"minimum": -3.0, "maximum": 20.0}
+    outcome.show_done(
+        {"files": ["a"], "seconds": 2.0, "heights": heights, "settings": settings}, Path("somewhere")
+    )
+    outcome._copy()
+    assert QApplication.clipboard().text() == "\n".join(f"{name}\t{value}" for name, value in rows)
+    outcome.table.selectRow(1)
+    outcome._copy_chosen()
+    assert QApplication.clipboard().text() == "18579.4"
+
+
+@pytest.mark.slow
+def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path) -> None:
+    dialog = opened("raw")
+    controls = dialog.target_wishes.controls
+    controls.sizes.setEditText("65")
+    controls.rows.setValue(2)
+    controls.plants.setChecked(False)
+    dialog._begin()
+    with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
+        pass
+    sidecar = json.loads((tmp_path / "out" / "terrain.json").read_text())
+    assert sidecar["target"] == "raw"
+    assert {entry["file"] for entry in sidecar["files"]} == {
+        each.name for each in (tmp_path / "out").iterdir()
+    }
+    assert len(done.args[0]["files"]) == len(sidecar["files"])
+    assert [dialog.outcome.table.item(row, 0).text() for row in range(3)] == list(sidecar["import"])
+    assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
+    assert dialog.preferences.export_target == "raw"
+    qtbot.waitUntil(lambda: not dialog.job.is_running)
+
+
+@pytest.mark.slow
+def test_heights_that_do_not_fit_leave_nothing(qtbot, opened, tmp_path) -> None:
+    dialog = opened("png16")
+    controls = dialog.target_wishes.controls
+    controls.sizes.setEditText("65")
+    controls.ranged.setChecked(True)
+    controls.low.setValue(1999.0)
+    dialog._begin()
+    with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as told_why:
+        pass
+    assert "does not fit into" in told_why.args[0]
+    assert not list(tmp_path.glob("out/*"))
+    qtbot.waitUntil(lambda: not dialog.job.is_running)

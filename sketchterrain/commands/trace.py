@@ -135,7 +135,7 @@ def trace(
                 given = [option for option, value in coloured.items() if value not in (None, [])]
                 if given:
                     raise USAGE_ERROR(f"{given[0]}: not with --layer, which takes all that is painted")
-            _check_output(output)
+            _check_output(output, preview)
             sheet = Sheet(size_px=size, extent=extent, name=name, seed=seed or 0)
         source: npt.NDArray[np.uint8] | None = None
         with stages.stage("trace", f"Tracing {_KINDS[kind]}"):
@@ -146,12 +146,12 @@ def trace(
             else:
                 done = _from_layers(kind, file, sheet, layer)
         with stages.stage("files", "Writing files"):
+            save_sketch(done.sketch, output)
             if preview is not None:
                 from sketchterrain.trace.preview import preview_png
                 from sketchterrain.whole_files import write_whole
 
                 write_whole(preview, preview_png(done.sketch, source))
-            save_sketch(done.sketch, output)
     if as_json:
         say_json(_entry(done, output, kind))
     else:
@@ -165,7 +165,7 @@ def _refuse_others(kind: str, given: dict[str, object]) -> None:
             raise USAGE_ERROR(f"{option}: it is for {wanted}, this is {_KINDS[kind]}")
 
 
-def _check_output(output: Path) -> None:
+def _check_output(output: Path, preview: Path | None) -> None:
     from sketchterrain.errors import InputError, one_line
     from sketchterrain.whole_files import telling_failure
 
@@ -175,6 +175,8 @@ def _check_output(output: Path) -> None:
             raise InputError(f"{place}: expected a new or an empty folder, this one is not empty")
         if output.exists() and not output.is_dir():
             raise InputError(f"{place} is there already: expected a new folder or {_ZIP} file")
+        if preview is not None and not preview.parent.is_dir():
+            raise InputError(f"{one_line(preview)}: expected a file in a folder that is there")
 
 
 def _from_map(

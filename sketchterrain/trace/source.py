@@ -56,4 +56,5 @@ def kind_of(path: Path) -> Kind:
 
     if is_vectors(path):
         return "vectors"
-    raise InputError(f"{place} begins with {shown(start[:12])}: {_EXPECTED}")
+    begins = f"begins with {shown(start[:12])}" if start else "is empty"
+    raise InputError(f"{place} {begins}: {_EXPECTED}")

@@ -1,0 +1,131 @@
+"""The command `trace`: what it writes, what it says, what it refuses."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sketchterrain.sketch import load_sketch
+
+
+@pytest.fixture
+def island(tmp_path):
+    """A map of 90×60 px: mountains north-west, a river along the south, paper."""
+    pixels = np.full((60, 90, 3), 255, np.uint8)
+    pixels[5:30, 5:40] = (139, 90, 43)
+    pixels[50:53] = (56, 116, 196)
+    Image.fromarray(pixels).save(tmp_path / "island.png")
+    return tmp_path / "island.png"
+
+
+def test_a_map_becomes_a_sketch_that_loads(call, island, tmp_path) -> None:
+    done = call(
+        *("trace", island, "-o", tmp_path / "a", "--extent", 9000, "--seed", 7, "--name", "Isle"),
+        *("--preview", tmp_path / "p.png"),
+    )
+    assert done.code == 0, done.err
+    sketch = load_sketch(tmp_path / "a")
+    assert (sketch.name, sketch.extent, sketch.seed) == ("Isle", 9000.0, 7)
+    assert np.array_equal(np.argwhere(sketch.layers["mountain"])[[0, -1]], [[5, 5], [29, 39]])
+    assert sketch.layers["river"][50:53].all()
+    assert "#8b5a2b is mountain 1 (16.2%)" in done.out
+    assert f"sketch: {tmp_path / 'a'}" in done.out
+    with Image.open(tmp_path / "p.png") as picture:
+        assert picture.size == (2 * 90 + 8, 60)
+        assert picture.convert("RGB").getpixel((98 + 10, 10)) == (140, 92, 70)
+
+
+def test_a_zip_and_json(call, island, tmp_path) -> None:
+    done = call("trace", island, "-o", tmp_path / "a.sketch", "--size", 45, "--json")
+    assert done.code == 0, done.err
+    told = json.loads(done.out)
+    assert told["size"] == {"width": 45, "height": 30}
+    assert told["layers"] == {"mountain": [1], "river": [1]}
+    assert told["colours"][1] == {
+        "rgb": "#8b5a2b",
+        "share": pytest.approx(0.162, abs=1e-3),
+        "layer": "mountain",
+        "label": 1,
+    }
+    assert told["shares"] == {"sure": 1.0, "taken": 0.0, "unknown": 0.0}
+    assert load_sketch(tmp_path / "a.sketch").width_px == 45
+
+
+def test_a_legend_by_options_or_by_file(call, island, tmp_path) -> None:
+    (tmp_path / "legend.toml").write_text('[[colour]]\nrgb = "#8b5a2b"\nlayer = "dune"\nlabel = 3\n')
+    for number, legend in enumerate(
+        (("--colour", "dune.3=#8b5a2b"), ("--colours", tmp_path / "legend.toml"))
+    ):
+        done = call("trace", island, "-o", tmp_path / str(number), *legend)
+        assert done.code == 0, done.err
+        layers = load_sketch(tmp_path / str(number)).layers
+        assert [name for name, image in layers.items() if image.any()] == ["dune"]
+        assert set(np.unique(layers["dune"])) == {0, 3}
+
+
+def test_a_mask_and_a_folder(call, tmp_path) -> None:
+    pixels = np.zeros((40, 40), np.uint8)
+    pixels[10:20] = 255
+    (tmp_path / "layers").mkdir()
+    Image.fromarray(pixels).save(tmp_path / "layers" / "lake 2.png")
+    path = tmp_path / "layers" / "lake 2.png"
+    assert call("trace", path, "-o", tmp_path / "a", "--layer", "lake.2").code == 0
+    assert call("trace", tmp_path / "layers", "-o", tmp_path / "b").code == 0
+    for name in "ab":
+        assert np.array_equal(load_sketch(tmp_path / name).layers["lake"] == 2, pixels > 0)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "told"),
+    [
+        (("--colour", "sea=#0000ff"), 3, "unknown layer 'sea'"),
+        (("--colour", "hill=#123456"), 3, "no colour of the legend in it"),
+        (("--colour", "hill=#123456", "--colours", "x.toml"), 2, "one legend"),
+        (("--colours", "none.toml"), 3, "none.toml: cannot be read"),
+        (("--layer", "sea"), 3, "layer 'sea'"),
+        (("--layer", "hill", "--specks", "3"), 2, "--specks: not with --layer"),
+        (("--bounds", "1,2,3,4"), 2, "--bounds: it is for GeoJSON or a GeoPackage, this is a picture"),
+        (("--bounds", "1,2,3"), 2, "WEST,SOUTH,EAST,NORTH"),
+        (("--extent", "0"), 3, "extent"),
+        (("--extent", "nan"), 3, "extent"),
+        (("--size", "0"), 3, "size: expected 1 to 16384 px"),
+        (("--seed", "-1"), 3, "seed"),
+        (("--tolerance", "2"), 2, "--tolerance"),
+        (("--preview", "p.jpg"), 2, "expected the name of a .png file"),
+        (("--preview", "no/such/p.png"), 3, "expected a file in a folder that is there"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line_and_writes_nothing(
+    call, island, tmp_path, options, code, told
+) -> None:
+    before = sorted(tmp_path.iterdir())
+    done = call("trace", island, "-o", tmp_path / "a", *options)
+    assert done.code == code, done.err
+    assert told in done.error
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_what_is_there_is_left_alone(call, island, tmp_path) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine")
+    (tmp_path / "a.sketch").write_text("mine")
+    for name in ("full", "a.sketch"):
+        done = call("trace", island, "-o", tmp_path / name)
+        assert done.code == 3
+        assert "expected a new" in done.error
+    assert (tmp_path / "a.sketch").read_text() == "mine"
+    assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
+    done = call("trace", island, "-o", island / "a")
+    assert done.code == 1
+    assert "cannot be written" in done.error
+
+
+def test_a_picture_that_is_none(call, tmp_path) -> None:
+    (tmp_path / "map.tif").write_bytes(b"<VRTDataset></VRTDataset>")
+    done = call("trace", tmp_path / "map.tif", "-o", tmp_path / "a")
+    assert done.code == 3
+    assert "expected a PNG, JPEG, TIFF or WebP picture, an OpenRaster file" in done.error
+    assert not (tmp_path / "a").exists()

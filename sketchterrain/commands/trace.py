@@ -69,7 +69,7 @@ def trace(
     extent: Annotated[float | None, typer.Option(metavar="M", help="Metres along the longer side.")] = None,
     size: Annotated[
         int | None,
-        typer.Option(metavar="PX", help="Pixels along the longer side; at most 1024 if not given."),
+        typer.Option(metavar="PX", help="Pixels along the longer side; else the picture's, at most 1024."),
     ] = None,
     colour: Annotated[
         list[str] | None,
@@ -212,10 +212,11 @@ def _from_layers(kind: str, file: Path, sheet: Sheet, layer: str | None) -> Trac
 def _from_vectors(file: Path, sheet: Sheet, **options: Any) -> Traced:
     from dataclasses import replace
 
+    from sketchterrain.sketch.document import DEFAULT_SIDE
     from sketchterrain.trace.vectors import sketch_from_vectors
 
-    size = {} if sheet.size_px is None else {"size_px": sheet.size_px}
-    traced = sketch_from_vectors(file, name=sheet.name, **size, **options)
+    side = DEFAULT_SIDE if sheet.size_px is None else sheet.size_px
+    traced = sketch_from_vectors(file, name=sheet.name, size_px=side, **options)
     return replace(traced, sketch=traced.sketch.replace(seed=sheet.seed))
 
 

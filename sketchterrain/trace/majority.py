@@ -60,13 +60,13 @@ def majority(
         band = values[first:last]
         most = np.zeros((rows.shape[0], size[0]), dtype=np.float32)
         part = np.full(most.shape, NO_VOTE, dtype=np.uint8)
-        for value in np.flatnonzero(np.bincount(band.ravel(), minlength=256)[:NO_VOTE]):
+        for value in map(int, np.flatnonzero(np.bincount(band.ravel(), minlength=256)[:NO_VOTE])):
             mask = (band == value).astype(np.float32)
             votes = rows[:, first:last] @ (across @ mask.T).T
             won = votes > most
             most[won], part[won] = votes[won], value
             if value in touched:
-                touched[int(value)][top : top + step] = votes > 0.0
+                touched[value][top : top + step] = votes > 0.0
         scaled[top : top + step] = part
     if size[0] < width or size[1] < height:
         for value, where in touched.items():

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
+    from sketchterrain.sketch.parameter import Value
+
 __all__ = ["LONGEST", "Sheet"]
 
 LONGEST: Final = 1024
@@ -71,7 +73,7 @@ class Sheet:
             Its name if none was given.
         """
         there = {name: image for name, image in layers.items() if image.any()}
-        labels = {}
+        labels: dict[tuple[str, int], dict[str, Value]] = {}
         for name, image in there.items():
             found = labels_in(image)
             if len(found) > MOST_LABELS:
@@ -84,7 +86,7 @@ class Sheet:
             seed=self.seed,
             layers=layers,
             labels=labels,
-            **({} if self.extent is None else {"extent": self.extent}),
+            extent=float(SKETCH["extent"].default) if self.extent is None else self.extent,
         )
         told = []
         if self.extent is None:

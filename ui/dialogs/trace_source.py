@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
+from sketchterrain.sketch.document import DEFAULT_SIDE
 from sketchterrain.trace.coloured_map import ColouredMap, map_of
 from sketchterrain.trace.layered import trace_folder, trace_mask, trace_open_raster
 from sketchterrain.trace.picture import read_picture
@@ -112,7 +113,7 @@ def trace_source(
 def _from_vectors(path: Path, sheet: Sheet) -> Traced:
     from sketchterrain.trace.vectors import sketch_from_vectors
 
-    return sketch_from_vectors(path, name=sheet.name, size_px=sheet.size_px or 1024)
+    return sketch_from_vectors(path, name=sheet.name, size_px=sheet.size_px or DEFAULT_SIDE)
 
 
 def _smaller(rgba: npt.NDArray[np.uint8], how: Image.Resampling) -> npt.NDArray[np.uint8]:

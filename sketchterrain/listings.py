@@ -36,7 +36,7 @@ __all__ = [
 ]
 
 _NAME = 10  # columns of the first word
-_FILES_SHOWN = 12  # of an export in tiles
+_FILES_SHOWN = 6  # of an export, if there are many
 _GL_SHARING = {
     "extension": "shares buffers through cl_khr_gl_sharing",
     "mapped": "kernels write into mapped vertex buffers, no copy",
@@ -139,10 +139,13 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
 
 def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
     """Return what was written, where it lies, and what to type in where it is imported."""
+    from sketchterrain.export.typed_settings import typed_rows
+
     grid, heights, tiles = report["grid"], report["heights"], report["tiles"]
     cut = f" in {len(tiles)} tiles" if len(tiles) > 1 else ""
     names = [entry["file"] for entry in report["files"]]
-    shown = [*names[:_FILES_SHOWN], f"and {len(names) - _FILES_SHOWN} more"] if cut else names
+    more = len(names) - _FILES_SHOWN
+    shown = [*names[:_FILES_SHOWN], f"and {more} more"] if more > 1 else names
     lines = [
         f"{report['sketch']}, seed {report['seed']}, for {report['target']}: {grid['columns']} × "
         f"{grid['rows']} vertices{cut} {grid['spacing']['x']:.6g} m apart, {heights['minimum']:.1f} to "
@@ -150,15 +153,14 @@ def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list
         f"files: {folder}: {' '.join(shown)}",
     ]
     lines += [f"started again: {line}" for line in report.get("restarts", [])]
-    if report["import"]:
+    rows = typed_rows(report["import"])
+    if rows:
         lines.append("to type in where they are imported:")
-        width = max(len(name) for name in report["import"])
-        lines += [f"  {name:<{width}}  {_typed(value)}" for name, value in report["import"].items()]
+        width = max(2 * row.depth + len(row.name) for row in rows)
+        for row in rows:
+            name = "  " * row.depth + row.name
+            lines.append(f"  {name:<{width}}  {row.value}".rstrip())
     return lines
-
-
-def _typed(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
 def target_entry(target: Target) -> dict[str, Any]:

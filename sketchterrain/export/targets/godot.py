@@ -33,6 +33,8 @@ __all__ = ["TARGETS", "godot_axes", "import_position", "region_size", "write_god
 _REGION: Final = 256  # vertices along a region's side unless a larger one is chosen
 _REGIONS: Final = 32  # each way, at most
 _MOST: Final = 16384  # vertices along a side that the importer takes
+# The largest region size that so many need: a region that is only begun would lie flat at 0 m.
+_MULTIPLE: Final = _MOST // _REGIONS
 _FILES: Final = {
     "exr": "heights, m: float32",
     "r16": "heights: 16 bits, little-endian, no header",
@@ -163,7 +165,7 @@ TARGETS: Final = (
         write=write_godot,
         libraries=(Library("OpenEXR", "exr"),),
         spacing=1.0,
-        multiple=_REGION,
+        multiple=_MULTIPLE,
         most=_MOST,
         formats=("exr", "r16"),
         knows=frozenset({"tiles", "tile_name", "tile_first", "tiles_from_south", "format", "heights"}),

@@ -14,8 +14,9 @@ from scipy.interpolate import RegularGridInterpolator
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.grid import Grid
+from sketchterrain.export.planning import plan
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.export.targets.godot import import_position, region_size
+from sketchterrain.export.targets.godot import TARGETS, import_position, region_size
 from sketchterrain.exporting import plan_of
 
 if TYPE_CHECKING:
@@ -169,14 +170,41 @@ def test_no_heights_are_png(exported: Callable[..., Any]) -> None:
 
 @pytest.mark.parametrize(
     ("side", "region", "position"),
-    [(256, 256, 0), (1024, 256, -512), (1280, 256, -512), (8192, 256, -4096), (8448, 512, -4096)],
+    [
+        (512, 256, -256),
+        (1024, 256, -512),
+        (1536, 256, -768),
+        (8192, 256, -4096),
+        (8704, 512, -4096),
+        (16384, 512, -8192),
+    ],
 )
 def test_thirty_two_regions_hold_the_terrain(side: int, region: int, position: int) -> None:
     grid = Grid(0.0, 0.0, side - 1.0, side - 1.0, side, side)
     assert region_size(grid) == region
     assert import_position(grid) == (position, position)
-    assert position % region == 0
+    assert position % region == side % region == 0
     assert max(-position, side + position) <= 16 * region
+
+
+@pytest.mark.parametrize(
+    ("extent", "tiles", "vertices"),
+    [
+        (100.0, (1, 1), 512),
+        (1024.0, (1, 1), 1024),
+        (1025.5, (1, 1), 1536),
+        (1024.0, (3, 3), 1536),
+        (9000.0, (2, 2), 9216),
+    ],
+)
+def test_regions_are_never_only_begun(
+    corner: st.Sketch, extent: float, tiles: tuple[int, int], vertices: int
+) -> None:
+    sketch = replace(corner, extent=extent)
+    made = plan(sketch, TARGETS[0], ExportOptions(tiles=tiles))
+    assert (made.grid.columns, made.grid.rows) == (vertices, vertices)
+    assert made.grid.spacing == (1.0, 1.0)
+    assert made.tile_side[0] % region_size(made.grid) == 0
 
 
 @pytest.mark.parametrize(

@@ -42,10 +42,10 @@ def typed_rows(settings: Mapping[str, Any]) -> list[Row]:
 
 def _rows(settings: Mapping[str, Any], depth: int) -> Iterator[Row]:
     for name, value in settings.items():
-        if isinstance(value, dict) and not _is_flat(value.values()):
+        if isinstance(value, dict) and not all(isinstance(each, (int, float)) for each in value.values()):
             yield Row(depth, name, "")
             yield from _rows(value, depth + 1)
-        elif isinstance(value, list) and not _is_flat(value):
+        elif isinstance(value, list) and any(isinstance(each, (dict, list)) for each in value):
             for number, entry in enumerate(value[:_MOST], start=1):
                 yield Row(depth, name.removesuffix("s") + (f" {number}" if len(value) > 1 else ""), "")
                 yield from _rows(entry, depth + 1)
@@ -53,10 +53,6 @@ def _rows(settings: Mapping[str, Any], depth: int) -> Iterator[Row]:
                 yield Row(depth, name, f"{len(value) - _MOST} more in {SIDECAR}")
         else:
             yield Row(depth, name, _shown(value))
-
-
-def _is_flat(values: Any) -> bool:
-    return not any(isinstance(value, (dict, list)) for value in values)
 
 
 def _shown(value: object) -> str:

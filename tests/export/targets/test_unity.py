@@ -79,6 +79,15 @@ def test_heights_are_those_of_the_terrain_where_unity_puts_them(
     assert_heights(terrain, outcome, tile)
 
 
+@pytest.mark.parametrize(("size", "tiles"), [(129, (2, 2)), (65, (2, 1)), (97, (1, 3))])
+def test_each_tile_stands_where_its_ground_is(
+    terrain: st.Terrain, exported: Callable[..., Any], size: int, tiles: tuple[int, int]
+) -> None:
+    outcome = exported("unity", size=size, tiles=tiles, plants=size == 129)
+    for tile in tiles_of(outcome.sidecar["import"]):
+        assert_heights(terrain, outcome, tile)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [2049, 4097])
 def test_large_sizes_come_back_too(corner: st.Sketch, terrain: st.Terrain, tmp_path: Path, size: int) -> None:
@@ -110,7 +119,7 @@ def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None
 
 def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., Any]) -> None:
     whole = exported("unity", size=129)
-    outcome = exported("unity", size=129, tiles=(2, 2))
+    outcome = exported("unity", size=129, tiles=(2, 2), plants=True)
     tiles = tiles_of(outcome.sidecar["import"])
     assert {tile["file"] for tile in tiles} == {f"high_corner_{x}_{z}.raw" for x in (0, 1) for z in (0, 1)}
     joined = np.full((129, 129), np.nan)
@@ -129,7 +138,7 @@ def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., An
 
 
 def test_edges_of_weights_are_equal_to_the_bit(exported: Callable[..., Any]) -> None:
-    folder = exported("unity", size=129, tiles=(2, 2)).folder
+    folder = exported("unity", size=129, tiles=(2, 2), plants=True).folder
     for kind in ("splat1", "splat2"):
         sw, se, nw = (
             np.asarray(Image.open(folder / f"high_corner_{kind}_{at}.png")) for at in ("0_0", "1_0", "0_1")
@@ -178,7 +187,7 @@ def test_normals_lean_away_from_the_slope(exported: Callable[..., Any]) -> None:
 def test_trees_are_the_terrains_and_stand_on_unitys_ground(
     terrain: st.Terrain, exported: Callable[..., Any], tiles: tuple[int, int]
 ) -> None:
-    outcome = exported("unity", size=129, tiles=tiles)
+    outcome = exported("unity", size=129, tiles=tiles, plants=True)
     count = 0
     for tile, bounds in zip(tiles_of(outcome.sidecar["import"]), outcome.sidecar["tiles"], strict=True):
         name = tile["file"].replace("high_corner", "high_corner_plants").replace(".raw", ".json")

@@ -159,6 +159,15 @@ def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., An
     np.testing.assert_array_equal(joined, numbers(whole.folder / "high_corner_height.png"))
 
 
+def test_a_row_of_tiles_goes_on_beyond_the_sketch(terrain: st.Terrain, exported: Callable[..., Any]) -> None:
+    outcome = exported("unreal", size=253, tiles=(2, 1), plants=False)
+    assert outcome.sidecar["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 2048.0, "north": 1024.0}
+    tiles = [numbers(outcome.folder / f"high_corner_height_x{x}_y0.png") for x in (0, 1)]
+    np.testing.assert_array_equal(tiles[0][:, -1], tiles[1][:, 0])
+    whole = np.concatenate([tiles[0], tiles[1][:, 1:]], axis=1)
+    assert_heights(terrain, outcome, imported(whole, outcome.sidecar["import"]))
+
+
 def test_tiles_can_stand_side_by_side(exported: Callable[..., Any]) -> None:
     outcome = exported("unreal", size=254, tiles=(2, 2), overlap=0, plants=False)
     grid = outcome.sidecar["grid"]

@@ -235,3 +235,16 @@ def test_heights_that_do_not_fit_leave_nothing(qtbot, opened, tmp_path) -> None:
     assert "does not fit into" in told_why.args[0]
     assert not list(tmp_path.glob("out/*"))
     qtbot.waitUntil(lambda: not dialog.job.is_running)
+
+
+@pytest.mark.slow
+def test_a_cancelled_export_to_a_target_leaves_nothing(qtbot, opened, tmp_path) -> None:
+    dialog = opened("gltf")
+    dialog._begin()
+    with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000):
+        pass
+    with qtbot.waitSignal(dialog.job.failed, timeout=30_000) as told_why:
+        dialog.reject()
+    assert told_why.args == [""]
+    assert not list(tmp_path.glob("out/*"))
+    qtbot.waitUntil(lambda: not dialog.job.is_running)

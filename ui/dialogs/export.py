@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PyQt6.QtCore import QTimer, QUrl
-from PyQt6.QtGui import QDesktopServices
+from PyQt6.QtCore import Qt, QTimer, QUrl
+from PyQt6.QtGui import QDesktopServices, QPalette
 from PyQt6.QtWidgets import (
     QComboBox,
     QDialog,
@@ -128,6 +128,7 @@ class ExportDialog(QDialog):
         browse.clicked.connect(self._browse)
         rows.addLayout(_titled("&Folder", self.folder, "Folder for the files", browse))
         self._refused = note()
+        self._refused.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         rows.addWidget(self._refused)
         rows.addStretch(1)
         return page
@@ -164,6 +165,8 @@ class ExportDialog(QDialog):
         elif self.place.is_file():
             line = f"{self.place} is a file: expected a folder."
         self._go.setEnabled(not line)
+        role = QPalette.ColorRole.WindowText if line else QPalette.ColorRole.PlaceholderText
+        self._refused.setForegroundRole(role)
         if not line and (self.place / self.asked.mark).is_file():
             line = "Files of an earlier export there are replaced."
         self._refused.setText(line)

@@ -1,4 +1,4 @@
-"""Meshes at an error bound: never more than asked, by arithmetic that is not the program's, on hard ground."""
+"""Meshes at an error bound: never more than asked, by other arithmetic than the program's, on hard ground."""
 
 from __future__ import annotations
 

@@ -39,6 +39,13 @@ def test_the_help_names_the_targets_there_are() -> None:
     assert TARGETS == TARGET_NAMES
 
 
+def test_the_docs_tell_of_each_target() -> None:
+    page = (Path(__file__).parents[2] / "docs/exporting.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
+    named = {name for row in rows for name in row.replace("`", "").replace(",", " ").split()}
+    assert set(TARGET_NAMES) <= named
+
+
 @pytest.mark.parametrize("target", TARGET_NAMES)
 def test_a_target_from_the_command_line(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str

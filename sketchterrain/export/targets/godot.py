@@ -94,11 +94,12 @@ def write_godot(export: Export) -> Written:
     water = export.folder / f"{export.name}_water.json"
     files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
     facts: dict[str, Any] = {
+        "heights": {"numbers": "float32", "channel": "R", "metres": "value"},
         "axes": axes.facts,
         "textures": dict(enumerate(export.terrain.material_names)),
     }
     if steps is not None:
-        facts |= {"heights": steps.facts, "byte_order": "little"}
+        facts |= {"heights": {"numbers": "uint16", **steps.facts}, "byte_order": "little-endian"}
     return Written(files, _settings(export, steps), facts)
 
 

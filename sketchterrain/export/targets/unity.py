@@ -72,8 +72,8 @@ def write_unity(export: Export) -> Written:
     water = export.folder / f"{export.name}_water.json"
     files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
     facts = {
-        "heights": steps.facts,
-        "byte_order": "little",
+        "heights": {"numbers": "uint16", **steps.facts},
+        "byte_order": "little-endian",
         "orientation": {
             "raw": {"row_0": "south", "column_0": "west", "samples": "vertices"},
             "images": {"row_0": "north", "column_0": "west"},

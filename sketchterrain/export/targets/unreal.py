@@ -71,8 +71,8 @@ def write_unreal(export: Export) -> Written:
     water = export.folder / f"{export.name}_water.json"
     files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
     facts = {
-        "heights": steps.facts,
-        "byte_order": "little" if export.options.format == "r16" else "as PNG has it",
+        "heights": {"numbers": "uint16", **steps.facts},
+        "byte_order": "little-endian" if export.options.format == "r16" else "as PNG has it",
         "axes": axes.facts,
         "layers": list(export.terrain.material_names),
     }

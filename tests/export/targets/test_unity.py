@@ -237,7 +237,7 @@ def test_the_river_runs_from_north_to_south_in_unitys_metres(
 
 def test_the_sidecar_says_what_to_type_in(exported: Callable[..., Any]) -> None:
     told = exported("unity", size=129).sidecar
-    assert told["byte_order"] == "little"
+    assert told["byte_order"] == "little-endian"
     assert told["orientation"]["raw"]["row_0"] == "south"
     assert told["import"]["Byte Order"] == "Windows"
     assert told["import"]["Flip Vertically"] is False

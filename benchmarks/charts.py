@@ -15,6 +15,7 @@ from sketchterrain.benchmarks.culling_chart import draw_culling
 from sketchterrain.benchmarks.erosion_chart import draw_erosion, draw_normals
 from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw_generation
 from sketchterrain.benchmarks.live_chart import draw_live
+from sketchterrain.benchmarks.meshes_chart import draw_meshes
 from sketchterrain.benchmarks.outcome import value_of
 from sketchterrain.benchmarks.pictures_chart import draw_parts, draw_qualities
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
@@ -281,6 +282,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "flight": draw_errors,
     "kernels": _kernels,
     "live": draw_live,
+    "meshes": draw_meshes,
     "pictures": draw_qualities,
     "points": draw_table_6_1,
     "sketch": draw_scaling,

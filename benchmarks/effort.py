@@ -94,6 +94,10 @@ class Effort:
         Width and height of pictures, px.
     live_strokes, live_dabs : int
         Strokes, and single dabs, that are painted while the terrain follows.
+    mesh_side : int
+        Vertices along the longer side of the grids that are meshed.
+    mesh_errors : tuple of float
+        Errors that meshes are asked for, m.
     """
 
     rounds: int
@@ -144,6 +148,8 @@ class Effort:
     picture_size: tuple[int, int]
     live_strokes: int
     live_dabs: int
+    mesh_side: int
+    mesh_errors: tuple[float, ...]
 
 
 QUICK = Effort(
@@ -195,6 +201,8 @@ QUICK = Effort(
     picture_size=(640, 360),
     live_strokes=3,
     live_dabs=6,
+    mesh_side=257,
+    mesh_errors=(8.0, 2.0, 0.5),
 )
 """Under a minute on two shared cores."""
 
@@ -247,5 +255,7 @@ FULL = Effort(
     picture_size=(1280, 720),
     live_strokes=60,
     live_dabs=120,
+    mesh_side=1025,
+    mesh_errors=(16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.1),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

@@ -15,6 +15,7 @@ from sketchterrain.benchmarks import (
     flight,
     kernel_times,
     live,
+    meshes,
     noise,
     part_costs,
     pictures,
@@ -111,6 +112,7 @@ BENCHMARKS = {
             "pictures", "valley_river, from the ground; full run: from high above too", _OWN, pictures.measure
         ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
+        Benchmark("meshes", f"the whole of {_PRESETS}", _OWN, meshes.measure),
         Benchmark(
             "accuracy",
             "tiles drawn from the whole of valley_river (full run: of desert_mountains too)",

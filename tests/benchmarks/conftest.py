@@ -56,6 +56,8 @@ TINY = Effort(
     picture_size=(96, 54),
     live_strokes=1,
     live_dabs=2,
+    mesh_side=33,
+    mesh_errors=(20.0, 2.0),
 )
 
 

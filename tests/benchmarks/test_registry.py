@@ -34,6 +34,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "live",
         "pictures",
         "erosion",
+        "meshes",
         "accuracy",
     ]
     for name, benchmark in BENCHMARKS.items():

@@ -256,6 +256,6 @@ FULL = Effort(
     live_strokes=60,
     live_dabs=120,
     mesh_side=1025,
-    mesh_errors=(16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.1),
+    mesh_errors=(16.0, 4.0, 1.0, 0.25),
 )
 """Minutes; what ``benchmarks/results/`` holds."""

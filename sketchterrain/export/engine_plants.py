@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from sketchterrain.export.decimals import decimals, words
+from sketchterrain.export.decimals import decimals
 from sketchterrain.export.grid_ground import ground_at
-from sketchterrain.export.json_rows import json_rows, write_listing
+from sketchterrain.export.json_rows import json_rows, small_numbers, write_listing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -60,7 +60,7 @@ def plant_rows(plants: npt.NDArray[np.void], sampled: Sampled, axes: EngineAxes,
     whole = 360.0 if degrees else 2.0 * np.pi
     turn = np.mod(axes.turn * plants["rotation"].astype(np.float64) * (whole / (2.0 * np.pi)), whole)
     columns = [
-        words([str(index) for index in range(256)])[plants["species"]],
+        small_numbers(plants["species"]),
         *(decimals(place[:, axis], 3) for axis in range(3)),
         decimals(turn, 4),
         decimals(plants["scale"], 3),

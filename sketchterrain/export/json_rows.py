@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.export.decimals import words
 from sketchterrain.whole_files import telling_failure, whole_file
 
 if TYPE_CHECKING:
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 
     Text = npt.NDArray[np.uint8]
 
-__all__ = ["json_rows", "write_listing"]
+__all__ = ["json_rows", "small_numbers", "write_listing"]
+
+_NUMBERS = words([str(number) for number in range(256)])
 
 
 def json_rows(parts: Sequence[bytes | Text]) -> bytes:
@@ -32,6 +35,11 @@ def json_rows(parts: Sequence[bytes | Text]) -> bytes:
     rows = next(len(part) for part in parts if not isinstance(part, bytes))
     columns = [_column(part, rows) for part in (*parts, b",\n")]
     return np.concatenate(columns, axis=1).tobytes().translate(None, delete=b"\0")[:-2]
+
+
+def small_numbers(values: npt.NDArray[np.uint8]) -> Text:
+    """Return bytes as text, a number a row: a column of :func:`json_rows`."""
+    return _NUMBERS[values]
 
 
 def write_listing(path: Path, head: dict[str, Any], name: str, pieces: Iterable[bytes]) -> Path:
@@ -52,9 +60,9 @@ def write_listing(path: Path, head: dict[str, Any], name: str, pieces: Iterable[
     SketchterrainError
         If the system cannot write the file.
     """
-    start = json.dumps(head, ensure_ascii=False, allow_nan=False)[:-1]
+    start = json.dumps(head | {name: []}, ensure_ascii=False, allow_nan=False).removesuffix("]}")
     with whole_file(path) as stream:
-        stream.write(f"{start},\n{json.dumps(name)}: [\n".encode())
+        stream.write(f"{start}\n".encode())
         begun = False
         for piece in pieces:
             if piece:

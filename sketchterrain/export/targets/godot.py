@@ -10,8 +10,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.control_map import control_map
 from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.engine_files import path_of, tiles_of
-from sketchterrain.export.engine_plants import storeys_of, write_plants
-from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.engine_placed import write_all_plants, write_all_water
 from sketchterrain.export.exr import write_exr
 from sketchterrain.export.files import write_png
 from sketchterrain.export.height_steps import HeightSteps
@@ -41,9 +40,6 @@ _FILES: Final = {
     "control": "control map: the two heaviest materials of each vertex as bits of Terrain3D",
     "weights": "weights of four materials: red, green, blue, alpha",
     "normal": "normals, Y+: red east, green north, blue up",
-    "plants": "trees and shrubs, m: x east, y up, z south",
-    "grass": "grass, flowers and ferns, m: x east, y up, z south",
-    "water": "rivers and lakes, m: x east, y up, z south",
 }
 
 
@@ -85,14 +81,7 @@ def write_godot(export: Export) -> Written:
         for done, (piece, tile) in enumerate(tiles_of(export), start=1):
             files |= _images(export, piece, tile, steps)
             tell(done / export.tiling.count)
-    for storey, kind in storeys_of(export.options).items():
-        with export.stages.stage(kind, kind.capitalize()) as tell:
-            path = export.folder / f"{export.name}_{kind}.json"
-            files[write_plants(path, export.terrain, storey, export.sampled, axes, progress=tell)] = _FILES[
-                kind
-            ]
-    water = export.folder / f"{export.name}_water.json"
-    files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
+    files |= write_all_plants(export, axes) | write_all_water(export, axes)
     facts: dict[str, Any] = {
         "heights": {"numbers": "float32", "channel": "R", "metres": "value"},
         "axes": axes.facts,

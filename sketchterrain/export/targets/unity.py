@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from sketchterrain.export.decimals import decimals, words
+from sketchterrain.export.decimals import decimals
 from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.engine_files import path_of, tiles_of
+from sketchterrain.export.engine_placed import write_all_water
 from sketchterrain.export.engine_plants import plants_within, storeys_of
-from sketchterrain.export.engine_water import write_water
 from sketchterrain.export.files import write_png
 from sketchterrain.export.grid_ground import ground_at
 from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.json_rows import json_rows, write_listing
+from sketchterrain.export.json_rows import json_rows, small_numbers, write_listing
 from sketchterrain.export.layer_images import edge_to_edge
 from sketchterrain.export.target import Target, Written
 from sketchterrain.export.tiling import Tiling
@@ -38,7 +38,6 @@ _FILES: Final = {
     "splat": "weights of four terrain layers: red, green, blue, alpha",
     "plants": "trees and shrubs as fields of TreeInstance",
     "grass": "grass, flowers and ferns as fields of TreeInstance",
-    "water": "rivers and lakes, m: x east, y up, z north",
 }
 
 
@@ -69,8 +68,7 @@ def write_unity(export: Export) -> Written:
                     path = _write_trees(export, piece, tile, storey, kind, steps)
                     files[path] = _FILES[kind]
                 tell(done / export.tiling.count)
-    water = export.folder / f"{export.name}_water.json"
-    files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
+    files |= write_all_water(export, axes)
     facts = {
         "heights": {"numbers": "uint16", **steps.facts},
         "byte_order": "little-endian",
@@ -156,7 +154,7 @@ def _tree_rows(plants: npt.NDArray[np.void], tile: Sampled, steps: HeightSteps) 
     return json_rows(
         [
             b'{"prototypeIndex":',
-            words([str(index) for index in range(256)])[plants["species"]],
+            small_numbers(plants["species"]),
             b',"position":{"x":',
             decimals((plants["x"] - west) / (east - west), 8),
             b',"y":',

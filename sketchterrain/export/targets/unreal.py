@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.engine_files import path_of, tiles_of
-from sketchterrain.export.engine_plants import storeys_of, write_plants
-from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.engine_placed import write_all_plants, write_all_water
 from sketchterrain.export.files import write_png
 from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.layer_images import normals_down
@@ -37,9 +36,6 @@ _FILES: Final = {
     "png": "heights: 16-bit grey",
     "r16": "heights: 16 bits, little-endian, no header",
     "normal": "normals, Y−: red east, green south, blue up",
-    "plants": "trees and shrubs, cm: x east, y south, z up",
-    "grass": "grass, flowers and ferns, cm: x east, y south, z up",
-    "water": "rivers and lakes, cm: x east, y south, z up",
 }
 
 
@@ -63,13 +59,7 @@ def write_unreal(export: Export) -> Written:
         for done, (piece, tile) in enumerate(tiles_of(export), start=1):
             files |= _images(export, piece, tile, steps)
             tell(done / export.tiling.count)
-    for storey, kind in storeys_of(export.options).items():
-        with export.stages.stage(kind, kind.capitalize()) as tell:
-            path = export.folder / f"{export.name}_{kind}.json"
-            place = (export.terrain, storey, export.sampled, axes)
-            files[write_plants(path, *place, degrees=True, progress=tell)] = _FILES[kind]
-    water = export.folder / f"{export.name}_water.json"
-    files[write_water(water, export.terrain.features, axes)] = _FILES["water"]
+    files |= write_all_plants(export, axes, degrees=True) | write_all_water(export, axes)
     facts = {
         "heights": {"numbers": "uint16", **steps.facts},
         "byte_order": "little-endian" if export.options.format == "r16" else "as PNG has it",
@@ -122,7 +112,8 @@ def _settings(export: Export, steps: HeightSteps) -> dict[str, Any]:
     }
     if tiling.count > 1:
         settings["Flip Tile Y Coordinate"] = tiling.from_south
-        settings["Tile Coordinates Offset"] = {"X": 0, "Y": 0}
+        if not tiling.from_south:
+            settings["Tile Coordinates Offset"] = {"X": -tiling.first, "Y": -tiling.first}
         settings["tiles"] = "components and resolution are those of one tile"
     return settings
 

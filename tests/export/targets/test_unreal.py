@@ -146,6 +146,7 @@ def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., An
     outcome = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=from_south)
     settings = outcome.sidecar["import"]
     assert settings["Flip Tile Y Coordinate"] is from_south
+    assert settings.get("Tile Coordinates Offset") == (None if from_south else {"X": 0, "Y": 0})
     assert settings["Overall Resolution"] == {"X": 127, "Y": 127}
     assert settings["Number of Components"] == {"X": 1, "Y": 1}
     joined = np.full((253, 253), -1)

@@ -51,14 +51,14 @@ def read_geojson(path: Path) -> Source:
 
 
 def _features(document: Any, called: str, place: str) -> Source:
-    kind = document.get("type") if isinstance(document, dict) else None
+    kind = document.get("type") if isinstance(document, dict) else document
     if kind == "FeatureCollection":
         entries = document.get("features")
         if not isinstance(entries, list):
             raise InputError(f"{place}: features: expected a list, got {shown(entries)}")
     elif kind == "Feature":
         entries = [document]
-    elif kind in _SHAPES or kind == _COLLECTION:
+    elif isinstance(kind, str) and (kind in _SHAPES or kind == _COLLECTION):
         entries = [{"type": "Feature", "properties": None, "geometry": document}]
     else:
         expected = "expected GeoJSON: a FeatureCollection, a Feature or a geometry"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -36,12 +36,14 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
     Places = npt.NDArray[np.float64]
 
-__all__ = ["MappedShape", "MappedShapes", "placed_on_map"]
+__all__ = ["WIDE", "MappedShape", "MappedShapes", "placed_on_map"]
 
 _AROUND = 0.5  # of its size, that is kept around a chosen rectangle: wide lines there reach in
 _DISCS = ("mountain", "hill", "dune", "forest")  # what a point can stand for
 _AREAS = ("dune", "forest", "lake", "material")  # what lines are only the border of
 _WIDEST = 1e6  # m
+WIDE: Final = 0.04
+"""Of the longer side: a line or disc on a layer of areas that says nothing of its width."""
 
 
 class MappedShape(NamedTuple):
@@ -128,12 +130,12 @@ def placed_on_map(
         north = latitude(home, middle)
         metres = target or metric(home, middle)
         shapes = _with_vertices(shapes, reprojected(_vertices(shapes), home, metres))
-        box = box_around(_vertices(shapes)) if bounds is None else reprojected_box(bounds, home, metres)
+        box = reprojected_box(bounds, home, metres) if bounds is not None else box
     elif target is not None:
         raise InputError("its metres lie nowhere on Earth: expected no crs to bring it into")
     else:
         metres = None
-    area = area_of(box, size_px, chosen=bounds is not None)
+    area = area_of(box if bounds is not None else _around(shapes), size_px, chosen=bounds is not None)
     return MappedShapes(shapes, area, north, left_out, _told(area, metres))
 
 
@@ -216,8 +218,19 @@ def _in_degrees(shapes: list[MappedShape], bounds: Box | None) -> list[MappedSha
         )
     if bounds is None:
         return _with_vertices(shapes, unrolled(places))
-    turns = np.rint((0.5 * (bounds[0] + bounds[2]) - places[:, 0]) / 360.0)
-    return _with_vertices(shapes, places + np.stack([360.0 * turns, np.zeros(len(turns))], axis=-1))
+    middle = 0.5 * (bounds[0] + bounds[2])
+    return [shape._replace(parts=[_turned(part, middle) for part in shape.parts]) for shape in shapes]
+
+
+def _turned(part: Places, middle: float) -> Places:
+    """Return degrees near a longitude: segments each by itself, the short way round, a ring as a whole."""
+    x, y = part[..., 0], part[..., 1]
+    if part.ndim == 3:
+        x = np.unwrap(x, axis=1, period=360.0)
+        centre = x.mean(axis=1, keepdims=True)
+    else:
+        centre = np.full(1, 0.5 * (x.min() + x.max()))
+    return np.stack([x + 360.0 * np.rint((middle - centre) / 360.0), y], axis=-1)
 
 
 def _cut(shapes: list[MappedShape], bounds: Box, left_out: Counter[str]) -> list[MappedShape]:
@@ -236,6 +249,20 @@ def _cut(shapes: list[MappedShape], bounds: Box, left_out: Counter[str]) -> list
     if not kept:
         raise InputError("nothing that belongs to a sketch lies in these bounds")
     return kept
+
+
+def _around(shapes: Sequence[MappedShape]) -> Box:
+    """Return the rectangle around shapes, with discs as wide as they will be."""
+    west, south, east, north = box_around(_vertices(shapes))
+    usual = WIDE * max(east - west, north - south)
+    boxes = [(west, south, east, north)]
+    for shape in shapes:
+        if shape.kind == "point":
+            half = 0.5 * (usual if shape.width is None else shape.width)
+            low, high = _vertices([shape]).min(axis=0) - half, _vertices([shape]).max(axis=0) + half
+            boxes.append((*low.tolist(), *high.tolist()))
+    low, high = np.array(boxes)[:, :2].min(axis=0), np.array(boxes)[:, 2:].max(axis=0)
+    return box_around(np.stack([low, high]))
 
 
 def _vertices(shapes: Sequence[MappedShape]) -> Places:

@@ -12,6 +12,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.document import MOST_LABELS
 from sketchterrain.trace.label_classes import classed
+from sketchterrain.trace.mapped_shapes import WIDE
 from sketchterrain.trace.stroke_painting import paint_areas, paint_lines
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from sketchterrain.trace.vector_place import Area
 
 __all__ = ["Painting", "painted"]
-
-_WIDE = 0.04  # of the longer side: a line or disc on a layer of areas that says nothing of its width
 
 
 class Painting(NamedTuple):
@@ -139,7 +138,7 @@ def _wide(shape: MappedShape, area: Area, width: float | None) -> float:
     """Return how wide a line or disc is, m, on a layer of areas."""
     if shape.width is not None:
         return shape.width
-    return width if width is not None and shape.kind == "line" else _WIDE * area.extent
+    return width if width is not None and shape.kind == "line" else WIDE * area.extent
 
 
 def _leaves_a_mark(shape: MappedShape, area: Area, left_out: Counter[str]) -> bool:
@@ -169,14 +168,14 @@ def _guesses(shapes: Sequence[MappedShape], area: Area, width: float | None) -> 
     bare = sum("width" not in shape.wanted.properties or "width" in shape.wanted.guessed for shape in rivers)
     if bare:
         default = f"{width:g} m" if width is not None else "by their kind: 12 m, streams 3 m, ditches 1.5 m"
-        notes.append(f"{bare} of {len(rivers)} rivers say no width: {default}")
+        notes.append(f"lines of rivers that say no width ({bare} of {len(rivers)}): {default}")
     guessed = sum(
         shape.width is None and shape.kind != "area" and shape.wanted.layer != "river" for shape in shapes
     )
     if guessed:
         notes.append(
-            f"{guessed} lines and points say nothing of their size: "
-            f"{_WIDE * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
+            f"lines and points that say nothing of their size ({guessed}): "
+            f"{WIDE * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
         )
     clipped = sum(shape.wanted.clipped for shape in shapes)
     unread = sum(shape.wanted.unread for shape in shapes)

@@ -44,8 +44,9 @@ def paint_lines(shape: tuple[int, int], segments: Places, width: float) -> Mask:
     half = min(max(0.5 * width, 0.5), float(max(shape)))
     near = (-half, -half, columns + half, rows + half)
     painted = np.zeros(shape, dtype=np.bool_)
+    cut = segments_in(segments, near)
     course = []
-    for places in _along(segments_in(segments, near)):
+    for places in _along(cut) if len(cut) else ():
         column, row = np.floor(places).astype(np.intp).T
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         painted[row[inside], column[inside]] = True

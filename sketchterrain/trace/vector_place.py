@@ -191,7 +191,7 @@ def reprojected(places: Places, source: CRS, target: CRS) -> Places:
     found = np.stack([np.asarray(x, np.float64), np.asarray(y, np.float64)], axis=-1)
     if not np.isfinite(found).all():
         raise InputError(
-            f"coordinates have no place in {target.to_string()[:60]}: give bounds, or another crs"
+            f"coordinates have no place in {target.to_string()[:60]}: give smaller bounds, or another crs"
         )
     return found
 

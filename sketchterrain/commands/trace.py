@@ -89,7 +89,7 @@ def trace(
         ),
     ] = None,
     specks: Annotated[
-        int | None, typer.Option(metavar="PX", min=0, help="Areas of fewer pixels of the sketch vanish; 8.")
+        int | None, typer.Option(metavar="PX", min=0, help="Areas of fewer pixels of the sketch vanish; 16.")
     ] = None,
     layer: Annotated[
         str | None,

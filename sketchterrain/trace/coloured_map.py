@@ -11,7 +11,7 @@ import numpy.typing as npt
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import LAYERS
 from sketchterrain.trace.found_colours import find_colours
-from sketchterrain.trace.gaps import fill_gaps, without_specks
+from sketchterrain.trace.gaps import fill_gaps, without_specks, without_threads
 from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND
 from sketchterrain.trace.lines import joined
 from sketchterrain.trace.majority import NO_VOTE, majority
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
 __all__ = ["SPECKS", "ColouredMap", "TracedMap", "map_of", "read_map"]
 
-SPECKS: Final = 8
+SPECKS: Final = 16
 """Areas of fewer pixels of the sketch vanish unless it is asked otherwise."""
 
 _INK_REACH = 24.0  # px of the sketch that lettering is filled from its sides; a wider area stays empty
 _THIN = ("river",)
-_GAP = 4  # px of the sketch; lettering and noise break a river so far
+_GAP = 14  # px of the sketch; lettering and noise break a river so far
 _TOLD = 12  # colours that notes name
 
 
@@ -117,6 +117,8 @@ class ColouredMap:
         height, width = self.pixels.index.shape
         thin = [value for meaning, value in value_of.items() if meaning.layer in _THIN]
         values = majority(table[self.pixels.index], sheet.size(width, height), thin=thin)
+        if INK in meant:  # where lettering is, outlines are too
+            values = without_threads(values, {0, *value_of.values()}.difference(thin))
         values = fill_gaps(values, reach=_INK_REACH, beyond=0)
         for value in thin:
             values[joined(values == value, _GAP)] = value

@@ -11,9 +11,11 @@ from scipy import ndimage
 from sketchterrain.trace.majority import NO_VOTE
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
-__all__ = ["fill_gaps", "without_specks"]
+__all__ = ["fill_gaps", "without_specks", "without_threads"]
 
 _EIGHT = np.ones((3, 3), dtype=bool)
 
@@ -54,3 +56,24 @@ def without_specks(values: npt.NDArray[np.uint8], least: int) -> npt.NDArray[np.
     if not small.any() or small.all():
         return values
     return fill_gaps(np.where(small, NO_VOTE, values).astype(np.uint8), reach=np.inf, beyond=0)
+
+
+def without_threads(values: NDArray[np.uint8], areas: Iterable[int]) -> NDArray[np.uint8]:
+    """Return an image in which what is thinner than three pixels of some values is `NO_VOTE`.
+
+    These are the rims of outlines. A value that is nowhere wider stays as it is.
+
+    Parameters
+    ----------
+    values
+        uint8, (height, width).
+    areas
+        Values that stand for areas.
+    """
+    kept = values.copy()
+    for value in areas:
+        mask = values == value
+        wide = ndimage.binary_opening(mask, structure=_EIGHT)
+        if wide.any():
+            kept[mask & ~ndimage.binary_dilation(wide, structure=_EIGHT)] = NO_VOTE
+    return kept

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-__all__ = ["mixtures"]
+__all__ = ["mixtures", "uneven"]
 
 _FLAT = 10  # levels of sRGB, 0 to 255, within which a neighbourhood is one colour
 _APART = 36  # levels that two sides differ by at least, where something can be a mixture of them
@@ -16,7 +16,7 @@ _REACH = (1, 2)  # px to each side
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
-def mixtures(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+def mixtures(rgb: npt.NDArray[np.uint8], rough: npt.NDArray[np.bool_] | None = None) -> npt.NDArray[np.bool_]:
     """Return which pixels have, in each channel, a value between those of two pixels opposite one another.
 
     Whoever blends two colours, in sRGB or in light, gives each channel a value in between. A thin line, a
@@ -26,6 +26,8 @@ def mixtures(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
     ----------
     rgb
         uint8, (height, width, 3).
+    rough
+        What `uneven` says of it, if that is known already.
 
     Returns
     -------
@@ -34,7 +36,7 @@ def mixtures(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
     """
     height, width = rgb.shape[:2]
     mixed = np.zeros((height, width), dtype=bool)
-    rows, columns = np.nonzero(_uneven(rgb))
+    rows, columns = np.nonzero(uneven(rgb) if rough is None else rough)
     own = rgb[rows, columns].astype(np.int16)
     for down, right in _DIRECTIONS:
         for reach in _REACH:
@@ -51,15 +53,15 @@ def mixtures(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
     return mixed
 
 
-def _uneven(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-    """Return which pixels have neighbours of another colour."""
-    uneven = np.zeros(rgb.shape[:2], dtype=bool)
+def uneven(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    """Return which pixels have neighbours of another colour: uint8 (height, width, 3) to bool."""
+    rough = np.zeros(rgb.shape[:2], dtype=bool)
     for channel in range(3):
         values = rgb[..., channel]
         high = ndimage.maximum_filter(values, size=3, mode="nearest")
         low = ndimage.minimum_filter(values, size=3, mode="nearest")
-        uneven |= high - low > _FLAT
-    return uneven
+        rough |= high - low > _FLAT
+    return rough
 
 
 def _at(

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.sketch.label_colours import to_oklab
-from sketchterrain.trace.mixtures import mixtures
+from sketchterrain.trace.mixtures import mixtures, uneven
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,6 +25,8 @@ UNKNOWN: Final = 255
 
 _SURE = 0.065  # Oklab; JPEG's noise around a colour lies within
 _PLAIN = 0.7  # of the distance to the next colour, at most: else it may be either
+_MARGIN = 0.02  # Oklab, nearer than the next colour where not all around is of one colour
+_DARKER = 0.04  # Oklab lightness: darker than all around by this is ink, and no paler colour of theirs
 _BESIDE = 3  # px around a pixel in which colours are looked for
 _ROWS = 256  # done together
 _COLOURS = 65536  # looked at together
@@ -58,9 +60,10 @@ class SortedPixels:
 def sort_pixels(rgba: npt.NDArray[np.uint8], colours: Sequence[FoundColour]) -> SortedPixels:
     """Return which colour each pixel is.
 
-    A pixel is sure if one colour is near and no other nearly as near, and it is no mixture of its neighbours.
+    A pixel is sure if one colour is near and no other nearly as near, all the more where not all around is of
+    one colour, and it is no mixture of its neighbours.
     Any other takes the nearest colour among those that are sure within three pixels of it, so that a border
-    gets no rim of a third colour.
+    gets no rim of a third colour. What is darker than all of these, an outline, stays unknown.
 
     Parameters
     ----------
@@ -73,16 +76,20 @@ def sort_pixels(rgba: npt.NDArray[np.uint8], colours: Sequence[FoundColour]) -> 
     centres = to_oklab(np.array([each.rgb for each in colours]).reshape(-1, 3) / 255.0).astype(np.float32)
     there = _colours_there(rgba)
     lab = _oklab_of(there)
-    table = np.full(1 << 24, UNKNOWN, dtype=np.uint8)
-    table[there] = _plain_colours(lab, centres)
+    plain, strict = (np.full(1 << 24, UNKNOWN, dtype=np.uint8) for _ in range(2))
+    plain[there], strict[there] = _plain_colours(lab, centres)
     sure = np.empty((height, width), dtype=np.uint8)
     for top, bottom in _bands(height):
         first = max(0, top - _HALO)
         around = rgba[first : min(height, bottom + _HALO)]
-        mixed = mixtures(around[..., :3])[top - first : top - first + bottom - top]
-        sure[top:bottom] = np.where(mixed, UNKNOWN, table[_packed(rgba[top:bottom])])
+        rough = uneven(around[..., :3])
+        mixed = mixtures(around[..., :3], rough)
+        inner = np.s_[top - first : top - first + bottom - top]
+        packed = _packed(rgba[top:bottom])
+        sure[top:bottom] = np.where(rough[inner], strict[packed], plain[packed])
+        sure[top:bottom][mixed[inner]] = UNKNOWN
         sure[top:bottom][rgba[top:bottom, :, 3] < 128] = CLEAR
-    del table
+    del plain, strict
     index = sure.copy()
     for top, bottom in _bands(height):
         rows, columns = np.nonzero(sure[top:bottom] == UNKNOWN)
@@ -122,11 +129,13 @@ def _oklab_of(packed: npt.NDArray[np.int32]) -> npt.NDArray[np.float32]:
     return lab
 
 
-def _plain_colours(lab: npt.NDArray[np.float32], centres: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    """Return the index of the one colour that each is plainly, or `UNKNOWN`."""
-    plain = np.full(len(lab), UNKNOWN, dtype=np.uint8)
+def _plain_colours(
+    lab: npt.NDArray[np.float32], centres: npt.NDArray[np.float32]
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Return the index of the one colour that each is plainly, or `UNKNOWN`; and the same strictly."""
+    plain, strict = (np.full(len(lab), UNKNOWN, dtype=np.uint8) for _ in range(2))
     if not len(centres):
-        return plain
+        return plain, strict
     for start in range(0, len(lab), _COLOURS):
         part = lab[start : start + _COLOURS]
         squares = np.stack([((part - centre) ** 2).sum(axis=1) for centre in centres])
@@ -134,9 +143,12 @@ def _plain_colours(lab: npt.NDArray[np.float32], centres: npt.NDArray[np.float32
         columns = np.arange(len(part))
         first = squares[nearest, columns]
         squares[nearest, columns] = np.inf
-        sure = (first <= _SURE**2) & (first <= _PLAIN**2 * squares.min(axis=0))
+        second = squares.min(axis=0)
+        sure = (first <= _SURE**2) & (first <= _PLAIN**2 * second)
         plain[start : start + _COLOURS][sure] = nearest[sure]
-    return plain
+        sure &= np.sqrt(first) + _MARGIN <= np.sqrt(second)
+        strict[start : start + _COLOURS][sure] = nearest[sure]
+    return plain, strict
 
 
 def _beside(
@@ -152,10 +164,12 @@ def _beside(
     all_centres = np.full((256, 3), np.inf, dtype=np.float32)
     all_centres[: len(centres)] = centres
     best = np.full(len(rows), UNKNOWN, dtype=np.uint8)
-    least = np.full(len(rows), np.inf, dtype=np.float32)
+    least, darkest = (np.full(len(rows), np.inf, dtype=np.float32) for _ in range(2))
     for down, right in _OFFSETS:
         there = sure[np.clip(rows + down, 0, height - 1), np.clip(columns + right, 0, width - 1)]
         distance = ((own - all_centres[there]) ** 2).sum(axis=1)
         nearer = distance < least
         best[nearer], least[nearer] = there[nearer], distance[nearer]
+        darkest = np.minimum(darkest, all_centres[there, 0])
+    best[own[:, 0] < darkest - _DARKER] = UNKNOWN
     return best

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sketchterrain.benchmarks.trace_picture import draw_map
 from sketchterrain.errors import InputError
 from sketchterrain.trace.coloured_map import read_map
 from sketchterrain.trace.legend import Legend
@@ -93,16 +94,36 @@ def test_lettering_leaves_no_hole_and_a_broken_river_is_joined(parts, saved) -> 
     assert parts(traced.sketch.layers["river"] > 0) == 1
 
 
+@pytest.mark.parametrize("quality", [None, 70, 40])
+def test_a_lettered_map_in_common_colours(parts, saved, quality: int | None) -> None:
+    map_ = draw_map()
+    path = saved(map_) if quality is None else saved(map_, "map.jpg", quality=quality)
+    layers = read_map(path).traced(Sheet()).sketch.layers
+    painted = [name for name, image in layers.items() if image.any()]
+    assert painted == ["mountain", "hill", "river", "dune", "forest", "lake"]
+    for name in painted:
+        assert parts(layers[name] > 0) == (3 if name == "river" else 1), name
+    # No hole where the names are.
+    for name, (top, left, bottom, right) in {
+        "mountain": (80, 150, 100, 285),
+        "hill": (90, 395, 125, 490),
+        "forest": (255, 60, 290, 190),
+        "lake": (275, 262, 296, 325),
+        "dune": (325, 450, 355, 540),
+    }.items():
+        assert (layers[name][top:bottom, left:right] == 1).all(), name
+
+
 def test_specks_vanish(saved) -> None:
     pixels = np.full((64, 64, 3), 255, np.uint8)
     pixels[10:40, 10:40] = (140, 92, 70)
     pixels[20:22, 20:23] = (38, 104, 58)  # 6 px
-    pixels[50:54, 50:53] = (38, 104, 58)  # 12 px
+    pixels[50:54, 50:54] = (38, 104, 58)  # 16 px
     read = read_map(saved(pixels))
     forest = read.traced(Sheet()).sketch.layers["forest"]
-    assert np.count_nonzero(forest) == 12
+    assert np.count_nonzero(forest) == 16
     assert read.traced(Sheet()).sketch.layers["mountain"][10:40, 10:40].all()
-    assert np.count_nonzero(read.traced(Sheet(), specks=0).sketch.layers["forest"]) == 18
+    assert np.count_nonzero(read.traced(Sheet(), specks=0).sketch.layers["forest"]) == 22
 
 
 def test_transparent_is_nothing(saved) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sketchterrain.trace.gaps import fill_gaps, without_specks
+from sketchterrain.trace.gaps import fill_gaps, without_specks, without_threads
 from sketchterrain.trace.lines import joined, thinned
 from sketchterrain.trace.majority import NO_VOTE, majority, scaled_size
 from sketchterrain.trace.mixtures import mixtures
@@ -106,6 +106,17 @@ def test_specks_take_what_is_beside_them() -> None:
     assert np.array_equal(without_specks(cleaned, 9), cleaned)
     tiny = np.arange(9, dtype=np.uint8).reshape(3, 3)
     assert np.array_equal(without_specks(tiny, 5), tiny)
+
+
+def test_threads_go_and_corners_stay() -> None:
+    values = np.zeros((40, 40), np.uint8)
+    values[5:20, 5:20] = 2
+    values[30:32, 3:37] = 2
+    values[24, 3:37] = 3
+    kept = without_threads(values, {0, 2, 3})
+    assert (kept[30:32, 3:37] == NO_VOTE).all()
+    values[30:32, 3:37] = NO_VOTE
+    assert np.array_equal(kept, values)  # the third value is nowhere wide: it is meant
 
 
 def test_a_mixture_lies_between_its_sides_and_a_line_does_not() -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from sketchterrain.batch.settings import painted, with_settings
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.sketch import load_sketch
+from sketchterrain.sketch.parameter import number_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -157,11 +158,15 @@ def plan(
 
 
 def _item(source: Source, seed: int, settings: Settings) -> Item:
-    what = "_".join(f"{name}={_safe(str(value))}" for name, value in settings.items())
+    what = "_".join(f"{name}={_safe(_text(value))}" for name, value in settings.items())
     if len(what) > _LONGEST:
         what = f"{what[: _LONGEST - 9]}-{sha256(what.encode()).hexdigest()[:8]}"
     last = "seed-unknown" if seed < 0 else f"seed-{seed:03}"
     return Item("/".join(part for part in (source.name, what, last) if part), source, seed, settings)
+
+
+def _text(value: float | str) -> str:
+    return value if isinstance(value, str) else number_text(value)
 
 
 def _safe(name: str) -> str:

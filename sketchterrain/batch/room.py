@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Condition
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import memory_needed as export_memory
 from sketchterrain.exporting import plan_of
@@ -16,12 +16,13 @@ from sketchterrain.sizes import amount, check_size, machine_memory, memory_neede
 from sketchterrain.whole_files import telling_failure
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from sketchterrain.batch.output import Output
+    from sketchterrain.batch.plan import Item
     from sketchterrain.sketch import Sketch
 
-__all__ = ["DEFAULT_SIZE", "Memory", "Needs", "check_disk", "memory_left", "needs_of"]
+__all__ = ["DEFAULT_SIZE", "Memory", "Needs", "check_disk", "memory_left", "needs_of", "refuse_impossible"]
 
 DEFAULT_SIZE: Final = 1025
 """Vertices along the longer side, where there is no target."""
@@ -64,6 +65,26 @@ def needs_of(sketch: Sketch, output: Output) -> Needs:
         memory, disk = export_memory(wanted), wanted.target.disk * vertices + plants
     preview = output.preview
     return Needs(vertices, memory + preview * _PREVIEW_MEMORY, disk + preview * _PREVIEW_DISK)
+
+
+def refuse_impossible(items: Sequence[Item], output: Output) -> None:
+    """Refuse a batch of which nothing can be made; what only some of its sketches lack is told with them.
+
+    Raises
+    ------
+    SketchterrainError
+        What the first one lacks: a size that a target takes, a library, memory.
+    """
+    problems = []
+    for item in {item.source.name: item for item in reversed(items)}.values():
+        try:
+            needs_of(item.sketch, output)
+        except SketchterrainError as error:
+            problems.append(error)
+        else:
+            return
+    if problems:
+        raise problems[-1]
 
 
 def memory_left() -> int:

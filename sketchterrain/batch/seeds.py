@@ -13,7 +13,7 @@ __all__ = ["MOST_SEEDS", "seeds_of"]
 MOST_SEEDS = 10_000
 """In one batch."""
 _EXPECTED = "expected numbers and ranges such as 1-100 or 1,5,9-12"
-_RANGE = re.compile(r"(\d{1,19})(?:\s*-\s*(\d{1,19}))?")
+_RANGE = re.compile(r"(\d{1,19})(?:\s*-\s*(\d{1,19}))?", re.ASCII)
 
 
 def seeds_of(text: str) -> tuple[int, ...]:

@@ -24,7 +24,7 @@ Settings: TypeAlias = "Mapping[str, Value]"
 MOST_VALUES = 1000
 """Of one setting in a batch."""
 _NUMBER = r"\s*(-?(?:\d+(?:\.\d+)?|\.\d+)(?:e[+-]?\d{1,3})?)\s*"
-_STEPS = re.compile(rf"{_NUMBER}\.\.{_NUMBER}(?:\.\.{_NUMBER})?", re.IGNORECASE)
+_STEPS = re.compile(rf"{_NUMBER}\.\.{_NUMBER}(?:\.\.{_NUMBER})?", re.IGNORECASE | re.ASCII)
 _NOT_SWEPT = ("name", "seed")
 
 
@@ -116,7 +116,7 @@ def _parameter(name: str) -> Parameter:
     if len(parts) == 2 and parts[0] in TABLES and parts[1] in TABLES[parts[0]]:
         return TABLES[parts[0]][parts[1]]
     if len(parts) == 3 and parts[0] in LAYERS and parts[2] in LAYERS[parts[0]].parameters:
-        if re.fullmatch(r"[1-9]\d{0,2}", parts[1]) and int(parts[1]) <= 255:
+        if re.fullmatch(r"[1-9][0-9]{0,2}", parts[1]) and int(parts[1]) <= 255:
             return LAYERS[parts[0]].parameters[parts[2]]
         raise InputError(f"{shown(name)}: expected a label from 1 to 255, as in {parts[0]}.1.{parts[2]}")
     raise InputError(f"unknown setting {shown(name)}: expected {_known(parts)}")

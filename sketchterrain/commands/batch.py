@@ -110,6 +110,7 @@ def batch(
 ) -> None:
     """Make many terrains: every sketch with every seed and every value of its settings."""
     from sketchterrain.batch.plan import plan, read_sources
+    from sketchterrain.batch.room import refuse_impossible
     from sketchterrain.batch.run import run_batch, usual_jobs
     from sketchterrain.batch.seeds import seeds_of
     from sketchterrain.batch.settings import settings_given
@@ -148,6 +149,7 @@ def batch(
     items = plan(
         read_sources(sketches or file.sketches), file.seeds if seeds is None else seeds_of(seeds), swept
     )
+    refuse_impossible(items, wanted)
     jobs = jobs or usual_jobs()
     if dry_run:
         _tell_plan(items, output, wanted, jobs=jobs, resume=resume, as_json=as_json)
@@ -215,20 +217,20 @@ def _tell_done(done: Done, folder: Path, *, as_json: bool) -> None:
     Exit
         With the code for partial results, if not all is there.
     """
+    from msgspec import to_builtins
+
     entries = (*done.made, *done.skipped, *done.partial, *done.failed)
     if as_json:
         counts = {name: len(getattr(done, name)) for name in ("made", "skipped", "partial", "failed")}
         names = {entry.name for entry in entries}
         told = [entry for name, entry in done.manifest.entries.items() if name in names]
-        import msgspec
-
         say_json(
             {
                 "folder": str(folder),
                 **counts,
                 "seconds": round(done.seconds, 3),
                 "sheets": done.manifest.sheets,
-                "items": msgspec.to_builtins(told),
+                "items": to_builtins(told),
             }
         )
     else:

@@ -1,0 +1,291 @@
+"""What is asked for: seeds, settings, sweep files, and the terrains that follow."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sketchterrain.batch.plan import MOST_ITEMS, Source, plan, read_sources
+from sketchterrain.batch.seeds import seeds_of
+from sketchterrain.batch.settings import setting, settings_given, with_settings
+from sketchterrain.batch.sweep_file import read_sweep
+from sketchterrain.errors import InputError
+from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Sketch, save_sketch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RIVER = np.zeros((8, 8), np.uint8)
+RIVER[3] = 1
+PAINTED = Sketch(name="Painted", layers={"river": RIVER}, seed=4)
+SOURCE = Source("valley", "valley", PAINTED)
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"),
+    [
+        ("7", (7,)),
+        ("1-4", (1, 2, 3, 4)),
+        ("1,5,9-12", (1, 5, 9, 10, 11, 12)),
+        (" 3 - 4 , 2", (3, 4, 2)),
+        ("2,1-3", (2, 1, 3)),
+        ("9223372036854775807", (2**63 - 1,)),
+    ],
+)
+def test_seeds(text: str, seeds: tuple[int, ...]) -> None:
+    assert seeds_of(text) == seeds
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "a",
+        "1,,2",
+        "5-1",
+        "-3",
+        "1-",
+        "1.5",
+        "1-99999999999",
+        "9223372036854775808",
+        "1" * 400,
+        "1\n2",
+        "١",
+    ],
+)
+def test_seeds_that_are_none(text: str) -> None:
+    with pytest.raises(InputError, match=r"^seeds .*expected") as error:
+        seeds_of(text)
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 250
+
+
+@given(st.lists(st.integers(0, 2**63 - 1), min_size=1, max_size=30, unique=True))
+def test_seeds_come_back(seeds: list[int]) -> None:
+    assert seeds_of(",".join(map(str, seeds))) == tuple(seeds)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "values"),
+    [
+        ("river.1.width", "30", (30.0,)),
+        ("river.1.width", "20, 30,20", (20.0, 30.0)),
+        ("river.1.width", "10..50..10", (10.0, 20.0, 30.0, 40.0, 50.0)),
+        ("fidelity", "0.1..0.5..0.1", (0.1, 0.2, 0.3, 0.4, 0.5)),
+        ("climate.snow_line", "-200..-100..50", (-200.0, -150.0, -100.0)),
+        ("hill.2.multitude", "3..5", (3, 4, 5)),
+        ("material.1.material", "rock,sand", ("rock", "sand")),
+        ("density.hill", "1e-1", (0.1,)),
+    ],
+)
+def test_settings(name: str, text: str, values: tuple[object, ...]) -> None:
+    found = setting(name, text)
+    assert found == (name, values)
+    assert [type(value) for value in found.values] == [type(value) for value in values]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        (
+            "river.1.wdth",
+            "3",
+            "expected river.1.width, river.1.depth, river.1.flow; did you mean 'river.1.width'",
+        ),
+        ("rivr.1.width", "3", "river.1.…"),
+        ("density.hil", "3", "did you mean 'density.hill'"),
+        ("seed", "3", "expected extent, fidelity"),
+        ("name", "x", "unknown setting"),
+        ("river.0.width", "3", "a label from 1 to 255"),
+        ("river.256.width", "3", "a label from 1 to 255"),
+        ("river.١.width", "3", "a label from 1 to 255"),
+        ("river.1.width", "wide", "a number from 0 to 2000 m"),
+        ("river.1.width", "2001", "a number from 0 to 2000 m"),
+        ("river.1.width", "nan", "a number from 0 to 2000 m"),
+        ("river.1.width", "", "a number from 0 to 2000 m"),
+        ("river.1.width", "1..2..0", "that rises"),
+        ("river.1.width", "2..1..1", "that rises"),
+        ("river.1.width", "1..2..1e-9", "at most 1000 values"),
+        ("hill.1.multitude", "2.5", "a whole number"),
+        ("", "", "unknown setting"),
+    ],
+)
+def test_settings_that_are_none(name: str, text: str, told: str) -> None:
+    with pytest.raises(InputError, match=re.escape(told)) as error:
+        setting(name, text)
+    assert "\n" not in str(error.value)
+
+
+def test_every_declared_setting_can_be_swept() -> None:
+    names = [name for name in SKETCH if name not in ("name", "seed")]
+    names += [f"{table}.{name}" for table in TABLES for name in TABLES[table]]
+    names += [f"{layer.name}.1.{name}" for layer in LAYERS.values() for name in layer.parameters]
+    tables = {**SKETCH, **{f"{key}.{name}": each for key in TABLES for name, each in TABLES[key].items()}}
+    tables |= {f"{key}.1.{name}": each for key in LAYERS for name, each in LAYERS[key].parameters.items()}
+    for name in names:
+        value = tables[name].default
+        changed = with_settings(PAINTED, {name: setting(name, [value]).values[0]})
+        parts = name.split(".")
+        if len(parts) == 3:
+            assert changed.properties(parts[0], 1)[parts[2]] == value
+        else:
+            assert (
+                getattr(changed, name) if len(parts) == 1 else getattr(changed, parts[0])[parts[1]]
+            ) == value
+
+
+def test_a_setting_leaves_the_others() -> None:
+    sketch = PAINTED.replace(labels={("river", 1): {"depth": 5.0}}, density={"hill": 2.0})
+    changed = with_settings(sketch, {"river.1.width": 40.0, "density.dune": 1.0})
+    assert changed.properties("river", 1) == {**sketch.properties("river", 1), "width": 40.0}
+    assert (changed.density["hill"], changed.density["dune"]) == (2.0, 1.0)
+
+
+def test_settings_of_the_command_line() -> None:
+    file = (setting("river.1.width", "10"), setting("fidelity", "0.5"))
+    found = settings_given(["river.1.width=20,30"], instead_of=file)
+    assert dict(found) == {"fidelity": (0.5,), "river.1.width": (20.0, 30.0)}
+    with pytest.raises(InputError, match="NAME=VALUES"):
+        settings_given(["river.1.width"])
+    with pytest.raises(InputError, match="set twice"):
+        settings_given(["fidelity=1", "fidelity=0"])
+
+
+def test_a_plan_has_all_combinations_in_order() -> None:
+    other = Source("hills", "hills", PAINTED)
+    items = plan((SOURCE, other), (7, 12), (setting("river.1.width", "20,30"), setting("fidelity", "1")))
+    assert [item.name for item in items[:4]] == [
+        "valley/river.1.width=20_fidelity=1/seed-007",
+        "valley/river.1.width=20_fidelity=1/seed-012",
+        "valley/river.1.width=30_fidelity=1/seed-007",
+        "valley/river.1.width=30_fidelity=1/seed-012",
+    ]
+    assert len({item.name for item in items}) == len(items) == 8
+    assert items[2].sketch.seed == 7
+    assert items[2].sketch.properties("river", 1)["width"] == 30.0
+
+
+def test_without_seeds_each_sketch_has_its_own() -> None:
+    assert [item.name for item in plan((SOURCE,))] == ["valley/seed-004"]
+
+
+def test_a_name_follows_from_sketch_seed_and_settings_alone() -> None:
+    alone = plan((SOURCE,), (7,), (setting("fidelity", "0.5"),))
+    many = plan((SOURCE,), tuple(range(2000)), (setting("fidelity", "0.1,0.5"),))
+    assert alone[0].name in {item.name for item in many}
+
+
+def test_long_settings_have_short_names() -> None:
+    swept = [setting(f"{layer}.1.multitude", "100,200") for layer in ("mountain", "hill", "dune", "forest")]
+    swept += [setting(f"{layer}.1.height", "100.125,99.5") for layer in ("mountain", "hill", "dune")]
+    sketch = PAINTED.replace(layers=dict.fromkeys(("mountain", "hill", "dune", "forest"), RIVER))
+    names = {item.name for item in plan((Source("s", "s", sketch),), (1,), swept)}
+    assert len(names) == 2**7
+    assert max(len(part) for name in names for part in name.split("/")) <= 120
+
+
+def test_plans_that_are_none() -> None:
+    with pytest.raises(InputError, match=f"expected at most {MOST_ITEMS}"):
+        plan((SOURCE,), tuple(range(MOST_ITEMS)), (setting("fidelity", "0,1"),))
+    with pytest.raises(InputError, match="no sketch of the batch has a label 2 in its layer river"):
+        plan((SOURCE,), (1,), (setting("river.2.width", "3"),))
+
+
+def test_sketches_that_cannot_be_read_stop_no_other_one(tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    save_sketch(PAINTED, tmp_path / "a" / "my valley")
+    save_sketch(PAINTED, tmp_path / "b" / "my valley.sketch")
+    good = [str(tmp_path / "a" / "my valley"), str(tmp_path / "b" / "my valley.sketch")]
+    bad = str(tmp_path / "nothing")
+    sources = read_sources([*good, bad])
+    assert [source.name for source in sources] == ["my_valley", "my_valley-2", "nothing"]
+    assert sources[2].sketch is None
+    items = plan(sources, (1,))
+    with pytest.raises(InputError, match="no sketch"):
+        items[2].sketch  # noqa: B018 - it is asked for
+    with pytest.raises(InputError, match="no sketch"):
+        read_sources([bad])
+    with pytest.raises(InputError, match="given twice"):
+        read_sources([good[0], good[0]])
+    with pytest.raises(InputError, match="got none"):
+        read_sources([])
+
+
+@pytest.mark.parametrize("name", ["..", ".hidden", "a/..", "Ümlaut", "con:x", " "])
+def test_folders_of_sketches_are_safe(name: str, tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    place = tmp_path / name
+    if not place.exists():
+        save_sketch(PAINTED, place)
+    source = read_sources([str(place), "valley_river"])[0]
+    assert re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=+-]*", source.name)
+
+
+def test_a_sweep_file_says_what_the_command_line_can(tmp_path: Path) -> None:
+    save_sketch(PAINTED, tmp_path / "mine")
+    file = tmp_path / "sweep.toml"
+    file.write_text(
+        """
+        sketches = ["mine", "valley_river"]
+        seeds = "1-3"
+        size = 257
+        preview = false
+        to = "unity"
+        [export]
+        tiles = [2, 2]
+        heights = [-100, 900.5]
+        plants = false
+        [set]
+        fidelity = [0.2, 1]
+        river.1.width = "10..30..10"
+        "hill.1.height" = 40
+        """
+    )
+    found = read_sweep(file)
+    assert found.sketches == (str(tmp_path / "mine"), "valley_river")
+    assert found.seeds == (1, 2, 3)
+    assert dict(found.settings) == {
+        "fidelity": (0.2, 1.0),
+        "river.1.width": (10.0, 20.0, 30.0),
+        "hill.1.height": (40.0,),
+    }
+    assert (found.keys.size, found.keys.preview, found.keys.to) == (257, False, "unity")
+    assert (found.export.tiles, found.export.heights) == ((2, 2), (-100.0, 900.5))
+    assert found.export.plants is False
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("sizes = 3", "unknown key 'sizes': expected sketches, seeds, size"),
+        ("size = 'big'", "expected int | null, got str - at size"),
+        ("[export]\ntile = 3", "unknown key 'export.tile'"),
+        ("[export]\ntiles = [1]", "at export.tiles"),
+        ("seeds = 'x'", "seeds 'x': expected"),
+        ("seeds = [1.5]", "at seeds"),
+        ("[set]\nrivers = 3", "unknown setting 'rivers'"),
+        ("[set]\nfidelity = [true]", "expected a number from 0 to 1"),
+        ("[set]\nfidelity = []", "expected a value"),
+        ("size = ", "not TOML"),
+        ("set = 3", "at set"),
+    ],
+)
+def test_sweep_files_that_are_none(text: str, told: str, tmp_path: Path) -> None:
+    file = tmp_path / "sweep.toml"
+    file.write_text(text)
+    with pytest.raises(InputError) as error:
+        read_sweep(file)
+    assert str(error.value).startswith(f"{file}: ")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_sweep_file_that_is_not_there(tmp_path: Path) -> None:
+    for place in (tmp_path / "none.toml", tmp_path):
+        with pytest.raises(InputError, match="cannot be read"):
+            read_sweep(place)

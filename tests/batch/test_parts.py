@@ -1,0 +1,175 @@
+"""Time that is left, room in memory and on the disk, contact sheets."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sketchterrain.batch.manifest import Entry, File
+from sketchterrain.batch.output import Output
+from sketchterrain.batch.remaining import Remaining, duration
+from sketchterrain.batch.room import Memory, check_disk, memory_left, needs_of
+from sketchterrain.batch.sheet import PAGE, sheets
+from sketchterrain.errors import InputError
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.sketch import Sketch
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_nothing_is_known_before_the_first_is_done() -> None:
+    assert Remaining(lambda: 0.0).seconds(["a"]) is None
+
+
+def test_one_after_the_other_takes_the_sum_of_the_medians_of_its_kinds() -> None:
+    clock = [0.0]
+    remaining = Remaining(lambda: clock[0])
+    for kind, seconds in (("small", 1.0), ("small", 1.0), ("small", 40.0), ("large", 10.0)):
+        clock[0] += seconds
+        remaining.finished(kind, seconds)
+    assert remaining.seconds(["small"] * 3 + ["large"]) == pytest.approx(13.0)
+    assert remaining.seconds(["unknown"]) == pytest.approx(5.5)  # of all
+    assert remaining.seconds([]) == 0.0
+
+
+def test_several_at_once_share_the_time() -> None:
+    clock = [0.0]
+    remaining = Remaining(lambda: clock[0])
+    clock[0] = 10.0
+    for _ in range(2):
+        remaining.finished("a", 10.0)
+    assert remaining.seconds(["a"] * 8) == pytest.approx(40.0)
+
+
+def test_a_batch_that_slows_down_is_told_so() -> None:
+    clock = [0.0]
+    remaining = Remaining(lambda: clock[0])
+    for _ in range(60):
+        clock[0] += 1.0
+        remaining.finished("a", 1.0)
+    for _ in range(30):
+        clock[0] += 3.0
+        remaining.finished("a", 3.0)
+    assert remaining.seconds(["a"]) == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(0.2, "1 s"), (40, "40 s"), (89, "89 s"), (90, "2 min"), (3600, "60 min"), (12000, "3 h 20 min")],
+)
+def test_durations(seconds: float, told: str) -> None:
+    assert duration(seconds) == told
+
+
+def test_terrains_begin_while_there_is_memory() -> None:
+    memory = Memory(100.0)
+    within, most, begun = [0], [0], threading.Semaphore(0)
+    go_on = threading.Event()
+    lock = threading.Lock()
+
+    def work() -> None:
+        with memory.room(40.0):
+            with lock:
+                within[0] += 1
+                most[0] = max(most[0], within[0])
+            begun.release()
+            go_on.wait(10)
+            with lock:
+                within[0] -= 1
+
+    threads = [threading.Thread(target=work) for _ in range(5)]
+    for thread in threads:
+        thread.start()
+    assert begun.acquire(timeout=10)
+    assert begun.acquire(timeout=10)
+    assert not begun.acquire(timeout=0.1)  # 3 · 40 > 90
+    go_on.set()
+    for thread in threads:
+        thread.join(10)
+    assert (most[0], within[0]) == (2, 0)
+
+
+def test_one_that_is_alone_may_always_begin() -> None:
+    memory = Memory(10.0)
+    for _ in range(2):
+        with memory.room(1e12):
+            pass
+
+
+def test_what_terrains_take() -> None:
+    sketch = Sketch(extent=1024.0)
+    small, large = (needs_of(sketch, Output(size=size, preview=False)) for size in (257, 1025))
+    assert (small.vertices, large.vertices) == (257**2, 1025**2)
+    assert small.memory < large.memory
+    assert small.disk < large.disk
+    assert needs_of(sketch, Output(size=257)).memory > small.memory + (1 << 30)
+    assert needs_of(sketch, Output(preview=False)) == large
+    raw = needs_of(sketch, Output(target="raw", options=ExportOptions(size=257), preview=False))
+    assert raw.vertices == 257**2
+    with pytest.raises(InputError, match="size"):
+        needs_of(sketch, Output(size=100_000))
+    assert memory_left() > 0
+
+
+def test_a_full_disk_is_told_before_any_work(tmp_path: Path) -> None:
+    check_disk(tmp_path, 1000.0)
+    with pytest.raises(InputError, match=r"expected room for about 9\d+\.\d GiB, the disk has"):
+        check_disk(tmp_path, 1e18)
+
+
+def entry(name: str, *, preview: bool = True, error: str = "") -> Entry:
+    files = (File("preview.png", 1, ""),) if preview else ()
+    return Entry(name, "s", 1, state="failed" if error else "done", files=files, error=error)
+
+
+def written(folder: Path, name: str, colour: tuple[int, int, int]) -> None:
+    (folder / name).mkdir(parents=True)
+    Image.fromarray(np.full((72, 128, 3), colour, np.uint8)).save(folder / name / "preview.png")
+
+
+def test_a_sheet_shows_each_preview_in_its_place(tmp_path: Path) -> None:
+    colours = [(40 * number, 200, 30) for number in range(6)]
+    for number, colour in enumerate(colours):
+        written(tmp_path, f"s/{number}", colour)
+    names = sheets(
+        tmp_path, [*(entry(f"s/{number}") for number in range(6)), entry("bad", preview=False, error="no")]
+    )
+    assert names == ["sheet.png"]
+    with Image.open(tmp_path / "sheet.png") as picture:
+        page = np.asarray(picture)
+    places = [(12 + 112 + 259 * (number // 4), 12 + 200 + 412 * (number % 4)) for number in range(6)]
+    assert [tuple(page[place].tolist()) for place in places] == colours
+    red = (page[:, :, 0] > 150) & (page[:, :, 1] < 60) & (page[:, :, 2] < 60)
+    assert red[271:, 836:].any()  # why the last one failed
+
+
+def test_sheets_have_pages(tmp_path: Path) -> None:
+    written(tmp_path, "s/0", (1, 2, 3))
+    entries = [entry("s/0") for _ in range(PAGE + 1)]
+    assert sheets(tmp_path, entries) == ["sheet.png", "sheet-2.png"]
+    with Image.open(tmp_path / "sheet-2.png") as page:
+        assert page.size == (424, 271)
+
+
+def test_without_previews_there_is_no_sheet(tmp_path: Path) -> None:
+    assert sheets(tmp_path, [entry("s/0", preview=False)]) == []
+    assert sheets(tmp_path, []) == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_preview_that_is_gone_or_broken_leaves_an_empty_place(tmp_path: Path) -> None:
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "preview.png").write_bytes(b"no picture")
+    assert sheets(tmp_path, [entry("s"), entry("gone")]) == ["sheet.png"]
+
+
+def test_long_names_keep_their_ends(tmp_path: Path) -> None:
+    written(tmp_path, "s/0", (1, 2, 3))
+    assert sheets(tmp_path, [entry("s/0"), entry("x" * 300, preview=False, error="long " * 90)]) == [
+        "sheet.png"
+    ]

@@ -7,7 +7,7 @@ from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.export import check_film, film
+from sketchterrain.export.film import check_film, film
 from sketchterrain.jobs import run_job
 from sketchterrain.listings import device_entry
 from sketchterrain.render import Quality, footage

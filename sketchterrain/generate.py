@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from sketchterrain import export
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.export import FoliageFiles
+from sketchterrain.export.map import map_sheet
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.jobs import Devices
 from sketchterrain.render import check_view
@@ -219,7 +220,7 @@ def _generate(
         if extras.map is not None:
             with stages.stage("map", "Drawing the map"):
                 name = f"map.{extras.map}"
-                writer.add(name, export.write_sheet, folder / name, export.map_sheet(terrain))
+                writer.add(name, export.write_sheet, folder / name, map_sheet(terrain))
         if extras.preview:
             with stages.stage("preview", "Preview"):
                 picture, problem = preview_of(terrain, extras.view, weather, shared, rendering)

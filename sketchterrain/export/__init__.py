@@ -5,16 +5,20 @@ Every writer takes the folder to write into and returns the paths of what it wro
 
 from __future__ import annotations
 
-from sketchterrain.export.agreement import agreement_picture, write_agreement
-from sketchterrain.export.features import write_features
-from sketchterrain.export.files import move_into, prepare_folder, staging, write_json
-from sketchterrain.export.film import check_film, film
-from sketchterrain.export.foliage_files import FoliageFiles, WrittenFoliage, check_room, write_foliage
-from sketchterrain.export.geotiff import write_height_tif
-from sketchterrain.export.images import write_height_png, write_normals
-from sketchterrain.export.map import MAP_WIDTH, map_sheet, write_map, write_sheet
-from sketchterrain.export.picture import write_picture
-from sketchterrain.export.weights import quantised_weights, write_materials
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sketchterrain.export.agreement import agreement_picture, write_agreement
+    from sketchterrain.export.features import write_features
+    from sketchterrain.export.files import move_into, prepare_folder, staging, write_json
+    from sketchterrain.export.film import check_film
+    from sketchterrain.export.foliage_files import FoliageFiles, WrittenFoliage, check_room, write_foliage
+    from sketchterrain.export.geotiff import write_height_tif
+    from sketchterrain.export.images import write_height_png, write_normals
+    from sketchterrain.export.map import MAP_WIDTH, write_map, write_sheet
+    from sketchterrain.export.picture import write_picture
+    from sketchterrain.export.weights import quantised_weights, write_materials
 
 __all__ = [
     "MAP_WIDTH",
@@ -23,8 +27,6 @@ __all__ = [
     "agreement_picture",
     "check_film",
     "check_room",
-    "film",
-    "map_sheet",
     "move_into",
     "prepare_folder",
     "quantised_weights",
@@ -41,3 +43,23 @@ __all__ = [
     "write_picture",
     "write_sheet",
 ]
+
+_MODULE = {
+    **dict.fromkeys(("agreement_picture", "write_agreement"), "agreement"),
+    "write_features": "features",
+    **dict.fromkeys(("move_into", "prepare_folder", "staging", "write_json"), "files"),
+    "check_film": "film",
+    **dict.fromkeys(("FoliageFiles", "WrittenFoliage", "check_room", "write_foliage"), "foliage_files"),
+    "write_height_tif": "geotiff",
+    **dict.fromkeys(("write_height_png", "write_normals"), "images"),
+    **dict.fromkeys(("MAP_WIDTH", "write_map", "write_sheet"), "map"),
+    "write_picture": "picture",
+    **dict.fromkeys(("quantised_weights", "write_materials"), "weights"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a module only when something of it is wanted: a list of targets needs no OpenCL and no SciPy."""
+    if name not in _MODULE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULE[name]}"), name)

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sketchterrain.compute import ComputeContext, Device
 from sketchterrain.look.texture_levels import changed_levels, made_levels
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+    from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Terrain
 
     Bytes = npt.NDArray[np.uint8]
@@ -41,10 +41,12 @@ class MaterialLooks(NamedTuple):
 
 def material_looks(terrain: Terrain) -> MaterialLooks:
     """Return what a terrain's materials look like: the program's own, or as its sketch wants them."""
+    from sketchterrain import compute  # OpenCL: not for a list of targets
+
     device = terrain.context.device
 
     def opened() -> ComputeContext:
-        return ComputeContext(device if isinstance(device, Device) else None)
+        return compute.ComputeContext(device if isinstance(device, compute.Device) else None)
 
     levels = changed_levels(made_levels(_TEXELS, opened), terrain.sketch.look, {}, opened)
     colour, relief = (part.reshape(-1, 4)[: len(terrain.material_names)] / 255.0 for part in levels[-1])

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sketchterrain.look.water_surfaces import surfaces
-
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -41,6 +39,8 @@ class Water(NamedTuple):
 
 def waters(features: TerrainFeatures, grid: Grid) -> Iterator[Water]:
     """Return each water as far as it lies in a grid's rectangle, lakes first."""
+    from sketchterrain.look.water_surfaces import surfaces  # SciPy: not for a list of targets
+
     rivers = [river for river in features.rivers if len(river.centreline) > 1]
     names = [f"lake {lake.id}" for lake in features.lakes] + [f"river {river.id}" for river in rivers]
     for name, surface in zip(names, surfaces(features), strict=True):

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from sketchterrain.features.catalogue import (
-    FEATURE,
-    FEATURE_TYPES,
-    FILL_BIT,
-    Cover,
-    Lake,
-    River,
-    ShapeField,
-)
-from sketchterrain.features.fill import Fill
-from sketchterrain.features.painted_distance import PaintedDistance
-from sketchterrain.features.placement import place
-from sketchterrain.features.rivers import trace_rivers
-from sketchterrain.features.shapes import Shape, label_shapes
-from sketchterrain.features.splines import sample_catmull_rom
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sketchterrain.features.catalogue import (
+        FEATURE,
+        FEATURE_TYPES,
+        FILL_BIT,
+        Cover,
+        Lake,
+        River,
+        ShapeField,
+    )
+    from sketchterrain.features.fill import Fill
+    from sketchterrain.features.painted_distance import PaintedDistance
+    from sketchterrain.features.placement import place
+    from sketchterrain.features.rivers import trace_rivers
+    from sketchterrain.features.shapes import Shape, label_shapes
+    from sketchterrain.features.splines import sample_catmull_rom
 
 __all__ = [
     "FEATURE",
@@ -34,3 +38,22 @@ __all__ = [
     "sample_catmull_rom",
     "trace_rivers",
 ]
+
+_MODULE = {
+    **dict.fromkeys(
+        ("FEATURE", "FEATURE_TYPES", "FILL_BIT", "Cover", "Lake", "River", "ShapeField"), "catalogue"
+    ),
+    "Fill": "fill",
+    "PaintedDistance": "painted_distance",
+    "place": "placement",
+    "trace_rivers": "rivers",
+    **dict.fromkeys(("Shape", "label_shapes"), "shapes"),
+    "sample_catmull_rom": "splines",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a module only when something of it is wanted: a list of targets needs no OpenCL and no SciPy."""
+    if name not in _MODULE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULE[name]}"), name)

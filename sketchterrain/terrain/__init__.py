@@ -1,16 +1,22 @@
 """From a recipe to heights, normals, materials and plants, on the device and in float64."""
 
-from sketchterrain.terrain.adherence import Adherence, measure_adherence
-from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
-from sketchterrain.terrain.changes import changed_areas, touches
-from sketchterrain.terrain.device_verdict import Verdict, self_test
-from sketchterrain.terrain.from_sketch import build, make_recipe, rebuild
-from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.plant import SPECIES
-from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.terrain.surfaces import SurfaceStore
-from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.terrain.vertices import VertexStore
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sketchterrain.terrain.adherence import Adherence, measure_adherence
+    from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
+    from sketchterrain.terrain.changes import changed_areas, touches
+    from sketchterrain.terrain.device_verdict import Verdict, self_test
+    from sketchterrain.terrain.from_sketch import build, make_recipe, rebuild
+    from sketchterrain.terrain.materials import MATERIALS
+    from sketchterrain.terrain.plant import SPECIES
+    from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.terrain.surfaces import SurfaceStore
+    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.terrain.vertices import VertexStore
 
 __all__ = [
     "MATERIALS",
@@ -32,3 +38,24 @@ __all__ = [
     "self_test",
     "touches",
 ]
+
+_MODULE = {
+    **dict.fromkeys(("Adherence", "measure_adherence"), "adherence"),
+    **dict.fromkeys(("Raster", "TerrainFeatures", "Tile"), "answers"),
+    **dict.fromkeys(("changed_areas", "touches"), "changes"),
+    **dict.fromkeys(("Verdict", "self_test"), "device_verdict"),
+    **dict.fromkeys(("build", "make_recipe", "rebuild"), "from_sketch"),
+    "MATERIALS": "materials",
+    "SPECIES": "plant",
+    "TerrainRecipe": "recipe",
+    "SurfaceStore": "surfaces",
+    "Terrain": "terrain",
+    "VertexStore": "vertices",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a module only when something of it is wanted: a list of targets needs no OpenCL and no SciPy."""
+    if name not in _MODULE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_MODULE[name]}"), name)

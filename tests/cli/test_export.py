@@ -7,6 +7,8 @@ import os
 import resource
 import shutil
 import signal
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +83,17 @@ def test_targets_are_listed_with_what_they_take(call: Callable[..., Any]) -> Non
     for name, entry in entries.items():
         assert f"{name} " in shown
         assert entry["title"] in shown
+
+
+def test_listing_targets_loads_no_driver() -> None:
+    code = (
+        "import sys\n"
+        "from sketchterrain.export.targets import TARGET_NAMES, target_named\n"
+        "for name in TARGET_NAMES: target_named(name)\n"
+        "print(*sorted({'pyopencl', 'scipy', 'moderngl', 'PyQt6', 'OpenEXR', 'pyogrio'} & set(sys.modules)))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == ""
 
 
 def test_a_missing_library_is_named_with_its_extra(

@@ -12,7 +12,8 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
-from sketchterrain.export import map_sheet, write_map, write_sheet
+from sketchterrain.export import write_map, write_sheet
+from sketchterrain.export.map import map_sheet
 from sketchterrain.export.map_contour_lines import PENS, WIDTHS
 from sketchterrain.export.map_contours import INDEX, choose_interval, find_levels, trace
 from sketchterrain.export.map_frame import Frame, frame_of, round_number

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PyQt6.QtWidgets import QApplication
+from PyQt6.QtGui import QKeySequence
+from PyQt6.QtWidgets import QAbstractButton, QApplication, QLabel
 
 from sketchterrain.export import libraries
 from sketchterrain.export.planning import option_names
@@ -116,6 +117,36 @@ def test_what_cannot_be_is_said_and_not_begun(opened) -> None:
     controls.crs.setText("EPSG:4326")
     assert "EPSG:4326" in dialog._refused.text()
     assert not dialog._go.isEnabled()
+
+
+def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened) -> None:
+    dialog = opened("raw")
+    controls = dialog.target_wishes.controls
+    assert controls.sizes.currentText() == "1025"
+    for tiles, overlap in ((3, 1), (3, 0), (7, 5), (1, 5)):
+        controls.columns.setValue(tiles)
+        controls.overlap.setValue(overlap)
+        for row in range(controls.sizes.count()):
+            controls.sizes.setCurrentIndex(row)
+            assert dialog.target_wishes.problem == "", (tiles, overlap, controls.sizes.currentText())
+    controls.sizes.setEditText("1000")
+    controls.columns.setValue(3)
+    assert controls.sizes.currentText() == "1000"
+    dialog.targets.setCurrentIndex(dialog.targets.findData("unreal"))
+    controls.columns.setValue(2)
+    controls.overlap.setValue(2000)
+    assert dialog._refused.text() == "tiles of 1009 vertices cannot share 2000"
+
+
+def test_each_letter_leads_to_one_control(opened) -> None:
+    dialog = opened()
+    for name in ("", *TARGET_NAMES):
+        dialog.targets.setCurrentIndex(dialog.targets.findData(name))
+        dialog.target_wishes.controls.columns.setValue(2)
+        texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton)) if each.isVisible()]
+        letters = [QKeySequence.mnemonic(text).toString() for text in texts]
+        twice = {letter for letter in letters if letter and letters.count(letter) > 1}
+        assert not twice, name
 
 
 def test_a_range_that_is_none_is_refused(opened) -> None:

@@ -43,12 +43,19 @@ _TILE_OPTIONS = ("overlap", "tile_name", "tile_first", "tiles_from_south")
 
 
 class TargetControls(QWidget):
-    """Size, tiles, format and so on of the target that is used."""
+    """Size, tiles, format and so on of the target that is used.
+
+    Parameters
+    ----------
+    is_wide
+        Whether the sketch's longer side goes from west to east.
+    """
 
     changed = pyqtSignal()
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, *, is_wide: bool = True, parent: QWidget | None = None) -> None:
         super().__init__(parent)
+        self._is_wide = is_wide
         self._target: Target | None = None
         self._filling = False
         self.sizes, self.formats, self.counted = QComboBox(), QComboBox(), QComboBox()
@@ -170,14 +177,16 @@ class TargetControls(QWidget):
                 raise InputError(f"size {text!r}: expected a number of vertices")
             return int(text)
         columns, rows = given.get("tiles", (1, 1))
-        usual = target.tiling or Tiling()
-        tiling = Tiling(columns, rows, overlap=given.get("overlap", usual.overlap))
-        return tiling.whole(int(self.sizes.currentData()), max(columns, rows))
+        side = int(self.sizes.currentData())
+        tiling = Tiling(columns, rows, overlap=given.get("overlap", (target.tiling or Tiling()).overlap))
+        if tiling.count > 1 and tiling.overlap >= side:
+            raise InputError(f"tiles of {side} vertices cannot share {tiling.overlap}")
+        return tiling.whole(side, max(columns, rows))
 
     def _fill_sizes(self, target: Target) -> None:
         self.sizes.clear()
         self.sizes.setEditable(not target.sizes)
-        for side in target.sizes or _SIZES:
+        for side in target.sizes or sorted({*_SIZES, target.size}):
             self.sizes.addItem(f"{side} × {side}" if target.sizes else str(side), side)
         self.sizes.setCurrentIndex(self.sizes.findData(target.size))
         typed = self.sizes.lineEdit()
@@ -189,6 +198,23 @@ class TargetControls(QWidget):
         if isinstance(label, QLabel):
             label.setText("&Size of a tile" if target.sizes else "&Size")
             label.setBuddy(self.sizes)
+
+    def _offer_sizes(self, target: Target) -> None:
+        """Offer sizes that can be cut into the tiles; one that was typed stays as it is."""
+        if target.sizes or target.spacing is not None:
+            return
+        tiles = int((self.columns if self._is_wide else self.rows).value())
+        tiling = Tiling(overlap=int(self.overlap.value()))
+        sizes = sorted({*_SIZES, target.size})
+        fitting = [min(tiling.nearest(size, tiles), key=lambda each: abs(each - size)) for size in sizes]
+        if fitting == [self.sizes.itemData(row) for row in range(self.sizes.count())]:
+            return
+        text = self.sizes.currentText()
+        chosen = self.sizes.findText(text)
+        self.sizes.clear()
+        for size in fitting:
+            self.sizes.addItem(str(size), size)
+        self.sizes.setEditText(text if chosen < 0 else str(fitting[chosen]))
 
     def _lay_out(self) -> None:
         down = QVBoxLayout(self)
@@ -245,6 +271,9 @@ class TargetControls(QWidget):
     def _tell(self, *_: object) -> None:
         if self._filling or self._target is None:
             return
+        self._filling = True
+        self._offer_sizes(self._target)
+        self._filling = False
         heeded = option_names(self._target)
         cut = (self.columns.value(), self.rows.value()) != (1.0, 1.0)
         for option, row in self._rows.items():

@@ -53,7 +53,7 @@ class TargetWishes(QWidget):
         self._target: Target | None = None
         self._options: ExportOptions | None = None
         self.problem = ""
-        self.controls = TargetControls(self)
+        self.controls = TargetControls(is_wide=sketch.size[0] >= sketch.size[1], parent=self)
         self._line, self._told = note(), note()
         rows = QVBoxLayout(self)
         rows.setContentsMargins(0, 0, 0, 0)

@@ -1,0 +1,116 @@
+"""Where an export is sampled and how it is cut; nothing is computed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as some
+
+from sketchterrain.errors import InputError
+from sketchterrain.export.grid import Grid
+from sketchterrain.export.planning import option_names, plan
+from sketchterrain.export.target import ExportOptions, Target, Written
+from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.export.tiling import Tiling
+from sketchterrain.sketch import Sketch
+
+TILED = frozenset({"tiles", "overlap"})
+PLAIN = Target("plain", "Plain", "…", lambda _: Written({}), knows=TILED, tiling=Tiling())
+SQUARE = replace(PLAIN, square=True, sizes=(33, 65, 129), size=65)
+SPACED = replace(PLAIN, spacing=1.0)
+WIDE, HIGH = (
+    Sketch(name="A", extent=1024.0, layers={"hill": np.zeros(shape, np.uint8)})
+    for shape in ((48, 64), (64, 48))
+)
+
+
+def grid_of(sketch: Sketch, target: Target, **options: object) -> Grid:
+    return plan(sketch, target, ExportOptions(**options)).grid  # type: ignore[arg-type]
+
+
+def test_a_plain_grid_is_the_sketch_s_rectangle() -> None:
+    assert grid_of(WIDE, PLAIN, size=65) == Grid(0.0, 0.0, 1024.0, 768.0, 65, 49)
+    assert grid_of(HIGH, PLAIN, size=65) == Grid(0.0, 0.0, 768.0, 1024.0, 49, 65)
+
+
+def test_the_shorter_side_is_cut_too() -> None:
+    grid = grid_of(WIDE, PLAIN, size=65, tiles=(4, 5))
+    assert (grid.columns, grid.rows) == (65, 51)
+    assert grid.area == (0.0, 0.0, 1024.0, 768.0)
+
+
+def test_a_size_is_found_that_tiles_can_have() -> None:
+    assert grid_of(WIDE, PLAIN, tiles=(3, 1)).columns == 1024
+    assert grid_of(WIDE, PLAIN, tiles=(4, 3)).columns == 1025
+
+
+def test_square_targets_take_the_square_over_the_longer_side() -> None:
+    assert grid_of(WIDE, SQUARE) == Grid(0.0, 0.0, 1024.0, 1024.0, 65, 65)
+    assert grid_of(HIGH, SQUARE, size=33) == Grid(0.0, 0.0, 1024.0, 1024.0, 33, 33)
+    assert grid_of(WIDE, SQUARE, tiles=(4, 4)).columns == 4 * 64 + 1
+
+
+@given(some.integers(1, 6), some.integers(1, 6), some.sampled_from([WIDE, HIGH]))
+def test_square_tiles_cover_the_sketch_with_square_quads(columns: int, rows: int, sketch: Sketch) -> None:
+    made = plan(sketch, SQUARE, ExportOptions(tiles=(columns, rows)))
+    dx, dy = made.grid.spacing
+    assert dx == pytest.approx(dy, rel=1e-12)
+    assert made.tile_side == (65, 65)
+    east, north = sketch.size
+    assert made.grid.east >= east
+    assert made.grid.north >= north
+    assert made.grid.east == east or made.grid.north == north
+
+
+def test_vertices_are_just_so_far_apart_where_a_target_wants_that() -> None:
+    assert grid_of(WIDE, SPACED) == Grid(0.0, 0.0, 1024.0, 768.0, 1025, 769)
+    odd = WIDE.replace(extent=1000.5)
+    grid = grid_of(odd, SPACED, tiles=(4, 1))
+    assert grid.spacing == (1.0, 1.0)
+    assert grid.columns == 1005
+    assert grid.east >= odd.size[0]
+    assert grid.north >= odd.size[1]
+
+
+def test_pixels_come_in_multiples() -> None:
+    regions = replace(SPACED, multiple=256)
+    assert grid_of(WIDE, regions) == Grid(0.0, 0.0, 1023.0, 767.0, 1024, 768)
+    assert grid_of(WIDE.replace(extent=1025.0), regions).columns == 1280
+
+
+@pytest.mark.parametrize(
+    ("size", "tiles", "nearest"),
+    [(64, (1, 1), "33 or 65"), (130, (1, 1), "129 "), (2, (1, 1), "33 "), (100, (2, 2), "65 or 129")],
+)
+def test_a_size_that_a_target_refuses_names_the_nearest(
+    size: int, tiles: tuple[int, int], nearest: str
+) -> None:
+    with pytest.raises(InputError, match=f"nearest: {nearest}"):
+        grid_of(WIDE, SQUARE, size=size, tiles=tiles)
+
+
+def test_tiles_cannot_share_more_than_they_have() -> None:
+    with pytest.raises(InputError, match="cannot share 70 vertices"):
+        grid_of(WIDE, SQUARE, tiles=(2, 2), overlap=70)
+
+
+@pytest.mark.parametrize("name", TARGET_NAMES)
+def test_a_target_heeds_only_options_that_there_are(name: str) -> None:
+    target = target_named(name)
+    assert target.knows <= set(vars(ExportOptions()))
+    assert set(option_names(target)) >= {"plants", "grass"}
+    assert (target.tiling is not None) == ("tiles" in target.knows)
+    assert not target.sizes or target.size in target.sizes
+    assert target.title
+    assert target.line
+    assert ("format" in target.knows) == bool(target.formats)
+
+
+@pytest.mark.parametrize("name", TARGET_NAMES)
+def test_every_size_that_a_target_names_can_be_planned(name: str) -> None:
+    target = target_named(name)
+    for size in target.sizes:
+        assert plan(WIDE, target, ExportOptions(size=size)).tile_side == (size, size)

@@ -36,7 +36,7 @@ INSTANCING: Final = "EXT_mesh_gpu_instancing"
 BYTES_PER_PLANT: Final = 40 + 24
 """As an instance and as a point."""
 
-_TRIANGLES: Final = 10_000_000  # of all plants together; beyond that models are coarser
+_TRIANGLES: Final = 20_000_000  # of all plants together; beyond that models are coarser
 
 
 class Planting(NamedTuple):

@@ -7,10 +7,18 @@ from typing import TYPE_CHECKING, Any, Final
 from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.engine_water import write_water
 from sketchterrain.export.exr import write_exr
-from sketchterrain.export.gltf_plants import BYTES_PER_PLANT
+from sketchterrain.export.glb import Glb
+from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, gathered_plants
+from sketchterrain.export.gltf_scene import AXES
 from sketchterrain.export.ground_images import ground_images
 from sketchterrain.export.target import Library, Target, Written
-from sketchterrain.export.targets.gltf import LIBRARIES, check_glb, write_glb
+from sketchterrain.export.targets.gltf import (
+    LIBRARIES,
+    check_glb,
+    ground_scene,
+    plant_facts,
+    write_points,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,14 +41,29 @@ def write_blender(export: Export) -> Written:
     with export.stages.stage("exr", "Displacement"):
         channels = dict.fromkeys("RGB", export.sampled.height)
         files: dict[Path, str] = {write_exr(heights, channels): "heights, m; row 0 is the north edge"}
-    scene, facts = write_glb(export)
-    files |= scene
+    scene, facts = ground_scene(export)
+    files |= _plants(export, facts) if export.options.plants else {}
+    path = export.folder / f"{export.name}.glb"
+    with export.stages.stage("glb", "GLB"):
+        files[scene.write(path)] = "ground and water; lies where the displaced grid does"
     water = export.folder / f"{export.name}_water.json"
     files[write_water(water, export.terrain.features, _AXES)] = "rivers and lakes, m: x east, y north, z up"
     files |= ground_images(export)
     facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
     facts["axes"] = _AXES.facts
-    return Written(files, _settings(export.grid, heights.name, f"{export.name}.glb"), facts)
+    return Written(files, _settings(export.grid, heights.name, path.name), facts)
+
+
+def _plants(export: Export, facts: dict[str, Any]) -> dict[Path, str]:
+    """Write plants apart, as instances and as points: Blender makes an object of each instance."""
+    with export.stages.stage("plants", "Plants"):
+        planting = gathered_plants(export, AXES)
+        scene = Glb()
+        facts["plants"] = plant_facts(planting, add_instances(scene, planting))
+    if not len(planting.model):
+        return {}
+    path = scene.write(export.folder / f"{export.name}_plants.glb")
+    return {path: "plants as instances, each of them an object in Blender"} | write_points(export, planting)
 
 
 def _settings(grid: Grid, heights: str, scene: str) -> dict[str, Any]:
@@ -49,6 +72,7 @@ def _settings(grid: Grid, heights: str, scene: str) -> dict[str, Any]:
     image = {"file": heights, "colour_space": "Non-Color", "extension": "Extend"}
     return {
         "glb": {"file": scene, "how": "File, Import, glTF 2.0; location and scale as they come"},
+        "plants": "each instance becomes an object; of many thousands take the points, for geometry nodes",
         "displace_modifier": {
             "grid": {
                 "x_subdivisions": grid.columns - 1,

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any, Final
 from sketchterrain.errors import InputError
 from sketchterrain.export.engine_water import write_water
 from sketchterrain.export.glb import Glb
-from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, add_points, gathered_plants
+from sketchterrain.export.gltf_plants import (
+    BYTES_PER_PLANT,
+    Planting,
+    add_instances,
+    add_points,
+    gathered_plants,
+)
 from sketchterrain.export.gltf_scene import AXES, add_ground, add_water, centre_of
 from sketchterrain.export.ground_images import ground_images
 from sketchterrain.export.ground_mesh import check_error, ground_mesh, mesh_facts
@@ -18,7 +24,15 @@ if TYPE_CHECKING:
 
     from sketchterrain.export.target import Export, ExportOptions
 
-__all__ = ["LIBRARIES", "TARGETS", "check_glb", "write_glb", "write_gltf"]
+__all__ = [
+    "LIBRARIES",
+    "TARGETS",
+    "check_glb",
+    "ground_scene",
+    "plant_facts",
+    "write_gltf",
+    "write_points",
+]
 
 LIBRARIES: Final = (Library("pygltflib", "gltf"),)
 
@@ -43,53 +57,54 @@ def check_glb(options: ExportOptions) -> None:
 
 def write_gltf(export: Export) -> Written:
     """Write what programs that read glTF 2.0 take, and beside it images of the ground."""
-    files, facts = write_glb(export)
+    scene, facts = ground_scene(export)
+    points: dict[Path, str] = {}
+    if export.options.plants:
+        with export.stages.stage("plants", "Plants"):
+            planting = gathered_plants(export, AXES)
+            facts["plants"] = plant_facts(planting, add_instances(scene, planting))
+        points = write_points(export, planting)
+    path = export.folder / f"{export.name}.glb"
+    with export.stages.stage("glb", "GLB"):
+        scene.write(path)
+    files = {path: "ground, water and plants, m: x east, y up, z south"} | points
     water = export.folder / f"{export.name}_water.json"
     files[write_water(water, export.terrain.features, AXES)] = "rivers and lakes, m: x east, y up, z south"
-    files |= ground_images(export)
-    settings = {
-        "up": "+Y",
-        "unit": "1 m",
-        "scale": 1.0,
-        "plants": (
+    settings: dict[str, Any] = {"up": "+Y", "unit": "1 m", "scale": 1.0}
+    if points:
+        settings["plants"] = (
             "instances (EXT_mesh_gpu_instancing); where a program shows one plant of each kind only: "
-            f"{export.name}_plant_points.glb, of the same origin"
-        ),
-    }
-    return Written(files, settings, facts)
+            f"{next(iter(points)).name}, of the same origin"
+        )
+    return Written(files | ground_images(export), settings, facts)
 
 
-def write_glb(export: Export) -> tuple[dict[Path, str], dict[str, Any]]:
-    """Write ``NAME.glb`` and, where there are plants, ``NAME_plant_points.glb``.
+def ground_scene(export: Export) -> tuple[Glb, dict[str, Any]]:
+    """Return a scene with ground and water, and what the sidecar says of it.
 
     Vertices are float32 from the middle of the ground on, indices 32 bits (glTF 2.0 specification, "Meshes").
-    Instances follow EXT_mesh_gpu_instancing of the Khronos registry; it is used, not required.
-
-    Returns
-    -------
-    files, facts
-        As of `Written`.
     """
     made = ground_mesh(export)
     scene = Glb()
     add_ground(scene, made.mesh, export)
     add_water(scene, export)
-    files: dict[Path, str] = {}
-    facts: dict[str, Any] = {"heights": {"numbers": "float32"}, "axes": AXES.facts, "byte_order": "little"}
-    facts["mesh"] = mesh_facts(export, made)
-    if export.options.plants:
-        with export.stages.stage("plants", "Plants"):
-            planting = gathered_plants(export, AXES)
-            detail = add_instances(scene, planting)
-        facts["plants"] = {"count": len(planting.model), "level_of_detail": detail}
-        if len(planting.model):
-            points = Glb()
-            add_points(points, planting, centre_of(export.grid))
-            path = export.folder / f"{export.name}_plant_points.glb"
-            files[points.write(path)] = "plants as points, a node a species, with _SCALE and _ROTATION"
-    with export.stages.stage("glb", "GLB"):
-        path = scene.write(export.folder / f"{export.name}.glb")
-    return {path: "ground, water and plants, m: x east, y up, z south"} | files, facts
+    facts = {"heights": {"numbers": "float32"}, "axes": AXES.facts, "byte_order": "little"}
+    return scene, facts | {"mesh": mesh_facts(export, made)}
+
+
+def write_points(export: Export, planting: Planting) -> dict[Path, str]:
+    """Write plants as ``NAME_plant_points.glb``, if there are any, and return what it is."""
+    if not len(planting.model):
+        return {}
+    points = Glb()
+    add_points(points, planting, centre_of(export.grid))
+    path = points.write(export.folder / f"{export.name}_plant_points.glb")
+    return {path: "plants as points, a node a species, with _SCALE and _ROTATION"}
+
+
+def plant_facts(planting: Planting, detail: int) -> dict[str, Any]:
+    """Return what the sidecar says of plants."""
+    return {"count": len(planting.model), "level_of_detail": detail}
 
 
 TARGETS: Final = (

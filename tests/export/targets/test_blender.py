@@ -64,3 +64,12 @@ def test_the_glb_comes_to_lie_on_the_displaced_grid(outcome, image):
     grid = np.stack(displaced(outcome.sidecar["import"], image["R"]), axis=-1)
     glb, grid = (each[np.lexsort(each[:, :2].round(2).T)] for each in (glb, grid))
     assert np.abs(glb - grid).max() < 1e-3
+
+
+def test_plants_stand_apart_as_instances_and_as_points(exported):
+    told = exported("blender", size=SIZE)
+    names = [path.name for path in told.of(".glb")]
+    assert sorted(names) == ["high_corner.glb", "high_corner_plant_points.glb", "high_corner_plants.glb"]
+    scene = trimesh.load(told.of("corner.glb")[0], process=False)
+    assert {name.split()[0] for name in scene.geometry} == {"ground", "river", "lake"}
+    assert told.sidecar["plants"]["count"] > 500

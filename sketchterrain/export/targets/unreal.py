@@ -133,7 +133,7 @@ TARGETS: Final = (
         ),
         tiling=Tiling(pattern="{name}_x{x}_y{y}"),
         disk=16.0,
-        memory=8.0,
+        memory=18.0,
         bytes_per_plant=100.0,
     ),
 )

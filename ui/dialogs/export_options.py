@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIntValidator
-from PyQt6.QtWidgets import QCheckBox, QComboBox, QHBoxLayout, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QVBoxLayout, QWidget
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.ui.dialogs.kept_controls import set_values, values_of
-from sketchterrain.ui.dialogs.sheet import form
-from sketchterrain.ui.look.theme import SPACING
+from sketchterrain.ui.dialogs.sheet import beside, form
 from sketchterrain.ui.panels.number_box import NumberBox
 
 if TYPE_CHECKING:
@@ -220,9 +219,9 @@ class TargetControls(QWidget):
         down = QVBoxLayout(self)
         down.setContentsMargins(0, 0, 0, 0)
         down.addLayout(self._fields)
-        tiles = _beside(self.columns, "×", self.rows)
-        heights = _beside(self.ranged, "from", self.low, "to", self.high)
-        origin = _beside(self.east, "east,", self.north, "north")
+        tiles = beside(self.columns, "×", self.rows)
+        heights = beside(self.ranged, "from", self.low, "to", self.high)
+        origin = beside(self.east, "east,", self.north, "north")
         for option, title, row, tip in (
             ("size", "&Size", self.sizes, "Vertices of heights, normals and materials"),
             ("tiles", "&Tiles", tiles, "Columns and rows of files"),
@@ -286,15 +285,3 @@ class TargetControls(QWidget):
 
 def _whole(low: int, high: int) -> NumberBox:
     return NumberBox(low, high, step=1, decimals=0)
-
-
-def _beside(*parts: QWidget | str) -> QWidget:
-    """Return controls and words in a row."""
-    row = QWidget()
-    across = QHBoxLayout(row)
-    across.setContentsMargins(0, 0, 0, 0)
-    across.setSpacing(SPACING)
-    for part in parts:
-        across.addWidget(QLabel(part) if isinstance(part, str) else part)
-    across.addStretch(1)
-    return row

@@ -6,7 +6,16 @@ from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QPalette
-from PyQt6.QtWidgets import QDialog, QDialogButtonBox, QFormLayout, QLabel, QSizePolicy, QVBoxLayout
+from PyQt6.QtWidgets import (
+    QDialog,
+    QDialogButtonBox,
+    QFormLayout,
+    QHBoxLayout,
+    QLabel,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 
 from sketchterrain.ui.look.theme import MARGIN, SPACING
 
@@ -15,7 +24,7 @@ if TYPE_CHECKING:
 
     from PyQt6.QtWidgets import QPushButton
 
-__all__ = ["button_row", "column", "fix_width", "form", "heading", "note"]
+__all__ = ["beside", "button_row", "column", "fix_width", "form", "heading", "note"]
 
 
 def column(dialog: QDialog, title: str) -> QVBoxLayout:
@@ -36,6 +45,18 @@ def form() -> QFormLayout:
     rows.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
     rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
     return rows
+
+
+def beside(*parts: QWidget | str) -> QWidget:
+    """Return controls, and words between them, in a row."""
+    row = QWidget()
+    across = QHBoxLayout(row)
+    across.setContentsMargins(0, 0, 0, 0)
+    across.setSpacing(SPACING)
+    for part in parts:
+        across.addWidget(QLabel(part) if isinstance(part, str) else part)
+    across.addStretch(1)
+    return row
 
 
 def heading(text: str) -> QLabel:

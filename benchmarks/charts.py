@@ -21,6 +21,7 @@ from sketchterrain.benchmarks.pictures_chart import draw_parts, draw_qualities
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
+from sketchterrain.benchmarks.tracing_chart import draw_tracing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -289,6 +290,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "speed": lambda rows: draw_rates(_figure(9.0, 3.6), rows),
     "splines": draw_splines,
     "tiles": _tiles,
+    "trace": draw_tracing,
 }
 """How each benchmark that has a chart draws it, from the rows of its first table."""
 

@@ -25,6 +25,7 @@ from sketchterrain.benchmarks import (
     speed,
     splines,
     tile_rates,
+    tracing,
 )
 from sketchterrain.benchmarks.grounds import BARE_SEED
 from sketchterrain.errors import InputError
@@ -113,6 +114,7 @@ BENCHMARKS = {
         ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark("meshes", f"the whole of {_PRESETS}", _OWN, meshes.measure),
+        Benchmark("trace", f"the sketches of {_PRESETS}", "none", tracing.measure),
         Benchmark(
             "accuracy",
             "tiles drawn from the whole of valley_river (full run: of desert_mountains too)",

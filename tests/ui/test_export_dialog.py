@@ -18,7 +18,6 @@ from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.exporting import plan_of
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.export import ExportDialog
-from sketchterrain.ui.dialogs.export_outcome import setting_rows
 from sketchterrain.ui.models.preferences import Preferences
 
 
@@ -203,32 +202,23 @@ def test_what_was_kept_and_cannot_be_counts_as_never_chosen(opened) -> None:
         assert dialog.preferences.exported("unity") == {}
 
 
-def test_settings_are_rows_that_can_be_copied(opened, qapp) -> None:
-    settings = {
-        "Size": {"X": 6144.0, "Z": 18579.399999999998},
-        "Flip": False,
-        "tiles": [{"file": "a"}, {"file": "b"}],
-        "empty": [],
-    }
-    rows = [
-        ("Size › X", "6144"),
-        ("Size › Z", "18579.4"),
-        ("Flip", "no"),
-        ("tiles › 1 › file", "a"),
-        ("tiles › 2 › file", "b"),
-        ("empty", "[]"),
-    ]
-    assert list(setting_rows(settings)) == rows
+def test_what_to_type_in_is_a_table_that_can_be_copied(opened, qapp) -> None:
     outcome = opened().outcome
-    heights = {"minimum": -3.0, "maximum": 20.0}
-    outcome.show_done(
-        {"files": ["a"], "seconds": 2.0, "heights": heights, "settings": settings}, Path("somewhere")
-    )
+    told = {
+        "files": ["a"],
+        "seconds": 2.0,
+        "heights": {"minimum": -3.0, "maximum": 20.0},
+        "settings": {"Z": 18579.399999999998, "Flip": False, "tiles": [{"file": "a"}]},
+    }
+    outcome.show_done(told, Path("somewhere"))
     outcome._copy()
-    assert QApplication.clipboard().text() == "\n".join(f"{name}\t{value}" for name, value in rows)
-    outcome.table.selectRow(1)
+    assert QApplication.clipboard().text() == "Z\t18579.4\nFlip\tno\ntile\t\n    file\ta"
+    outcome.table.selectRow(0)
     outcome._copy_chosen()
     assert QApplication.clipboard().text() == "18579.4"
+    outcome.table.selectAll()
+    outcome._copy_chosen()
+    assert QApplication.clipboard().text().startswith("Z\t18579.4\nFlip")
 
 
 @pytest.mark.slow
@@ -247,7 +237,7 @@ def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened
         each.name for each in (tmp_path / "out").iterdir()
     }
     assert len(done.args[0]["files"]) == len(sidecar["files"])
-    assert [dialog.outcome.table.item(row, 0).text() for row in range(3)] == list(sidecar["import"])
+    assert dialog.outcome.table.item(0, 0).text() == next(iter(sidecar["import"]))
     assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
     assert dialog.preferences.export_target == "raw"
     qtbot.waitUntil(lambda: not dialog.job.is_running)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -21,14 +20,14 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
+from sketchterrain.export.typed_settings import typed_rows
 from sketchterrain.ui.dialogs.sheet import heading, note
 from sketchterrain.ui.look.theme import MARGIN
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
-__all__ = ["STAGES", "TARGET_STAGES", "ExportOutcome", "setting_rows"]
+__all__ = ["STAGES", "TARGET_STAGES", "ExportOutcome"]
 
 STAGES = {
     "Starting": 1,
@@ -54,6 +53,7 @@ TARGET_STAGES = {
 """Those of an export to a target; its own, which are not known beforehand, share the last."""
 _UNITS = 1000
 _TABLE_HEIGHT = 190  # px
+_INDENT = "    "
 
 
 class ExportOutcome(QWidget):
@@ -159,13 +159,13 @@ class ExportOutcome(QWidget):
         self.told.setText(f"{time.monotonic() - self._began:.0f} s")
 
     def _show_settings(self, settings: dict[str, Any]) -> None:
-        rows = list(setting_rows(settings))
+        rows = typed_rows(settings)
         self.table.setRowCount(len(rows))
-        for row, texts in enumerate(rows):
-            for column, text in enumerate(texts):
-                item = QTableWidgetItem(text)
-                item.setToolTip(text)
-                self.table.setItem(row, column, item)
+        for row, (depth, name, value) in enumerate(rows):
+            for column, text in enumerate((_INDENT * depth + name, value)):
+                self.table.setItem(row, column, QTableWidgetItem(text))
+            if not value:
+                self.table.setSpan(row, 0, 1, 2)
         self._settings.setVisible(bool(rows))
 
     def _copy(self) -> None:
@@ -183,28 +183,6 @@ class ExportOutcome(QWidget):
         _to_clipboard(
             "\n".join("\t".join(_text(self.table, row, column) for column in (0, 1)) for row in rows)
         )
-
-
-def setting_rows(settings: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Return what to type in as names and texts; what lies within something has its name before its own.
-
-    >>> list(setting_rows({"Size": {"X": 10.0, "Y": 2}, "Flip": False, "tiles": [{"x": 1}, {"x": 2}]}))
-    [('Size › X', '10'), ('Size › Y', '2'), ('Flip', 'no'), ('tiles › 1 › x', '1'), ('tiles › 2 › x', '2')]
-    """
-    for name, value in settings.items():
-        if isinstance(value, list) and any(isinstance(each, dict) for each in value):
-            value = {str(number): each for number, each in enumerate(value, start=1)}
-        if isinstance(value, dict):
-            for inner, text in setting_rows(value):
-                yield f"{name} › {inner}", text
-        elif isinstance(value, bool):
-            yield name, "yes" if value else "no"
-        elif isinstance(value, str):
-            yield name, value
-        elif isinstance(value, float):
-            yield name, f"{value:.10g}"  # as fine as anything that is typed in
-        else:
-            yield name, json.dumps(value, ensure_ascii=False)
 
 
 def _table() -> QTableWidget:

@@ -33,6 +33,14 @@ if TYPE_CHECKING:
 __all__ = ["TARGETS"]
 
 _PLANTS_AT_ONCE = 1_000_000
+_FIELDS = {
+    "rivers": "length, width, depth: m; the mean, and at the spring and the mouth; z is the water",
+    "river_stations": "distance from the spring, width, depth: m; river is the river's id",
+    "lakes": "level, depth: m",
+    "features": "radius: m; strength: m of height, of forests a share of the trees; wind: degrees, 0 north",
+    "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; level: a filter "
+    "level >= n thins them evenly",
+}
 _LAYERS = {"plants": "woody", "grass": "grass"}  # and the storey in each
 
 
@@ -55,12 +63,16 @@ def _write(export: Export) -> Written:
     files[vectors] = f"GeoPackage with the layers {', '.join(file.counts)}"
     transform = place.transform(export.grid)
     facts: dict[str, Any] = {
+        "heights": {"numbers": "float32"},
+        "byte_order": "little-endian",
+        "axes": {"x": "east", "y": "north", "z": "up", "units": "m"},
         "crs": export.options.crs,
         "origin": list(export.options.origin),
         "samples": "vertices (AREA_OR_POINT=Point)",
         "geotransform": list(transform.to_gdal()),
         "no_data": NO_DATA,
         "layers": file.counts,
+        "fields": _FIELDS,
     }
     settings = {
         "program": "QGIS, or any program that reads GDAL's formats",

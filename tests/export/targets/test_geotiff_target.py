@@ -12,14 +12,18 @@ import pyogrio
 import pytest
 import rasterio
 import shapely
+from scipy import ndimage
 
+import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.geopackage import VectorLayer, geopackage
 from sketchterrain.export.placed_layers import Origin, lake_layer
 from sketchterrain.export.target import ExportOptions
-from sketchterrain.exporting import plan_of
+from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.features.catalogue import Lake
 from sketchterrain.features.shape_fields import ShapeField
+from sketchterrain.progress import Stages
+from sketchterrain.trace.vectors import sketch_from_vectors
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -216,18 +220,29 @@ def test_a_gis_finds_the_plants_of_a_place_by_the_index(outcome, terrain) -> Non
     assert len(info) == len(terrain.foliage(500, 100, 700, 300)) > 0
 
 
-def test_every_layer_is_there_even_an_empty_one(exported) -> None:
-    done = exported("geotiff", size=65, grass=True)
-    (path,) = done.of(".gpkg")
+@pytest.fixture(scope="module")
+def lawn() -> st.Sketch:
+    """Too small for anything but grass."""
+    return st.Sketch(
+        name="Lawn", extent=24.0, ground={"relief": 0.0}, layers={"hill": np.zeros((8, 8), np.uint8)}
+    )
+
+
+def test_every_layer_is_there_even_an_empty_one(lawn, tmp_path) -> None:
+    terrain = st.build(lawn)
+    wanted = plan_of(lawn, "geotiff", ExportOptions(size=9, grass=True))
+    done = write_export(wanted, terrain, tmp_path, stages=Stages())
+    path = tmp_path / "lawn.gpkg"
     names = [str(name) for name, _ in pyogrio.list_layers(path)]
     assert names == ["lakes", "rivers", "river_stations", "features", "plants", "grass"]
-    assert done.sidecar["layers"]["grass"] == len(layer(done, "grass")[1]) > 0
+    counts = [pyogrio.read_info(path, layer=name)["features"] for name in names]
+    grass = len(terrain.foliage(0, 0, 24, 24, storey="grass"))
+    assert counts == [0, 0, 0, len(terrain.features.points), len(terrain.foliage(0, 0, 24, 24)), grass]
+    assert list(done.report["layers"].values()) == counts
+    assert grass > 0
 
 
 def test_the_same_terrain_gives_the_same_bytes(exported, outcome, terrain, corner, tmp_path) -> None:
-    from sketchterrain.exporting import write_export
-    from sketchterrain.progress import Stages
-
     again = write_export(
         plan_of(corner, "geotiff", ExportOptions(size=513, **PLACED)), terrain, tmp_path, stages=Stages()
     )
@@ -285,3 +300,17 @@ def test_a_full_disk_leaves_no_geopackage_that_looks_whole(tmp_path, share: floa
     ):
         file.add(layer)
     assert "\n" not in str(told.value)
+
+
+def test_the_geopackage_can_be_traced_back_to_the_sketch(outcome, corner) -> None:
+    (path,) = outcome.of(".gpkg")
+    bounds = (EAST, NORTH, EAST + 1024, NORTH + 1024)
+    traced = sketch_from_vectors(path, bounds=bounds, size_px=64).sketch
+    assert traced.extent == corner.extent
+    for layer_name, off in (("river", 2), ("lake", 1), ("forest", 4), ("mountain", 6)):
+        was, now = corner.layers[layer_name] > 0, traced.layers[layer_name] > 0
+        near = ndimage.distance_transform_edt(~was)[now]
+        assert near.max() <= off, layer_name
+    lake = [sketch.layers["lake"] > 0 for sketch in (corner, traced)]
+    assert (lake[0] & lake[1]).sum() / (lake[0] | lake[1]).sum() > 0.8
+    assert traced.layers["river"][5:50].any(axis=1).all()

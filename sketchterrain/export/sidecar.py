@@ -42,6 +42,7 @@ def sidecar(export: Export, written: Written, target: str) -> dict[str, Any]:
         "seed": export.terrain.sketch.seed,
         "grid": _grid(export.grid),
         "heights": heights | facts.pop("heights", {}),
+        "byte_order": "as the files' formats have it",
         "orientation": _ORIENTATION,
     }
     if tiling.count > 1:

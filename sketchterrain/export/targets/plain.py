@@ -40,45 +40,43 @@ _IN_STEPS = frozenset({"r16", "r16be"})
 def _write_raw(export: Export) -> Written:
     form = str(export.options.format)
     kind = _KINDS[form]
-    ending = form[:3]
-    if form in _IN_STEPS:
-        steps = HeightSteps.of(export.sampled.height, export.options.heights)
+    steps = _steps(export) if form in _IN_STEPS else None
 
-        def write(path: Path, height: Heights) -> Path:
-            return write_raw(path.with_name(f"{path.name}.{ending}"), steps.encode(height), kind)
+    def write(path: Path, height: Heights) -> Path:
+        numbers = height if steps is None else steps.encode(height)
+        return write_raw(path.with_name(f"{path.name}.{form[:3]}"), numbers, kind)
 
-        facts = {"heights": {"numbers": "uint16", **steps.facts}}
-    else:
-
-        def write(path: Path, height: Heights) -> Path:
-            return write_raw(path.with_name(f"{path.name}.{ending}"), height, kind)
-
-        facts = {"heights": {"numbers": "float32"}}
-    order = "big-endian" if kind.startswith(">") else "little-endian"
-    settings = {"header": "0 bytes", "rows": "from north to south", "byte order": order}
-    return _images(export, write, facts | {"byte_order": order}, settings)
+    order = "big" if kind.startswith(">") else "little"
+    settings = {"Byte Order": f"{order}-endian", "Header": "0 bytes", "First Row": "north"}
+    return _images(export, write, steps, {"byte_order": order}, settings)
 
 
 def _write_png16(export: Export) -> Written:
-    steps = HeightSteps.of(export.sampled.height, export.options.heights)
+    steps = _steps(export)
 
     def write(path: Path, height: Heights) -> Path:
         return write_png(path.with_name(f"{path.name}.png"), steps.encode(height))
 
-    facts = {"heights": {"numbers": "uint16", **steps.facts}}
-    return _images(export, write, facts, {"colour space": "linear, non-colour data"})
+    return _images(export, write, steps, {}, {"Colour Space": "linear, non-colour data"})
 
 
 def _write_exr(export: Export) -> Written:
     def write(path: Path, height: Heights) -> Path:
         return write_exr(path.with_name(f"{path.name}.exr"), {"Y": height})
 
-    facts = {"heights": {"numbers": "float32", "channel": "Y", "metres": "value"}}
-    return _images(export, write, facts, {"colour space": "linear, non-colour data"})
+    return _images(export, write, None, {}, {"Colour Space": "linear, non-colour data", "Channel": "Y"})
+
+
+def _steps(export: Export) -> HeightSteps:
+    return HeightSteps.of(export.sampled.height, export.options.heights)
 
 
 def _images(
-    export: Export, write: Callable[[Path, Heights], Path], facts: dict[str, Any], settings: dict[str, str]
+    export: Export,
+    write: Callable[[Path, Heights], Path],
+    steps: HeightSteps | None,
+    facts: dict[str, Any],
+    settings: dict[str, str],
 ) -> Written:
     """Write heights as a format has them, normals and weights as images, plants as a table."""
     files: dict[Path, str] = {}
@@ -102,7 +100,24 @@ def _images(
         for index, name in enumerate(names)
     ]
     files |= _plant_table(export) | _features(export)
-    return Written(files, settings, facts | {"axes": _AXES, "materials": materials})
+    facts |= {"heights": _height_facts(steps), "axes": _AXES, "materials": materials}
+    return Written(files, _image_settings(export, steps) | settings, facts)
+
+
+def _height_facts(steps: HeightSteps | None) -> dict[str, Any]:
+    if steps is None:
+        return {"numbers": "float32", "metres": "number"}
+    return {"numbers": "uint16", **steps.facts}
+
+
+def _image_settings(export: Export, steps: HeightSteps | None) -> dict[str, Any]:
+    """Return what programs ask for that know nothing but numbers."""
+    first = next(export.tiling.pieces(export.grid.columns, export.grid.rows))
+    across, up = export.grid.spacing
+    settings = {"Width": first.columns, "Height": first.rows, "Spacing": {"X": across, "Y": up}}
+    if steps is None:
+        return settings | {"Numbers": "float32, m"}
+    return settings | {"Numbers": "uint16", "Metres of 0": steps.low, "Metres of 65535": steps.highest}
 
 
 def _write_npy(export: Export) -> Written:
@@ -122,13 +137,13 @@ def _write_npy(export: Export) -> Written:
             tell(share)
     files |= _plant_rows(export) | _features(export)
     facts = {
-        "heights": {"numbers": "float32"},
-        "byte_order": "little-endian",
+        "heights": _height_facts(None),
+        "byte_order": "little",
         "axes": _AXES,
         "materials": list(export.terrain.material_names),
         "species": list(export.terrain.species_names),
     }
-    return Written(files, {"read with": "numpy.load"}, facts)
+    return Written(files, {"Read With": "numpy.load"}, facts)
 
 
 def _parts(export: Export) -> list[tuple[float, Path, Sampled]]:

@@ -53,8 +53,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Triangles and milliseconds that a mesh takes at an error bound, and the error of a uniform grid.
 
     The ground of each preset is sampled once; a mesh is then made of its heights by greedy insertion
-    (pydelatin), its error measured in float64 at every vertex of the grid, both in the time, by the clock;
-    measuring alone is timed too. Rounds alternate between all meshes. The uniform grid takes evenly spread
+    (pydelatin), its error measured in float64 at every vertex of the grid, both in the time; measuring alone
+    is timed too. Times are the processor's: the work is one thread's, and other processes disturb it less so. Rounds alternate between all meshes. The uniform grid takes evenly spread
     rows and columns of the same vertices, as few as make no fewer triangles; its error is measured alike.
     """
     if missing(_LIBRARIES):
@@ -74,8 +74,8 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         height, mesh = grounds[name], made[name, error].mesh
         uniform = uniform_mesh(*height.shape, least=len(mesh.triangles))
         off = mesh_error(uniform, height)
-        samples = [each.wall for each in laps[name, error, "mesh"]]
-        times, check = spread(samples), spread([each.wall for each in laps[name, error, "check"]])
+        samples = [each.processor for each in laps[name, error, "mesh"]]
+        times, check = spread(samples), spread([each.processor for each in laps[name, error, "check"]])
         rows.append(
             {
                 "ground": name,

@@ -36,7 +36,10 @@ def draw_meshes(rows: Sequence[Row]) -> Any:
         errors.plot(uniform, known, "s:", label=f"{ground}, uniform grid", **style)
         times.plot(triangles, [value_of(row, "median_ms") * 1e-3 for row in mine], "o-", **style)
         times.plot(triangles, [value_of(row, "check_ms") * 1e-3 for row in mine], "^:", **style)
-    for axes, label in ((errors, "largest error, m"), (times, "s; dotted: measuring the error alone")):
+    for axes, label in (
+        (errors, "largest error, m"),
+        (times, "processor time, s; dotted: measuring the error alone"),
+    ):
         axes.set(xscale="log", yscale="log", xlabel="triangles", ylabel=label)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value)))

@@ -74,10 +74,17 @@ class Files(QObject):
         saving.saved.connect(self._saved)
         saving.failed.connect(self._not_saved)
 
-    def begin(self, sketch: Sketch) -> None:
-        """Work on a sketch that is saved nowhere, if the one that is open may go."""
+    def begin(self, sketch: Sketch, *, modified: bool = False) -> None:
+        """Work on a sketch that is saved nowhere, if the one that is open may go.
+
+        Parameters
+        ----------
+        sketch
+        modified
+            Whether there is work in it, so that it is asked about before it goes.
+        """
         if self.may_leave():
-            self._document.open(sketch)
+            self._document.open(sketch, modified=modified)
 
     def ask_open(self) -> None:
         """Ask for a file and open it."""

@@ -115,7 +115,7 @@ class OpenDialogs(QObject):
         dialog = TraceDialog(path, self._window)
         if self._run(dialog):
             self._preferences.last_folder = path.absolute().parent
-            self._files.begin(dialog.sketch())
+            self._files.begin(dialog.sketch(), modified=True)
 
     def export(self) -> None:
         """Export the terrain."""

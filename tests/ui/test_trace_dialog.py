@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from PyQt6.QtCore import Qt
-from PyQt6.QtWidgets import QAbstractSpinBox, QComboBox, QLineEdit
+from PyQt6.QtWidgets import QAbstractSpinBox, QComboBox, QFileDialog, QLineEdit
 
 from sketchterrain.trace.legend import NOTHING, Meaning
 from sketchterrain.ui.dialogs.trace import TraceDialog
@@ -82,7 +82,7 @@ def test_nothing_at_all_cannot_be_created(qtbot, picture) -> None:
     ready(qtbot, dialog)
     for box in dialog.colours.boxes:
         box.setCurrentIndex(0)
-    qtbot.waitUntil(lambda: "no colour of the legend" in dialog.told.text(), timeout=20_000)
+    qtbot.waitUntil(lambda: "Say what at least one" in dialog.told.text(), timeout=20_000)
     assert not dialog.agree.isEnabled()
     dialog.colours.boxes[1].setCurrentIndex(3)
     ready(qtbot, dialog)
@@ -122,3 +122,21 @@ def test_every_control_has_a_name(qtbot, picture) -> None:
     ready(qtbot, dialog)
     for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit)):
         assert control.accessibleName() or control.objectName().startswith("qt_")
+
+
+def test_from_the_menu_to_an_unsaved_sketch(window, document, picture, monkeypatch, qtbot) -> None:
+    def agreed(dialog: TraceDialog) -> int:
+        ready(qtbot, dialog)
+        return 1
+
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(picture), ""))
+    monkeypatch.setattr(TraceDialog, "exec", agreed)
+    window.actions_by_name["trace"].trigger()
+    assert document.sketch.name == "island"
+    assert document.path is None
+    assert document.is_modified
+    assert np.count_nonzero(document.sketch.layers["mountain"]) == 30 * 40
+    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: ("", ""))
+    window.actions_by_name["trace"].trigger()
+    assert document.sketch.name == "island"
+    document.open(document.sketch)  # as if it was saved: the window closes without a question

@@ -149,7 +149,7 @@ class TraceDialog(QDialog):
             ("&Name", self.name, "What the sketch is called"),
             ("&Extent", self.extent, "Length of the picture's longer side"),
             ("&Size", self.size_px, "Pixels of the sketch along its longer side"),
-            ("S&pecks", self.specks, "Areas of fewer pixels vanish"),
+            ("Spec&ks", self.specks, "Areas of fewer pixels vanish"),
         )
         for title, control, tip in controls:
             fields.addRow(title, control)
@@ -236,7 +236,9 @@ class TraceDialog(QDialog):
         self._made = None
         self.after.clear()
         self.agree.setEnabled(False)
-        self.told.setText(line)
+        is_unnamed = self._source is not None and self._source.map is not None
+        is_unnamed = is_unnamed and not any(each and each.label for each in self.colours.meanings)
+        self.told.setText("Say what at least one of its colours becomes." if is_unnamed else line)
 
 
 def _framed(title: str, shown: QWidget) -> QGroupBox:

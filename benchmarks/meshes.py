@@ -54,8 +54,9 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 
     The ground of each preset is sampled once; a mesh is then made of its heights by greedy insertion
     (pydelatin), its error measured in float64 at every vertex of the grid, both in the time; measuring alone
-    is timed too. Times are the processor's: the work is one thread's, and other processes disturb it less so. Rounds alternate between all meshes. The uniform grid takes evenly spread
-    rows and columns of the same vertices, as few as make no fewer triangles; its error is measured alike.
+    is timed too. Times are the processor's: the work is one thread's, and other processes disturb it less so.
+    Rounds alternate between all meshes. The uniform grid takes evenly spread rows and columns of the same
+    vertices, as few as make no fewer triangles; its error is measured alike.
     """
     if missing(_LIBRARIES):
         absent: Row = {"ground": "none", "note": "absent: pydelatin (pip install 'sketchterrain[gltf]')"}

@@ -38,7 +38,7 @@ def draw_meshes(rows: Sequence[Row]) -> Any:
         times.plot(triangles, [value_of(row, "check_ms") * 1e-3 for row in mine], "^:", **style)
     for axes, label in (
         (errors, "largest error, m"),
-        (times, "processor time, s; dotted: measuring the error alone"),
+        (times, "processor, s; dotted: measuring alone"),
     ):
         axes.set(xscale="log", yscale="log", xlabel="triangles", ylabel=label)
         for axis in (axes.xaxis, axes.yaxis):

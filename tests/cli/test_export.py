@@ -69,7 +69,7 @@ def test_a_person_is_told_what_to_type_in(call: Callable[..., Any], sketch: Path
     assert "33 × 25 vertices in 16 tiles 16 m apart" in done.out
     assert "to type in" in done.out
     assert "and 60 more" in done.out
-    assert "  Byte Order  little-endian\n" in done.out
+    assert "Byte Order       little-endian\n" in done.out
 
 
 def test_targets_are_listed_with_what_they_take(call: Callable[..., Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -14,18 +15,17 @@ from PIL import Image
 from rasterio.errors import NotGeoreferencedWarning
 from scipy.interpolate import RegularGridInterpolator
 
+import sketchterrain as st
 from sketchterrain.errors import InputError
 from sketchterrain.export.sampled import Sampled
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets.unreal import TARGETS
-from sketchterrain.exporting import plan_of
+from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
-
-    import sketchterrain as st
 
 # Epic's table of recommended sizes: quads a section, sections a component, components.
 GUIDE = {
@@ -235,6 +235,17 @@ def test_plants_are_the_terrains_and_stand_on_unreals_ground(
     np.testing.assert_allclose(np.sin(yaw), -np.sin(true["rotation"]), atol=1e-5)
     np.testing.assert_allclose(rows["normal_y"], -true["normal"][:, 1], atol=1e-4)
     np.testing.assert_allclose(rows["normal_z"], true["normal"][:, 2], atol=1e-4)
+
+
+def test_grass_is_a_file_of_its_own(corner: st.Sketch, tmp_path: Path) -> None:
+    meadow = replace(corner, extent=48.0)
+    terrain = st.build(meadow)
+    plan = plan_of(meadow, "unreal", ExportOptions(size=127, grass=True))
+    write_export(plan, terrain, tmp_path, stages=Stages())
+    for kind, storey in (("plants", "woody"), ("grass", "grass")):
+        told = json.loads((tmp_path / f"high_corner_{kind}.json").read_text(encoding="utf-8"))
+        true = terrain.foliage(0.0, 0.0, 48.0, 48.0, storey=storey)
+        assert [row[0] for row in told["plants"]] == true["species"].tolist()
 
 
 def test_water_is_in_centimetres(terrain: st.Terrain, exported: Callable[..., Any]) -> None:

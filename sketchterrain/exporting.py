@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export import move_into, prepare_folder, staging
-from sketchterrain.export.planning import Plan, plan
-from sketchterrain.export.sampled import BYTES_PER_VERTEX, sample
+from sketchterrain.export.sampled import sample
 from sketchterrain.export.sidecar import write_sidecar
-from sketchterrain.export.target import Export, ExportOptions
-from sketchterrain.export.targets import target_named
+from sketchterrain.export.target import Export
+from sketchterrain.export_plans import memory_needed, plan_of
 from sketchterrain.jobs import run_job
-from sketchterrain.sizes import amount, machine_memory
+from sketchterrain.sizes import amount
 from sketchterrain.terrain import build
 from sketchterrain.whole_files import telling_failure
 
@@ -27,14 +26,14 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.export.target import Tellable
+    from sketchterrain.export.planning import Plan
+    from sketchterrain.export.target import ExportOptions, Tellable
     from sketchterrain.progress import Stages
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
 
 __all__ = ["Exported", "export", "file_name", "memory_needed", "plan_of", "write_export"]
 
-_BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of rows
 # No file may be named so on Windows, whatever its ending.
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)")
 
@@ -106,29 +105,6 @@ def export(
             return Exported(report, move_into(folder, done.files))
 
     return run_job(work, device=device, fast=fast, stages=stages)
-
-
-def plan_of(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
-    """Return what an export will be, refused where this machine has not the memory for it.
-
-    Raises
-    ------
-    InputError
-        As :func:`export` says; nothing has been computed yet.
-    SketchterrainError
-        If a library is not installed.
-    """
-    wanted = plan(sketch, target_named(target), options)
-    needed, there = memory_needed(wanted), machine_memory()
-    if needed > there:
-        size = f"{wanted.grid.columns} × {wanted.grid.rows} vertices"
-        raise InputError(f"{size} need about {amount(needed)} of memory, this machine has {amount(there)}")
-    return wanted
-
-
-def memory_needed(wanted: Plan) -> float:
-    """Return about how many bytes of memory an export takes."""
-    return _BYTES_AT_LEAST + wanted.vertices * (BYTES_PER_VERTEX + wanted.target.memory)
 
 
 def write_export(wanted: Plan, terrain: Terrain, folder: Path, *, stages: Tellable) -> Exported:

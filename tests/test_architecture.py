@@ -38,6 +38,7 @@ ANYTHING = {
     "cli",
     "commands",
     "exit_codes",
+    "export_plans",
     "exporting",
     "fly",
     "generate",

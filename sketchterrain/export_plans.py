@@ -1,0 +1,43 @@
+"""What an export will be and whether this machine has the memory for it; loads nothing that computes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError
+from sketchterrain.export.planning import plan
+from sketchterrain.export.sampled import BYTES_PER_VERTEX
+from sketchterrain.export.targets import target_named
+from sketchterrain.sizes import amount, machine_memory
+
+if TYPE_CHECKING:
+    from sketchterrain.export.planning import Plan
+    from sketchterrain.export.target import ExportOptions
+    from sketchterrain.sketch import Sketch
+
+__all__ = ["memory_needed", "plan_of"]
+
+_BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of rows
+
+
+def plan_of(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
+    """Return what an export will be, refused where this machine has not the memory for it.
+
+    Raises
+    ------
+    InputError
+        As :func:`~sketchterrain.exporting.export` says; nothing has been computed yet.
+    SketchterrainError
+        If a library is not installed.
+    """
+    wanted = plan(sketch, target_named(target), options)
+    needed, there = memory_needed(wanted), machine_memory()
+    if needed > there:
+        size = f"{wanted.grid.columns} × {wanted.grid.rows} vertices"
+        raise InputError(f"{size} need about {amount(needed)} of memory, this machine has {amount(there)}")
+    return wanted
+
+
+def memory_needed(wanted: Plan) -> float:
+    """Return about how many bytes of memory an export takes."""
+    return _BYTES_AT_LEAST + wanted.vertices * (BYTES_PER_VERTEX + wanted.target.memory)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.engine_placed import write_all_water
 from sketchterrain.export.exr import write_exr
 from sketchterrain.export.glb import Glb
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, gathered_plants
@@ -46,9 +46,7 @@ def write_blender(export: Export) -> Written:
     path = export.folder / f"{export.name}.glb"
     with export.stages.stage("glb", "GLB"):
         files[scene.write(path)] = "ground and water; lies where the displaced grid does"
-    water = export.folder / f"{export.name}_water.json"
-    files[write_water(water, export.terrain.features, _AXES)] = "rivers and lakes, m: x east, y north, z up"
-    files |= ground_images(export)
+    files |= write_all_water(export, _AXES) | ground_images(export)
     facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
     facts["axes"] = _AXES.facts
     return Written(files, _settings(export.grid, heights.name, path.name), facts)

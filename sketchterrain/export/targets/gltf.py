@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.engine_placed import write_all_water
 from sketchterrain.export.glb import Glb
 from sketchterrain.export.gltf_plants import (
     BYTES_PER_PLANT,
@@ -68,15 +68,14 @@ def write_gltf(export: Export) -> Written:
     with export.stages.stage("glb", "GLB"):
         scene.write(path)
     files = {path: "ground, water and plants, m: x east, y up, z south"} | points
-    water = export.folder / f"{export.name}_water.json"
-    files[write_water(water, export.terrain.features, AXES)] = "rivers and lakes, m: x east, y up, z south"
+    files |= write_all_water(export, AXES) | ground_images(export)
     settings: dict[str, Any] = {"up": "+Y", "unit": "1 m", "scale": 1.0}
     if points:
         settings["plants"] = (
             "instances (EXT_mesh_gpu_instancing); where a program shows one plant of each kind only: "
             f"{next(iter(points)).name}, of the same origin"
         )
-    return Written(files | ground_images(export), settings, facts)
+    return Written(files, settings, facts)
 
 
 def ground_scene(export: Export) -> tuple[Glb, dict[str, Any]]:

@@ -8,8 +8,7 @@ import numpy as np
 
 from sketchterrain.export.baked_ground import baked_colour, material_looks
 from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_plants import storeys_of, write_plants
-from sketchterrain.export.engine_water import write_water
+from sketchterrain.export.engine_placed import write_all_plants, write_all_water
 from sketchterrain.export.files import write_png
 from sketchterrain.export.ground_images import ground_images
 from sketchterrain.export.ground_mesh import check_error, ground_mesh, mesh_facts
@@ -61,7 +60,7 @@ def write_meshes_obj(export: Export) -> Written:
     ground = {"Kd": "1 1 1", "Ks": "0 0 0", "illum": "1", "map_Kd": f"{name}_colour.png"}
     files[write_mtl(folder / f"{name}.mtl", {"ground": ground, "water": _WATER})] = "materials of the OBJ"
     files[write_png(folder / f"{name}_colour.png", colours)] = "the ground's colours, sRGB"
-    files |= ground_images(export) | _placed(export, _UPRIGHT)
+    files |= ground_images(export) | write_all_plants(export, _UPRIGHT) | write_all_water(export, _UPRIGHT)
     facts = {"axes": _UPRIGHT.facts, "mesh": mesh_facts(export, made)}
     facts["heights"] = {"numbers": f"text, {HEIGHT_DECIMALS} decimals"}
     return Written(files, {"up": "Y", "forward": "-Z", "scale": 1.0, "unit": "1 m"}, facts)
@@ -77,7 +76,7 @@ def write_meshes_stl(export: Export) -> Written:
         body = solid(made.mesh, mesh_places(made.mesh, export.sampled, _WORLD), base)
         path = write_stl(export.folder / f"{name}.stl", body.place, body.triangles)
     files = {path: "the ground as a solid with walls and a floor, m: x east, y north, z up"}
-    files |= ground_images(export) | _placed(export, _WORLD)
+    files |= ground_images(export) | write_all_plants(export, _WORLD) | write_all_water(export, _WORLD)
     facts: dict[str, Any] = {"axes": _WORLD.facts, "byte_order": "little"}
     facts["mesh"] = mesh_facts(export, made) | {"solid_triangles": len(body.triangles), "floor": base}
     facts["heights"] = {"numbers": "float32"}
@@ -87,20 +86,6 @@ def write_meshes_stl(export: Export) -> Written:
         "up": "+Z",
     }
     return Written(files, settings, facts)
-
-
-def _placed(export: Export, axes: EngineAxes) -> dict[Path, str]:
-    """Write plants and water as JSON along a mesh's axes."""
-    files: dict[Path, str] = {}
-    where = f"m: x {axes.x}, y {axes.y}, z {axes.z}"
-    for storey, kind in storeys_of(export.options).items():
-        with export.stages.stage(kind, kind.capitalize()) as tell:
-            path = export.folder / f"{export.name}_{kind}.json"
-            write_plants(path, export.terrain, storey, export.sampled, axes, progress=tell)
-            files[path] = f"{'trees and shrubs' if storey == 'woody' else 'grass, flowers, ferns'}, {where}"
-    water = export.folder / f"{export.name}_water.json"
-    files[write_water(water, export.terrain.features, axes)] = f"rivers and lakes, {where}"
-    return files
 
 
 TARGETS: Final = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
@@ -52,8 +53,8 @@ def painted(found: MappedShapes, width: float | None) -> Painting:
     """Paint shapes.
 
     A river is as wide as it is, at least a pixel, and 8-connected; other lines and points are as wide as they
-    say, else as `width`, else a twenty-fifth of the longer side. Where shapes of a layer overlap, the widest
-    river counts, and elsewhere the label that appears last.
+    say, else as `width`, else a twenty-fifth of the longer side. Where shapes of a layer overlap, an area of
+    a river or else the widest line counts, and elsewhere the label that appears last.
 
     Parameters
     ----------
@@ -114,7 +115,8 @@ def _painted_layer(
     image = np.zeros(size, dtype=np.uint8)
     order = list(range(len(classes.properties)))
     if name == "river":
-        order.sort(key=lambda index: float(classes.properties[index].get("width", 0.0)))
+        # As wide as painted is wider than any: maps have a line in the middle of a river's area too.
+        order.sort(key=lambda index: float(classes.properties[index]["width"]) or math.inf)
     for label, index in enumerate(order, start=1):
         ones = [shape for shape, of in zip(shapes, classes.of, strict=True) if of == index]
         areas = [[area.pixels(part) for part in shape.parts] for shape in ones if shape.kind == "area"]

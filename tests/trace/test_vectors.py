@@ -142,6 +142,18 @@ def test_a_river_drawn_as_an_area_is_as_wide_as_painted(written) -> None:
     assert not sketch.layers["lake"].any()
 
 
+def test_the_line_in_the_middle_of_a_river_drawn_as_an_area_does_not_make_it_narrow(written) -> None:
+    path = written(
+        feature("LineString", [[0, 500], [1000, 500]], waterway="river"),
+        feature("Polygon", [box(200, 400, 700, 600)], natural="water", water="river"),
+    )
+    sketch = sketch_from_vectors(path, bounds=(0, 0, 1000, 1000), size_px=100).sketch
+    river = sketch.layers["river"]
+    assert (river[41:59, 21:69] == 2).all()
+    assert sketch.properties("river", 2)["width"] == 0
+    assert river[50, [5, 95]].tolist() == [1, 1]
+
+
 def test_many_widths_become_sixteen_labels_that_nearly_agree(written) -> None:
     widths = np.geomspace(2, 200, 100)
     path = written(

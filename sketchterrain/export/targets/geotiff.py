@@ -38,8 +38,8 @@ _FIELDS = {
     "river_stations": "distance from the spring, width, depth: m; river is the river's id",
     "lakes": "level, depth: m",
     "features": "radius: m; strength: m of height, of forests a share of the trees; wind: degrees, 0 north",
-    "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; level: a filter "
-    "level >= n thins them evenly",
+    "plants and grass": "scale: 1 is grown; rotation: degrees, counter-clockwise; tint: 0 to 1; "
+    "level: a filter level >= n thins them evenly",
 }
 _LAYERS = {"plants": "woody", "grass": "grass"}  # and the storey in each
 

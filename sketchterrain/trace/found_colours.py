@@ -107,8 +107,11 @@ def _centres(
         if weights[near].sum() >= enough and len(centres) < MOST_FOUND:
             centres.append(np.average(lab[near], axis=0, weights=weights[near]))
 
-    for each in sought:
-        take(each, 0.3 * _RADIUS, weight, least)
+    for each in sought:  # a small area is enough, or many lines
+        before = len(centres)
+        take(each, 0.3 * _RADIUS, flat, _FEWEST)
+        if len(centres) == before:
+            take(each, 0.3 * _RADIUS, weight, least)
     # What is flat has no noise to speak of: there, two peaks are two colours even if they are near.
     for radius, weights, enough in (
         (_PLAIN_RADIUS, flat, max(_PLAIN_SHARE * total, _FEWEST)),

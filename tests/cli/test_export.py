@@ -20,6 +20,8 @@ import sketchterrain.export.planning
 import sketchterrain.export.sidecar
 import sketchterrain.exporting
 from sketchterrain.commands.target_arguments import TARGETS
+from sketchterrain.compute import list_devices
+from sketchterrain.errors import DeviceFailedError
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.exporting import file_name
 
@@ -263,6 +265,32 @@ def test_an_interrupted_export_leaves_nothing(
     done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--no-plants")
     assert (done.code, done.error) == (130, "interrupted")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(
+    len([device for device in list_devices() if device.known]) < 2, reason="there is no other device"
+)
+def test_after_a_device_failed_all_is_done_again_on_another(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, failed = sketchterrain.exporting.sample, []
+
+    def once(*arguments: Any, **options: Any) -> Sampled:
+        if not failed:
+            failed.append(True)
+            raise DeviceFailedError("the device is gone")
+        return whole(*arguments, **options)
+
+    plain = call("export", sketch, "--to", "raw", "-o", tmp_path / "plain", "--size", 33)
+    monkeypatch.setattr(sketchterrain.exporting, "sample", once)
+    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "again", "--size", 33)
+    assert (plain.code, done.code) == (0, 0), done.err
+    assert "started again: the device is gone; all of it is done again on" in done.out
+    assert {path.name for path in (tmp_path / "again").iterdir()} == {
+        path.name for path in (tmp_path / "plain").iterdir()
+    }
+    for path in (tmp_path / "plain").iterdir():
+        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
 
 
 @pytest.mark.parametrize(

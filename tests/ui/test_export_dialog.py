@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from sketchterrain.export import libraries
 from sketchterrain.export.planning import option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets import TARGET_NAMES, target_named
-from sketchterrain.exporting import plan_of
+from sketchterrain.export_plans import plan_of
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.export import ExportDialog
 from sketchterrain.ui.models.preferences import Preferences
@@ -269,3 +271,13 @@ def test_a_cancelled_export_to_a_target_leaves_nothing(qtbot, opened, tmp_path) 
     assert told_why.args == [""]
     assert not list(tmp_path.glob("out/*"))
     qtbot.waitUntil(lambda: not dialog.job.is_running)
+
+
+def test_the_dialog_loads_no_driver() -> None:
+    code = (
+        "import sys; from sketchterrain.ui.dialogs import export; "
+        "[export.target_named(name) for name in export.TARGET_NAMES]; "
+        "print(*sorted({'pyopencl', 'moderngl', 'OpenEXR', 'pyogrio'} & set(sys.modules)))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == ""

@@ -9,7 +9,7 @@ from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sidecar import SIDECAR
-from sketchterrain.exporting import memory_needed, plan_of
+from sketchterrain.export_plans import memory_needed, plan_of
 from sketchterrain.sizes import amount
 from sketchterrain.ui.dialogs.export_options import TargetControls
 from sketchterrain.ui.dialogs.sheet import note

@@ -137,7 +137,10 @@ def named_by_room() -> dict[str, list[str]]:
 @pytest.mark.parametrize(
     ("room", "files"),
     [
-        *((room, f"sketchterrain/{room}/*.py") for room in ("terrain", "tiles", "look", "render", "export")),
+        *(
+            (room, f"sketchterrain/{room}/*.py")
+            for room in ("terrain", "tiles", "look", "render", "export", "trace")
+        ),
         ("ui", "ui/*.py"),
         *(
             (f"ui/{room}", f"ui/{room}/*.py")

@@ -161,8 +161,8 @@ def trace(
 def _refuse_others(kind: str, given: dict[str, object]) -> None:
     for option, value in given.items():
         if value not in (None, []) and kind not in _ONLY[option]:
-            wanted = " and ".join(_KINDS[each] for each in _ONLY[option])
-            raise USAGE_ERROR(f"{option}: it is for {wanted}, this is {_KINDS[kind]}")
+            wanted = " or ".join(_KINDS[each] for each in _ONLY[option])
+            raise USAGE_ERROR(f"{option}: not with {_KINDS[kind]}, only with {wanted}")
 
 
 def _check_output(output: Path, preview: Path | None) -> None:

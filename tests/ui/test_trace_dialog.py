@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -98,6 +100,19 @@ def test_a_grey_picture_asks_for_its_layer(qtbot, tmp_path) -> None:
     ready(qtbot, dialog)
     lake = dialog.sketch().layers["lake"]
     assert np.array_equal(lake == 2, pixels > 0)
+
+
+def test_vectors_have_their_own_scale(qtbot, tmp_path) -> None:
+    path = tmp_path / "rivers.geojson"
+    line = {"type": "LineString", "coordinates": [[11.0, 47.0], [11.05, 47.03]]}
+    feature = {"type": "Feature", "properties": {"layer": "river"}, "geometry": line}
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    dialog = opened(qtbot, path)
+    ready(qtbot, dialog)
+    assert dialog.before.isHidden() or not dialog.before.isVisible()
+    assert not dialog.extent.isEnabled()
+    assert dialog.extent.value() == pytest.approx(dialog.sketch().extent, abs=1.0)
+    assert dialog.sketch().layers["river"].any()
 
 
 def test_what_cannot_be_traced_is_told(qtbot, tmp_path) -> None:

@@ -66,7 +66,8 @@ class TraceDialog(QDialog):
         self.before, self.after = ShownPicture("The picture"), ShownPicture("The sketch")
         pictures = QHBoxLayout()
         pictures.setSpacing(MARGIN)
-        pictures.addWidget(_framed("Picture", self.before))
+        self._frame = _framed("Picture", self.before)
+        pictures.addWidget(self._frame)
         pictures.addWidget(_framed("Sketch", self.after))
         rows.addLayout(pictures, 1)
         wishes = QHBoxLayout()
@@ -118,7 +119,7 @@ class TraceDialog(QDialog):
         fields.addRow("What is &painted", self.layer)
         one.setLayout(fields)
         self.pages = QStackedWidget()
-        for page in (self.colours, one, note("Its layers say what they are.")):
+        for page in (self.colours, one, note("What is in it says what it becomes.")):
             self.pages.addWidget(page)
         group = QGroupBox("What its colours become")
         inner = QVBoxLayout(group)
@@ -182,6 +183,7 @@ class TraceDialog(QDialog):
         else:
             self._group.setTitle("What it becomes")
             self.pages.setCurrentIndex(2)
+            self._frame.hide()
         self.extent.setEnabled(source.kind != "vectors")
         self.specks.setEnabled(source.map is not None)
         self._trace()
@@ -220,15 +222,17 @@ class TraceDialog(QDialog):
         made = cast(TracedShown, result)
         self._made = made
         self.after.show_pixels(made.shown)
-        if self._source is not None and self._source.shown is None:
-            self.before.setText("Layers" if self._source.kind != "vectors" else "Vectors")
         sketch = made.traced.sketch
+        if not self.extent.isEnabled():  # vectors have a scale of their own
+            self.extent.blockSignals(True)
+            self.extent.setValue(sketch.extent)
+            self.extent.blockSignals(False)
         east, north = (side / 1000.0 for side in sketch.size)
         size = f"{sketch.width_px} × {sketch.height_px} px"
         told = [f"{size}, {east:.3g} km × {north:.3g} km of land, {sketch.pixel_size:.3g} m a pixel."]
         if self._source is not None and self._source.map is None:
             told += [f"{line}." for line in made.traced.notes[:_NOTES]]
-        self.told.setText(" ".join(told))
+        self.told.setText("\n".join(told))
         self.agree.setEnabled(True)
         self.agree.setDefault(True)
 

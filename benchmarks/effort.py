@@ -98,6 +98,16 @@ class Effort:
         Vertices along the longer side of the grids that are meshed.
     mesh_errors : tuple of float
         Errors that meshes are asked for, m.
+    batch_size : int
+        Vertices along a side of a batch's terrains.
+    batch_files : tuple of {'all', 'without preview'}
+        What is written of each.
+    batch_seeds, batch_fresh : int
+        Terrains of a batch, and those made one by one, in a round.
+    batch_jobs : tuple of int
+        Terrains of a batch in work at once.
+    batch_rounds : int
+        Measured rounds.
     """
 
     rounds: int
@@ -150,6 +160,12 @@ class Effort:
     live_dabs: int
     mesh_side: int
     mesh_errors: tuple[float, ...]
+    batch_size: int
+    batch_files: tuple[str, ...]
+    batch_seeds: int
+    batch_fresh: int
+    batch_jobs: tuple[int, ...]
+    batch_rounds: int
 
 
 QUICK = Effort(
@@ -203,6 +219,12 @@ QUICK = Effort(
     live_dabs=6,
     mesh_side=257,
     mesh_errors=(8.0, 2.0, 0.5),
+    batch_size=257,
+    batch_files=("without preview",),
+    batch_seeds=2,
+    batch_fresh=1,
+    batch_jobs=(2,),
+    batch_rounds=1,
 )
 """Under a minute on two shared cores."""
 
@@ -257,5 +279,11 @@ FULL = Effort(
     live_dabs=120,
     mesh_side=1025,
     mesh_errors=(16.0, 4.0, 1.0, 0.25),
+    batch_size=1025,
+    batch_files=("all", "without preview"),
+    batch_seeds=6,
+    batch_fresh=2,
+    batch_jobs=(1, 2),
+    batch_rounds=2,
 )
 """Minutes; what ``benchmarks/results/`` holds."""

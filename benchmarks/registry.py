@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sketchterrain.benchmarks import (
     accuracy,
     adherence,
+    batches,
     blue_noise,
     culling,
     erosion,
@@ -114,6 +115,7 @@ BENCHMARKS = {
         ),
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark("meshes", f"the whole of {_PRESETS}", _OWN, meshes.measure),
+        Benchmark("batch", "valley_river over 6144 m", "1 and on", batches.measure),
         Benchmark("trace", f"the sketches of {_PRESETS}", "none", tracing.measure),
         Benchmark(
             "accuracy",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from sketchterrain.batch.making import make
 from sketchterrain.batch.manifest import Entry, hashed
-from sketchterrain.batch.room import Memory, check_disk, memory_left, needs_of
+from sketchterrain.batch.room import PREVIEW_MEMORY, Memory, check_disk, memory_left, needs_of
 from sketchterrain.errors import one_line
 from sketchterrain.exit_codes import told
 from sketchterrain.generate import Shared
@@ -93,7 +93,7 @@ class Crew:
         self._devices, self._previews = devices, previews
         self._watcher, self._telling = watcher, Lock()
         self._stop = Event()
-        self._memory = Memory(memory_left())
+        self._memory = Memory(memory_left() - (0 if previews is None else PREVIEW_MEMORY))
         self._waiting: queue.SimpleQueue[Item] = queue.SimpleQueue()
         self._results: queue.SimpleQueue[Result | BaseException] = queue.SimpleQueue()
         self._threads: list[Thread] = []

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from sketchterrain.batch.manifest import Entry, read_manifest
 from sketchterrain.batch.output import Fingerprints
 from sketchterrain.batch.remaining import duration
-from sketchterrain.batch.room import memory_left, needs_of
+from sketchterrain.batch.room import PREVIEW_MEMORY, memory_left, needs_of
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.sizes import amount
 
@@ -139,7 +139,7 @@ def forecast(items: Sequence[Item], folder: Path, output: Output, *, jobs: int, 
         folder,
         lines,
         jobs,
-        sum(sorted((needs.memory for needs in new), reverse=True)[:jobs]),
+        sum(sorted((needs.memory for needs in new), reverse=True)[:jobs]) + output.preview * PREVIEW_MEMORY,
         sum(needs.disk for needs in new),
         sum(each if took else _seconds(needs, output) for needs in new),
         bool(took),

@@ -22,11 +22,21 @@ if TYPE_CHECKING:
     from sketchterrain.batch.plan import Item
     from sketchterrain.sketch import Sketch
 
-__all__ = ["DEFAULT_SIZE", "Memory", "Needs", "check_disk", "memory_left", "needs_of", "refuse_impossible"]
+__all__ = [
+    "DEFAULT_SIZE",
+    "PREVIEW_MEMORY",
+    "Memory",
+    "Needs",
+    "check_disk",
+    "memory_left",
+    "needs_of",
+    "refuse_impossible",
+]
 
 DEFAULT_SIZE: Final = 1025
 """Vertices along the longer side, where there is no target."""
-_PREVIEW_MEMORY: Final = 1600 << 20  # measured: OpenGL on a processor, at the best quality
+PREVIEW_MEMORY: Final = 1600 << 20
+"""Bytes that the one who takes all previews needs; measured with OpenGL on a processor."""
 _PREVIEW_DISK: Final = 3 << 20
 _VERTEX_DISK: Final = 17  # bytes: heights twice, normals, two pictures of weights, if none could be packed
 _PLANT_DISK: Final = 84  # a line of a table
@@ -35,7 +45,7 @@ _SHARE: Final = 0.9  # of the memory that is left, which a batch may take
 
 
 class Needs(NamedTuple):
-    """What a terrain takes: vertices, bytes of memory, and about how many bytes of disk."""
+    """What a terrain takes: vertices, bytes of memory but for its preview, about how many bytes of disk."""
 
     vertices: int
     memory: float
@@ -57,14 +67,13 @@ def needs_of(sketch: Sketch, output: Output) -> Needs:
     if output.target is None:
         size = output.size or DEFAULT_SIZE
         check_size(sketch, size)
-        vertices = round(size * size * min(east, north) / max(east, north))
+        vertices = size * (round((size - 1) * min(east, north) / max(east, north)) + 1)
         memory, disk = memory_needed(sketch, size), _VERTEX_DISK * vertices + plants
     else:
         wanted = plan_of(sketch, output.target, output.options or ExportOptions())
         vertices = wanted.vertices
         memory, disk = export_memory(wanted), wanted.target.disk * vertices + plants
-    preview = output.preview
-    return Needs(vertices, memory + preview * _PREVIEW_MEMORY, disk + preview * _PREVIEW_DISK)
+    return Needs(vertices, memory, disk + output.preview * _PREVIEW_DISK)
 
 
 def refuse_impossible(items: Sequence[Item], output: Output) -> None:

@@ -58,6 +58,12 @@ TINY = Effort(
     live_dabs=2,
     mesh_side=33,
     mesh_errors=(20.0, 2.0),
+    batch_size=17,
+    batch_files=("all", "without preview"),
+    batch_seeds=4,
+    batch_fresh=2,
+    batch_jobs=(1, 2),
+    batch_rounds=3,
 )
 
 

@@ -35,6 +35,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "pictures",
         "erosion",
         "meshes",
+        "batch",
         "trace",
         "accuracy",
     ]

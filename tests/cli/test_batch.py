@@ -1,0 +1,250 @@
+"""`sketchterrain batch`: what it writes is what `generate` and `export` write, and all of it is told."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sketchterrain.batch.telling import Telling
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.errors import DeviceFailedError
+from sketchterrain.sketch import load_sketch, save_sketch
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+QUICK = ("--size", 17, "--no-preview")
+MEASURED = ("timings", "rendering", "writing", "peak_memory")
+
+
+def comparable(folder: Path) -> dict[str, object]:
+    """Every file's bytes, and the report without what was measured."""
+    found: dict[str, object] = {path.name: path.read_bytes() for path in folder.iterdir()}
+    report = json.loads(bytes(found["report.json"]))  # type: ignore[call-overload]
+    for name in MEASURED:
+        report.pop(name, None)
+    for name in ("seconds", "plants_per_second"):
+        report.get("foliage", {}).pop(name, None)
+    found["report.json"] = report
+    return found
+
+
+def manifest(folder: Path) -> dict[str, Any]:
+    told: dict[str, Any] = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    return told
+
+
+def test_the_same_bytes_as_one_by_one(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", "3,1-2", *QUICK)
+    assert (done.code, done.err.count("\n")) == (0, 3)
+    assert "3 terrains made in" in done.out
+    for seed in (1, 2, 3):
+        alone = tmp_path / f"alone-{seed}"
+        assert call("generate", sketch, "-o", alone, "--seed", seed, *QUICK).code == 0
+        assert comparable(tmp_path / "all" / "north_east" / f"seed-00{seed}") == comparable(alone)
+    told = manifest(tmp_path / "all")
+    assert [item["name"] for item in told["items"]] == [f"north_east/seed-00{seed}" for seed in (3, 1, 2)]
+    assert all(item["state"] == "done" for item in told["items"])
+    assert told["items"][0]["adherence"]["layers"]["mountain"]["shapes"] == 1
+    assert told["items"][0]["timings"]["ground"] > 0
+
+
+def test_settings_reach_the_terrain(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    swept = ("--set", "mountain.1.height=100,300", "--set", "fidelity=1")
+    assert call("batch", sketch, "-o", tmp_path, *swept, *QUICK).code == 0
+    low, high = (
+        json.loads((tmp_path / "north_east" / name / "seed-005" / "height.json").read_text())["maximum"]
+        for name in ("mountain.1.height=100_fidelity=1", "mountain.1.height=300_fidelity=1")
+    )
+    assert high > low + 10.0
+    changed = load_sketch(str(sketch)).replace(labels={("mountain", 1): {"height": 300}}, fidelity=1.0)
+    save_sketch(changed, tmp_path / "changed")
+    call("generate", tmp_path / "changed", "-o", tmp_path / "alone", *QUICK)
+    swept_files = comparable(tmp_path / "north_east" / "mountain.1.height=300_fidelity=1" / "seed-005")
+    assert swept_files == comparable(tmp_path / "alone")
+
+
+def test_a_sweep_file_and_words_that_come_first(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "sweep.toml"
+    file.write_text(
+        f'sketches = "{sketch}"\nseeds = "1-50"\nsize = 33\npreview = false\n[set]\nfidelity = [0, 1]\n'
+    )
+    done = call("batch", "--sweep", file, "-o", tmp_path / "out", "--seeds", 2, "--size", 17, "--json")
+    told = json.loads(done.out)
+    assert (done.code, told["made"]) == (0, 2)
+    assert [item["settings"] for item in told["items"]] == [{"fidelity": 0.0}, {"fidelity": 1.0}]
+    report = json.loads((tmp_path / "out" / told["items"][0]["name"] / "report.json").read_text())
+    assert report["size"]["columns"] == 17
+
+
+def test_a_target_s_files_are_those_of_export(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    wanted = ("--to", "raw", "--size", 17, "--tiles", "2x1", "--heights=-100,900")
+    done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 4, *wanted, "--no-preview")
+    assert done.code == 0, done.err
+    assert call("export", sketch, "-o", tmp_path / "alone", "--seed", 4, *wanted).code == 0
+    folder = tmp_path / "all" / "north_east" / "seed-004"
+    found = {path.name: path.read_bytes() for path in folder.iterdir()}
+    report = json.loads(found.pop("report.json"))
+    assert found == {path.name: path.read_bytes() for path in (tmp_path / "alone").iterdir()}
+    assert (report["target"], report["seed"]) == ("raw", 4)
+    assert sorted(report["files"]) == sorted([*found, "report.json"])
+    assert manifest(tmp_path / "all")["items"][0]["adherence"]["lost"] == 0
+
+
+def test_bad_items_are_told_in_a_table(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "sketch.toml").write_text("extent = 'far'")
+    out = tmp_path / "out"
+    done = call("batch", tmp_path / "broken", sketch, "-o", out, "--seeds", "1-2", *QUICK)
+    assert done.code == 5
+    assert "Traceback" not in done.err
+    table = [line for line in done.err.splitlines() if line.startswith("broken/seed-00")]
+    assert len(table) == 2
+    assert all("failed" in line and "broken/sketch.toml" in line for line in table)
+    assert done.err.splitlines()[-1] == (
+        "sketchterrain: error: 2 of 4 terrains failed; --resume tries them again"
+    )
+    assert "2 terrains made" in done.out
+    assert (out / "north_east" / "seed-002" / "height.tif").exists()
+    save_sketch(load_sketch(str(sketch)), tmp_path / "broken")
+    again = call("batch", tmp_path / "broken", sketch, "-o", out, "--seeds", "1-2", *QUICK, "--resume")
+    assert again.code == 0
+    assert "2 terrains made in" in again.out
+    assert "2 were there" in again.out
+
+
+def test_a_dry_run_writes_nothing(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ("batch", sketch, "-o", out, "--seeds", "1-3", *QUICK, "--dry-run")
+    done = call(*arguments)
+    assert (done.code, done.err) == (0, "")
+    lines = done.out.splitlines()
+    assert lines[:3] == [f"north_east/seed-00{seed}  to make" for seed in (1, 2, 3)]
+    assert [line.split(":")[0] for line in lines[4:]] == ["memory", "disk", "time"]
+    assert not out.exists()
+    told = json.loads(call(*arguments, "--json").out)
+    assert [item["vertices"] for item in told["items"]] == [17 * 13] * 3
+    assert told["disk"]["needed"] < told["disk"]["left"]
+    call("batch", sketch, "-o", out, "--seeds", "1-2", *QUICK)
+    told = json.loads(call(*arguments, "--json", "--resume").out)
+    assert [item["state"] for item in told["items"]] == ["there", "there", "to make"]
+    assert told["seconds"]["measured"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "told"),
+    [
+        ((), 3, "expected a sketch, got none"),
+        (("nothing",), 3, "no sketch 'nothing'"),
+        (("SKETCH", "--seeds", "x"), 3, "seeds 'x': expected"),
+        (("SKETCH", "--set", "river"), 3, "expected NAME=VALUES"),
+        (("SKETCH", "--set", "river.1.wdth=3"), 3, "did you mean 'river.1.width'"),
+        (("SKETCH", "--set", "lake.1.depth=3"), 3, "no sketch of the batch has a label 1"),
+        (("SKETCH", "--size", "99999"), 3, "expected 2 to 16385 vertices"),
+        (("SKETCH", "--to", "nowhere"), 3, "nowhere"),
+        (("SKETCH", "--to", "raw", "--map", "png"), 2, "map and a target"),
+        (("SKETCH", "--tiles", "2x2"), 2, "expected --to TARGET"),
+        (("SKETCH", "--no-preview", "--view", "air"), 2, "it is the preview's"),
+        (("SKETCH", "--jobs", "0"), 2, "--jobs"),
+        (("SKETCH", "--foliage", "odd"), 3, "expected foliage as one of"),
+        (("SKETCH", "--grass"), 3, "expected ply or both for grass"),
+        (("SKETCH", "--sweep", "none.toml"), 3, "none.toml: cannot be read"),
+        (("SKETCH", "--device", "no such"), 4, "no such"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(
+    arguments: tuple[str, ...],
+    code: int,
+    told: str,
+    call: Callable[..., Any],
+    sketch: Path,
+    tmp_path: Path,
+) -> None:
+    words = [str(sketch) if word == "SKETCH" else word for word in arguments]
+    done = call("batch", *words, "-o", tmp_path / "out")
+    assert (done.code, done.out) == (code, "")
+    assert told in done.error
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_with_a_batch_is_refused_without_resume(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    call("batch", sketch, "-o", tmp_path, *QUICK)
+    again = call("batch", sketch, "-o", tmp_path, *QUICK)
+    assert (again.code, "--resume goes on with it" in again.error) == (3, True)
+    (tmp_path / "manifest.json").write_text("{}")
+    broken = call("batch", sketch, "-o", tmp_path, *QUICK, "--resume")
+    assert (broken.code, "expected a batch's manifest" in broken.error) == (3, True)
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_previews_are_those_of_generate_and_come_on_a_sheet(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 2, "--size", 17)
+    assert done.code == 0, done.err
+    assert f"contact sheet: {tmp_path / 'all' / 'sheet.png'}" in done.out
+    assert call("generate", sketch, "-o", tmp_path / "alone", "--seed", 2, "--size", 17).code == 0
+    there = tmp_path / "all" / "north_east" / "seed-002"
+    assert comparable(there) == comparable(tmp_path / "alone")
+    with Image.open(tmp_path / "all" / "sheet.png") as sheet, Image.open(there / "preview.png") as preview:
+        small = np.asarray(preview.resize((400, 225), Image.Resampling.BOX)).astype(int)
+        shown = np.asarray(sheet)[12 : 12 + 225, 12 : 12 + 400].astype(int)
+    assert (small == shown).all()
+
+
+@pytest.mark.skipif(len([each for each in list_devices() if each.known]) < 2, reason="there is one device")
+def test_a_device_that_fails_is_left_and_the_terrain_made_again(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert call("batch", sketch, "-o", tmp_path / "whole", "--seeds", "1-3", *QUICK).code == 0
+    launch, used = ComputeContext.launch, []
+
+    def failing(context: ComputeContext, *given: Any, **named: Any) -> None:
+        used.append(context.device.index)
+        if context.device.index == used[0] and len(used) > 5:
+            raise DeviceFailedError(f"{context.device.name} is gone")
+        launch(context, *given, **named)
+
+    monkeypatch.setattr(ComputeContext, "launch", failing)
+    done = call("batch", sketch, "-o", tmp_path / "out", "--seeds", "1-3", "--jobs", 1, *QUICK)
+    assert done.code == 0, done.err
+    assert len(set(used)) == 2
+    assert used == sorted(used, key=lambda index: index != used[0])  # never back to the one that failed
+    notes = [item["notes"] for item in manifest(tmp_path / "out")["items"]]
+    assert [len(each) for each in notes] == [1, 0, 0]
+    for seed in (1, 2, 3):
+        both = (comparable(tmp_path / name / "north_east" / f"seed-00{seed}") for name in ("whole", "out"))
+        one, other = ({name: each for name, each in found.items() if name != "report.json"} for found in both)
+        assert one == other
+
+
+def test_a_terminal_gets_a_bar_and_what_is_in_work(
+    monkeypatch: pytest.MonkeyPatch, call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "200")
+    assert isinstance(Telling(), Telling)
+    assert call("batch", sketch, "-o", tmp_path, "--seeds", "1-2", *QUICK).code == 0
+    assert call("batch", sketch, "-o", tmp_path, "--seeds", "1-3", *QUICK, "--resume").code == 0
+    shown = terminal.getvalue()
+    assert "2 of 2 terrains" in shown
+    assert "north_east/seed-001: " in shown
+    assert "2 of 3 terrains are there and unchanged" in shown

@@ -1,0 +1,71 @@
+"""Pictures one after the other are those of `render_picture`, to the bit, whatever was drawn before."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError
+from sketchterrain.render import render_picture
+from sketchterrain.render.kept import Kept
+from sketchterrain.render.studio import Studio
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import build
+
+SIZE = (160, 90)
+
+
+def sketch(seed, *, extent=1024.0, look=None):
+    layers = {name: np.zeros((32, 32), np.uint8) for name in ("mountain", "forest", "river")}
+    layers["mountain"][4:10, 20:28] = 1
+    layers["forest"][18:28, 4:14] = 1
+    layers["river"][14:16] = 1
+    return Sketch(extent=extent, seed=seed, layers=layers, look=look or {})
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_the_same_bytes_in_any_order():
+    other = sketch(2, extent=700.0, look={"grass": {"colour": "#c83c3c"}})
+    terrains = [build(sketch(1)), build(other)]
+    with ThreadPoolExecutor(1) as thread:
+        studio = thread.submit(Studio, SIZE).result()
+        found = [thread.submit(studio.picture, terrains[number]).result() for number in (0, 1, 0)]
+        thread.submit(studio.close).result()
+    alone = [render_picture(terrain, size=SIZE) for terrain in terrains]
+    for picture, number in zip(found, (0, 1, 0), strict=True):
+        assert (picture == alone[number]).all()
+    assert not (alone[0] == alone[1]).all()
+
+
+@pytest.mark.gl
+def test_sizes_and_views_that_are_none():
+    with pytest.raises(InputError, match="pixels a side"):
+        Studio((8, 8))
+    with Studio((32, 32)) as studio, pytest.raises(InputError, match="expected a view"):
+        studio.picture(build(sketch(1)), view="odd")
+
+
+def test_one_of_each_kind_is_kept():
+    kept, closed = Kept(), []
+    first = kept.of("a", 1, lambda: ["first"], close=lambda thing: closed.append(thing[0]))
+    assert kept.of("a", 1, lambda: ["never"]) is first
+    other = kept.of("b", 1, lambda: ["other"])
+    assert kept.of("a", 2, lambda: ["second"], close=lambda thing: closed.append(thing[0])) == ["second"]
+    assert (closed, kept.of("b", 1, lambda: ["never"]) is other) == (["first"], True)
+    kept.close()
+    assert closed == ["first", "second"]
+    assert kept.of("a", 2, lambda: ["third"]) == ["third"]
+
+
+def test_what_could_not_be_made_is_not_kept():
+    kept = Kept()
+
+    def fail():
+        raise RuntimeError("no room")
+
+    with pytest.raises(RuntimeError):
+        kept.of("a", 1, fail)
+    assert kept.of("a", 1, lambda: "made") == "made"

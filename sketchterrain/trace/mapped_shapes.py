@@ -128,15 +128,13 @@ def placed_on_map(
     if home is not None:
         middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
         north = latitude(home, middle)
-        metres = target or metric(home, middle)
-        shapes = _with_vertices(shapes, reprojected(_vertices(shapes), home, metres))
-        box = reprojected_box(bounds, home, metres) if bounds is not None else box
+        target = target or metric(home, middle)
+        shapes = _with_vertices(shapes, reprojected(_vertices(shapes), home, target))
+        box = reprojected_box(box, home, target)
     elif target is not None:
         raise InputError("its metres lie nowhere on Earth: expected no crs to bring it into")
-    else:
-        metres = None
-    area = area_of(box if bounds is not None else _around(shapes), size_px, chosen=bounds is not None)
-    return MappedShapes(shapes, area, north, left_out, _told(area, metres))
+    area = area_of(_around(shapes) if bounds is None else box, size_px, chosen=bounds is not None)
+    return MappedShapes(shapes, area, north, left_out, _told(area, target))
 
 
 def _together(

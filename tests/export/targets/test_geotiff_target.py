@@ -248,6 +248,7 @@ def test_the_same_terrain_gives_the_same_bytes(exported, outcome, terrain, corne
     )
     for path in again.files:
         assert path.read_bytes() == (outcome.folder / path.name).read_bytes()
+    assert pyogrio.get_gdal_config_option("OGR_CURRENT_DATE") is None  # the clock runs on for others
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,12 @@ def test_a_target_from_the_command_line(
     written = json.loads((tmp_path / "out/terrain.json").read_text(encoding="utf-8"))
     assert written == {key: told[key] for key in written}
     assert {"ground", "total"} <= set(told["timings"])
+    assert set(told["grid"]) == {"columns", "rows", "spacing", "bounds"}
+    assert told["heights"]["minimum"] < told["heights"]["maximum"]
+    assert told["byte_order"]
+    assert told["orientation"]
+    assert told["import"]
+    assert all(each["what"] for each in told["files"])
 
 
 def test_a_person_is_told_what_to_type_in(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:

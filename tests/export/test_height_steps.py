@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
@@ -15,6 +15,7 @@ def decoded(steps: HeightSteps, numbers: np.ndarray) -> np.ndarray:
     return steps.low + numbers.astype(np.float64) * steps.range / 65536.0
 
 
+@settings(deadline=None)
 @given(some.lists(METRES, min_size=1, max_size=9))
 def test_heights_come_back_within_half_a_step(heights: list[float]) -> None:
     height = np.array([heights], np.float32)
@@ -26,6 +27,7 @@ def test_heights_come_back_within_half_a_step(heights: list[float]) -> None:
     assert steps.range <= max(1.0, float(np.ptp(height.astype(np.float64))) * 65536 / 65535 + 0.0025)
 
 
+@settings(deadline=None)
 @given(METRES, METRES)
 def test_what_is_typed_in_is_whole_millimetres(one: float, other: float) -> None:
     steps = HeightSteps.of(np.array([[one, other]], np.float32))

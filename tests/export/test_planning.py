@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
@@ -53,6 +53,7 @@ def test_square_targets_take_the_square_over_the_longer_side() -> None:
     assert grid_of(WIDE, SQUARE, tiles=(4, 4)).columns == 4 * 64 + 1
 
 
+@settings(deadline=None)
 @given(some.integers(1, 6), some.integers(1, 6), some.sampled_from([WIDE, HIGH]))
 def test_square_tiles_cover_the_sketch_with_square_quads(columns: int, rows: int, sketch: Sketch) -> None:
     made = plan(sketch, SQUARE, ExportOptions(tiles=(columns, rows)))
@@ -114,3 +115,43 @@ def test_every_size_that_a_target_names_can_be_planned(name: str) -> None:
     target = target_named(name)
     for size in target.sizes:
         assert plan(WIDE, target, ExportOptions(size=size)).tile_side == (size, size)
+
+
+NUMBERS = some.none() | some.integers(-2, 10_000)
+METRES = some.floats(allow_nan=True, allow_infinity=True)
+OPTIONS = some.builds(
+    ExportOptions,
+    size=NUMBERS,
+    tiles=some.tuples(some.integers(-1, 12), some.integers(-1, 12)),
+    overlap=NUMBERS,
+    tile_name=some.none() | some.text(max_size=30) | some.sampled_from(["{name}_{x}_{y}", "{x:03}{y:03}"]),
+    tile_first=NUMBERS,
+    tiles_from_south=some.none() | some.booleans(),
+    format=some.none() | some.text(max_size=5) | some.sampled_from(["r16", "exr", "png"]),
+    heights=some.none() | some.tuples(METRES, METRES),
+    error=some.none() | METRES,
+    crs=some.none() | some.text(max_size=10),
+    origin=some.tuples(METRES, METRES),
+    plants=some.booleans(),
+    grass=some.booleans(),
+)
+
+
+@settings(deadline=None)
+@given(some.sampled_from(TARGET_NAMES), OPTIONS)
+def test_any_options_are_a_plan_or_one_line(name: str, options: ExportOptions) -> None:
+    target = target_named(name)
+    heeded = {each: getattr(options, each) for each in option_names(target)}
+    for asked in (options, ExportOptions(**heeded)):
+        told = None
+        try:
+            made = plan(WIDE, target, asked)
+        except InputError as error:
+            told = str(error)
+        if told is not None:
+            assert told.isprintable()
+            continue
+        side = made.tile_side
+        assert not target.sizes or side[0] == side[1] in target.sizes
+        pieces = list(made.tiling.pieces(made.grid.columns, made.grid.rows))
+        assert len({made.tiling.name("a", each).casefold() for each in pieces}) == len(pieces)

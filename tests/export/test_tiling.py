@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
@@ -36,6 +36,7 @@ def test_rows_can_be_counted_from_the_south_and_from_another_number() -> None:
     assert names == ["a_02_1", "a_02_2", "a_01_1", "a_01_2"]
 
 
+@settings(deadline=None)
 @given(COUNTS, COUNTS, some.integers(0, 5), some.integers(1, 9))
 def test_tiles_cover_the_whole_and_agree_where_they_overlap(
     columns: int, rows: int, overlap: int, step: int
@@ -55,6 +56,7 @@ def test_tiles_cover_the_whole_and_agree_where_they_overlap(
         assert (seen == 1).all()
 
 
+@settings(deadline=None)
 @given(some.integers(2, 200), some.integers(1, 9), some.integers(0, 5))
 def test_the_nearest_sizes_can_be_cut_and_none_is_nearer(vertices: int, tiles: int, overlap: int) -> None:
     tiling = Tiling(tiles, tiles, overlap=overlap)

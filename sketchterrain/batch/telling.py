@@ -81,6 +81,8 @@ class Telling:
         seconds = self._remaining.seconds(_kind(each) for each in self._left.values())
         left = "" if seconds is None or not self._left else f"about {duration(seconds)} left"
         took = f"failed: {entry.error}" if entry.state == "failed" else f"{entry.seconds:.1f} s"
+        if entry.state == "partial":
+            took += f", no preview: {entry.error}"
         if self._bars is None:
             self._say(f"[{self._done}/{self._items}] {item.name}: {took}{left and '; '}{left}")
             return

@@ -47,7 +47,10 @@ def test_killed_and_resumed_to_the_same_bytes(sketch: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_it_with_130_and_leaves_nothing_half_written(sketch: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_with_130_and_leaves_nothing_half_written(
+    way: signal.Signals, sketch: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "sketchterrain", "batch", str(sketch), "-o", str(out)]
     command += ["--seeds", "1-500", "--size", "129", "--no-preview"]
@@ -57,7 +60,7 @@ def test_ctrl_c_ends_it_with_130_and_leaves_nothing_half_written(sketch: Path, t
     for line in process.stderr:
         lines.append(line)
         if line.startswith("[3/500]"):
-            os.kill(process.pid, signal.SIGINT)
+            os.kill(process.pid, way)
             break
     rest = process.communicate(timeout=120)[1]
     assert process.returncode == 130, lines

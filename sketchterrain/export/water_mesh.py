@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Water", "waters"]
 
 _SHOWN = 0.5  # of a river, less is the lake's or the wider river's that it runs into
+_DIVE = 0.3  # m that it goes below them there: two surfaces in one plane flicker
 
 
 class Water(NamedTuple):
@@ -48,7 +49,16 @@ def waters(features: TerrainFeatures, grid: Grid) -> Iterator[Water]:
         x, y = surface.place[:, 0], surface.place[:, 1]
         inside = (x >= grid.west) & (x <= grid.east) & (y >= grid.south) & (y <= grid.north)
         shown = surface.nature[triangles, 2].mean(axis=1) >= _SHOWN
-        kept = triangles[shown & inside[triangles].all(axis=1)]
+        place = surface.place.copy()
+        # What reaches over the edge ends there.
+        np.clip(place[:, :2], (grid.west, grid.south), (grid.east, grid.north), out=place[:, :2])
+        place[:, 2] -= _DIVE * (1.0 - surface.nature[:, 2])
+        kept = triangles[shown & inside[triangles].any(axis=1) & _has_area(place, triangles)]
         if len(kept):
             used, index = np.unique(kept, return_inverse=True)
-            yield Water(name, surface.place[used], index.reshape(-1, 3).astype(np.uint32))
+            yield Water(name, place[used], index.reshape(-1, 3).astype(np.uint32))
+
+
+def _has_area(place: npt.NDArray[np.float64], triangles: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
+    (ax, ay), (bx, by), (cx, cy) = (place[triangles[:, k], :2].T for k in range(3))
+    return np.asarray((bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0.0)

@@ -8,11 +8,13 @@ from typing import Any
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
+import numpy as np
 import pytest
 
-from sketchterrain.sketch import load_sketch
+from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Workspace
 
 
@@ -74,11 +76,30 @@ def placed():
 
 
 @pytest.fixture
+def small():
+    """A sketch that is exported soon."""
+    mountain = np.zeros((48, 64), np.uint8)
+    mountain[10:30, 10:40] = 1
+    return Sketch(name="Small", extent=512.0, layers={"mountain": mountain})
+
+
+@pytest.fixture
+def exporting_into(qapp):
+    """Return what makes the preferences of someone who exported into a folder."""
+
+    def preferring(folder):
+        preferences = Preferences(folder.parent / "desktop.ini")
+        preferences.export_folder = folder
+        return preferences
+
+    return preferring
+
+
+@pytest.fixture
 def open_window(qtbot, document, workspace, link, tmp_path):
     """Open the whole window; each time with the files that the one before left."""
     # Not above: other tests are not to load all of it.
     from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.preferences import Preferences
     from sketchterrain.ui.models.recent import RecentFiles
     from sketchterrain.ui.models.saving import Saving
     from sketchterrain.ui.window import MainWindow

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PyQt6.QtCore import Qt
 from PyQt6.QtWidgets import QAbstractButton, QAbstractSpinBox, QComboBox, QLabel, QLineEdit, QMainWindow
 
 from sketchterrain.resources import preset_names
-from sketchterrain.sketch import Sketch
 from sketchterrain.ui.action_list import COMMANDS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.dialogs.about import AboutDialog
@@ -31,28 +28,14 @@ from sketchterrain.ui.models.recovery import Recovery
 
 
 @pytest.fixture
-def small() -> Sketch:
-    mountain = np.zeros((48, 64), np.uint8)
-    mountain[10:30, 10:40] = 1
-    return Sketch(name="Small", extent=512.0, layers={"mountain": mountain})
-
-
-def preferring(folder: Path) -> Preferences:
-    """Return the preferences of someone who exported into a folder."""
-    preferences = Preferences(folder.parent / "desktop.ini")
-    preferences.export_folder = folder
-    return preferences
-
-
-@pytest.fixture
-def made(qtbot, tmp_path, small):
+def made(qtbot, tmp_path, small, exporting_into):
     """One of each."""
     window = QMainWindow()
     kept = Recovery(tmp_path / "a.sketch", "Mine", datetime.now(UTC), None)
     dialogs = {
         "new": NewSketchDialog(),
         "presets": PresetsDialog(),
-        "export": ExportDialog(small, preferring(tmp_path / "out")),
+        "export": ExportDialog(small, exporting_into(tmp_path / "out")),
         "picture": PictureDialog((640, 480), tmp_path, "mine"),
         "keys": KeysDialog(),
         "first": FirstStepsDialog(),
@@ -174,77 +157,3 @@ def test_preferences_that_make_no_sense_count_as_never_chosen(tmp_path, qapp) ->
     assert preferences.layout is None
     with pytest.raises(ValueError, match="expected a theme"):
         preferences.theme = "pink"
-
-
-def test_export_refuses_what_cannot_be_before_it_begins(made, tmp_path) -> None:
-    dialog = made["export"]
-    (tmp_path / "file").write_text("")
-    assert dialog._go.isEnabled()
-    dialog.folder.setText(str(tmp_path / "file"))
-    assert not dialog._go.isEnabled()
-    assert "is a file: expected a folder" in dialog._refused.text()
-    dialog.folder.setText("")
-    assert not dialog._go.isEnabled()
-
-
-def test_export_asks_for_what_the_command_line_can(made) -> None:
-    wishes = made["export"].wishes
-    kinds = [wishes.foliage.itemData(row) for row in range(wishes.foliage.count())]
-    assert kinds == ["csv", "ply", "both", "none"]
-    assert not wishes.grass.isEnabled()
-    wishes.foliage.setCurrentIndex(1)
-    wishes.grass.setChecked(True)
-    wishes.maps.setCurrentIndex(2)
-    wishes.views.setCurrentIndex(wishes.views.count() - 1)
-    wish = wishes.wish(Path("x"), None)
-    assert (wish.foliage, wish.grass, wish.map, wish.preview, wish.size) == ("ply", True, "svg", False, 1025)
-
-
-@pytest.mark.slow
-def test_an_export_writes_what_the_command_line_writes(qtbot, small, tmp_path) -> None:
-    dialog = ExportDialog(small, preferring(tmp_path / "out"))
-    qtbot.addWidget(dialog)
-    dialog.show()
-    dialog.wishes.sizes.setCurrentIndex(0)
-    dialog.wishes.views.setCurrentIndex(dialog.wishes.views.count() - 1)
-    seen = []
-    dialog._begin()
-    dialog.job.stage_changed.connect(seen.append)
-    with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as told:
-        pass
-    names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names >= {"height.tif", "height.png", "normal.png", "materials.png", "features.json"}
-    assert {Path(path).name for path in told.args[0]["files"]} == names
-    assert json.loads((tmp_path / "out" / "report.json").read_text())["sketch"] == "Small"
-    assert "Heights and materials" in seen
-    assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
-    qtbot.waitUntil(lambda: not dialog.job.is_running)
-
-
-@pytest.mark.slow
-def test_a_cancelled_export_leaves_nothing(qtbot, small, tmp_path) -> None:
-    dialog = ExportDialog(small, preferring(tmp_path / "out"))
-    qtbot.addWidget(dialog)
-    dialog.show()
-    dialog._begin()
-    with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000):
-        pass
-    with qtbot.waitSignal(dialog.job.failed, timeout=30_000) as told:
-        dialog.reject()
-    assert told.args == [""]
-    assert not dialog.isHidden()
-    assert list((tmp_path / "out").iterdir()) == []
-    dialog.reject()
-    assert dialog.isHidden()
-
-
-@pytest.mark.slow
-def test_an_export_that_cannot_be_written_says_why(qtbot, small, tmp_path) -> None:
-    (tmp_path / "file").write_text("")
-    dialog = ExportDialog(small, preferring(tmp_path / "file" / "out"))
-    qtbot.addWidget(dialog)
-    dialog._begin()
-    with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as told:
-        pass
-    assert "cannot be written" in told.args[0]
-    qtbot.waitUntil(lambda: not dialog.job.is_running)

@@ -8,7 +8,6 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PyQt6.QtGui import QKeySequence
 from PyQt6.QtWidgets import QAbstractButton, QApplication, QLabel
@@ -18,16 +17,8 @@ from sketchterrain.export.planning import option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.export_plans import plan_of
-from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.export import ExportDialog
 from sketchterrain.ui.models.preferences import Preferences
-
-
-@pytest.fixture
-def small() -> Sketch:
-    mountain = np.zeros((48, 64), np.uint8)
-    mountain[10:30, 10:40] = 1
-    return Sketch(name="Small", extent=512.0, layers={"mountain": mountain})
 
 
 @pytest.fixture
@@ -281,3 +272,77 @@ def test_the_dialog_loads_no_driver() -> None:
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == ""
+
+
+def test_export_refuses_what_cannot_be_before_it_begins(opened, tmp_path) -> None:
+    dialog = opened()
+    (tmp_path / "file").write_text("")
+    assert dialog._go.isEnabled()
+    dialog.folder.setText(str(tmp_path / "file"))
+    assert not dialog._go.isEnabled()
+    assert "is a file: expected a folder" in dialog._refused.text()
+    dialog.folder.setText("")
+    assert not dialog._go.isEnabled()
+
+
+def test_export_asks_for_what_the_command_line_can(opened) -> None:
+    wishes = opened().wishes
+    kinds = [wishes.foliage.itemData(row) for row in range(wishes.foliage.count())]
+    assert kinds == ["csv", "ply", "both", "none"]
+    assert not wishes.grass.isEnabled()
+    wishes.foliage.setCurrentIndex(1)
+    wishes.grass.setChecked(True)
+    wishes.maps.setCurrentIndex(2)
+    wishes.views.setCurrentIndex(wishes.views.count() - 1)
+    wish = wishes.wish(Path("x"), None)
+    assert (wish.foliage, wish.grass, wish.map, wish.preview, wish.size) == ("ply", True, "svg", False, 1025)
+
+
+@pytest.mark.slow
+def test_an_export_writes_what_the_command_line_writes(qtbot, small, tmp_path, exporting_into) -> None:
+    dialog = ExportDialog(small, exporting_into(tmp_path / "out"))
+    qtbot.addWidget(dialog)
+    dialog.show()
+    dialog.wishes.sizes.setCurrentIndex(0)
+    dialog.wishes.views.setCurrentIndex(dialog.wishes.views.count() - 1)
+    seen = []
+    dialog._begin()
+    dialog.job.stage_changed.connect(seen.append)
+    with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as told:
+        pass
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names >= {"height.tif", "height.png", "normal.png", "materials.png", "features.json"}
+    assert {Path(path).name for path in told.args[0]["files"]} == names
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["sketch"] == "Small"
+    assert "Heights and materials" in seen
+    assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
+    qtbot.waitUntil(lambda: not dialog.job.is_running)
+
+
+@pytest.mark.slow
+def test_a_cancelled_export_leaves_nothing(qtbot, small, tmp_path, exporting_into) -> None:
+    dialog = ExportDialog(small, exporting_into(tmp_path / "out"))
+    qtbot.addWidget(dialog)
+    dialog.show()
+    dialog._begin()
+    with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000):
+        pass
+    with qtbot.waitSignal(dialog.job.failed, timeout=30_000) as told:
+        dialog.reject()
+    assert told.args == [""]
+    assert not dialog.isHidden()
+    assert list((tmp_path / "out").iterdir()) == []
+    dialog.reject()
+    assert dialog.isHidden()
+
+
+@pytest.mark.slow
+def test_an_export_that_cannot_be_written_says_why(qtbot, small, tmp_path, exporting_into) -> None:
+    (tmp_path / "file").write_text("")
+    dialog = ExportDialog(small, exporting_into(tmp_path / "file" / "out"))
+    qtbot.addWidget(dialog)
+    dialog._begin()
+    with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as told:
+        pass
+    assert "cannot be written" in told.args[0]
+    qtbot.waitUntil(lambda: not dialog.job.is_running)

@@ -98,6 +98,8 @@ class Effort:
         Vertices along the longer side of the grids that are meshed.
     mesh_errors : tuple of float
         Errors that meshes are asked for, m.
+    mesh_rounds : int
+        Measured rounds of each.
     batch_size : int
         Vertices along a side of a batch's terrains.
     batch_files : tuple of {'all', 'without preview'}
@@ -160,6 +162,7 @@ class Effort:
     live_dabs: int
     mesh_side: int
     mesh_errors: tuple[float, ...]
+    mesh_rounds: int
     batch_size: int
     batch_files: tuple[str, ...]
     batch_seeds: int
@@ -219,6 +222,7 @@ QUICK = Effort(
     live_dabs=6,
     mesh_side=257,
     mesh_errors=(8.0, 2.0, 0.5),
+    mesh_rounds=2,
     batch_size=257,
     batch_files=("without preview",),
     batch_seeds=2,
@@ -279,6 +283,7 @@ FULL = Effort(
     live_dabs=120,
     mesh_side=1025,
     mesh_errors=(16.0, 4.0, 1.0, 0.25),
+    mesh_rounds=3,
     batch_size=1025,
     batch_files=("all", "without preview"),
     batch_seeds=6,

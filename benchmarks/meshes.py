@@ -69,7 +69,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
         height = grounds[name]
         works[name, error, "mesh"] = partial(lap, partial(adaptive_mesh, height, error))
         works[name, error, "check"] = partial(lap, partial(mesh_error, made[name, error].mesh, height))
-    laps = alternate(works, rounds=effort.rounds)
+    laps = alternate(works, rounds=effort.mesh_rounds)
     rows: list[Row] = []
     for name, error in keys:
         height, mesh = grounds[name], made[name, error].mesh

@@ -58,6 +58,7 @@ TINY = Effort(
     live_dabs=2,
     mesh_side=33,
     mesh_errors=(20.0, 2.0),
+    mesh_rounds=2,
     batch_size=17,
     batch_files=("all", "without preview"),
     batch_seeds=4,

@@ -132,6 +132,7 @@ def test_a_missing_library_is_named_with_its_extra(
         ("raw", ["--grass", "--no-plants"], "grass without plants"),
         ("raw", ["--heights", "5,4"], "expected the lowest and the highest"),
         ("raw", ["--size", "33", "--heights", "0,10"], "the terrain goes from"),
+        ("raw", ["--format", "r32", "--heights", "0,900"], "only 16-bit numbers have a range"),
         ("exr", ["--heights", "0,900"], "exr has no option heights"),
         ("png16", ["--size", "1000000"], "of memory, this machine has"),
         ("raw", ["--size", "1000000000000"], "of memory, this machine has"),

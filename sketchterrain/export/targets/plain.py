@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sketchterrain.errors import InputError
 from sketchterrain.export.exr import write_exr
 from sketchterrain.export.features import write_features
 from sketchterrain.export.files import write_png
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.export.sampled import Sampled
-    from sketchterrain.export.target import Export
+    from sketchterrain.export.target import Export, ExportOptions
 
     Heights = npt.NDArray[np.float32]
 
@@ -35,6 +36,11 @@ _CHANNELS = ("red", "green", "blue", "alpha")
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"
 _KINDS = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
 _IN_STEPS = frozenset({"r16", "r16be"})
+
+
+def _check_raw(options: ExportOptions) -> None:
+    if options.heights is not None and options.format not in {None, *_IN_STEPS}:
+        raise InputError(f"raw: {options.format} has heights in metres, only 16-bit numbers have a range")
 
 
 def _write_raw(export: Export) -> Written:
@@ -203,6 +209,7 @@ TARGETS = (
         formats=("r16", "r32", "r16be"),
         knows=_TILED | {"format", "heights"},
         tiling=_TILING,
+        check=_check_raw,
     ),
     Target(
         name="png16",

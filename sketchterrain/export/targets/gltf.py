@@ -87,7 +87,7 @@ def ground_scene(export: Export) -> tuple[Glb, dict[str, Any]]:
     scene = Glb()
     add_ground(scene, made.mesh, export)
     add_water(scene, export)
-    facts = {"heights": {"numbers": "float32"}, "axes": AXES.facts, "byte_order": "little"}
+    facts = {"heights": {"numbers": "float32"}, "axes": AXES.facts, "byte_order": "little-endian"}
     return scene, facts | {"mesh": mesh_facts(export, made)}
 
 

@@ -77,7 +77,7 @@ def write_meshes_stl(export: Export) -> Written:
         path = write_stl(export.folder / f"{name}.stl", body.place, body.triangles)
     files = {path: "the ground as a solid with walls and a floor, m: x east, y north, z up"}
     files |= ground_images(export) | write_all_plants(export, _WORLD) | write_all_water(export, _WORLD)
-    facts: dict[str, Any] = {"axes": _WORLD.facts, "byte_order": "little"}
+    facts: dict[str, Any] = {"axes": _WORLD.facts, "byte_order": "little-endian"}
     facts["mesh"] = mesh_facts(export, made) | {"solid_triangles": len(body.triangles), "floor": base}
     facts["heights"] = {"numbers": "float32"}
     settings = {

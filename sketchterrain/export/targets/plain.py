@@ -52,8 +52,8 @@ def _write_raw(export: Export) -> Written:
         numbers = height if steps is None else steps.encode(height)
         return write_raw(path.with_name(f"{path.name}.{form[:3]}"), numbers, kind)
 
-    order = "big" if kind.startswith(">") else "little"
-    settings = {"Byte Order": f"{order}-endian", "Header": "0 bytes", "First Row": "north"}
+    order = "big-endian" if kind.startswith(">") else "little-endian"
+    settings = {"Byte Order": order, "Header": "0 bytes", "First Row": "north"}
     return _images(export, write, steps, {"byte_order": order}, settings)
 
 
@@ -144,7 +144,7 @@ def _write_npy(export: Export) -> Written:
     files |= _plant_rows(export) | _features(export)
     facts = {
         "heights": _height_facts(None),
-        "byte_order": "little",
+        "byte_order": "little-endian",
         "axes": _AXES,
         "materials": list(export.terrain.material_names),
         "species": list(export.terrain.species_names),

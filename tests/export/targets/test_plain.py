@@ -56,7 +56,7 @@ def heights(done: Any, tile: int = 0) -> NDArray[np.float64]:
         for path in done.of(ending)[tile : tile + 1]
     )
     number = read(path, done.sidecar["tiles"][tile])
-    if done.sidecar.get("byte_order") == "big":
+    if done.sidecar.get("byte_order") == "big-endian":
         number = number.byteswap()
     if told["numbers"] == "float32":
         return number.astype(np.float64)
@@ -143,7 +143,7 @@ def test_the_sidecar_names_every_file_and_says_what_it_is(done: Any) -> None:
 
 def test_the_same_terrain_gives_the_same_bytes(done: Any, terrain: st.Terrain, tmp_path: Path) -> None:
     form = next((form for target, form in FORMS if form and done.of(form[:3])), None)
-    if done.sidecar.get("byte_order") == "big":
+    if done.sidecar.get("byte_order") == "big-endian":
         form = "r16be"
     options = ExportOptions(size=SIDE, format=form)
     write_export(plan_of(terrain.sketch, done.sidecar["target"], options), terrain, tmp_path, stages=Stages())

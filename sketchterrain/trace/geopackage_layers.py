@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sqlite3
+import warnings
 from contextlib import closing
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -29,6 +30,8 @@ MAGIC: Final = b"SQLite format 3\0"
 
 _DRIVER = "GPKG"
 _MOST_LAYERS = 100
+_LONGEST = 120  # characters of a reason
+_UNDEFINED = 99999  # what GDAL notes for coordinates of which nothing is known
 _BYTES_A_VERTEX = 16  # at least
 _TABLES = {"gpkg_contents", "gpkg_geometry_columns"}
 # Coordinate reference systems of no place on Earth, as this program's own exports have them.
@@ -37,7 +40,7 @@ _LOCAL = re.compile(r"(LOCAL_CS|ENGCRS|ENGINEERINGCRS)\[.*UNIT\[\"met(re|er)\"",
 
 class _Table(NamedTuple):
     name: str
-    column: str
+    srs: object
 
 
 def read_geopackage(path: Path, wanted: Collection[str]) -> list[Source]:
@@ -73,13 +76,18 @@ def read_geopackage(path: Path, wanted: Collection[str]) -> list[Source]:
     file = str(path.absolute())
     try:
         sources = []
-        for table in tables:
-            info = pyogrio.read_info(file, layer=table.name)
-            if info["driver"] != _DRIVER:
-                raise InputError(f"{place}: expected a GeoPackage, GDAL takes it for {info['driver']}")
-            sources.append(_source(file, table.name, info, place, wanted))
+        with warnings.catch_warnings():  # GDAL remarks on much that does no harm
+            warnings.simplefilter("ignore")
+            for table in tables:
+                info = pyogrio.read_info(file, layer=table.name)
+                if info["driver"] != _DRIVER:
+                    raise InputError(f"{place}: expected a GeoPackage, GDAL takes it for {info['driver']}")
+                sources.append(_source(file, table, info, place, wanted))
     except (DataLayerError, DataSourceError, ValueError) as error:
-        raise InputError(f"{place}: cannot be read as a GeoPackage ({one_line(error)})") from None
+        reason = one_line(error)
+        if len(reason) > _LONGEST:  # it may begin with a page of SQL
+            reason = f"…{reason[-_LONGEST:]}"
+        raise InputError(f"{place}: cannot be read as a GeoPackage ({reason})") from None
     return [source for source in sources if source.features or source.left_out]
 
 
@@ -89,9 +97,10 @@ def _tables(path: Path, place: str) -> list[_Table]:
         with closing(
             sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
         ) as database:
+            database.text_factory = lambda text: text.decode(errors="replace")
             database.execute("PRAGMA trusted_schema = OFF")
             return list(_checked(database, place))
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:  # the latter from names of columns
         raise InputError(f"{place}: expected a whole GeoPackage ({one_line(error)})") from None
 
 
@@ -100,7 +109,7 @@ def _checked(database: sqlite3.Connection, place: str) -> Iterator[_Table]:
     if not made.keys() >= _TABLES:
         raise InputError(f"{place}: expected a GeoPackage, this is another SQLite database")
     rows = database.execute(
-        "SELECT table_name, column_name FROM gpkg_geometry_columns ORDER BY rowid LIMIT ?",
+        "SELECT table_name, column_name, srs_id FROM gpkg_geometry_columns ORDER BY rowid LIMIT ?",
         (_MOST_LAYERS + 1,),
     ).fetchall()
     if not rows:
@@ -108,7 +117,7 @@ def _checked(database: sqlite3.Connection, place: str) -> Iterator[_Table]:
     if len(rows) > _MOST_LAYERS:
         raise InputError(f"{place}: expected at most {_MOST_LAYERS} layers")
     vertices = 0.0
-    for name, column in rows:
+    for name, column, srs in rows:
         made_by = made.get(str(name).lower())
         if made_by is None or "VIRTUAL" in made_by[:40].upper():
             raise InputError(f"{place}: layer {shown(name)}: expected a table, not a view or nothing")
@@ -117,17 +126,20 @@ def _checked(database: sqlite3.Connection, place: str) -> Iterator[_Table]:
         vertices += size / _BYTES_A_VERTEX
         if vertices > 2 * MOST_VERTICES:  # with heights, and some bytes around them
             raise InputError(too_many(place, vertices))
-        yield _Table(str(name), str(column))
+        yield _Table(str(name), srs)
 
 
-def _source(file: str, name: str, info: dict[str, Any], place: str, wanted: Collection[str]) -> Source:
+def _source(file: str, table: _Table, info: dict[str, Any], place: str, wanted: Collection[str]) -> Source:
     import pyogrio.raw
 
     columns = [str(each) for each in info["fields"] if str(each).lower() in wanted]
     meta, _, geometry, fields = pyogrio.raw.read(
-        file, layer=name, columns=columns, force_2d=True, datetime_as_string=True
+        file, layer=table.name, columns=columns, force_2d=True, datetime_as_string=True
     )
-    source = Source(name, _crs(meta["crs"], f"{place}: layer {shown(name)}"), [])
+    where = f"{place}: layer {shown(table.name)}"
+    if meta["crs"] is None and table.srs != _UNDEFINED:
+        raise InputError(f"{where}: its coordinate reference system {shown(table.srs)} is not in the file")
+    source = Source(table.name, _crs(meta["crs"], where), [])
     keys = [str(each).lower() for each in meta["fields"]]
     values = [field.tolist() for field in fields]
     for index, shape in enumerate(_shapes(geometry)):

@@ -212,6 +212,17 @@ def test_a_geopackage_of_noise_is_refused(package) -> None:
     refused(package)
 
 
+def test_a_name_that_is_no_text_is_told(package) -> None:
+    broken = package.read_bytes().replace(b"TABLE gpkg_ogr_contents", b"TABLX gpkg_ogr_contents")
+    package.write_bytes(broken.replace(b"gpkg_ogr_contents", b"gpkg_ogr_con\xf5\xf5\xf5\xf5\xf5"))
+    assert "expected a whole GeoPackage" in refused(package)
+
+
+def test_a_crs_that_is_not_in_the_file_is_told(package) -> None:
+    sql(package, "DELETE FROM gpkg_spatial_ref_sys WHERE srs_id = 25832")
+    assert "layer 'lakes': its coordinate reference system 25832 is not in the file" in refused(package)
+
+
 def test_another_database_in_its_clothing_is_refused(tmp_path) -> None:
     path = tmp_path / "map.gpkg"
     sql(path, "CREATE TABLE lakes (geom BLOB)")

@@ -123,9 +123,18 @@ class Crew:
         with self._telling:
             self._watcher.finished(*result)
 
-    def end(self) -> list[Result]:
-        """Let what is in work be given up, wait for it, and return what was finished meanwhile."""
+    def end(self, *, early: bool) -> list[Result]:
+        """Let what is in work be given up, wait for it, and return what was finished meanwhile.
+
+        Parameters
+        ----------
+        early
+            Whether not all is done; the watcher is told.
+        """
         self._stop.set()
+        if early:
+            with self._telling:
+                self._watcher.stops()
         for thread in self._threads:
             thread.join()
         found = []

@@ -155,16 +155,15 @@ class _Batch:
         with ExitStack() as stack:
             previews = stack.enter_context(Previews()) if self._output.preview else None
             crew = Crew(self._folder, self._output, self._fingerprints, devices, previews, self._watcher)
+            left = len(self._todo)
             try:
                 crew.start(self._todo, jobs)
-                for _ in self._todo:
+                while left:
                     self._record(result := crew.next())
                     crew.tell(result)
-            except BaseException:
-                self._watcher.stops()
-                raise
+                    left -= 1
             finally:
-                for result in crew.end():
+                for result in crew.end(early=left > 0):
                     self._record(result)
 
     def add_sheets(self) -> None:

@@ -30,6 +30,7 @@ _ONLY = {
     "--colours": ("picture",),
     "--tolerance": ("picture",),
     "--specks": ("picture",),
+    "--rivers-up-to": ("picture",),
     "--layer": ("picture", "vectors"),
     "--width": ("vectors",),
     "--bounds": ("vectors",),
@@ -91,6 +92,14 @@ def trace(
     specks: Annotated[
         int | None, typer.Option(metavar="PX", min=0, help="Areas of fewer pixels of the sketch vanish; 16.")
     ] = None,
+    rivers_up_to: Annotated[
+        float | None,
+        typer.Option(
+            metavar="PX",
+            min=1.0,
+            help="Water narrower than so many pixels of the sketch is river, else lake.",
+        ),
+    ] = None,
     layer: Annotated[
         str | None,
         typer.Option(
@@ -122,6 +131,7 @@ def trace(
     if colour and colours is not None:
         raise USAGE_ERROR("--colour and --colours: one legend, please")
     coloured = {"--colour": colour, "--colours": colours, "--tolerance": tolerance, "--specks": specks}
+    coloured["--rivers-up-to"] = rivers_up_to
     mapped = {"--width": width, "--bounds": bounds, "--crs": crs}
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):
@@ -140,7 +150,13 @@ def trace(
         source: npt.NDArray[np.uint8] | None = None
         with stages.stage("trace", f"Tracing {_KINDS[kind]}"):
             if kind == "picture" and layer is None:
-                done, source = _from_map(file, sheet, colour, colours, tolerance, specks)
+                from sketchterrain.trace.coloured_map import SPECKS
+
+                done, source = _from_map(
+                    *(file, sheet, colour, colours, tolerance),
+                    specks=SPECKS if specks is None else specks,
+                    narrow=rivers_up_to or 0.0,
+                )
             elif kind == "vectors":
                 done = _from_vectors(file, sheet, layer=layer, width=width, bounds=bounds, crs=crs)
             else:
@@ -185,9 +201,9 @@ def _from_map(
     colour: list[str] | None,
     colours: Path | None,
     tolerance: float | None,
-    specks: int | None,
+    **options: Any,
 ) -> tuple[Traced, npt.NDArray[np.uint8]]:
-    from sketchterrain.trace.coloured_map import SPECKS, read_map
+    from sketchterrain.trace.coloured_map import read_map
     from sketchterrain.trace.legend import OWN_LEGEND, TOLERANCE, Legend, read_legend
 
     near = TOLERANCE if tolerance is None else tolerance
@@ -198,7 +214,7 @@ def _from_map(
     else:
         legend = OWN_LEGEND if tolerance is None else Legend(OWN_LEGEND.colours, near)
     read = read_map(file, legend)
-    return read.traced(sheet, specks=SPECKS if specks is None else specks), read.rgba
+    return read.traced(sheet, **options), read.rgba
 
 
 def _from_layers(kind: str, file: Path, sheet: Sheet, layer: str | None) -> Traced:

@@ -18,6 +18,7 @@ from sketchterrain.trace.majority import NO_VOTE, majority
 from sketchterrain.trace.picture import read_picture
 from sketchterrain.trace.sorted_pixels import CLEAR, UNKNOWN, sort_pixels
 from sketchterrain.trace.traced import Traced
+from sketchterrain.trace.waters import narrow_waters, parted_waters
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +38,7 @@ SPECKS: Final = 16
 _INK_REACH = 24.0  # px of the sketch that lettering is filled from its sides; a wider area stays empty
 _THIN = ("river",)
 _GAP = 14  # px of the sketch; lettering and noise break a river so far
+_NARROW = 8  # px of the sketch, of waters that may be meant as rivers
 _TOLD = 12  # colours that notes name
 
 
@@ -83,7 +85,12 @@ class ColouredMap:
     pixels: SortedPixels
 
     def traced(
-        self, sheet: Sheet, *, meanings: Sequence[Meaning | None] | None = None, specks: int = SPECKS
+        self,
+        sheet: Sheet,
+        *,
+        meanings: Sequence[Meaning | None] | None = None,
+        specks: int = SPECKS,
+        narrow: float = 0.0,
     ) -> TracedMap:
         """Return the sketch.
 
@@ -94,6 +101,9 @@ class ColouredMap:
             In place of what the legend says of each colour; None is nothing.
         specks
             Areas of fewer pixels of the sketch take what is beside them.
+        narrow
+            Water narrower than so many pixels of the sketch is a river, other water a lake, whichever colour
+            it has; 0: its colour decides.
 
         Raises
         ------
@@ -126,6 +136,8 @@ class ColouredMap:
         layers = {name: np.zeros(values.shape, dtype=np.uint8) for name in LAYERS}
         for meaning, value in value_of.items():
             layers[meaning.layer][values == value] = meaning.label
+        if narrow > 0.0:
+            layers["river"], layers["lake"] = parted_waters(layers["river"], layers["lake"], narrow)
         sketch, told = sheet.sketch(layers, self.name)
         pairs = tuple(zip(self.colours, meant, strict=True))
         pixels = self.pixels
@@ -133,6 +145,7 @@ class ColouredMap:
             f"{pixels.sure:.1%} of the picture is plainly one of its {len(self.colours)} colours, "
             f"{pixels.taken:.1%} took what is beside it, {pixels.unknown:.1%} is like nothing around it",
             *_colour_notes(pairs),
+            *([] if narrow > 0.0 else _water_notes(layers["river"] > 0, layers["lake"] > 0)),
             *told,
         )
         return TracedMap(sketch, notes, pairs, pixels.sure, pixels.taken, pixels.unknown)
@@ -202,6 +215,12 @@ def _colour_notes(pairs: Sequence[tuple[FoundColour, Meaning | None]]) -> list[s
             "--colour LAYER=#rrggbb names one"
         )
     return notes
+
+
+def _water_notes(river: npt.NDArray[np.bool_], lake: npt.NDArray[np.bool_]) -> list[str]:
+    if river.any() or not lake.any() or not narrow_waters(lake, _NARROW).any():
+        return []
+    return [f"some lakes are narrow and long: --rivers-up-to {_NARROW} makes rivers of them"]
 
 
 def _more(told: Sequence[str]) -> str:

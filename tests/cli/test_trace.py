@@ -66,6 +66,13 @@ def test_a_legend_by_options_or_by_file(call, island, tmp_path) -> None:
         assert set(np.unique(layers["dune"])) == {0, 3}
 
 
+def test_water_by_its_width(call, island, tmp_path) -> None:
+    done = call("trace", island, "-o", tmp_path / "a", "--colour", "lake=#3874c4", "--rivers-up-to", 6)
+    assert done.code == 0, done.err
+    layers = load_sketch(tmp_path / "a").layers
+    assert [name for name, image in layers.items() if image.any()] == ["river"]
+
+
 def test_a_mask_and_a_folder(call, tmp_path) -> None:
     pixels = np.zeros((40, 40), np.uint8)
     pixels[10:20] = 255

@@ -114,6 +114,27 @@ def test_a_lettered_map_in_common_colours(parts, saved, quality: int | None) -> 
         assert (layers[name][top:bottom, left:right] == 1).all(), name
 
 
+def test_rivers_and_lakes_of_one_blue_are_told_apart_by_their_width(parts, saved) -> None:
+    pixels = np.full((120, 160, 3), 255, np.uint8)
+    rows, columns = np.ogrid[:120, :160]
+    lake = (rows - 60) ** 2 + (columns - 70) ** 2 < 30**2
+    pixels[lake] = pixels[58:62] = (170, 211, 223)
+    pixels[20:26, 140:146] = (170, 211, 223)  # a pond: narrow, but not long
+    read = read_map(saved(pixels))
+    plain = read.traced(Sheet())
+    assert not plain.sketch.layers["river"].any()
+    assert any("--rivers-up-to 8" in line for line in plain.notes)
+    layers = read.traced(Sheet(), narrow=8).sketch.layers
+    assert parts(layers["river"] > 0) == 2
+    assert (layers["river"][58:62, :36] == 1).all()
+    assert (layers["river"][58:62, 105:] == 1).all()
+    assert not (layers["river"] > 0)[lake].any()
+    assert (layers["lake"][20:26, 140:146] == 1).all()
+    water = (layers["river"] > 0) | (layers["lake"] > 0)
+    assert np.array_equal(water, plain.sketch.layers["lake"] > 0)
+    assert not read.traced(Sheet(), narrow=100).sketch.layers["river"][20:26, 140:146].any()
+
+
 def test_specks_vanish(saved) -> None:
     pixels = np.full((64, 64, 3), 255, np.uint8)
     pixels[10:40, 10:40] = (140, 92, 70)

@@ -79,6 +79,19 @@ def test_size_extent_and_name_are_the_sketchs(qtbot, picture) -> None:
     assert "60 × 40 px, 9 km × 6 km" in dialog.told.text()
 
 
+def test_water_by_its_width(qtbot, tmp_path) -> None:
+    pixels = np.full((80, 120, 3), 255, np.uint8)
+    pixels[40:44] = (170, 211, 223)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    dialog = opened(qtbot, tmp_path / "a.png")
+    ready(qtbot, dialog)
+    assert dialog.sketch().layers["lake"].any()
+    dialog.narrow.setValue(8)
+    ready(qtbot, dialog)
+    assert not dialog.sketch().layers["lake"].any()
+    assert dialog.sketch().layers["river"][40:44].all()
+
+
 def test_nothing_at_all_cannot_be_created(qtbot, picture) -> None:
     dialog = opened(qtbot, picture)
     ready(qtbot, dialog)

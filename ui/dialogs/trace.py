@@ -145,18 +145,27 @@ class TraceDialog(QDialog):
         self.specks.setRange(0, 10_000)
         self.specks.setSuffix(" px")
         self.specks.setValue(SPECKS)
+        self.narrow = QSpinBox()
+        self.narrow.setRange(0, 200)
+        self.narrow.setSuffix(" px")
+        self.narrow.setSpecialValueText("by colour")
         fields = form()
         controls: tuple[tuple[str, QWidget, str], ...] = (
             ("&Name", self.name, "What the sketch is called"),
             ("&Extent", self.extent, "Length of the picture's longer side"),
             ("&Size", self.size_px, "Pixels of the sketch along its longer side"),
             ("Spec&ks", self.specks, "Areas of fewer pixels vanish"),
+            (
+                "Ri&vers up to",
+                self.narrow,
+                "Narrower water is a river, wider water a lake, whichever its colour",
+            ),
         )
         for title, control, tip in controls:
             fields.addRow(title, control)
             control.setToolTip(tip)
             control.setAccessibleName(title.replace("&", ""))
-        for box in (self.size_px, self.specks):
+        for box in (self.size_px, self.specks, self.narrow):
             box.setKeyboardTracking(False)
             box.valueChanged.connect(self._change)
         self.extent.setKeyboardTracking(False)
@@ -185,7 +194,8 @@ class TraceDialog(QDialog):
             self.pages.setCurrentIndex(2)
             self._frame.hide()
         self.extent.setEnabled(source.kind != "vectors")
-        self.specks.setEnabled(source.map is not None)
+        for box in (self.specks, self.narrow):
+            box.setEnabled(source.map is not None)
         self._trace()
 
     def _set_size(self, longest: int) -> None:
@@ -215,6 +225,7 @@ class TraceDialog(QDialog):
             meanings=self.colours.meanings,
             layer=str(layer),
             specks=self.specks.value(),
+            narrow=self.narrow.value(),
         )
         self._reading.read(work, self._show)
 

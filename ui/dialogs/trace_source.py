@@ -75,7 +75,13 @@ def read_source(path: Path) -> TraceSource:
 
 
 def trace_source(
-    source: TraceSource, sheet: Sheet, *, meanings: Sequence[Meaning | None], layer: str, specks: int
+    source: TraceSource,
+    sheet: Sheet,
+    *,
+    meanings: Sequence[Meaning | None],
+    layer: str,
+    specks: int,
+    narrow: float,
 ) -> TracedShown:
     """Trace what was read.
 
@@ -89,6 +95,8 @@ def trace_source(
         What is painted on a picture that is no coloured map.
     specks
         Areas of fewer pixels vanish from a coloured map.
+    narrow
+        Its waters that are narrower, in pixels of the sketch, are rivers; 0: colours decide.
 
     Raises
     ------
@@ -96,7 +104,7 @@ def trace_source(
         If it cannot be.
     """
     if source.map is not None:
-        traced: Traced = source.map.traced(sheet, meanings=meanings, specks=specks)
+        traced: Traced = source.map.traced(sheet, meanings=meanings, specks=specks, narrow=narrow)
     elif source.kind == "picture":
         traced = trace_mask(source.path, layer, sheet)
     elif source.kind == "folder":

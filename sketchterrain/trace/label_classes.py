@@ -52,7 +52,7 @@ def classed(wanted: Sequence[Properties], most: int) -> LabelClasses:
         order = {key: index for index, key in enumerate(dict.fromkeys(keys))}
         if len(order) <= most:
             break
-        if steps < 1 / 64:  # texts and signs alone make too many
+        if steps < 1 / 64:  # texts, signs and what is said at all make too many
             return LabelClasses((0,) * len(wanted), ({},), math.inf)
         steps = 64.0 if steps == math.inf else steps / 2.0
     of = tuple(order[key] for key in keys)
@@ -66,9 +66,9 @@ def classed(wanted: Sequence[Properties], most: int) -> LabelClasses:
 
 def _step(value: Value, steps: float) -> Value:
     """Return what is equal for values in one of so many steps an octave."""
-    if isinstance(value, str) or value <= 0 or steps == math.inf:
+    if isinstance(value, str) or value == 0 or steps == math.inf:
         return value
-    return round(math.log2(value) * steps)
+    return f"{'-' if value < 0 else '+'} {round(math.log2(abs(value)) * steps)}"
 
 
 def _mean(members: Sequence[Properties]) -> Properties:

@@ -17,7 +17,7 @@ from sketchterrain.trace.mapped_shapes import WIDE
 from sketchterrain.trace.stroke_painting import paint_areas, paint_lines
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from sketchterrain.trace.vector_place import Area
 
 __all__ = ["Painting", "painted"]
+
+_WIDTHS = 8  # a pixel: lines whose widths differ by less are painted at once
 
 
 class Painting(NamedTuple):
@@ -85,10 +87,10 @@ def painted(found: MappedShapes, width: float | None) -> Painting:
         layers[name] = image
         labels |= {(name, label): each for label, each in enumerate(properties, start=1)}
         if classes.error:
-            notes.append(
-                f"{name}: {MOST_LABELS} labels at most, so some share one; their numbers are off by up to "
-                f"{100 * classes.error:.2g} %"
-            )
+            off = f"their numbers are off by up to {100 * classes.error:.2g} %"
+            lost = "all have the defaults, for even so there were more"
+            told = off if math.isfinite(classes.error) else lost
+            notes.append(f"{name}: {MOST_LABELS} labels at most, so some share one; {told}")
     return Painting(layers, labels, left_out, (*notes, *_guesses(shapes, found.area, width)))
 
 
@@ -114,26 +116,28 @@ def _painted_layer(
     size = (area.rows, area.columns)
     image = np.zeros(size, dtype=np.uint8)
     order = list(range(len(classes.properties)))
-    if name == "river":
+    river = name == "river"
+    if river:
         # As wide as painted is wider than any: maps have a line in the middle of a river's area too.
-        order.sort(key=lambda index: float(classes.properties[index]["width"]) or math.inf)
+        order.sort(key=lambda index: _river_width(classes.properties[index]) or math.inf)
     for label, index in enumerate(order, start=1):
         ones = [shape for shape, of in zip(shapes, classes.of, strict=True) if of == index]
         areas = [[area.pixels(part) for part in shape.parts] for shape in ones if shape.kind == "area"]
-        mask = paint_areas(size, areas, touched=name == "river")
+        mask = paint_areas(size, areas, touched=river)
         lines: dict[float, list[npt.NDArray[np.float64]]] = {}
         for shape in ones:
             if shape.kind != "area":
-                wide = (
-                    float(classes.properties[index]["width"])
-                    if name == "river"
-                    else _wide(shape, area, width)
-                )
-                lines.setdefault(wide / area.pixel, []).extend(area.pixels(part) for part in shape.parts)
+                wide = _river_width(classes.properties[index]) if river else _wide(shape, area, width)
+                alike = round(_WIDTHS * wide / area.pixel) / _WIDTHS
+                lines.setdefault(alike, []).extend(area.pixels(part) for part in shape.parts)
         for wide, parts in lines.items():
             mask |= paint_lines(size, np.concatenate(parts), wide)
         image[mask] = label
     return image, [classes.properties[index] for index in order]
+
+
+def _river_width(properties: Mapping[str, Value]) -> float:
+    return float(properties.get("width", LAYERS["river"].parameters["width"].default))
 
 
 def _wide(shape: MappedShape, area: Area, width: float | None) -> float:

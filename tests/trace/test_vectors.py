@@ -173,6 +173,29 @@ def test_many_widths_become_sixteen_labels_that_nearly_agree(written) -> None:
     assert any("share one" in note and "%" in note for note in traced.notes)
 
 
+def test_properties_that_no_sixteen_labels_can_hold_are_told(written) -> None:
+    combined = [
+        {key: value for bit, (key, value) in enumerate(extra) if number >> bit & 1}
+        for extra in [
+            [("height", 300), ("peakiness", 0.2), ("erosion", 0.3), ("gullies", 0.4), ("multitude", 3)]
+        ]
+        for number in range(32)
+    ]
+    path = written(
+        *(
+            feature("Polygon", [box(10 * i, 0, 10 * i + 9, 100)], natural="ridge", **each)
+            for i, each in enumerate(combined)
+        )
+    )
+    traced = sketch_from_vectors(path, size_px=320)
+    assert [label for name, label in traced.sketch.labels if name == "mountain"] == [1]
+    assert any("all have the defaults" in note for note in traced.notes)
+    rivers = written(
+        *(feature("LineString", [[0, i], [100, i]], waterway="river", flow=-i / 40) for i in range(40))
+    )
+    assert len({label for _, label in sketch_from_vectors(rivers).sketch.labels}) <= 16
+
+
 def test_degrees_become_the_metres_of_the_utm_zone(written) -> None:
     path = written(feature("LineString", [[LON, LAT + 0.1], [LON + 0.1, LAT]], waterway="river"), crs=None)
     traced = sketch_from_vectors(path, size_px=200)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import queue
 import time
 from contextlib import contextmanager
@@ -154,6 +155,7 @@ class Crew:
                 except queue.Empty:
                     return
                 self._results.put(Result(item, self._made(item, shared)))
+                gc.collect()  # terrains hold themselves in cycles, which take hundreds of megabytes
         except _StoppedError:
             return
         except BaseException as error:  # noqa: BLE001 - raised again where the batch is waited for

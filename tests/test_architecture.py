@@ -19,6 +19,7 @@ MAY_IMPORT = {
     "resources": {"errors"},
     "whole_files": {"errors"},
     "metric_crs": {"errors"},
+    "gdal_paths": set(),
     "sketch": {"errors", "resources", "whole_files"},
     "features": {"errors", "sketch"},
     "compute": {"errors", "resources"},
@@ -26,8 +27,8 @@ MAY_IMPORT = {
     "tiles": {"errors"},
     "look": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "compute"},
     "render": GROUND | {"look"},
-    "export": GROUND | {"look", "metric_crs"},
-    "trace": {"errors", "resources", "whole_files", "sketch", "metric_crs"},
+    "export": GROUND | {"look", "metric_crs", "gdal_paths"},
+    "trace": {"errors", "resources", "whole_files", "sketch", "metric_crs", "gdal_paths"},
 }
 ANYTHING = {
     "__init__",

@@ -7,6 +7,7 @@ from contextlib import closing, contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.gdal_paths import plain_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -66,18 +67,19 @@ class GeoPackage:
         import pyogrio.raw
         import shapely
 
-        pyogrio.raw.write(
-            self._path,
-            shapely.to_wkb(layer.geometry, flavor="iso"),
-            list(layer.fields.values()),
-            list(layer.fields),
-            layer=layer.name,
-            driver="GPKG",
-            geometry_type=layer.kind,
-            crs=self._crs,
-            append=self._path.exists(),
-            layer_options={"GEOMETRY_NAME": "geom"},
-        )
+        with plain_path(self._path) as path:
+            pyogrio.raw.write(
+                path,
+                shapely.to_wkb(layer.geometry, flavor="iso"),
+                list(layer.fields.values()),
+                list(layer.fields),
+                layer=layer.name,
+                driver="GPKG",
+                geometry_type=layer.kind,
+                crs=self._crs,
+                append=self._path.exists(),
+                layer_options={"GEOMETRY_NAME": "geom"},
+            )
         somewhere = int((~shapely.is_empty(layer.geometry)).sum())
         self.counts[layer.name] = self.counts.get(layer.name, 0) + len(layer.geometry)
         self.indexed[layer.name] = self.indexed.get(layer.name, 0) + somewhere

@@ -9,6 +9,7 @@ from contextlib import closing
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.gdal_paths import plain_path
 from sketchterrain.metric_crs import named_crs
 from sketchterrain.sketch.wording import shown
 from sketchterrain.trace.vector_features import MOST_VERTICES, Source, VectorFeature, too_many
@@ -73,11 +74,10 @@ def read_geopackage(path: Path, wanted: Collection[str]) -> list[Source]:
             f"a GeoPackage needs {error.name}: not installed, get it with pip install 'sketchterrain[gis]'"
         ) from None
     tables = _tables(path, place)
-    file = str(path.absolute())
     try:
         sources = []
-        with warnings.catch_warnings():  # GDAL remarks on much that does no harm
-            warnings.simplefilter("ignore")
+        with plain_path(path) as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # GDAL remarks on much that does no harm
             for table in tables:
                 info = pyogrio.read_info(file, layer=table.name)
                 if info["driver"] != _DRIVER:
@@ -129,7 +129,7 @@ def _checked(database: sqlite3.Connection, place: str) -> Iterator[_Table]:
         yield _Table(str(name), srs)
 
 
-def _source(file: str, table: _Table, info: dict[str, Any], place: str, wanted: Collection[str]) -> Source:
+def _source(file: Path, table: _Table, info: dict[str, Any], place: str, wanted: Collection[str]) -> Source:
     import pyogrio.raw
 
     columns = [str(each) for each in info["fields"] if str(each).lower() in wanted]

@@ -164,6 +164,13 @@ def sql(path, *statements: str) -> None:
     connection.close()
 
 
+@pytest.mark.parametrize("name", ["a!b.gpkg", "zip:a.gpkg", "b.zip", "x!y.zip", "späť ?#%20.gpkg", "plain"])
+def test_a_geopackage_may_be_called_anything(package, name: str) -> None:
+    moved = package.rename(package.with_name(name))
+    assert sketch_from_vectors(moved, size_px=20, layer="lake").sketch.layers["lake"].any()
+    assert [each.name for each in moved.parent.iterdir()] == [name]
+
+
 def test_a_view_whose_query_never_ends_is_not_asked(package) -> None:
     sql(
         package,

@@ -276,6 +276,21 @@ def test_a_crs_that_will_not_do_is_refused_before_any_work(corner, capfd, crs: s
     assert capfd.readouterr().err == ""  # GDAL says nothing of its own
 
 
+@pytest.mark.parametrize("name", ["out!", "a!b.zip", "zip:c", "späť 'x\" ?#%20", "d.zip"])
+def test_a_folder_may_be_called_anything(tmp_path, name: str) -> None:
+    layer = VectorLayer("plants", "Point", shapely.points([[1.0, 2.0]]), {"number": np.arange(1)})
+    path = tmp_path / name / "plants.gpkg"
+    path.parent.mkdir()
+    with geopackage(path, "EPSG:25832") as file:
+        file.add(layer)
+        file.add(layer._replace(name="more"))
+        file.add(layer)
+    assert [each.name for each in path.parent.iterdir()] == ["plants.gpkg"]
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+    moved = path.rename(tmp_path / "plants.gpkg")
+    assert pyogrio.read_info(moved, layer="plants")["features"] == 2
+
+
 @contextmanager
 def files_no_larger_than(size: int) -> Iterator[None]:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

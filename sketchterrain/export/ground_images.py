@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from sketchterrain.export.files import write_png
+from sketchterrain.export.png import write_values_png
 from sketchterrain.export.weights import four_of
 
 if TYPE_CHECKING:
@@ -25,12 +23,14 @@ def ground_images(export: Export) -> dict[Path, str]:
     names, folder = export.terrain.material_names, export.folder
     normal = folder / f"{export.name}_normal.png"
     files = {
-        write_png(normal, np.ascontiguousarray(export.sampled.normal)): (
+        write_values_png(normal, export.sampled.normal): (
             "normals, red east, green north (Y+), blue up; 0 is -1, 255 is 1"
         )
     }
     for number, first in enumerate(range(0, len(names), 4), start=1):
         path = folder / f"{export.name}_materials{f'-{number}' if number > 1 else ''}.png"
         held = ", ".join(names[first : first + 4])
-        files[write_png(path, four_of(export.sampled.weights, first))] = f"weights of {held}; no opacity"
+        files[write_values_png(path, four_of(export.sampled.weights, first))] = (
+            f"weights of {held}; no opacity"
+        )
     return files

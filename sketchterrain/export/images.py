@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sketchterrain.export.files import write_json, write_png
+from sketchterrain.export.files import write_json
+from sketchterrain.export.png import write_values_png
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +30,7 @@ def write_height_png(folder: Path, raster: Raster) -> tuple[Path, ...]:
     low, high = float(raster.height.min()), float(raster.height.max())
     step = (high - low) / _STEPS
     rows, columns = raster.height.shape
-    image = write_png(folder / "height.png", _quantised(raster.height, low, step))
+    image = write_values_png(folder / "height.png", _quantised(raster.height, low, step))
     meaning = write_json(
         folder / "height.json",
         {
@@ -58,7 +59,7 @@ def write_normals(folder: Path, raster: Raster) -> tuple[Path, ...]:
     """Write ``normal.png``, 8-bit RGB the OpenGL way: red east, green north (Y+), blue up, 128 is zero."""
     # 127.5 each way: −1 is 0, 1 is 255.
     colour = np.rint(raster.normal * np.float32(127.5) + np.float32(127.5)).astype(np.uint8)
-    return (write_png(folder / "normal.png", colour),)
+    return (write_values_png(folder / "normal.png", colour),)
 
 
 def _quantised(height: npt.NDArray[np.float32], low: float, step: float) -> npt.NDArray[np.uint16]:

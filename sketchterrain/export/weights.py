@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.files import write_json, write_png
+from sketchterrain.export.files import write_json
+from sketchterrain.export.png import write_values_png
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -39,7 +40,7 @@ def write_materials(folder: Path, raster: Raster, names: Sequence[str]) -> tuple
         (f"materials-{number}.png" if number > 1 else "materials.png", first)
         for number, first in enumerate(range(0, len(names), len(_CHANNELS)), start=1)
     ]
-    images = [write_png(folder / name, four_of(weights, first)) for name, first in files]
+    images = [write_values_png(folder / name, four_of(weights, first)) for name, first in files]
     meaning = {
         "format": 1,
         "encoding": "value / 255 is the weight; the weights of a vertex sum to 255 over all files",

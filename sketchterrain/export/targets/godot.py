@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
 from sketchterrain.errors import InputError
 from sketchterrain.export.control_map import control_map
 from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.engine_files import path_of, tiles_of
 from sketchterrain.export.engine_placed import write_all_plants, write_all_water
 from sketchterrain.export.exr import write_exr
-from sketchterrain.export.files import write_png
 from sketchterrain.export.height_steps import HeightSteps
+from sketchterrain.export.png import write_values_png
 from sketchterrain.export.target import Library, Target, Written
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.export.weights import four_of
@@ -103,10 +101,10 @@ def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps | No
     control = path_of(export, "control", piece, ".exr")
     files[write_exr(control, {"R": control_map(tile.weights)})] = _FILES["control"]
     normal = path_of(export, "normal", piece, ".png")
-    files[write_png(normal, np.ascontiguousarray(tile.normal))] = _FILES["normal"]
+    files[write_values_png(normal, tile.normal)] = _FILES["normal"]
     for number, first in enumerate(range(0, tile.weights.shape[-1], 4), start=1):
         path = path_of(export, f"weights{number}", piece, ".png")
-        files[write_png(path, four_of(tile.weights, first))] = _FILES["weights"]
+        files[write_values_png(path, four_of(tile.weights, first))] = _FILES["weights"]
     return files
 
 

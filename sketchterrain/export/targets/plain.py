@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sketchterrain.errors import InputError
 from sketchterrain.export.exr import write_exr
 from sketchterrain.export.features import write_features
-from sketchterrain.export.files import write_png
 from sketchterrain.export.foliage_files import FoliageFiles, write_foliage
 from sketchterrain.export.height_steps import HeightSteps
+from sketchterrain.export.png import write_values_png
 from sketchterrain.export.raw import npy_rows, write_npy, write_raw
 from sketchterrain.export.target import Library, Target, Written
 from sketchterrain.export.tiling import Tiling
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    import numpy as np
     import numpy.typing as npt
 
     from sketchterrain.export.sampled import Sampled
@@ -61,7 +60,7 @@ def _write_png16(export: Export) -> Written:
     steps = _steps(export)
 
     def write(path: Path, height: Heights) -> Path:
-        return write_png(path.with_name(f"{path.name}.png"), steps.encode(height))
+        return write_values_png(path.with_name(f"{path.name}.png"), steps.encode(height))
 
     return _images(export, write, steps, {}, {"Colour Space": "linear, non-colour data"})
 
@@ -90,12 +89,12 @@ def _images(
     with export.stages.stage("files", "Writing files") as tell:
         for share, stem, part in _parts(export):
             files[write(stem.with_name(f"{stem.name}_height"), part.height)] = "heights"
-            normal = write_png(stem.with_name(f"{stem.name}_normal.png"), np.ascontiguousarray(part.normal))
+            normal = write_values_png(stem.with_name(f"{stem.name}_normal.png"), part.normal)
             files[normal] = "normals, red east, green north (Y+), blue up; 0 is -1, 255 is 1"
             for first in range(0, len(names), len(_CHANNELS)):
                 path = stem.with_name(f"{stem.name}_{_weights_suffix(first)}.png")
                 held = ", ".join(names[first : first + len(_CHANNELS)])
-                files[write_png(path, four_of(part.weights, first))] = f"weights of {held}; no opacity"
+                files[write_values_png(path, four_of(part.weights, first))] = f"weights of {held}; no opacity"
             tell(share)
     materials = [
         {

@@ -11,11 +11,11 @@ from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.engine_files import path_of, tiles_of
 from sketchterrain.export.engine_placed import write_all_water
 from sketchterrain.export.engine_plants import plants_within, storeys_of
-from sketchterrain.export.files import write_png
 from sketchterrain.export.grid_ground import ground_at
 from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.json_rows import json_rows, small_numbers, write_listing
 from sketchterrain.export.layer_images import edge_to_edge
+from sketchterrain.export.png import write_values_png
 from sketchterrain.export.target import Target, Written
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.export.weights import four_of
@@ -86,10 +86,10 @@ def write_unity(export: Export) -> Written:
 def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> dict[Path, str]:
     numbers = steps.encode(tile.height)[::-1].astype("<u2")
     raw = write_whole(path_of(export, "", piece, ".raw"), numbers.tobytes())
-    normal = write_png(path_of(export, "normal", piece, ".png"), np.ascontiguousarray(tile.normal))
+    normal = write_values_png(path_of(export, "normal", piece, ".png"), tile.normal)
     weights = edge_to_edge(tile.weights)
     splats = [
-        write_png(path_of(export, f"splat{number}", piece, ".png"), four_of(weights, first))
+        write_values_png(path_of(export, f"splat{number}", piece, ".png"), four_of(weights, first))
         for number, first in enumerate(range(0, weights.shape[-1], 4), start=1)
     ]
     return {raw: _FILES["height"], normal: _FILES["normal"]} | dict.fromkeys(splats, _FILES["splat"])

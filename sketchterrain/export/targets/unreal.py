@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, Final
 from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.engine_files import path_of, tiles_of
 from sketchterrain.export.engine_placed import write_all_plants, write_all_water
-from sketchterrain.export.files import write_png
 from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.layer_images import normals_down
+from sketchterrain.export.png import write_values_png
 from sketchterrain.export.target import Target, Written
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.whole_files import write_whole
@@ -72,17 +72,17 @@ def write_unreal(export: Export) -> Written:
 def _images(export: Export, piece: Piece, tile: Sampled, steps: HeightSteps) -> dict[Path, str]:
     files = {_write_heights(export, piece, steps.encode(tile.height)): _FILES[export.options.format or "png"]}
     normal = path_of(export, "normal", piece, ".png")
-    files[write_png(normal, normals_down(tile.normal))] = _FILES["normal"]
+    files[write_values_png(normal, normals_down(tile.normal))] = _FILES["normal"]
     for index, name in enumerate(export.terrain.material_names):
         path = path_of(export, f"weight_{name}", piece, ".png")
-        files[write_png(path, tile.weights[..., index].copy())] = f"weights of {name}: 255 is all of it"
+        files[write_values_png(path, tile.weights[..., index])] = f"weights of {name}: 255 is all of it"
     return files
 
 
 def _write_heights(export: Export, piece: Piece, numbers: npt.NDArray[np.uint16]) -> Path:
     if export.options.format == "r16":
         return write_whole(path_of(export, "height", piece, ".r16"), numbers.astype("<u2").tobytes())
-    return write_png(path_of(export, "height", piece, ".png"), numbers)
+    return write_values_png(path_of(export, "height", piece, ".png"), numbers)
 
 
 def _settings(export: Export, steps: HeightSteps) -> dict[str, Any]:

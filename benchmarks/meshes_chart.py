@@ -30,21 +30,23 @@ def draw_meshes(rows: Sequence[Row]) -> Any:
         mine = sorted((row for row in rows if row["ground"] == ground), key=_triangles)
         triangles = [_triangles(row) for row in mine]
         style = {"color": colour, "markersize": 4.0, "linewidth": 1.4}
-        errors.plot(triangles, [value_of(row, "error") for row in mine], "o-", label=ground, **style)
+        errors.plot(triangles, [value_of(row, "error") for row in mine], "o-", **style)
         uniform = [value_of(row, "uniform_triangles") for row in mine]
         known = [value_of(row, "uniform_error") or float("nan") for row in mine]
-        errors.plot(uniform, known, "s:", label=f"{ground}, uniform grid", **style)
-        times.plot(triangles, [value_of(row, "median_ms") * 1e-3 for row in mine], "o-", **style)
+        errors.plot(uniform, known, "s:", **style)
+        times.plot(
+            triangles, [value_of(row, "median_ms") * 1e-3 for row in mine], "o-", label=ground, **style
+        )
         times.plot(triangles, [value_of(row, "check_ms") * 1e-3 for row in mine], "^:", **style)
     for axes, label in (
-        (errors, "largest error, m"),
+        (errors, "largest error, m; dotted: uniform grid"),
         (times, "processor, s; dotted: measuring alone"),
     ):
         axes.set(xscale="log", yscale="log", xlabel="triangles", ylabel=label)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(FuncFormatter(lambda value, _: _tick(value)))
             axis.set_minor_formatter(NullFormatter())
-    errors.legend(fontsize=7.5, frameon=False)
+    times.legend(fontsize=7.5, frameon=False)
     vertices = int(value_of(rows[0], "vertices")) if rows else 0
     figure.suptitle(
         f"Meshes at an error bound, of {vertices:,} vertices: down and left is better", x=0.01, ha="left"

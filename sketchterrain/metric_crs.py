@@ -10,10 +10,11 @@ from sketchterrain.errors import InputError, one_line
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
-__all__ = ["metric_crs", "named_crs"]
+__all__ = ["is_westward", "metric_crs", "named_crs"]
 
 # A code of an authority, WKT or a PROJ string: GDAL would open files and addresses too.
 _FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)
+_WESTWARD = re.compile(r'AXIS\["[^"]*",\s*WEST\b', re.I)
 _LONGEST = 20_000  # characters: the longest WKT of EPSG's has about 8000
 _SHOWN = 60
 
@@ -54,22 +55,30 @@ def metric_crs(text: str) -> CRS:
     Raises
     ------
     InputError
-        If it names none, or one in degrees, in feet or around the Earth's centre.
+        If it names none, or one in degrees, in feet, around the Earth's centre, or that counts westward.
     """
     crs = named_crs(text)
     if crs.is_projected:
         unit, metres = crs.linear_units_factor
-        if metres == 1.0:
+        if metres != 1.0:
+            problem = f"is in the unit {one_line(unit)}"
+        elif is_westward(crs):
+            problem = "counts westward"
+        else:
             return crs
-        problem = f"is in the unit {one_line(unit)}"
     elif crs.is_geographic:
         problem = "is in degrees"
     else:
         problem = "is no map's"
     raise InputError(
-        f"the coordinate reference system {_shown(text)!r} {problem}: expected one in metres, "
-        "such as EPSG:25832 (UTM zone 32)"
+        f"the coordinate reference system {_shown(text)!r} {problem}: expected one in metres eastward and "
+        "northward, such as EPSG:25832 (UTM zone 32)"
     )
+
+
+def is_westward(crs: CRS) -> bool:
+    """Return whether x counts to the west: what lies in it as if it did not is turned round."""
+    return _WESTWARD.search(crs.to_wkt()) is not None
 
 
 def _shown(text: str) -> str:

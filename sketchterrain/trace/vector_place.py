@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.metric_crs import named_crs
+from sketchterrain.metric_crs import is_westward, named_crs
 from sketchterrain.sketch import SKETCH
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def metric(crs: CRS, middle: tuple[float, float]) -> CRS:
     InputError
         If there is no such place on Earth.
     """
-    if crs.is_projected and crs.linear_units_factor[1] == 1.0 and _true(crs, middle):
+    if crs.is_projected and crs.linear_units_factor[1] == 1.0 and not is_westward(crs) and _true(crs, middle):
         return crs
     longitude, north = reprojected(np.array([middle]), crs, _degrees())[0]
     if north > _FARTHEST_NORTH or north < _FARTHEST_SOUTH:

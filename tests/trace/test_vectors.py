@@ -247,10 +247,13 @@ def test_bounds_may_lie_beyond_the_antimeridian(written) -> None:
         ("EPSG:3857", "EPSG:326"),
         ("EPSG:2263", "EPSG:326"),
         ("EPSG:2056", "EPSG:2056"),
+        ("EPSG:2048", "EPSG:327"),
     ],
 )
 def test_metres_are_kept_if_they_are_such_on_the_ground(written, given: str, kept: str) -> None:
-    lon, lat = {"EPSG:2263": (-74.0, 40.7), "EPSG:2056": (8.0, 47.0)}.get(given, (LON, LAT))
+    lon, lat = {"EPSG:2263": (-74.0, 40.7), "EPSG:2056": (8.0, 47.0), "EPSG:2048": (19.0, -33.0)}.get(
+        given, (LON, LAT)
+    )
     x, y = rasterio.warp.transform("EPSG:4326", given, [lon, lon + 0.01], [lat, lat + 0.01])
     path = written(feature("LineString", np.stack([x, y], axis=-1).tolist(), waterway="river"), crs=given)
     traced = sketch_from_vectors(path)

@@ -264,6 +264,7 @@ def test_the_same_terrain_gives_the_same_bytes(exported, outcome, terrain, corne
         ("EPSG:4326", "is in degrees"),
         ("EPSG:2263", "unit US survey foot"),
         ("EPSG:4978", "is no map's"),
+        ("EPSG:2048", "counts westward"),
         ("EPSG:5773", "is no map's"),
     ],
 )

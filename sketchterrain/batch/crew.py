@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import queue
 import time
 from contextlib import contextmanager
@@ -108,9 +107,10 @@ class Crew:
             self._threads.append(thread)
             thread.start()
 
-    def next(self) -> Result:
-        """Wait for the next item that is made or has failed; Ctrl-C is heard meanwhile."""
+    def next(self, check: Callable[[], None]) -> Result:
+        """Wait for the next item that is made or has failed; meanwhile call what may end the waiting."""
         while True:
+            check()
             try:
                 found = self._results.get(timeout=_LOOK)
             except queue.Empty:
@@ -155,7 +155,6 @@ class Crew:
                 except queue.Empty:
                     return
                 self._results.put(Result(item, self._made(item, shared)))
-                gc.collect()  # terrains hold themselves in cycles, which take hundreds of megabytes
         except _StoppedError:
             return
         except BaseException as error:  # noqa: BLE001 - raised again where the batch is waited for

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import shutil
 import time
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sketchterrain.batch.crew import Crew
+from sketchterrain.batch.interrupts import Interrupts
 from sketchterrain.batch.manifest import MANIFEST, Entry, Manifest, read_manifest
 from sketchterrain.batch.output import Fingerprints
 from sketchterrain.batch.previews import Previews
@@ -156,12 +158,14 @@ class _Batch:
             previews = stack.enter_context(Previews()) if self._output.preview else None
             crew = Crew(self._folder, self._output, self._fingerprints, devices, previews, self._watcher)
             left = len(self._todo)
+            interrupts = stack.enter_context(Interrupts())
             try:
                 crew.start(self._todo, jobs)
                 while left:
-                    self._record(result := crew.next())
+                    self._record(result := crew.next(interrupts.check))
                     crew.tell(result)
                     left -= 1
+                    gc.collect()  # terrains hold themselves in cycles, which take hundreds of megabytes
             finally:
                 for result in crew.end(early=left > 0):
                     self._record(result)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from sketchterrain.errors import InputError
 from sketchterrain.export.engine_plants import plants_within, storeys_of
 from sketchterrain.export.grid_ground import ground_at
 from sketchterrain.export.plant_models import (
@@ -30,11 +31,22 @@ if TYPE_CHECKING:
     from sketchterrain.export.glb import Glb
     from sketchterrain.export.target import Export
 
-__all__ = ["BYTES_PER_PLANT", "INSTANCING", "Planting", "add_instances", "add_points", "gathered_plants"]
+__all__ = [
+    "BYTES_PER_PLANT",
+    "INSTANCING",
+    "MOST_PLANTS",
+    "Planting",
+    "add_instances",
+    "add_points",
+    "gathered_plants",
+]
 
 INSTANCING: Final = "EXT_mesh_gpu_instancing"
 BYTES_PER_PLANT: Final = 40 + 24
 """As an instance and as a point."""
+
+MOST_PLANTS: Final = 10_000_000
+"""That a scene is made of; what it takes of memory is about 130 bytes each."""
 
 _TRIANGLES: Final = 20_000_000  # of all plants together; beyond that models are coarser
 
@@ -76,12 +88,23 @@ def gathered_plants(export: Export, axes: EngineAxes) -> Planting:
     export
     axes
         The scene's; must turn as seen from above, counter-clockwise.
+
+    Raises
+    ------
+    InputError
+        If there can be more than a scene holds.
     """
     terrain, sampled = export.terrain, export.sampled
+    storeys = storeys_of(export.options)
+    many = sum(terrain.foliage_estimate(*sampled.grid.area, storey=storey)[0] for storey in storeys)
+    if many > MOST_PLANTS:
+        raise InputError(
+            f"up to {many:.3g} plants: a GLB takes {MOST_PLANTS:.3g}: expected no grass, or a smaller extent"
+        )
     parts: list[tuple[npt.NDArray[Any], ...]] = [
         (np.zeros((0, 3)), np.zeros(0, np.float32), np.zeros(0, np.float32), np.zeros(0, np.int64))
     ]
-    for storey in storeys_of(export.options):
+    for storey in storeys:
         for plants in plants_within(terrain, sampled.grid.area, storey):
             ground = ground_at(sampled, plants["x"], plants["y"])
             place = axes.places(plants["x"], plants["y"], ground).astype(np.float64)

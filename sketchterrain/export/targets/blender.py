@@ -37,31 +37,32 @@ def write_blender(export: Export) -> Written:
     Blender's manual, "Displace Modifier": a vertex is moved by strength · (value − midlevel). Its importer of
     glTF turns y up into z up, so the GLB comes to lie where the displaced grid does.
     """
+    plants, counted = _plants(export) if export.options.plants else ({}, {})
     heights = export.folder / f"{export.name}_height.exr"
     with export.stages.stage("exr", "Displacement"):
         channels = dict.fromkeys("RGB", export.sampled.height)
         files: dict[Path, str] = {write_exr(heights, channels): "heights, m; row 0 is the north edge"}
     scene, facts = ground_scene(export)
-    files |= _plants(export, facts) if export.options.plants else {}
     path = export.folder / f"{export.name}.glb"
     with export.stages.stage("glb", "GLB"):
         files[scene.write(path)] = "ground and water; lies where the displaced grid does"
-    files |= write_all_water(export, _AXES) | ground_images(export)
+    files |= plants | write_all_water(export, _AXES) | ground_images(export)
     facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
     facts["axes"] = _AXES.facts
-    return Written(files, _settings(export.grid, heights.name, path.name), facts)
+    return Written(files, _settings(export.grid, heights.name, path.name), facts | counted)
 
 
-def _plants(export: Export, facts: dict[str, Any]) -> dict[Path, str]:
-    """Write plants apart, as instances and as points: Blender makes an object of each instance."""
+def _plants(export: Export) -> tuple[dict[Path, str], dict[str, Any]]:
+    """Write plants apart, as instances and as points, and return what the sidecar says of them."""
     with export.stages.stage("plants", "Plants"):
         planting = gathered_plants(export, AXES)
         scene = Glb()
-        facts["plants"] = plant_facts(planting, add_instances(scene, planting))
+        facts = {"plants": plant_facts(planting, add_instances(scene, planting))}
     if not len(planting.model):
-        return {}
+        return {}, facts
     path = scene.write(export.folder / f"{export.name}_plants.glb")
-    return {path: "plants as instances, each of them an object in Blender"} | write_points(export, planting)
+    files = {path: "plants as instances, each of them an object in Blender"}
+    return files | write_points(export, planting), facts
 
 
 def _settings(grid: Grid, heights: str, scene: str) -> dict[str, Any]:

@@ -57,13 +57,12 @@ def check_glb(options: ExportOptions) -> None:
 
 def write_gltf(export: Export) -> Written:
     """Write what programs that read glTF 2.0 take, and beside it images of the ground."""
-    scene, facts = ground_scene(export)
-    points: dict[Path, str] = {}
-    if export.options.plants:
-        with export.stages.stage("plants", "Plants"):
-            planting = gathered_plants(export, AXES)
-            facts["plants"] = plant_facts(planting, add_instances(scene, planting))
+    with export.stages.stage("plants", "Plants"):
+        planting = gathered_plants(export, AXES)
         points = write_points(export, planting)
+    scene, facts = ground_scene(export)
+    if export.options.plants:
+        facts["plants"] = plant_facts(planting, add_instances(scene, planting))
     path = export.folder / f"{export.name}.glb"
     with export.stages.stage("glb", "GLB"):
         scene.write(path)

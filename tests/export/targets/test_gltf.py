@@ -257,6 +257,12 @@ def test_what_can_be_no_mesh_is_refused():
     check_glb(ExportOptions(size=16385, error=1.0))
 
 
+def test_more_plants_than_a_scene_takes_are_refused(exported, monkeypatch):
+    monkeypatch.setattr("sketchterrain.export.gltf_plants.MOST_PLANTS", 100)
+    with pytest.raises(InputError, match="plants: a GLB takes 100: expected no grass"):
+        exported("gltf", size=17)
+
+
 def test_a_file_that_would_be_too_large_is_not_begun(tmp_path, monkeypatch):
     monkeypatch.setattr("sketchterrain.export.glb.LARGEST", 100)
     glb = Glb()

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export import move_into, prepare_folder, staging
 from sketchterrain.export.sampled import sample
-from sketchterrain.export.sidecar import write_sidecar
+from sketchterrain.export.sidecar import replaced_files, write_sidecar
 from sketchterrain.export.target import Export
 from sketchterrain.export_plans import memory_needed, plan_of
 from sketchterrain.jobs import run_job
@@ -66,8 +66,9 @@ def export(
 ) -> Exported:
     """Write a sketch's terrain as a target's files, with a sidecar that says what to type in.
 
-    All files come into the folder together, when all of them are there. Where a device fails everything is
-    done again on a CPU device.
+    All files come into the folder together, when all of them are there; files of an earlier export of the
+    sketch to the target that this one does not have are taken away. Where a device fails everything is done
+    again on a CPU device.
 
     Parameters
     ----------
@@ -102,7 +103,12 @@ def export(
                 terrain = build(sketch, device=context)
             done = write_export(wanted, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
-            return Exported(report, move_into(folder, done.files))
+            outdated = replaced_files(folder, report)
+            files = move_into(folder, done.files)
+            for file in outdated:  # tiles of another cut, say: an import of all files must find these alone
+                with telling_failure(file):
+                    file.unlink()
+            return Exported(report, files)
 
     return run_job(work, device=device, fast=fast, stages=stages)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from sketchterrain.export.grid import Grid
     from sketchterrain.export.target import Export, Written
 
-__all__ = ["SIDECAR", "sidecar", "write_sidecar"]
+__all__ = ["SIDECAR", "replaced_files", "sidecar", "write_sidecar"]
 
 SIDECAR = "terrain.json"
 """The file's name."""
@@ -73,6 +74,34 @@ def write_sidecar(export: Export, written: Written, target: str) -> tuple[Path, 
     """Write ``terrain.json`` into the export's folder, and return its path and what it says."""
     told = sidecar(export, written, target)
     return write_json(export.folder / SIDECAR, told), told
+
+
+def replaced_files(folder: Path, told: dict[str, Any]) -> list[Path]:
+    """Return the files of an earlier export in a folder that a newer one stands in place of, without its own.
+
+    That is one of the same sketch to the same target, by its sidecar; any other's files are nobody's business
+    here, nor is what its sidecar names outside of the folder.
+
+    Parameters
+    ----------
+    folder
+        As it is before the newer files come into it.
+    told
+        What the newer sidecar says.
+    """
+    try:
+        before = json.loads((folder / SIDECAR).read_bytes())
+        if any(before[key] != told[key] for key in ("format", "target", "sketch")):
+            return []
+        names = {str(each["file"]) for each in before["files"]}
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return []  # there is none, or none of ours
+    plain = sorted(name for name in names - {each["file"] for each in told["files"]} if _is_plain(name))
+    return [folder / name for name in plain if (folder / name).is_file()]
+
+
+def _is_plain(name: str) -> bool:
+    return name not in ("", ".", "..") and not set(name) & set("/\\\0")
 
 
 def _grid(grid: Grid) -> dict[str, Any]:

@@ -226,6 +226,30 @@ def nothing_is_left(done: Any, folder: Path) -> None:
     assert (folder / "terrain.json").read_text() == "mine"
 
 
+def test_an_export_replaces_the_one_before_and_nothing_else(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out"
+    common = ("export", sketch, "-o", folder, "--no-plants", "--size", 33)
+    assert call(*common, "--to", "raw", "--tiles", "2x2").code == 0
+    assert call(*common, "--to", "raw", "--format", "r32").code == 0
+    assert len(list(folder.glob("*_height*"))) == 1  # no tile is left
+    told = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
+    assert {path.name for path in folder.iterdir()} == {each["file"] for each in told["files"]}
+    mine, outside = folder / "notes.txt", tmp_path / "outside.txt"
+    for path in (mine, outside):
+        path.write_text("mine")
+    told["files"] += [{"file": "../outside.txt", "what": ""}, {"file": str(outside), "what": ""}]
+    (folder / "terrain.json").write_text(json.dumps(told), encoding="utf-8")
+    assert call(*common, "--to", "raw").code == 0
+    assert mine.read_text() == outside.read_text() == "mine"
+    before = {path.name for path in folder.iterdir()}
+    assert call(*common, "--to", "exr").code == 0  # another target's files are another matter
+    assert before <= {path.name for path in folder.iterdir()}
+    (folder / "terrain.json").write_text("[", encoding="utf-8")
+    assert call(*common, "--to", "exr").code == 0
+
+
 @pytest.mark.parametrize("target", TARGET_NAMES)
 def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str

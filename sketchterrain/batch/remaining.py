@@ -8,7 +8,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterable
+    from collections.abc import Callable, Hashable, Mapping
 
 __all__ = ["Remaining", "duration"]
 
@@ -18,8 +18,8 @@ _RECENT = 25  # of a kind: machines get busier and idle again
 class Remaining:
     """Estimates the time that is left.
 
-    Each terrain still to come takes the median of those of its kind; where none of its kind is done yet, of
-    all. Several are in work at once: how much of each other's time they share is measured, too.
+    Each terrain takes the median of those of its kind; where none of its kind is done yet, of all. Several
+    are in work at once: how much of each other's time they share is measured, too.
 
     Parameters
     ----------
@@ -30,22 +30,37 @@ class Remaining:
     def __init__(self, timer: Callable[[], float] = time.perf_counter) -> None:
         self._timer = timer
         self._start = timer()
+        self._began: dict[str, float] = {}
         self._took: dict[Hashable, list[float]] = defaultdict(list)
         self._sum = 0.0
 
-    def finished(self, kind: Hashable, seconds: float) -> None:
-        """Tell that a terrain of a kind was in work for so long."""
+    def begins(self, name: str) -> None:
+        """Tell that a terrain is in work from now on; more than once does no harm."""
+        self._began.setdefault(name, self._timer())
+
+    def finished(self, name: str, kind: Hashable, seconds: float) -> None:
+        """Tell that a terrain of a kind is done, and was in work for so long."""
+        self._began.pop(name, None)
         self._took[kind].append(seconds)
         self._sum += seconds
 
-    def seconds(self, kinds: Iterable[Hashable]) -> float | None:
-        """Return about how long terrains of kinds will take; None before the first one is done."""
+    def failed(self, name: str) -> None:
+        """Tell that one failed: how long that took tells nothing of the others."""
+        self._sum += self._timer() - self._began.pop(name, self._timer())
+
+    def seconds(self, left: Mapping[str, Hashable]) -> float | None:
+        """Return about how long terrains, by name their kinds, will take; None before the first is done."""
         if not self._took:
             return None
         usual = {kind: median(took[-_RECENT:]) for kind, took in self._took.items()}
         any_kind = median([each for took in self._took.values() for each in took[-_RECENT:]])
-        share = min((self._timer() - self._start) / max(self._sum, 1e-9), 1.0)
-        return share * sum(usual.get(kind, any_kind) for kind in kinds)
+        now = self._timer()
+        spent = {name: now - began for name, began in self._began.items()}
+        work = self._sum + sum(spent.values())
+        share = min((now - self._start) / max(work, 1e-9), 1.0)
+        return share * sum(
+            max(usual.get(kind, any_kind) - spent.get(name, 0.0), 0.0) for name, kind in left.items()
+        )
 
 
 def duration(seconds: float) -> str:

@@ -64,6 +64,7 @@ class Telling:
 
     def stage(self, item: Item, title: str) -> None:
         """Show what is in work."""
+        self._remaining.begins(item.name)
         if self._bars is None:
             return
         if item.name not in self._in_work:
@@ -76,9 +77,10 @@ class Telling:
         self._left.pop(item.name, None)
         if entry.state == "failed":
             self._failed += 1
+            self._remaining.failed(item.name)
         else:
-            self._remaining.finished(_kind(item), entry.seconds)
-        seconds = self._remaining.seconds(_kind(each) for each in self._left.values())
+            self._remaining.finished(item.name, _kind(item), entry.seconds)
+        seconds = self._remaining.seconds({name: _kind(each) for name, each in self._left.items()})
         left = "" if seconds is None or not self._left else f"about {duration(seconds)} left"
         took = f"failed: {entry.error}" if entry.state == "failed" else f"{entry.seconds:.1f} s"
         if entry.state == "partial":

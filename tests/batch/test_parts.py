@@ -23,39 +23,59 @@ if TYPE_CHECKING:
 
 
 def test_nothing_is_known_before_the_first_is_done() -> None:
-    assert Remaining(lambda: 0.0).seconds(["a"]) is None
+    assert Remaining(lambda: 0.0).seconds({"1": "a"}) is None
+
+
+def left(*kinds: str) -> dict[str, str]:
+    return {f"left-{number}": kind for number, kind in enumerate(kinds)}
 
 
 def test_one_after_the_other_takes_the_sum_of_the_medians_of_its_kinds() -> None:
     clock = [0.0]
     remaining = Remaining(lambda: clock[0])
     for kind, seconds in (("small", 1.0), ("small", 1.0), ("small", 40.0), ("large", 10.0)):
+        remaining.begins("now")
         clock[0] += seconds
-        remaining.finished(kind, seconds)
-    assert remaining.seconds(["small"] * 3 + ["large"]) == pytest.approx(13.0)
-    assert remaining.seconds(["unknown"]) == pytest.approx(5.5)  # of all
-    assert remaining.seconds([]) == 0.0
+        remaining.finished("now", kind, seconds)
+    assert remaining.seconds(left("small", "small", "small", "large")) == pytest.approx(13.0)
+    assert remaining.seconds(left("unknown")) == pytest.approx(5.5)  # of all
+    assert remaining.seconds({}) == 0.0
 
 
 def test_several_at_once_share_the_time() -> None:
     clock = [0.0]
     remaining = Remaining(lambda: clock[0])
+    remaining.begins("1")
+    remaining.begins("2")
     clock[0] = 10.0
-    for _ in range(2):
-        remaining.finished("a", 10.0)
-    assert remaining.seconds(["a"] * 8) == pytest.approx(40.0)
+    remaining.finished("1", "a", 10.0)
+    assert remaining.seconds({"2": "a", **left(*"aaaaaaaa")}) == pytest.approx(40.0)  # the second is as far
+    remaining.begins("3")
+    clock[0] = 14.0
+    assert remaining.seconds({"3": "a"}) == pytest.approx(6.0 * 14.0 / 28.0)
+
+
+def test_one_that_failed_tells_nothing_of_the_others() -> None:
+    clock = [0.0]
+    remaining = Remaining(lambda: clock[0])
+    for seconds in (10.0, 1.0):
+        remaining.begins("now")
+        clock[0] += seconds
+        if seconds > 5.0:
+            remaining.finished("now", "a", seconds)
+        else:
+            remaining.failed("now")
+    assert remaining.seconds(left("a", "a")) == pytest.approx(20.0)
 
 
 def test_a_batch_that_slows_down_is_told_so() -> None:
     clock = [0.0]
     remaining = Remaining(lambda: clock[0])
-    for _ in range(60):
-        clock[0] += 1.0
-        remaining.finished("a", 1.0)
-    for _ in range(30):
-        clock[0] += 3.0
-        remaining.finished("a", 3.0)
-    assert remaining.seconds(["a"]) == pytest.approx(3.0)
+    for seconds in [1.0] * 60 + [3.0] * 30:
+        remaining.begins("now")
+        clock[0] += seconds
+        remaining.finished("now", "a", seconds)
+    assert remaining.seconds(left("a")) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from sketchterrain.look.tree_levels import DETAILS, VARIANTS, level
+from sketchterrain.look.tree_levels import CUT, DETAILS, VARIANTS, level
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["COARSEST", "FINEST", "Model", "herb_model", "plant_colour", "variants_of", "woody_model"]
 
-FINEST: Final = 3
+FINEST: Final = CUT
 """Of the levels of detail the first one whose leaves are triangles, not sheets that a shader cuts."""
 COARSEST: Final = DETAILS - 1
 

@@ -99,7 +99,7 @@ class Forecast:
         by = "by those that are done" if self.measured else "by what another machine of two threads took"
         return [
             *told,
-            f"{to_make} terrains to make in {self.folder}, {self.jobs} at once",
+            f"{to_make} terrain{'' if to_make == 1 else 's'} to make in {self.folder}, {self.jobs} at once",
             f"memory: about {amount(self.memory)} at once, {amount(self.memory_left)} are left",
             f"disk: about {amount(self.disk)} at most, {amount(self.disk_left)} are left",
             f"time: about {duration(self.seconds)}, {by}",

@@ -14,7 +14,7 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
 __all__ = ["MANIFEST", "Entry", "File", "Manifest", "hashed", "read_manifest"]
@@ -165,7 +165,7 @@ def read_manifest(folder: Path) -> Manifest | None:
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({error.strerror})") from None
     entries = {entry.name: entry for entry in document.items}
-    unsafe = next((name for name in _names(document.items, document.sheets) if not _inside(name)), None)
+    unsafe = next((name for name, safe in _names(document.items, document.sheets) if not safe), None)
     if unsafe is not None or len(entries) < len(document.items):
         what = "an item twice" if unsafe is None else f"the name {one_line(unsafe)!r}"
         raise InputError(f"{place}: expected a batch's manifest, this one has {what}")
@@ -188,12 +188,14 @@ def hashed(path: Path) -> File:
     return File(path.name, size, digest.hexdigest())
 
 
-def _names(items: Iterable[Entry], sheets: Iterable[str]) -> Iterable[str]:
+def _names(items: Iterable[Entry], sheets: Iterable[str]) -> Iterator[tuple[str, bool]]:
+    """Return every name in a manifest, and whether it leads to where such a thing may be."""
     for entry in items:
-        yield entry.name
+        yield entry.name, _inside(entry.name)
         for each in entry.files:
-            yield each.file if "/" not in each.file else ".."
-    yield from sheets
+            yield each.file, _inside(each.file) and "/" not in each.file
+    for name in sheets:
+        yield name, _inside(name)
 
 
 def _inside(name: str) -> bool:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from sketchterrain.batch.output import Output
     from sketchterrain.batch.plan import Item
 
-__all__ = ["Done", "run_batch", "usual_jobs"]
+__all__ = ["Done", "refuse_other", "run_batch", "usual_jobs"]
 
 _LEFTOVERS = (".sketchterrain-*", ".*.tmp")  # of export.files.staging and of whole_files, after a kill
 
@@ -106,7 +106,7 @@ def run_batch(
         If the folder or the manifest cannot be written.
     """
     devices = Devices(device, fast=output.fast)
-    _refuse_other(folder, resume=resume)
+    refuse_other(folder, resume=resume)
     prepare_folder(folder)
     with _alone(folder):
         before = read_manifest(folder)  # as whoever was at work there left it
@@ -219,7 +219,18 @@ def _blank(item: Item, before: Entry | None = None) -> Entry:
     return Entry(item.name, item.source.given, item.seed, dict(item.settings), files=files)
 
 
-def _refuse_other(folder: Path, *, resume: bool) -> None:
+def refuse_other(folder: Path, *, resume: bool) -> None:
+    """Refuse a folder that a batch cannot be written into; nothing is changed.
+
+    Raises
+    ------
+    InputError
+        If it or a part of its path is a file, or it holds a batch and `resume` is not given, or a broken one.
+    """
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        which = "this" if there == folder else one_line(there)
+        raise InputError(f"{one_line(folder)}: expected a folder to write into, {which} is a file")
     before = read_manifest(folder) if folder.is_dir() else None
     if before is not None and not resume:
         raise InputError(

@@ -77,7 +77,7 @@ def _page(folder: Path, entries: Sequence[Entry]) -> Image.Image:
 
 
 def _preview(entry: Entry) -> bool:
-    return any(each.file == "preview.png" for each in entry.files)
+    return entry.state != "failed" and any(each.file == "preview.png" for each in entry.files)
 
 
 def _small(path: Path) -> Image.Image | None:

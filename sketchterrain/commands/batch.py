@@ -217,7 +217,9 @@ def _tell_plan(
     items: Sequence[Item], folder: Path, output: Output, *, jobs: int, resume: bool, as_json: bool
 ) -> None:
     from sketchterrain.batch.forecast import forecast
+    from sketchterrain.batch.run import refuse_other
 
+    refuse_other(folder, resume=resume)
     told = forecast(items, folder, output, jobs=jobs, resume=resume)
     if as_json:
         say_json(told.as_dict())
@@ -253,7 +255,7 @@ def _tell_done(done: Done, folder: Path, *, as_json: bool) -> None:
         made = len(done.made) + len(done.partial)
         rate = f", {60.0 * made / done.seconds:.1f} a minute" if made and done.seconds > 0 else ""
         there = f", {len(done.skipped)} were there" if done.skipped else ""
-        say(f"{made} terrains made in {done.seconds:.1f} s{rate}{there}: {folder}")
+        say(f"{made} terrain{'' if made == 1 else 's'} made in {done.seconds:.1f} s{rate}{there}: {folder}")
         say(*(f"contact sheet: {folder / name}" for name in done.manifest.sheets))
     bad = (*done.failed, *done.partial)
     if bad:

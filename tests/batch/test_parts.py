@@ -168,6 +168,15 @@ def test_a_sheet_shows_each_preview_in_its_place(tmp_path: Path) -> None:
     assert red[271:, 836:].any()  # why the last one failed
 
 
+def test_one_that_failed_does_not_show_its_older_picture(tmp_path: Path) -> None:
+    written(tmp_path, "s/0", (0, 200, 0))
+    failed = Entry("s/0", "s", 1, state="failed", files=(File("preview.png", 1, ""),), error="no")
+    assert sheets(tmp_path, [failed]) == []
+    assert sheets(tmp_path, [failed, entry("s/0")]) == ["sheet.png"]
+    with Image.open(tmp_path / "sheet.png") as page:
+        assert page.getpixel((212, 124)) != (0, 200, 0) == page.getpixel((624, 124))
+
+
 def test_sheets_have_pages(tmp_path: Path) -> None:
     written(tmp_path, "s/0", (1, 2, 3))
     entries = [entry("s/0") for _ in range(PAGE + 1)]

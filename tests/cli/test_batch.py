@@ -138,6 +138,10 @@ def test_a_dry_run_writes_nothing(call: Callable[..., Any], sketch: Path, tmp_pa
     told = json.loads(call(*arguments, "--json", "--resume").out)
     assert [item["state"] for item in told["items"]] == ["there", "there", "to make"]
     assert told["seconds"]["measured"]
+    assert call(*arguments).code == 3  # as without --dry-run
+    (tmp_path / "file").write_text("mine")
+    there = call("batch", sketch, "-o", tmp_path / "file" / "x", *QUICK, "--dry-run")
+    assert (there.code, "is a file" in there.error) == (3, True)
 
 
 @pytest.mark.parametrize(

@@ -145,7 +145,7 @@ def trace(
                 given = [option for option, value in coloured.items() if value not in (None, [])]
                 if given:
                     raise USAGE_ERROR(f"{given[0]}: not with --layer, which takes all that is painted")
-            _check_output(output, preview)
+            _check_places(file, output, preview)
             sheet = Sheet(size_px=size, extent=extent, name=name, seed=seed or 0)
         source: npt.NDArray[np.uint8] | None = None
         with stages.stage("trace", f"Tracing {_KINDS[kind]}"):
@@ -181,7 +181,7 @@ def _refuse_others(kind: str, given: dict[str, object]) -> None:
             raise USAGE_ERROR(f"{option}: not with {_KINDS[kind]}, only with {wanted}")
 
 
-def _check_output(output: Path, preview: Path | None) -> None:
+def _check_places(file: Path, output: Path, preview: Path | None) -> None:
     from sketchterrain.errors import InputError, one_line
     from sketchterrain.whole_files import telling_failure
 
@@ -191,8 +191,14 @@ def _check_output(output: Path, preview: Path | None) -> None:
             raise InputError(f"{place}: expected a new or an empty folder, this one is not empty")
         if output.exists() and not output.is_dir():
             raise InputError(f"{place} is there already: expected a new folder or {_ZIP} file")
-        if preview is not None and not preview.parent.is_dir():
+        if preview is None:
+            return
+        if not preview.parent.is_dir():
             raise InputError(f"{one_line(preview)}: expected a file in a folder that is there")
+        whole = preview.resolve()
+        for taken in (file, output):  # it must not be written over what is traced, or over the sketch
+            if taken.resolve() in (whole, *whole.parents):
+                raise InputError(f"{one_line(preview)}: expected another place than {one_line(taken)}")
 
 
 def _from_map(

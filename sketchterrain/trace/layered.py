@@ -126,9 +126,9 @@ def trace_folder(folder: Path, sheet: Sheet) -> Traced:
         If there are none, one of them cannot be read, or their shapes differ.
     """
     place = one_line(folder)
-    named, others = _named_files(folder)
+    named, others, unread = _named_files(folder)
     if not named:
-        raise _unnamed(place, "picture", others)
+        raise _unnamed(place, "picture", (*others, *unread))
     sheets, notes, first = None, [], (0, 0, "")
     for meaning, path in named:
         picture = read_picture(path)
@@ -152,12 +152,16 @@ def trace_folder(folder: Path, sheet: Sheet) -> Traced:
     if sheets is None:
         raise RuntimeError("expected a picture")
     notes += [f"no layer of a sketch, left out: {_listed(others)}"] if others else []
+    notes += [f"no picture, left out: {_listed(unread)}"] if unread else []
     sketch, told = sheet.sketch(sheets.layers, folder.resolve().name)
     return Traced(sketch, (*notes, *told))
 
 
-def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str]]:
-    """Return the pictures in a folder that are called as layers, the lowest label first, and the others."""
+def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str], list[str]]:
+    """Return the pictures in a folder that are called as layers, the lowest label first, and names of others.
+
+    These are of other pictures, and of what is called as a layer but is none.
+    """
     place = one_line(folder)
     try:
         paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -165,14 +169,16 @@ def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str]]:
             raise InputError(f"{place}: {len(paths)} files: expected at most {_MOST_FILES}")
         if any(path.name == _SETTINGS for path in paths):
             raise InputError(f"{place}: it is a sketch already, with a {_SETTINGS}")
-        pictures = [path for path in paths if path.is_file() and kind_of_picture(_start(path))]
+        files = [path for path in paths if path.is_file()]
+        pictures = [path for path in files if kind_of_picture(_start(path))]
     except OSError as error:
         raise InputError(f"{place}: cannot be read ({one_line(error.strerror or error)})") from None
     meant = [(meant_by(path.stem), path) for path in pictures]
     named = [(meaning, path) for meaning, path in meant if meaning is not None]
     order = tuple(LAYERS)
     named.sort(key=lambda each: (order.index(each[0].layer), each[0].label, each[1].name))
-    return named, [path.name for meaning, path in meant if meaning is None]
+    unread = [path.name for path in files if path not in pictures and meant_by(path.stem) is not None]
+    return named, [path.name for meaning, path in meant if meaning is None], unread
 
 
 def _start(path: Path) -> bytes:

@@ -115,6 +115,19 @@ def test_what_cannot_be_meant_is_one_line_and_writes_nothing(
     assert sorted(tmp_path.iterdir()) == before
 
 
+def test_a_preview_takes_no_place_of_the_source_or_the_sketch(call, island, tmp_path) -> None:
+    picture, folder, new = island.read_bytes(), tmp_path / "layers", tmp_path / "new"
+    folder.mkdir()
+    new.mkdir()
+    (folder / "lake.png").write_bytes(picture)
+    for source, preview in ((island, island), (folder, folder / "lake.png"), (island, new / "mountain.png")):
+        done = call("trace", source, "-o", new, "--preview", preview)
+        assert done.code == 3
+        assert "expected another place than" in done.error
+    assert island.read_bytes() == (folder / "lake.png").read_bytes() == picture
+    assert not any(new.iterdir())
+
+
 def test_what_is_there_is_left_alone(call, island, tmp_path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("mine")

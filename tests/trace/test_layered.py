@@ -241,6 +241,7 @@ def test_a_folder_of_pictures(tmp_path) -> None:
     )
     Image.fromarray(paper).save(tmp_path / "notes.png")
     (tmp_path / "readme.txt").write_text("mine")
+    (tmp_path / "dune.png").write_text("no picture")
     traced = trace_folder(tmp_path, Sheet(size_px=60))
     layers = traced.sketch.layers
     assert (layers["mountain"][5:15, 5:15] == 1).all()
@@ -250,6 +251,7 @@ def test_a_folder_of_pictures(tmp_path) -> None:
     assert np.count_nonzero(layers["forest"]) == pytest.approx(100, abs=12)
     assert np.array_equal(layers["hill"], np.arange(2400).reshape(40, 60) % 4)
     assert any(line == "no layer of a sketch, left out: 'notes.png'" for line in traced.notes)
+    assert any(line == "no picture, left out: 'dune.png'" for line in traced.notes)
 
 
 def test_folders_that_are_refused(tmp_path) -> None:

@@ -30,6 +30,7 @@ from sketchterrain.listings import (
     undescribed_labels,
 )
 from sketchterrain.progress import Stages
+from sketchterrain.termination import ended_at_once, ended_like_ctrl_c
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +62,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):  # a terminal that cannot show a sign must not stop the work
             stream.reconfigure(errors="replace")
     try:
-        code = typer.main.get_command(app).main(arguments, prog_name="sketchterrain", standalone_mode=False)
+        with ended_like_ctrl_c():
+            command = typer.main.get_command(app)
+            code = command.main(arguments, prog_name="sketchterrain", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = INTERRUPTED
     except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
@@ -294,6 +297,7 @@ def edit(
     """Open the desktop program: paint, see the terrain follow, change what was generated."""
     from sketchterrain.ui.app import run
 
+    ended_at_once()  # nothing may be raised amid Qt's work; what is unsaved is recovered at the next start
     raise typer.Exit(run(sketch))
 
 

@@ -51,6 +51,7 @@ ANYTHING = {
     "report",
     "sizes",
     "still",
+    "termination",
     "ui",
 }
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}

@@ -19,6 +19,7 @@ _STEPS = 65536
 _HIGHEST = _STEPS - 1
 _DECIMALS = 3  # of what a person types in
 _SMALLEST = 1.0  # m: a range that programs accept, also of flat ground
+_FARTHEST = 1e5  # m: beyond it the steps of 16 bits are metres
 _ROWS_AT_ONCE = 256
 
 
@@ -91,6 +92,8 @@ class HeightSteps:
         """
         if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
             raise InputError(f"heights {lowest:g},{highest:g}: expected the lowest and the highest, m")
+        if max(-lowest, highest) > _FARTHEST:
+            raise InputError(f"heights {lowest:g},{highest:g}: expected them within ±{_FARTHEST:g} m")
         return cls(lowest, highest - lowest)
 
     @classmethod

@@ -102,6 +102,9 @@ def _check_options(target: Target, options: ExportOptions) -> None:
             continue
         if each.name == "size":
             raise InputError(f"{target.name}: no size can be chosen, vertices are {target.spacing:g} m apart")
+        if each.name == "overlap" and "tiles" in heeded:
+            usual_overlap = {0: "nothing", 1: "an edge"}[target.tiling.overlap if target.tiling else 1]
+            raise InputError(f"{target.name}: no overlap can be chosen, tiles share {usual_overlap}")
         known = ", ".join(name.replace("_", "-") for name in heeded)
         raise InputError(f"{target.name} has no option {each.name.replace('_', '-')}, only {known}")
     if options.format is not None and options.format not in target.formats:

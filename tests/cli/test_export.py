@@ -131,9 +131,11 @@ def test_a_missing_library_is_named_with_its_extra(
         ("raw", ["--error", "1"], "raw has no option error"),
         ("raw", ["--grass", "--no-plants"], "grass without plants"),
         ("raw", ["--heights", "5,4"], "expected the lowest and the highest"),
+        ("raw", ["--heights=-1e30,1e30"], "expected them within"),
         ("raw", ["--size", "33", "--heights", "0,10"], "the terrain goes from"),
         ("raw", ["--format", "r32", "--heights", "0,900"], "only 16-bit numbers have a range"),
         ("exr", ["--heights", "0,900"], "exr has no option heights"),
+        ("unity", ["--tiles", "2x2", "--overlap", "1"], "no overlap can be chosen, tiles share an edge"),
         ("png16", ["--size", "1000000"], "of memory, this machine has"),
         ("raw", ["--size", "1000000000000"], "of memory, this machine has"),
         ("unity", ["--size", "1000"], r"1000 vertices is no size it takes; the nearest: 513 or 1025"),
@@ -296,6 +298,18 @@ def test_an_interrupted_export_leaves_nothing(
     done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--no-plants")
     assert (done.code, done.error) == (130, "interrupted")
     assert not (tmp_path / "out").exists()
+
+
+def test_an_export_that_is_asked_to_end_leaves_nothing(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    ask = lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM)  # noqa: E731
+    monkeypatch.setattr(sketchterrain.export.sidecar, "write_json", ask)
+    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out", "--size", 33, "--no-plants")
+    assert (done.code, done.error) == (130, "interrupted")
+    assert not (tmp_path / "out").exists()
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def test_after_a_device_failed_all_is_done_again_on_another(

@@ -1,0 +1,35 @@
+"""SIGTERM, which ends services and jobs of clusters, is heard as Ctrl-C is: nothing is left half-written."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["ended_at_once", "ended_like_ctrl_c"]
+
+
+@contextmanager
+def ended_like_ctrl_c() -> Iterator[None]:
+    """Raise KeyboardInterrupt at a SIGTERM; off the main thread, leave signals as they are."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def ended_at_once() -> None:
+    """Let a SIGTERM end this process as the system does it."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)

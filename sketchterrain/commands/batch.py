@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +16,7 @@ from sketchterrain.exit_codes import PARTIAL, USAGE_ERROR, fail
 from sketchterrain.listings import say, say_json
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from sketchterrain.batch.manifest import Entry
     from sketchterrain.batch.output import Output
@@ -156,23 +154,9 @@ def batch(
     if dry_run:
         _tell_plan(items, output, wanted, jobs=jobs, resume=resume, as_json=as_json)
         return
-    with _ended_like_ctrl_c(), Telling() as watcher:
+    with Telling() as watcher:
         done = run_batch(items, output, wanted, device=device, jobs=jobs, resume=resume, watcher=watcher)
     _tell_done(done, output, as_json=as_json)
-
-
-@contextmanager
-def _ended_like_ctrl_c() -> Iterator[None]:
-    """Let what ends a service or a job of a cluster, SIGTERM, be heard as Ctrl-C is."""
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _output(file: SweepFile, here: dict[str, Any], of_target: dict[str, Any], *, fast: bool) -> Output:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
 
-__all__ = ["telling_failure", "whole_file", "write_whole"]
+__all__ = ["telling_failure", "whole_file", "whole_path", "write_whole"]
 
 
 @contextmanager
@@ -34,8 +34,31 @@ def telling_failure(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
-    """Yield a stream to write a file with in pieces; the file is there once the context has ended well.
+def whole_path(path: Path) -> Iterator[Path]:
+    """Yield a path that a library writes a file to; it gets its name once the context has ended well.
+
+    Whoever reads that, even after a crash, finds the old content or the new. After an error or Ctrl-C the old
+    file, if any, is as it was.
+
+    Raises
+    ------
+    SketchterrainError
+        If the system cannot write it, and in place of any other OSError in the context.
+    """
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
+    with telling_failure(path):
+        try:
+            yield temporary
+            with temporary.open("rb") as stream:
+                os.fsync(stream.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_path(path: Path) -> Iterator[Path]:
+    """Yield the name of a file for a library to write; `path` is there once the context has ended well.
 
     Whoever reads it, even after a crash, finds the old content or the new. After an error or Ctrl-C the old
     file, if any, is as it was.
@@ -48,13 +71,25 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     with telling_failure(path):
         try:
-            with temporary.open("xb") as stream:
-                yield stream
-                stream.flush()
+            yield temporary
+            with temporary.open("rb") as stream:
                 os.fsync(stream.fileno())
             temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """Yield a stream to write a file with in pieces; see :func:`whole_path`.
+
+    Raises
+    ------
+    SketchterrainError
+        If the system cannot write it, and in place of any other OSError in the context.
+    """
+    with whole_path(path) as temporary, temporary.open("xb") as stream:
+        yield stream
 
 
 def write_whole(path: Path, content: bytes) -> Path:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import os
-import secrets
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sketchterrain.whole_files import telling_failure
+from sketchterrain.whole_files import whole_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -59,16 +57,9 @@ def write_exr(
         header["comments"] = comment
     # The library reads memory in rows whatever an array's strides are.
     planes = {name: np.ascontiguousarray(plane, np.float32) for name, plane in channels.items()}
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    with telling_failure(path):
+    with whole_path(path) as temporary:
         try:
-            try:
-                OpenEXR.File(header, planes).write(str(temporary))
-            except RuntimeError as error:  # 'Failed to … file "…". No space left on device.'
-                raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
-            with temporary.open("rb") as stream:
-                os.fsync(stream.fileno())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+            OpenEXR.File(header, planes).write(str(temporary))
+        except RuntimeError as error:  # 'Failed to … file "…". No space left on device.'
+            raise OSError(str(error).rpartition('". ')[2].rstrip(".")) from error
     return path

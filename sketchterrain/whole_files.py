@@ -57,29 +57,6 @@ def whole_path(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_path(path: Path) -> Iterator[Path]:
-    """Yield the name of a file for a library to write; `path` is there once the context has ended well.
-
-    Whoever reads it, even after a crash, finds the old content or the new. After an error or Ctrl-C the old
-    file, if any, is as it was.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write it, and in place of any other OSError in the context.
-    """
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
-    with telling_failure(path):
-        try:
-            yield temporary
-            with temporary.open("rb") as stream:
-                os.fsync(stream.fileno())
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
-
-
-@contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Yield a stream to write a file with in pieces; see :func:`whole_path`.
 

@@ -7,8 +7,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from sketchterrain.lazily import lazily
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch, load_sketch, new_sketch, save_sketch
@@ -27,13 +28,8 @@ __all__ = [
 ]
 
 _ROOM = {
-    **dict.fromkeys(("Sketch", "load_sketch", "new_sketch", "save_sketch"), "sketchterrain.sketch"),
-    **dict.fromkeys(("MATERIALS", "SPECIES", "Terrain", "Tile", "build"), "sketchterrain.terrain"),
+    **dict.fromkeys(("Sketch", "load_sketch", "new_sketch", "save_sketch"), "sketch"),
+    **dict.fromkeys(("MATERIALS", "SPECIES", "Terrain", "Tile", "build"), "terrain"),
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Load a room only when something of it is wanted: importing the package loads no OpenCL, GL or Qt."""
-    if name not in _ROOM:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_ROOM[name]), name)
+__getattr__ = lazily(__name__, _ROOM)

@@ -5,8 +5,9 @@ Every writer takes the folder to write into and returns the paths of what it wro
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from sketchterrain.lazily import lazily
 
 if TYPE_CHECKING:
     from sketchterrain.export.agreement import agreement_picture, write_agreement
@@ -57,9 +58,4 @@ _MODULE = {
     **dict.fromkeys(("quantised_weights", "write_materials"), "weights"),
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Load a module only when something of it is wanted: a list of targets needs no OpenCL and no SciPy."""
-    if name not in _MODULE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_MODULE[name]}"), name)
+__getattr__ = lazily(__name__, _MODULE)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from sketchterrain.lazily import lazily
 
 if TYPE_CHECKING:
     from sketchterrain.terrain.adherence import Adherence, measure_adherence
@@ -53,9 +54,4 @@ _MODULE = {
     "VertexStore": "vertices",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Load a module only when something of it is wanted: a list of targets needs no OpenCL and no SciPy."""
-    if name not in _MODULE:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_MODULE[name]}"), name)
+__getattr__ = lazily(__name__, _MODULE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from contextlib import contextmanager
+from functools import partial
 from threading import Event, Lock, Thread
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -146,7 +147,7 @@ class Crew:
         return found
 
     def _work(self) -> None:
-        take = None if self._previews is None else self._previews.take
+        take = None if self._previews is None else partial(self._previews.take, go_on=self._go_on)
         shared = Shared(self._devices, take_picture=take)  # a memory of placing for each thread
         try:
             while not self._stop.is_set():
@@ -195,14 +196,14 @@ class Crew:
 
     @contextmanager
     def _stage(self, item: Item, title: str) -> Iterator[Callable[[float], None]]:
-        def go_on(_: float = 0.0) -> None:
-            if self._stop.is_set():
-                raise _StoppedError
-
-        go_on()
+        self._go_on()
         with self._telling:
             self._watcher.stage(item, title)
-        yield go_on
+        yield self._go_on
+
+    def _go_on(self, _: float = 0.0) -> None:
+        if self._stop.is_set():
+            raise _StoppedError
 
 
 def _remove_empty(folder: Path) -> None:

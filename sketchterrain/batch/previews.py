@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from sketchterrain.render.studio import Studio
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     import numpy.typing as npt
 
@@ -32,14 +34,33 @@ class Previews:
         self._thread.shutdown()
 
     def take(
-        self, terrain: Terrain, *, view: str, weather: Weather, timings: dict[str, float]
+        self,
+        terrain: Terrain,
+        *,
+        view: str,
+        weather: Weather,
+        timings: dict[str, float],
+        go_on: Callable[[], None],
     ) -> npt.NDArray[np.uint8]:
-        """Return a picture as :func:`~sketchterrain.render.render_picture` does; any thread may ask."""
-        return self._thread.submit(self._taken, terrain, view, weather, timings).result()
+        """Return a picture as :func:`~sketchterrain.render.render_picture` does; any thread may ask.
+
+        Parameters
+        ----------
+        terrain, view, weather, timings
+        go_on
+            Called when its turn has come; what it raises is raised here, and there is no picture.
+        """
+        return self._thread.submit(self._taken, terrain, view, weather, timings, go_on).result()
 
     def _taken(
-        self, terrain: Terrain, view: str, weather: Weather, timings: dict[str, float]
+        self,
+        terrain: Terrain,
+        view: str,
+        weather: Weather,
+        timings: dict[str, float],
+        go_on: Callable[[], None],
     ) -> npt.NDArray[np.uint8]:
+        go_on()
         if self._studio is None:
             self._studio = Studio()
         return self._studio.picture(terrain, view=view, weather=weather, timings=timings)

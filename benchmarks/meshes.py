@@ -93,6 +93,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
                 "uniform_error": off,
                 "uniform_over_it": off / made[name, error].error,
                 "seconds": samples,
+                "note": "",
             }
         )
     return Outcome((Table(_TITLE, _COLUMNS, tuple(rows)),))

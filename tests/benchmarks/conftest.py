@@ -60,11 +60,11 @@ TINY = Effort(
     mesh_errors=(20.0, 2.0),
     mesh_rounds=2,
     batch_size=17,
-    batch_files=("all", "without preview"),
-    batch_seeds=4,
-    batch_fresh=2,
-    batch_jobs=(1, 2),
-    batch_rounds=3,
+    batch_files=("without preview",),
+    batch_seeds=1,
+    batch_fresh=1,
+    batch_jobs=(1,),
+    batch_rounds=2,
 )
 
 

@@ -95,7 +95,7 @@ class Scenery:
         timed: Callable[[str], AbstractContextManager[None]],
         kept: Kept | None = None,
     ) -> None:
-        kept = kept or Kept()
+        shared = kept or Kept()  # the ground gives back what is its own, so it must know
         self._context = context
         self._sun = sun
         self._weather = weather
@@ -108,12 +108,12 @@ class Scenery:
         self._aridity = _aridity(terrain)
         self._textures = textures
         with timed("textures"):
-            self._materials = kept.of(
+            self._materials = shared.of(
                 "materials",
                 (repr(terrain.sketch.look), textures, quality.material_texels, quality.hexes > 1),
                 lambda: MaterialTextures.of(context, terrain, quality, folder=textures),
             )
-            self._noise = kept.of("noise", None, lambda: noise_texture(context))
+            self._noise = shared.of("noise", None, lambda: noise_texture(context))
         with timed("sky"):
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
             self._cloudiness = cloud_defines(quality, weather)

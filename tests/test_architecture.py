@@ -54,6 +54,7 @@ ANYTHING = {
     "still",
     "termination",
     "ui",
+    "world",
 }
 ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}
 
@@ -142,7 +143,7 @@ def named_by_room() -> dict[str, list[str]]:
     [
         *(
             (room, f"sketchterrain/{room}/*.py")
-            for room in ("terrain", "tiles", "look", "render", "export", "trace")
+            for room in ("terrain", "tiles", "look", "render", "export", "trace", "world")
         ),
         ("ui", "ui/*.py"),
         *(

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain.evaluation import Evaluator
 
-__all__ = ["bands"]
+__all__ = ["bands", "window_bands"]
 
 # As many patches as one launch takes: fewer would leave a device idle, more would only take memory.
 _PATCHES_PER_BAND = 256
@@ -59,16 +59,68 @@ def bands(
     if not (np.isfinite(area).all() and west < east and south < north):
         raise InputError(f"expected a rectangle west < east, south < north, got {area}")
     extent = evaluator.recipe.extent
-    across = _windows_of(_axis_of(west, east, columns, extent))
-    down = _windows_of(_axis_of(south, north, rows, extent)[::-1])
+    axis_x, axis_y = _axis_of(west, east, columns, extent), _axis_of(south, north, rows, extent)[::-1]
+    return _bands(evaluator, axis_x, axis_y, cell_size, progress)
+
+
+def window_bands(
+    evaluator: Evaluator,
+    corner: tuple[float, float],
+    cell: float,
+    left: int,
+    top: int,
+    columns: int,
+    rows: int,
+) -> Iterator[Band]:
+    """Evaluate some vertices of a grid without ends, some rows at a time, from the north on.
+
+    Vertex (row j, column i) lies at (west + i·cell, north − j·cell): positions follow from j and i alone, so
+    a vertex has the same bits in whatever window it is asked for.
+
+    Parameters
+    ----------
+    evaluator
+    corner
+        West and north of vertex (0, 0), m.
+    cell
+        Metres between vertices; what they can't carry is left out.
+    left, top
+        The window's first column and row.
+    columns, rows
+        Vertices, ≥ 1 each.
+
+    Raises
+    ------
+    InputError
+        If there are fewer vertices, or positions are too far away.
+    """
+    if columns < 1 or rows < 1:
+        raise InputError(f"expected at least 1 × 1 vertices, got {columns} × {rows}")
+    west, north = corner
+    extent = evaluator.recipe.extent
+    axis_x = to_lattice(west + np.arange(left - 1, left + columns + 1) * cell, extent)
+    axis_y = to_lattice(north - np.arange(top - 1, top + rows + 1) * cell, extent)
+    return _bands(evaluator, axis_x, axis_y, cell, None)
+
+
+def _bands(
+    evaluator: Evaluator,
+    axis_x: npt.NDArray[np.int64],
+    axis_y: npt.NDArray[np.int64],
+    cell_size: float,
+    progress: Callable[[float], None] | None,
+) -> Iterator[Band]:
+    """Evaluate the vertices of two axes, each with one more beyond its ends; y runs from north to south."""
+    columns, rows = len(axis_x) - 2, len(axis_y) - 2
+    across, down = _windows_of(axis_x), _windows_of(axis_y)
     at_once = max(_PATCHES_PER_BAND // len(across), 1)
     for first in range(0, len(down), at_once):
         part = down[first : first + at_once]
         shape = (len(part), len(across))
-        axis_x = np.broadcast_to(across[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
-        axis_y = np.broadcast_to(part[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
+        patch_x = np.broadcast_to(across[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
+        patch_y = np.broadcast_to(part[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
         surface = evaluator.surface(
-            axis_x, axis_y, cell_size=cell_size, progress=_share(progress, first, len(part), len(down))
+            patch_x, patch_y, cell_size=cell_size, progress=_share(progress, first, len(part), len(down))
         )
         top = QUADS * first
         # The band's last row is the next one's first, except where there is none.

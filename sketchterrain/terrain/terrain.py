@@ -14,7 +14,7 @@ from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import SPECIES
-from sketchterrain.terrain.raster_windows import bands
+from sketchterrain.terrain.raster_windows import bands, window_bands
 from sketchterrain.terrain.surfaces import SurfaceStore
 from sketchterrain.terrain.vertices import VertexStore
 
@@ -308,6 +308,31 @@ class Terrain:
         cell = spacing if cell_size is None else cell_size
         area = (west, south, east, north)
         return bands(self._evaluator, area, columns, rows, cell_size=cell, progress=progress)
+
+    def window(
+        self, west: float, north: float, *, cell: float, left: int, top: int, columns: int, rows: int
+    ) -> Iterator[Band]:
+        """Return some vertices of a grid without ends, in bands of rows from the north: bounded memory.
+
+        A vertex is the same to the bit in whatever window it comes.
+
+        Parameters
+        ----------
+        west, north
+            Where the grid's vertex (0, 0) lies, m; columns run east, rows south.
+        cell
+            Metres between vertices; what they can't carry is left out.
+        left, top
+            The window's first column and row.
+        columns, rows
+            Vertices, ≥ 1 each.
+
+        Raises
+        ------
+        InputError
+            If there are fewer vertices, or they are too far away.
+        """
+        return window_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
 
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"

@@ -1,0 +1,141 @@
+"""Where a world is sampled: the vertices of a pyramid of grids, and the shards that they are written in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from sketchterrain.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+__all__ = ["CHUNK", "SHARD", "Level", "Shard", "World"]
+
+SHARD: Final = 2048
+"""Vertices along the side of a shard: what is computed and written at once, a file of each layer."""
+CHUNK: Final = 256
+"""Vertices along the side of a chunk: what is read at once."""
+
+
+class Shard(NamedTuple):
+    """A rectangle of a level's vertices: its place in the level's grid of shards, 0 the north-west one.
+
+    Attributes
+    ----------
+    level : int
+        0 is the finest.
+    row, column : int
+        Of the shard.
+    """
+
+    level: int
+    row: int
+    column: int
+
+
+@dataclass(frozen=True)
+class Level:
+    """One grid of a pyramid. Vertex (row j, column i) lies at (west + i·cell, north − j·cell).
+
+    Attributes
+    ----------
+    number : int
+        0 is the finest; each has twice the cell of the one before.
+    cell : float
+        Metres between vertices, and what the terrain is band-limited to.
+    columns, rows : int
+        Vertices.
+    """
+
+    number: int
+    cell: float
+    columns: int
+    rows: int
+
+    @property
+    def shards(self) -> tuple[int, int]:
+        """Rows and columns of shards."""
+        return -(-self.rows // SHARD), -(-self.columns // SHARD)
+
+    def size_of(self, shard: Shard) -> tuple[int, int]:
+        """Return how many rows and columns of vertices a shard holds: fewer at the south and east edges."""
+        return (
+            min(SHARD, self.rows - shard.row * SHARD),
+            min(SHARD, self.columns - shard.column * SHARD),
+        )
+
+
+@dataclass(frozen=True)
+class World:
+    """A rectangle of the world at a cell size, and the coarser levels over it.
+
+    The finest level has a vertex at each corner where the sides are whole numbers of cells; else the
+    rectangle is widened eastward and southward to the next one. A coarser level reaches as far or up to a
+    cell farther, so every level covers it all: the world does not end there.
+
+    Attributes
+    ----------
+    west, south, east, north : float
+        m, as asked for.
+    cell : float
+        Metres between vertices of the finest level.
+    """
+
+    west: float
+    south: float
+    east: float
+    north: float
+    cell: float
+
+    def __post_init__(self) -> None:
+        numbers = (self.west, self.south, self.east, self.north, self.cell)
+        if not all(math.isfinite(number) for number in numbers):
+            raise InputError(f"expected finite bounds and cell, got {numbers}")
+        if not (self.west < self.east and self.south < self.north):
+            raise InputError(
+                f"expected bounds west < east and south < north, got {self.west:g},{self.south:g},"
+                f"{self.east:g},{self.north:g}"
+            )
+        if self.cell <= 0:
+            raise InputError(f"expected a cell of more than 0 m, got {self.cell:g}")
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """All levels, the finest first; the last one fits into a chunk."""
+        across = _cells(self.east - self.west, self.cell)
+        down = _cells(self.north - self.south, self.cell)
+        found = []
+        for number in range(64):
+            step = 1 << number
+            columns, rows = -(-across // step) + 1, -(-down // step) + 1
+            found.append(Level(number, self.cell * step, columns, rows))
+            if max(columns, rows) <= CHUNK:
+                break
+        return tuple(found)
+
+    @property
+    def vertices(self) -> int:
+        """Of all levels."""
+        return sum(level.columns * level.rows for level in self.levels)
+
+    @property
+    def shard_count(self) -> int:
+        """Of all levels."""
+        return sum(math.prod(level.shards) for level in self.levels)
+
+    def shards(self) -> Iterator[Shard]:
+        """Return every shard, without a list of them: the coarse levels first, rows from the north."""
+        for level in reversed(self.levels):
+            rows, columns = level.shards
+            for row in range(rows):
+                for column in range(columns):
+                    yield Shard(level.number, row, column)
+
+
+def _cells(length: float, cell: float) -> int:
+    """Return how many cells cover a length; a billionth of one too many is rounding."""
+    cells = length / cell
+    whole = round(cells)
+    return max(whole if abs(cells - whole) <= 1e-9 * max(cells, 1.0) else math.ceil(cells), 1)

@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.world.ground import Ground
-    from sketchterrain.world.made import WrittenFile
 
 __all__ = ["Store"]
 
@@ -24,11 +23,26 @@ class Store(Protocol):
 
     @property
     def journal(self) -> Path:
-        """The file that tells what is done while the world is being written."""
+        """The file that tells what is done while the world is being written, in a folder that `create` makes.
+
+        Whoever writes the world makes it and holds its lock; `close` deletes it.
+        """
         ...
 
-    def create(self) -> None:
-        """Make the folders and all that does not depend on any ground; again does no harm.
+    @property
+    def mark(self) -> Path:
+        """A file that `create` writes first: where it is, a world was begun."""
+        ...
+
+    @property
+    def keeps_shards(self) -> bool:
+        """Whether what `write` writes stays, or goes once `join` has made something else of it."""
+        ...
+
+    def create(self) -> tuple[str, ...]:
+        """Write all that does not depend on any ground, and return the names of its files.
+
+        Again does no harm: a file that is not there or has other bytes is written, whole; no other one is.
 
         Raises
         ------
@@ -47,8 +61,18 @@ class Store(Protocol):
         """
         ...
 
-    def finish(self, ledger: str, *, progress: Callable[[float], None]) -> tuple[WrittenFile, ...]:
-        """Write what joins all shards, and the ledger's text where it stays; return what was added.
+    def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
+        """Write what joins all shards, once they are there; return the names of its files, which may be none.
+
+        Raises
+        ------
+        SketchterrainError
+            If the system cannot write it.
+        """
+        ...
+
+    def close(self, ledger: str) -> None:
+        """Write the ledger's text where it stays, then delete the journal and what the world needs no more.
 
         Raises
         ------

@@ -18,6 +18,7 @@ from sketchterrain import picture_arguments as pictured
 from sketchterrain import queries
 from sketchterrain.commands import export as taken
 from sketchterrain.commands.batch import batch
+from sketchterrain.commands.sketches import read_sketch
 from sketchterrain.commands.trace import trace
 from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, fail, told
 from sketchterrain.listings import (
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sketchterrain.compute import ComputeContext
-    from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Adherence, Terrain
 
 __all__ = ["app", "main"]
@@ -122,7 +122,7 @@ def generate(
         given = {"--view": view, "--time": time, "--clouds": clouds}
         pictured.refuse_together("--no-preview", given, "it is the preview's")
     with Stages() as stages:
-        document = _read(sketch, seed, stages)
+        document = read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain import generate as whole
 
@@ -182,7 +182,7 @@ def render(
     elif vectors:
         raise USAGE_ERROR(f"expected the name of a .png file, or --map, got {str(output)!r}")
     with Stages() as stages:
-        document = _read(sketch, seed, stages)
+        document = read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain import still as whole
 
@@ -225,7 +225,7 @@ def fly(
 ) -> None:
     """Fly over a sketch's terrain along a path: a film of it, and what its frames took."""
     with Stages() as stages:
-        document = _read(sketch, seed, stages)
+        document = read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain import fly as whole
             from sketchterrain.render import check_overlays, load_flight
@@ -262,7 +262,7 @@ def adherence(
 ) -> None:
     """Measure how far the terrain does what its sketch says; with -o, show where it does not."""
     with Stages() as stages:
-        document = _read(sketch, seed, stages)
+        document = read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain.jobs import run_job
             from sketchterrain.terrain import build, measure_adherence
@@ -303,11 +303,3 @@ def edit(
 
 for _command in (batch, taken.export, taken.targets, trace, queries.bench, queries.devices, queries.presets):
     app.command()(_command)
-
-
-def _read(name: str, seed: int | None, stages: Stages) -> Sketch:
-    with stages.stage("sketch", "Reading the sketch"):
-        from sketchterrain.sketch import load_sketch
-
-        sketch = load_sketch(name)
-        return sketch if seed is None else sketch.replace(seed=seed)

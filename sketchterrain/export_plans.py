@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sketchterrain.disk import amount
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import plan
 from sketchterrain.export.sampled import BYTES_PER_VERTEX
 from sketchterrain.export.targets import target_named
-from sketchterrain.sizes import amount, machine_memory
+from sketchterrain.sizes import machine_memory
 
 if TYPE_CHECKING:
     from sketchterrain.export.planning import Plan

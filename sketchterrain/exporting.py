@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import unicodedata
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.disk import check_disk
 from sketchterrain.export import move_into, prepare_folder, staging
 from sketchterrain.export.sampled import sample
 from sketchterrain.export.sidecar import replaced_files, write_sidecar
 from sketchterrain.export.target import Export
 from sketchterrain.export_plans import memory_needed, plan_of
 from sketchterrain.jobs import run_job
-from sketchterrain.sizes import amount
 from sketchterrain.terrain import build
 from sketchterrain.whole_files import telling_failure
 
@@ -182,10 +180,4 @@ def _check_room(wanted: Plan, terrain: Terrain, folder: Path) -> None:
     plants = sum(terrain.foliage_estimate(*wanted.grid.area, storey=each)[0] for each in storeys)
     columns, rows = wanted.tile_side
     needed = target.disk * columns * rows * wanted.tiling.count + target.bytes_per_plant * plants
-    with telling_failure(folder):
-        left = shutil.disk_usage(folder).free
-    if needed > left:
-        raise InputError(
-            f"{wanted.vertices:.3g} vertices and up to {plants:.3g} plants need up to {amount(needed)}, "
-            f"{one_line(folder.parent)} has {amount(left)} left"
-        )
+    check_disk(folder.parent, needed, f"{wanted.vertices:.3g} vertices and up to {plants:.3g} plants")

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
+from sketchterrain.disk import gibibytes
 from sketchterrain.errors import InputError
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
 
-__all__ = ["LARGEST_SIZE", "amount", "check_size", "gibibytes", "machine_memory", "memory_needed"]
+__all__ = ["LARGEST_SIZE", "check_size", "machine_memory", "memory_needed"]
 
 LARGEST_SIZE = 16385
 """The most vertices along the longer side."""
@@ -64,13 +65,3 @@ def check_size(sketch: Sketch, size: int) -> None:
 def machine_memory() -> int:
     """Return the bytes of memory that this machine has."""
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def amount(count: float) -> str:
-    """Return bytes as a person reads them, MiB where they are less than one GiB."""
-    return gibibytes(count) if count >= 1 << 30 else f"{count / (1 << 20):.1f} MiB"
-
-
-def gibibytes(count: float) -> str:
-    """Return bytes as a person reads them."""
-    return f"{count / (1 << 30):.1f} GiB"

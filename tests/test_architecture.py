@@ -21,6 +21,7 @@ MAY_IMPORT = {
     "metric_crs": {"errors"},
     "gdal_paths": set(),
     "lazily": set(),
+    "disk": {"errors", "whole_files"},
     "sketch": {"errors", "resources", "whole_files"},
     "features": {"errors", "lazily", "sketch"},
     "compute": {"errors", "resources"},
@@ -28,7 +29,7 @@ MAY_IMPORT = {
     "tiles": {"errors"},
     "look": {"errors", "resources", "whole_files", "sketch", "features", "terrain", "compute"},
     "render": GROUND | {"look"},
-    "export": GROUND | {"look", "metric_crs", "gdal_paths"},
+    "export": GROUND | {"look", "metric_crs", "gdal_paths", "disk"},
     "trace": {"errors", "resources", "whole_files", "sketch", "metric_crs", "gdal_paths"},
 }
 ANYTHING = {

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from sketchterrain.batch.making import make
 from sketchterrain.batch.manifest import Entry, hashed
-from sketchterrain.batch.room import PREVIEW_MEMORY, Memory, check_disk, memory_left, needs_of
+from sketchterrain.batch.room import PREVIEW_MEMORY, Memory, memory_left, needs_of
+from sketchterrain.disk import check_disk
 from sketchterrain.errors import one_line
 from sketchterrain.exit_codes import told
 from sketchterrain.generate import Shared
@@ -172,7 +173,7 @@ class Crew:
             known["input"] = self._fingerprints.of(sketch)
             needs = needs_of(sketch, self._output)
             with self._memory.room(needs.memory):
-                check_disk(self._folder, needs.disk)
+                check_disk(self._folder, needs.disk, "files of this terrain")
                 stages, start = Stages(lambda title: self._stage(item, title)), time.perf_counter()
                 done = make(sketch, folder, self._output, shared=shared, stages=stages)
             return Entry(

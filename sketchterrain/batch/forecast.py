@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING, Any, Final
@@ -11,8 +10,8 @@ from sketchterrain.batch.manifest import Entry, read_manifest
 from sketchterrain.batch.output import Fingerprints
 from sketchterrain.batch.remaining import duration
 from sketchterrain.batch.room import PREVIEW_MEMORY, memory_left, needs_of
+from sketchterrain.disk import amount, disk_left
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.sizes import amount
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -134,7 +133,6 @@ def forecast(items: Sequence[Item], folder: Path, output: Output, *, jobs: int, 
     new = [line.needs for line in lines if line.state == "to make" and line.needs is not None]
     took = [entry.seconds for entry in entries.values() if entry.state == "done"]
     each = median(took) / jobs if took else 0.0
-    there = next(place for place in (folder, *folder.absolute().parents) if place.is_dir())
     return Forecast(
         folder,
         lines,
@@ -144,7 +142,7 @@ def forecast(items: Sequence[Item], folder: Path, output: Output, *, jobs: int, 
         sum(each if took else _seconds(needs, output) for needs in new),
         bool(took),
         memory_left(),
-        shutil.disk_usage(there).free,
+        disk_left(folder),
     )
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import shutil
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Condition
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import memory_needed as export_memory
 from sketchterrain.exporting import plan_of
-from sketchterrain.sizes import amount, check_size, machine_memory, memory_needed
-from sketchterrain.whole_files import telling_failure
+from sketchterrain.sizes import check_size, machine_memory, memory_needed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,7 +25,6 @@ __all__ = [
     "PREVIEW_MEMORY",
     "Memory",
     "Needs",
-    "check_disk",
     "memory_left",
     "needs_of",
     "refuse_impossible",
@@ -104,22 +101,6 @@ def memory_left() -> int:
             if line.startswith("MemAvailable:"):
                 return int(line.split()[1]) * 1024
     return machine_memory()
-
-
-def check_disk(folder: Path, needed: float) -> None:
-    """Refuse a terrain that the disk has no room for, before any work is done for it.
-
-    Raises
-    ------
-    InputError
-        With what it needs and what is left.
-    """
-    with telling_failure(folder):
-        left = shutil.disk_usage(folder).free
-    if needed > left:
-        raise InputError(
-            f"{one_line(folder)}: expected room for about {amount(needed)}, the disk has {amount(left)} left"
-        )
 
 
 class Memory:

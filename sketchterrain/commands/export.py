@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from sketchterrain import arguments as given
 from sketchterrain.commands import target_arguments as asked
+from sketchterrain.commands.sketches import read_sketch
 from sketchterrain.listings import exported_lines, say, say_json, target_entry, target_lines
 from sketchterrain.progress import Stages
 
@@ -50,11 +51,7 @@ def export(
         grass=grass,
     )
     with Stages() as stages:
-        with stages.stage("sketch", "Reading the sketch"):
-            from sketchterrain.sketch import load_sketch
-
-            document = load_sketch(sketch)
-            document = document if seed is None else document.replace(seed=seed)
+        document = read_sketch(sketch, seed, stages)
         with stages.stage("program", "Loading the program"):
             from sketchterrain import exporting as whole
         done = whole.export(document, output, target, options, device=device, fast=fast, stages=stages)

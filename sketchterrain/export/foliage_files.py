@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,11 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
+from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.plant_cloud import VERTEX, plant_cloud
 from sketchterrain.export.plants import ROW_BYTES, plant_table
 from sketchterrain.terrain.plant import STOREYS
-from sketchterrain.whole_files import telling_failure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -116,14 +115,8 @@ def check_room(folder: Path, terrain: Planted, area: Area, wanted: FoliageFiles)
     """
     points = _most_points(terrain, area, wanted)
     needed = sum(points[storey] * _BYTES[each] for storey, into in wanted.storeys.items() for each in into)
-    with telling_failure(folder):
-        left = shutil.disk_usage(folder).free
-    if needed > left:
-        names = " and ".join(f"foliage.{each}" for each in wanted.formats)
-        raise InputError(
-            f"{names}: up to {sum(points.values()):.3g} plants need up to {_amount(needed)}, "
-            f"{one_line(folder)} has {_amount(left)} left"
-        )
+    names = " and ".join(f"foliage.{each}" for each in wanted.formats)
+    check_disk(folder, needed, f"{names}: up to {sum(points.values()):.3g} plants")
 
 
 def write_foliage(
@@ -197,8 +190,3 @@ def _told(
 
 def _most_points(terrain: Planted, area: Area, wanted: FoliageFiles) -> dict[str, int]:
     return {storey: terrain.foliage_estimate(*area, storey=storey)[0] for storey in wanted.storeys}
-
-
-def _amount(count: float) -> str:
-    gibibytes = count / (1 << 30)
-    return f"{gibibytes:.1f} GiB" if gibibytes >= 1.0 else f"{1024 * gibibytes:.1f} MiB"

@@ -12,8 +12,9 @@ from PIL import Image
 from sketchterrain.batch.manifest import Entry, File
 from sketchterrain.batch.output import Output
 from sketchterrain.batch.remaining import Remaining, duration
-from sketchterrain.batch.room import Memory, check_disk, memory_left, needs_of
+from sketchterrain.batch.room import Memory, memory_left, needs_of
 from sketchterrain.batch.sheet import PAGE, sheets
+from sketchterrain.disk import check_disk, disk_left
 from sketchterrain.errors import InputError
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.sketch import Sketch
@@ -137,9 +138,10 @@ def test_what_terrains_take() -> None:
 
 
 def test_a_full_disk_is_told_before_any_work(tmp_path: Path) -> None:
-    check_disk(tmp_path, 1000.0)
-    with pytest.raises(InputError, match=r"expected room for about 9\d+\.\d GiB, the disk has"):
-        check_disk(tmp_path, 1e18)
+    check_disk(tmp_path, 1000.0, "its files")
+    with pytest.raises(InputError, match=r"its files need up to 9\d+\.\d GiB, .* has .* left"):
+        check_disk(tmp_path, 1e18, "its files")
+    assert disk_left(tmp_path / "not" / "there") == pytest.approx(disk_left(tmp_path), rel=0.1)
 
 
 def entry(name: str, *, preview: bool = True, error: str = "") -> Entry:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
+from sketchterrain.disk import amount
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sidecar import SIDECAR
 from sketchterrain.export_plans import memory_needed, plan_of
-from sketchterrain.sizes import amount
 from sketchterrain.ui.dialogs.export_options import TargetControls
 from sketchterrain.ui.dialogs.sheet import note
 from sketchterrain.ui.export_wish import TargetWish

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Final
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QCheckBox, QComboBox, QVBoxLayout, QWidget
 
+from sketchterrain.disk import gibibytes
 from sketchterrain.errors import InputError
-from sketchterrain.sizes import check_size, gibibytes, memory_needed
+from sketchterrain.sizes import check_size, memory_needed
 from sketchterrain.ui.dialogs.kept_controls import set_values, values_of
 from sketchterrain.ui.dialogs.sheet import form, note
 from sketchterrain.ui.export_wish import Wish

@@ -1,0 +1,65 @@
+"""How much room a disk has, found out before the work, and bytes as a person reads them."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.whole_files import telling_failure
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["amount", "check_disk", "disk_left", "gibibytes"]
+
+
+def disk_left(path: Path) -> int:
+    """Return how many bytes there is room for on the disk of a file or folder, which need not be there yet.
+
+    Raises
+    ------
+    SketchterrainError
+        If the system does not tell.
+    """
+    with telling_failure(path):
+        there = next(place for place in (path, *path.absolute().parents) if place.is_dir())
+        return shutil.disk_usage(there).free
+
+
+def check_disk(path: Path, needed: float, what: str) -> None:
+    """Refuse what the disk may have no room for, before any work is done for it.
+
+    Parameters
+    ----------
+    path
+        The file or folder that shall be written; it need not be there yet.
+    needed
+        Bytes, at most.
+    what
+        What needs them, in the plural: "foliage.csv: up to 2e+08 plants".
+
+    Raises
+    ------
+    InputError
+        With what it needs and what is left.
+    SketchterrainError
+        If the system does not tell.
+    """
+    left = disk_left(path)
+    if needed > left:
+        raise InputError(f"{what} need up to {amount(needed)}, {one_line(path)} has {amount(left)} left")
+
+
+def amount(count: float) -> str:
+    """Return bytes as a person reads them, MiB where they are less than one GiB.
+
+    >>> amount(3 << 20)
+    '3.0 MiB'
+    """
+    return gibibytes(count) if count >= 1 << 30 else f"{count / (1 << 20):.1f} MiB"
+
+
+def gibibytes(count: float) -> str:
+    """Return bytes as a person reads them."""
+    return f"{count / (1 << 30):.1f} GiB"

@@ -5,11 +5,20 @@ from __future__ import annotations
 import random
 
 import numpy as np
-from PyQt6.QtWidgets import QCheckBox, QComboBox, QDialog, QDoubleSpinBox, QLineEdit, QSpinBox, QWidget
+from PyQt6.QtWidgets import QCheckBox, QComboBox, QDialog, QWidget
 
 from sketchterrain.sketch import SKETCH, Sketch
 from sketchterrain.sketch.starter import starter_sketch
-from sketchterrain.ui.dialogs.sheet import button_row, column, form, note
+from sketchterrain.ui.dialogs.sheet import (
+    add_rows,
+    button_row,
+    column,
+    extent_box,
+    form,
+    name_line,
+    note,
+    pixel_box,
+)
 
 __all__ = ["NewSketchDialog"]
 
@@ -22,7 +31,6 @@ _SIZES = {
     "4096 × 4096": (4096, 4096),
     "Other": None,
 }
-_SIDES = (32, 16384)  # px
 _SEEDS = 1_000_000
 
 
@@ -32,19 +40,12 @@ class NewSketchDialog(QDialog):
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         rows = column(self, "New sketch")
-        self.name = QLineEdit("My terrain")
-        self.name.setMaxLength(int(SKETCH["name"].high))
+        self.name = name_line("My terrain")
         self.name.selectAll()
         self.sheet = QComboBox()
         self.sheet.addItems(_SIZES)
-        self.columns, self.rows = _side(512), _side(512)
-        self.extent = QDoubleSpinBox()
-        self.extent.setDecimals(0)
-        self.extent.setRange(SKETCH["extent"].low, SKETCH["extent"].high)
-        self.extent.setSingleStep(1024)
-        self.extent.setSuffix(" m")
-        self.extent.setGroupSeparatorShown(True)
-        self.extent.setValue(float(SKETCH["extent"].default))
+        self.columns, self.rows = pixel_box(512), pixel_box(512)
+        self.extent = extent_box()
         self.starter = QCheckBox("With a mountain and a river to begin with")
         self._told = note()
         fields = form()
@@ -55,10 +56,7 @@ class NewSketchDialog(QDialog):
             ("Hei&ght", self.rows, "Pixels from north to south"),
             ("&Extent", self.extent, SKETCH["extent"].help[:1].upper() + SKETCH["extent"].help[1:]),
         )
-        for title, control, tip in controls:
-            fields.addRow(title, control)
-            control.setToolTip(tip)
-            control.setAccessibleName(title.replace("&", ""))
+        add_rows(fields, controls)
         fields.addRow("", self.starter)
         rows.addLayout(fields)
         rows.addWidget(self._told)
@@ -98,11 +96,3 @@ class NewSketchDialog(QDialog):
         pixel = self.extent.value() / max(width, height)
         east, north = width * pixel / 1000.0, height * pixel / 1000.0
         self._told.setText(f"{east:.3g} km × {north:.3g} km of land, {pixel:.3g} m a pixel.")
-
-
-def _side(value: int) -> QSpinBox:
-    box = QSpinBox()
-    box.setRange(*_SIDES)
-    box.setSuffix(" px")
-    box.setValue(value)
-    return box

@@ -9,22 +9,40 @@ from PyQt6.QtGui import QPalette
 from PyQt6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
+    QDoubleSpinBox,
     QFormLayout,
     QHBoxLayout,
     QLabel,
+    QLineEdit,
     QSizePolicy,
+    QSpinBox,
     QVBoxLayout,
     QWidget,
 )
 
+from sketchterrain.sketch import SKETCH
 from sketchterrain.ui.look.theme import MARGIN, SPACING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from PyQt6.QtWidgets import QPushButton
 
-__all__ = ["beside", "button_row", "column", "fix_width", "form", "heading", "note"]
+__all__ = [
+    "add_rows",
+    "beside",
+    "button_row",
+    "column",
+    "extent_box",
+    "fix_width",
+    "form",
+    "heading",
+    "name_line",
+    "note",
+    "pixel_box",
+]
+
+_SIDES = (32, 16384)  # px
 
 
 def column(dialog: QDialog, title: str) -> QVBoxLayout:
@@ -45,6 +63,42 @@ def form() -> QFormLayout:
     rows.setLabelAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
     rows.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
     return rows
+
+
+def add_rows(rows: QFormLayout, controls: Iterable[tuple[str, QWidget, str]]) -> None:
+    """Add controls with their titles, an `&` before the key of each, and what they are for as tips."""
+    for title, control, tip in controls:
+        rows.addRow(title, control)
+        control.setToolTip(tip)
+        control.setAccessibleName(title.replace("&", ""))
+
+
+def name_line(name: str) -> QLineEdit:
+    """Return a line for a sketch's name."""
+    line = QLineEdit(name)
+    line.setMaxLength(int(SKETCH["name"].high))
+    return line
+
+
+def extent_box() -> QDoubleSpinBox:
+    """Return a box for a sketch's extent, m, at its default."""
+    box = QDoubleSpinBox()
+    box.setDecimals(0)
+    box.setRange(SKETCH["extent"].low, SKETCH["extent"].high)
+    box.setSingleStep(1024)
+    box.setSuffix(" m")
+    box.setGroupSeparatorShown(True)
+    box.setValue(float(SKETCH["extent"].default))
+    return box
+
+
+def pixel_box(value: int, low: int = _SIDES[0], high: int = _SIDES[1]) -> QSpinBox:
+    """Return a box for a count of pixels; by default within what a sketch's side can be."""
+    box = QSpinBox()
+    box.setRange(low, high)
+    box.setSuffix(" px")
+    box.setValue(value)
+    return box
 
 
 def beside(*parts: QWidget | str) -> QWidget:

@@ -6,22 +6,20 @@ from functools import partial
 from typing import TYPE_CHECKING, cast
 
 from PyQt6.QtCore import QTimer
-from PyQt6.QtWidgets import (
-    QDialog,
-    QDoubleSpinBox,
-    QGroupBox,
-    QHBoxLayout,
-    QLineEdit,
-    QSpinBox,
-    QStackedWidget,
-    QVBoxLayout,
-    QWidget,
-)
+from PyQt6.QtWidgets import QDialog, QGroupBox, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
 
-from sketchterrain.sketch import SKETCH
 from sketchterrain.trace.coloured_map import SPECKS
 from sketchterrain.trace.sheet import LONGEST, Sheet
-from sketchterrain.ui.dialogs.sheet import button_row, column, form, note
+from sketchterrain.ui.dialogs.sheet import (
+    add_rows,
+    button_row,
+    column,
+    extent_box,
+    form,
+    name_line,
+    note,
+    pixel_box,
+)
 from sketchterrain.ui.dialogs.shown_picture import ShownPicture
 from sketchterrain.ui.dialogs.trace_colours import ColourTable, meaning_box
 from sketchterrain.ui.dialogs.trace_source import TracedShown, TraceSource, read_source, trace_source
@@ -39,7 +37,6 @@ if TYPE_CHECKING:
 __all__ = ["TraceDialog"]
 
 _PATIENCE = 150  # ms that wishes rest until they are followed
-_SIDES = (32, 16384)  # px
 _NOTES = 3
 
 
@@ -128,26 +125,9 @@ class TraceDialog(QDialog):
         return group
 
     def _sheet_form(self, path: Path) -> QVBoxLayout:
-        self.name = QLineEdit(path.stem)
-        self.name.setMaxLength(int(SKETCH["name"].high))
-        self.extent = QDoubleSpinBox()
-        self.extent.setDecimals(0)
-        self.extent.setRange(SKETCH["extent"].low, SKETCH["extent"].high)
-        self.extent.setSingleStep(1024)
-        self.extent.setSuffix(" m")
-        self.extent.setGroupSeparatorShown(True)
-        self.extent.setValue(float(SKETCH["extent"].default))
-        self.size_px = QSpinBox()
-        self.size_px.setRange(*_SIDES)
-        self.size_px.setSuffix(" px")
-        self.size_px.setValue(512)
-        self.specks = QSpinBox()
-        self.specks.setRange(0, 10_000)
-        self.specks.setSuffix(" px")
-        self.specks.setValue(SPECKS)
-        self.narrow = QSpinBox()
-        self.narrow.setRange(0, 200)
-        self.narrow.setSuffix(" px")
+        self.name, self.extent = name_line(path.stem), extent_box()
+        self.size_px = pixel_box(512)
+        self.specks, self.narrow = pixel_box(SPECKS, 0, 10_000), pixel_box(0, 0, 200)
         self.narrow.setSpecialValueText("by colour")
         fields = form()
         controls: tuple[tuple[str, QWidget, str], ...] = (
@@ -161,10 +141,7 @@ class TraceDialog(QDialog):
                 "Narrower water is a river, wider water a lake, whichever its colour",
             ),
         )
-        for title, control, tip in controls:
-            fields.addRow(title, control)
-            control.setToolTip(tip)
-            control.setAccessibleName(title.replace("&", ""))
+        add_rows(fields, controls)
         for box in (self.size_px, self.specks, self.narrow):
             box.setKeyboardTracking(False)
             box.valueChanged.connect(self._change)

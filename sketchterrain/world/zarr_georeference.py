@@ -1,8 +1,8 @@
 """Where a world in a Zarr store lies, told in the words of each reader.
 
-xarray, rioxarray and GDAL look for the grid mapping and coordinates of the CF conventions ("Grid Mappings
-and Projections"), older GDAL for ``_CRS`` (its documentation: "Zarr", SRS encoding), newer programs for the
-Zarr conventions ``proj:``, ``spatial:`` and ``multiscales`` (github.com/zarr-conventions).
+xarray, rioxarray and GDAL look for the grid mapping and the coordinates of the CF conventions ("Grid Mappings
+and Projections"), newer programs for the Zarr conventions ``proj:``, ``spatial:`` and ``multiscales``
+(github.com/zarr-conventions), as the driver Zarr of GDAL 3.13 does (its documentation: "Zarr").
 """
 
 from __future__ import annotations
@@ -64,14 +64,10 @@ class ZarrPlace:
         """Return what the root group says: the pyramid."""
         layout = []
         for level in self.world.levels:
-            entry: dict[str, Any] = {"asset": str(level.number)}
+            entry: dict[str, Any] = {"asset": str(level.number), "transform": {"scale": [1.0, 1.0]}}
             if level.number:
                 entry |= {"derived_from": str(level.number - 1), "transform": {"scale": [2.0, 2.0]}}
-            else:
-                entry |= {"transform": {"scale": [1.0, 1.0]}}
-            layout.append(
-                entry | {"spatial:shape": [level.rows, level.columns], "spatial:transform": self._corner(level)}
-            )
+            layout.append(entry | self._grid(level))
         return {
             "zarr_conventions": _conventions("multiscales", "geo-proj", "spatial"),
             "multiscales": {"layout": layout},
@@ -85,16 +81,15 @@ class ZarrPlace:
         return {
             "zarr_conventions": _conventions("geo-proj", "spatial"),
             "spatial:dimensions": ["y", "x"],
-            "spatial:shape": [level.rows, level.columns],
-            "spatial:transform": self._corner(level),
             "spatial:bbox": self._bounds(level),
+            **self._grid(level),
             **self._projection,
         }
 
     def layer(self) -> dict[str, Any]:
         """Return what a layer's array says."""
         # What xarray makes a coordinate stays with an array that is taken out of its level.
-        return {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING, "_CRS": {"wkt": self._wkt}}
+        return {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
 
     def mapping(self, level: Level) -> dict[str, Any]:
         """Return what the array `GRID_MAPPING` of a level says."""
@@ -111,6 +106,9 @@ class ZarrPlace:
             "units": "m",
             "axis": name.upper(),
         }
+
+    def _grid(self, level: Level) -> dict[str, Any]:
+        return {"spatial:shape": [level.rows, level.columns], "spatial:transform": self._corner(level)}
 
     def _corner(self, level: Level) -> list[float]:
         """Return the affine transform of pixels whose middles are the vertices: it speaks of corners."""

@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from sketchterrain.errors import InputError
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.world.grid import CHUNK, SHARD
 from sketchterrain.world.zarr_shards import Packing
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sketchterrain.world.grid import Level, Shard
 
 __all__ = [
@@ -112,9 +109,23 @@ def encoded(document: dict[str, Any]) -> bytes:
     return (json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
-def group_document(attributes: dict[str, Any]) -> dict[str, Any]:
-    """Return the metadata of a group."""
-    return {"zarr_format": 3, "node_type": "group", "attributes": attributes}
+def group_document(
+    attributes: dict[str, Any], members: dict[str, dict[str, Any]] | None = None
+) -> dict[str, Any]:
+    """Return the metadata of a group.
+
+    Parameters
+    ----------
+    attributes
+    members
+        Metadata of all that is in it, by path, to be read at once: consolidated, as zarr-python has it
+        (its user guide: "Consolidated metadata"); xarray asks for that.
+    """
+    document = {"zarr_format": 3, "node_type": "group", "attributes": attributes}
+    if members is not None:
+        kind = {"kind": "inline", "must_understand": False}
+        document["consolidated_metadata"] = kind | {"metadata": members}
+    return document
 
 
 def layer_document(layer: StoredLayer, level: Level, attributes: dict[str, Any]) -> dict[str, Any]:
@@ -179,19 +190,6 @@ def shard_file(layer: str, shard: Shard) -> str:
     """Return the name of a shard's file of a layer, from the store's folder on."""
     first = "0/" if LAYERS[layer].bands else ""
     return f"{shard.level}/{layer}/c/{first}{shard.row}/{shard.column}"
-
-
-def check_layers(layers: Sequence[str]) -> None:
-    """Refuse layers that are none.
-
-    Raises
-    ------
-    InputError
-        Naming them.
-    """
-    unknown = [name for name in layers if name not in LAYERS]
-    if unknown or "height" not in layers:
-        raise InputError(f"expected layers among {', '.join(LAYERS)}, with height, got {', '.join(layers)}")
 
 
 def _array_document(

@@ -15,18 +15,21 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.export.target import Library
 from sketchterrain.world.grid import CHUNK, SHARD
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["INDEX_BYTES", "Packing", "chunk_place", "pack_shard"]
+__all__ = ["INDEX_BYTES", "ZARR_LIBRARIES", "Packing", "chunk_place", "pack_shard"]
 
 _SIDE: Final = SHARD // CHUNK  # chunks along a shard
 _EMPTY: Final = (1 << 64) - 1  # the place of a chunk that is not there
 _CHECK: Final = 4  # bytes of a checksum
 _SHUFFLES: Final = ("noshuffle", "shuffle", "bitshuffle")  # Blosc's numbers for them
 
+ZARR_LIBRARIES: Final = (Library("numcodecs", "world"), Library("google_crc32c", "world"))
+"""What chunks are packed and checked by."""
 INDEX_BYTES: Final = _SIDE * _SIDE * 16 + _CHECK
 """At the end of a shard: offset and length of each chunk, and a checksum."""
 

@@ -6,10 +6,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from sketchterrain.export.libraries import require
-from sketchterrain.export.target import Library
 from sketchterrain.whole_files import telling_failure, whole_file, write_whole
 from sketchterrain.world.zarr_layout import LAYERS, METADATA, shard_file
-from sketchterrain.world.zarr_shards import pack_shard
+from sketchterrain.world.zarr_shards import ZARR_LIBRARIES, pack_shard
 from sketchterrain.world.zarr_tree import BYTES, LEDGER, ZarrTree
 
 if TYPE_CHECKING:
@@ -19,10 +18,7 @@ if TYPE_CHECKING:
     from sketchterrain.world.ground import Ground
     from sketchterrain.world.job import Job
 
-__all__ = ["ZARR_LIBRARIES", "ZarrStore"]
-
-ZARR_LIBRARIES = (Library("numcodecs", "world"), Library("google_crc32c", "world"))
-"""What chunks are packed by; they come with zarr-python."""
+__all__ = ["ZarrStore"]
 
 
 class ZarrStore:

@@ -32,6 +32,11 @@ class Interrupts:
         for each, before in self._before.items():
             signal.signal(each, before)
 
+    @property
+    def heard(self) -> bool:
+        """Whether one came."""
+        return self._heard
+
     def check(self) -> None:
         """Let one that came act now.
 

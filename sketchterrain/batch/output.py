@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.sketch.document import LabelImage
 
-__all__ = ["Fingerprints", "Output"]
+__all__ = ["Fingerprints", "Output", "image_digest"]
 
 
 @dataclass(frozen=True)
@@ -85,6 +85,10 @@ class Fingerprints:
         # Images are read-only and shared by all seeds: each is hashed once.
         known = self._images.get(id(image))
         if known is None:
-            told = f"{image.shape}".encode()
-            known = self._images[id(image)] = image, sha256(told + image.tobytes()).hexdigest()
+            known = self._images[id(image)] = image, image_digest(image)
         return known[1]
+
+
+def image_digest(image: LabelImage) -> str:
+    """Return the SHA-256 of a layer's shape and labels, as hexadecimal digits."""
+    return sha256(f"{image.shape}".encode() + image.tobytes()).hexdigest()

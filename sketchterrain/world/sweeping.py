@@ -1,0 +1,64 @@
+"""What a run that was killed has left half-written in a world's folders."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+    from pathlib import Path
+
+    from sketchterrain.world.job import Job
+    from sketchterrain.world.roots import Roots
+    from sketchterrain.world.store import Store
+
+__all__ = ["sweep"]
+
+_HALF: Final = (".*.tmp", ".sketchterrain-*")  # of whole_files and of export.files.staging
+_SHARDS: Final = "c"  # the folder of an array's chunks
+
+
+def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
+    """Delete half-written files, and shards of a Zarr store that are not known to be whole.
+
+    Other files stay, for they may be a person's.
+
+    Parameters
+    ----------
+    job
+    store
+        Of the job.
+    roots
+        Of its files.
+    known
+        Names of files that are whole.
+    """
+    for folder in _folders(job, store, roots):
+        for pattern in _HALF:
+            for path in folder.rglob(pattern):
+                _delete(path)
+    if job.form == "zarr":
+        for path in _shards(job):
+            if path.relative_to(roots.ground).as_posix() not in known:
+                _delete(path)
+
+
+def _folders(job: Job, store: Store, roots: Roots) -> list[Path]:
+    """Return folders that are the world's alone."""
+    mine = {job.output, store.journal.parent, *((roots.plants,) if roots.plants is not None else ())}
+    return [folder for folder in sorted(mine) if folder.is_dir()]
+
+
+def _shards(job: Job) -> Iterator[Path]:
+    for level in job.world.levels:
+        for layer in job.layers:
+            folder = job.output / str(level.number) / layer / _SHARDS
+            yield from [path for path in folder.rglob("*") if not path.is_dir()]
+
+
+def _delete(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)

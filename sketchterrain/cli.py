@@ -19,7 +19,9 @@ from sketchterrain import queries
 from sketchterrain.commands import export as taken
 from sketchterrain.commands.batch import batch
 from sketchterrain.commands.sketches import read_sketch
+from sketchterrain.commands.stats import stats
 from sketchterrain.commands.trace import trace
+from sketchterrain.commands.world import world
 from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, fail, told
 from sketchterrain.listings import (
     adherence_lines,
@@ -301,5 +303,15 @@ def edit(
     raise typer.Exit(run(sketch))
 
 
-for _command in (batch, taken.export, taken.targets, trace, queries.bench, queries.devices, queries.presets):
+for _command in (
+    batch,
+    world,
+    stats,
+    taken.export,
+    taken.targets,
+    trace,
+    queries.bench,
+    queries.devices,
+    queries.presets,
+):
     app.command()(_command)

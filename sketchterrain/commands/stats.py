@@ -1,0 +1,138 @@
+# ruff: noqa: TC001, TC003 - typer reads the command's annotations at run time
+"""The command that measures a written world, and checks whether its files are what was written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sketchterrain.arguments import AsJson
+from sketchterrain.exit_codes import PARTIAL, USAGE_ERROR, fail
+from sketchterrain.listings import say, say_json
+from sketchterrain.progress import Stages
+
+if TYPE_CHECKING:
+    from sketchterrain.world.statistics import Statistics
+    from sketchterrain.world.verification import Broken
+
+__all__ = ["stats"]
+
+_NAMED = 10  # files that are missing or broken; --json has them all
+_BAR = 40  # characters
+_NAME = 12  # columns of the first word
+
+
+def stats(
+    store: Annotated[
+        Path, typer.Argument(metavar="WORLD", help="What `world` wrote: .zarr, .tif or a folder of tiles.")
+    ],
+    level: Annotated[
+        int | None, typer.Option("--level", metavar="N", min=0, help="Of the pyramid; 0, the finest.")
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Compare every file with the world's list of hashes instead.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Tell a written world's relief, slopes and hypsometry, or whether all of its files are whole."""
+    if check and level is not None:
+        raise USAGE_ERROR("--level with --check: all levels are checked")
+    with Stages() as stages:
+        if check:
+            with stages.stage("check", "Reading every file") as tell:
+                from sketchterrain.world.checking import check_world
+
+                checked = check_world(store, progress=tell)
+        else:
+            with stages.stage("open", "Opening the world"):
+                from sketchterrain.world.opening import open_world
+                from sketchterrain.world.statistics import statistics_of
+
+                stored = open_world(store)
+            with stages.stage("statistics", "Measuring") as tell:
+                found = statistics_of(stored, level=level or 0, progress=tell)
+    if not check:
+        if as_json:
+            say_json({"world": str(store), **found.as_dict()})
+        else:
+            say(*_lines(store, found))
+        return
+    _tell_checked(store, checked.files, checked.bytes, checked.broken, as_json=as_json)
+
+
+def _tell_checked(store: Path, files: int, size: int, broken: tuple[Broken, ...], *, as_json: bool) -> None:
+    """Tell what a check found.
+
+    Raises
+    ------
+    Exit
+        With the code for partial results, if not all files are whole.
+    """
+    from sketchterrain.disk import amount
+    from sketchterrain.errors import one_line
+
+    if as_json:
+        told = [{"file": each.file, "why": each.why} for each in broken]
+        say_json({"world": str(store), "files": files, "bytes": size, "broken": told})
+    elif broken:
+        say(*(f"{one_line(each.file)} {each.why}" for each in broken[:_NAMED]))
+        if len(broken) > _NAMED:
+            say(f"and {len(broken) - _NAMED} more")
+    else:
+        say(f"{files} files, {amount(size)}: all as they were written")
+    if broken:
+        raise typer.Exit(
+            fail(
+                f"{len(broken)} of {files} files are missing or broken; `world --resume` mends them", PARTIAL
+            )
+        )
+
+
+def _lines(store: Path, found: Statistics) -> list[str]:
+    level, relief, slopes = found.level, found.relief, found.slopes
+    lines = [
+        f"{store}, level {level.number}: {level.columns} × {level.rows} vertices {level.cell:g} m apart, "
+        f"{_area(found.area)}",
+        f"{'relief':<{_NAME}}{relief.lowest:.1f} to {relief.highest:.1f} m, range "
+        f"{relief.highest - relief.lowest:.1f} m; mean {relief.mean:.1f}, standard deviation "
+        f"{relief.deviation:.1f}",
+        f"{'':<{_NAME}}{_quantiles(relief.quantiles, ' m')}",
+    ]
+    if slopes is not None:
+        lines += [
+            f"{'slopes':<{_NAME}}mean {slopes.mean:.1f}°, steepest {slopes.steepest:.1f}° (Horn 1981); the "
+            f"surface is {slopes.surface:.3f} of its map's area",
+            f"{'':<{_NAME}}{_quantiles(slopes.quantiles, '°')}",
+        ]
+        step = 90 // len(slopes.shares)
+        last = max(number for number, share in enumerate(slopes.shares) if share > 0)
+        top = max(slopes.shares)
+        lines += [
+            _bar(f"{number * step}–{number * step + step}°", share, top)
+            for number, share in enumerate(slopes.shares[: last + 1])
+        ]
+    hypsometry = found.hypsometry
+    lines.append(f"{'hypsometry':<{_NAME}}integral {hypsometry.integral:.3f} (Strahler 1952); area above")
+    rows = list(zip(hypsometry.heights, hypsometry.above, strict=True))
+    lines += [_bar(f"{height:.0f} m", share, 1.0) for height, share in rows[::-2]]
+    if found.materials:
+        lines.append(f"{'materials':<{_NAME}}share of the whole")
+        ordered = sorted(found.materials.items(), key=lambda each: -each[1])
+        top = ordered[0][1]
+        lines += [_bar(name, share, top) for name, share in ordered]
+    return lines
+
+
+def _bar(name: str, share: float, top: float) -> str:
+    filled = round(_BAR * share / top) if top > 0 else 0
+    return f"  {name:>{_NAME}}  {share:6.1%}  {'█' * filled}".rstrip()
+
+
+def _quantiles(quantiles: dict[float, float], unit: str) -> str:
+    return ", ".join(f"{share:.0%} {value:.1f}{unit}" for share, value in quantiles.items())
+
+
+def _area(square_metres: float) -> str:
+    return f"{square_metres / 1e6:.4g} km²" if square_metres >= 1e6 else f"{square_metres:.4g} m²"

@@ -1,0 +1,201 @@
+"""What a person asks for when a world is written, checked before anything is opened."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, get_args
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.export.libraries import require
+from sketchterrain.export.target import Library
+from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.world.grid import World
+from sketchterrain.world.ground import LAYERS
+from sketchterrain.world.job import Job, PlantsForm
+
+if TYPE_CHECKING:
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.terrain.recipe import TerrainRecipe
+    from sketchterrain.world.job import Form
+
+__all__ = ["Wishes", "form_of", "layers_of"]
+
+PLANTS: Final = get_args(PlantsForm)
+_FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
+_LIBRARIES: Final = {
+    "zarr": (Library("zarr", "world"),),
+    "parquet": (Library("pyarrow", "world"),),
+    "flatgeobuf": (Library("pyogrio", "gis"),),
+}
+_WORKERS: Final = (Library("distributed", "world"),)
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What is asked of a world; `Job` says what each is.
+
+    Attributes
+    ----------
+    bounds : (float, float, float, float) or None
+        West, south, east, north, m; None: the sketch's rectangle.
+    cell : float
+        Metres between vertices.
+    layers : tuple of str
+    plants : str
+    grass : bool
+    crs : str or None
+    origin : (float, float)
+    step : float
+    fast : bool
+    workers : bool
+        Whether others than this process do the tasks.
+    """
+
+    bounds: tuple[float, float, float, float] | None = None
+    cell: float = 1.0
+    layers: tuple[str, ...] = LAYERS
+    plants: PlantsForm = "none"
+    grass: bool = False
+    crs: str | None = None
+    origin: tuple[float, float] = (0.0, 0.0)
+    step: float = 0.0
+    fast: bool = False
+    workers: bool = False
+
+    def check(self, sketch: Sketch, form: Form) -> World:
+        """Refuse what cannot be written; return where it is sampled.
+
+        Raises
+        ------
+        InputError
+            With what was expected, and what was given.
+        SketchterrainError
+            If a library is not installed.
+        """
+        world = World(*(self.bounds or (0.0, 0.0, *sketch.size)), self.cell)
+        _check_lattice(world, sketch.extent)
+        if self.plants not in PLANTS:
+            raise InputError(f"expected plants as {_either(PLANTS)}, got {one_line(self.plants)!r}")
+        if self.grass and self.plants == "none":
+            raise InputError(f"grass without plants: expected plants as {_either(PLANTS[1:])} with it")
+        _check_step(self.step)
+        if not all(math.isfinite(number) for number in self.origin):
+            raise InputError(f"expected a finite origin, got {self.origin}")
+        if self.crs is not None:
+            from sketchterrain.metric_crs import metric_crs
+
+            metric_crs(self.crs)
+        layers_of(",".join(self.layers))
+        for name in (form, self.plants):
+            require(f"writing {name}", _LIBRARIES.get(name, ()))
+        if self.workers:
+            require("a world by workers", _WORKERS)
+        return world
+
+    def job(self, sketch: Sketch, recipe: TerrainRecipe, output: Path, form: Form) -> Job:
+        """Return the world that is to be written.
+
+        Parameters
+        ----------
+        sketch
+            With the seed that counts.
+        recipe
+            Of that sketch.
+        output
+            Where.
+        form
+            See `form_of`.
+
+        Raises
+        ------
+        SketchterrainError
+            As `check`.
+        """
+        return Job(
+            sketch=sketch,
+            recipe=recipe,
+            world=self.check(sketch, form),
+            output=output.absolute(),
+            form=form,
+            layers=layers_of(",".join(self.layers)),
+            plants=self.plants,
+            grass=self.grass,
+            crs=self.crs,
+            origin=self.origin,
+            step=self.step,
+            fast=self.fast,
+        )
+
+
+def form_of(output: str) -> Form:
+    """Return the form that a name stands for: .zarr, .tif, or a folder of tiles.
+
+    A folder's name has no ending, or a slash after it, or is there already.
+
+    Raises
+    ------
+    InputError
+        If it has another ending.
+    """
+    ending = Path(output).suffix.lower()
+    if ending == ".zarr":
+        return "zarr"
+    if ending in (".tif", ".tiff"):
+        return "tif"
+    if ending and not output.endswith("/") and not Path(output).is_dir():
+        raise InputError(
+            f"{one_line(output)}: expected a name that ends in .zarr or .tif, or a folder's without an ending"
+        )
+    return "tiles"
+
+
+def layers_of(text: str) -> tuple[str, ...]:
+    """Return the layers that a text names, in their own order.
+
+    Raises
+    ------
+    InputError
+        If there is none of a name, or heights are not among them.
+    """
+    names = [name.strip() for name in text.split(",")]
+    unknown = next((name for name in names if name not in LAYERS), None)
+    if unknown is not None:
+        raise InputError(f"layers {one_line(text)!r}: expected some of {', '.join(LAYERS)}, with commas")
+    if "height" not in names:
+        raise InputError(f"layers {one_line(text)!r}: expected height among them, which every world has")
+    return tuple(name for name in LAYERS if name in names)
+
+
+def _check_lattice(world: World, extent: float) -> None:
+    """Refuse vertices that integers cannot tell apart."""
+    unit = metres_per_unit(extent)
+    if world.cell < unit:
+        raise InputError(
+            f"cell {world.cell:g} m: expected at least {unit:.3g} m, the finest that a sketch of "
+            f"{extent:g} m has"
+        )
+    for level in world.levels:
+        east, south = (
+            world.west + (level.columns + 1) * level.cell,
+            world.north - (level.rows + 1) * level.cell,
+        )
+        try:
+            to_lattice([world.west - level.cell, east, world.north + level.cell, south], extent)
+        except InputError as error:
+            bounds = f"{world.west:g},{world.south:g},{world.east:g},{world.north:g}"
+            raise InputError(f"bounds {bounds}: {error}") from None
+
+
+def _check_step(step: float) -> None:
+    if step == 0 or (_FINEST_STEP <= step <= _COARSEST_STEP and math.frexp(step)[0] == 0.5):
+        return
+    raise InputError(
+        f"step {step:g}: expected a power of two of metres up to {_COARSEST_STEP:g}, as 0.0078125, "
+        "or 0 for every bit"
+    )
+
+
+def _either(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} or {names[-1]}"

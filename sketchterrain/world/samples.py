@@ -1,0 +1,142 @@
+"""Patches of a world at hashed places: how long they take, and how many bytes they become."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from sketchterrain.world.forms import store_of
+from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
+from sketchterrain.world.ground import LAYERS, Ground
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from sketchterrain.world.grid import Level
+    from sketchterrain.world.job import Job
+    from sketchterrain.world.making import Maker
+
+__all__ = ["Sampled", "sample"]
+
+_FEWEST, _MOST = 6, 64  # patches
+_SHARE: Final = 1 / 16  # of the world's vertices, that a sample takes at most, were it not for the fewest
+_ACROSS: Final = SHARD // CHUNK  # patches side by side in a shard
+_COARSE: Final = 3  # this level and all coarser ones are weighed together: 1.6 % of all vertices
+_ENDING: Final = {"zarr": ".zarr", "tif": ".tif", "tiles": ""}
+
+
+class Sampled(NamedTuple):
+    """What was measured.
+
+    Attributes
+    ----------
+    patches, vertices : int
+        That were evaluated.
+    evaluating, writing : float
+        Seconds a vertex.
+    layers : dict of str to float
+        Bytes on disk of all levels' shards, by layer.
+    fixed : int
+        Bytes of files that do not depend on the ground.
+    """
+
+    patches: int
+    vertices: int
+    evaluating: float
+    writing: float
+    layers: dict[str, float]
+    fixed: int
+
+
+def sample(job: Job, maker: Maker, *, progress: Callable[[float], None] | None = None) -> Sampled:
+    """Evaluate some patches of a job's levels, have the job's own form write them elsewhere, and weigh them.
+
+    Places follow from the sketch's seed: the same patches each time. Each group of levels has as many patches
+    as its share of the vertices.
+
+    Parameters
+    ----------
+    job
+    maker
+        Of that job.
+    progress
+        Called with the share that is done, 0 … 1.
+
+    Raises
+    ------
+    DeviceFailedError
+        If the device gave up.
+    SketchterrainError
+        If the system cannot write temporary files.
+    """
+    levels = job.world.levels
+    groups = [(level,) for level in levels[:_COARSE]] + ([levels[_COARSE:]] if len(levels) > _COARSE else [])
+    wanted = min(max(round(_SHARE * job.world.vertices / CHUNK**2), _FEWEST), _MOST)
+    chance = np.random.default_rng(job.sketch.seed)
+    _patch(maker, levels[-1], chance)  # the first launch builds programs
+    bytes_of, fixed, patches, seen = dict.fromkeys(job.layers, 0.0), 0, 0, 0
+    evaluating, writing = [], []
+    for number, group in enumerate(groups):
+        vertices = sum(level.columns * level.rows for level in group)
+        count = max(round(wanted * vertices / job.world.vertices), 1)
+        start = time.perf_counter()
+        grounds = [_patch(maker, group[0], chance) for _ in range(count)]
+        half = time.perf_counter()
+        weights, fixed = _weighed(job, grounds)
+        sampled = sum(ground.height.size for ground in grounds)
+        evaluating.append(((half - start) / sampled, vertices))
+        writing.append(((time.perf_counter() - half) / sampled, vertices))
+        for layer, weight in weights.items():
+            bytes_of[layer] += weight / sampled * vertices
+        patches, seen = patches + count, seen + sampled
+        if progress is not None:
+            progress((number + 1) / len(groups))
+    return Sampled(patches, seen, _mean(evaluating), _mean(writing), bytes_of, fixed)
+
+
+def _patch(maker: Maker, level: Level, chance: np.random.Generator) -> Ground:
+    rows, columns = min(CHUNK, level.rows), min(CHUNK, level.columns)
+    top = int(chance.integers(level.rows - rows + 1))
+    left = int(chance.integers(level.columns - columns + 1))
+    shard = Shard(level.number, 0, 0)
+    return maker.window(shard, top=top, left=left, rows=rows, columns=columns)
+
+
+def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int]:
+    """Return the bytes of patches by layer, written side by side, and those of all fixed files."""
+    across = min(len(grounds), _ACROSS)
+    down = math.ceil(len(grounds) / across)
+    filled = [*grounds, *grounds][: across * down]  # the last row is filled up with the first ones
+    height, normal, materials = (
+        _joined([getattr(ground, layer) for ground in filled], across) for layer in LAYERS
+    )
+    rows, columns = height.shape
+    with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
+        output = Path(folder) / f"sample{_ENDING[job.form]}"
+        world = World(0.0, 0.0, float(columns - 1), float(rows - 1), 1.0)
+        store = store_of(replace(job, world=world, output=output))
+        fixed = sum((store.folder / name).stat().st_size for name in store.create())
+        names = store.write(Ground(Shard(0, 0, 0), height, normal, materials))
+        share = len(grounds) / len(filled)
+        return {
+            layer: share * sum((store.folder / name).stat().st_size for name in names if layer in name)
+            for layer in job.layers
+        }, fixed
+
+
+def _joined(patches: Sequence[npt.NDArray[np.generic]], across: int) -> npt.NDArray[np.generic]:
+    rows = [np.concatenate(patches[at : at + across], axis=-1) for at in range(0, len(patches), across)]
+    return np.concatenate(rows, axis=-2)
+
+
+def _mean(values: Sequence[tuple[float, int]]) -> float:
+    """Return the mean of values with their weights."""
+    return sum(value * weight for value, weight in values) / sum(weight for _, weight in values)

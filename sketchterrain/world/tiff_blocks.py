@@ -1,0 +1,128 @@
+"""A grid's vertices as blocks of a TIFF: packed by GDAL in memory, or found in a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sketchterrain.world.grid import CHUNK
+from sketchterrain.world.tiff_directory import TILE_BYTES, TILE_OFFSETS, numbers, read_directory
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    import numpy.typing as npt
+
+    from sketchterrain.world.tiff_directory import Tag
+    from sketchterrain.world.tiff_layers import TiffLayer
+
+__all__ = ["Sheet", "block_grid", "block_places", "means", "packed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """One image of a TIFF as blocks.
+
+    Attributes
+    ----------
+    rows, columns : int
+        Vertices.
+    sizes : (block rows, block columns) int64
+        Bytes of each block.
+    blocks : callable
+        Returns the blocks, row after row.
+    """
+
+    rows: int
+    columns: int
+    sizes: npt.NDArray[np.int64]
+    blocks: Callable[[], Iterator[bytes | memoryview]]
+
+
+def block_grid(rows: int, columns: int) -> tuple[int, int]:
+    """Return how many rows and columns of blocks a grid takes."""
+    return -(-rows // CHUNK), -(-columns // CHUNK)
+
+
+def block_places(tags: dict[int, Tag], shape: tuple[int, int]) -> npt.NDArray[np.int64]:
+    """Return where a file's blocks lie.
+
+    Parameters
+    ----------
+    tags
+        Of its first directory.
+    shape
+        Rows and columns of blocks.
+
+    Returns
+    -------
+    ndarray, (block rows, block columns, 2)
+        The first byte, and how many there are.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer blocks.
+    """
+    try:
+        place, size = numbers(tags[TILE_OFFSETS]), numbers(tags[TILE_BYTES])
+        return np.stack([place, size], axis=-1).reshape(*shape, 2)
+    except (KeyError, ValueError):
+        raise ValueError(f"expected {shape[0]} × {shape[1]} blocks") from None
+
+
+def packed(layer: TiffLayer, values: npt.NDArray[Any]) -> Sheet:
+    """Return a grid's values as blocks; the same values give the same bytes.
+
+    Parameters
+    ----------
+    layer
+    values
+        (bands, rows, columns) of the layer's type.
+    """
+    from rasterio import Env
+    from rasterio.io import MemoryFile
+    from rasterio.transform import from_origin
+
+    rows, columns = values.shape[1:]
+    with Env(), MemoryFile() as memory:
+        # rasterio warns of files that lie nowhere; where this one does is not kept.
+        with memory.open(**layer.profile(rows, columns), transform=from_origin(0.0, 0.0, 2.0, 2.0)) as file:
+            file.write(values)
+        content = bytes(memory.getbuffer())
+    places = block_places(read_directory(content), block_grid(rows, columns))
+    whole = memoryview(content)
+
+    def blocks() -> Iterator[memoryview]:
+        for place, size in places.reshape(-1, 2).tolist():
+            yield whole[place : place + size]
+
+    return Sheet(rows, columns, places[..., 1], blocks)
+
+
+def means(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+    """Return the mean of each square of vertices; at the south and east edges, of those that are there.
+
+    Weights of materials still sum to 255 within a few: each band is rounded by itself.
+
+    Parameters
+    ----------
+    values
+        (bands, rows, columns), float32 or uint8.
+    factor
+        Vertices along a square's side.
+    """
+    rows, columns = (np.arange(0, length, factor) for length in values.shape[1:])
+    wide = np.float64 if values.dtype.kind == "f" else np.uint32
+    sums = np.add.reduceat(values, rows, axis=1, dtype=wide)
+    sums = np.add.reduceat(sums, columns, axis=2, dtype=wide)
+    count = np.outer(
+        *(
+            np.diff(edges, append=length)
+            for edges, length in zip((rows, columns), values.shape[1:], strict=True)
+        )
+    )
+    mean = sums / count
+    return (mean if values.dtype.kind == "f" else np.rint(mean)).astype(values.dtype)

@@ -26,6 +26,11 @@ invariant gl_Position;
 uniform float metres_per_unit;
 uniform vec2 eye_fraction; // of the eye, beyond its place on the lattice, m
 
+#ifdef BOUNDED
+uniform vec4 bounds; // west, south, east, north of all ground, relative to the eye, m
+out float gl_ClipDistance[4];
+#endif
+
 ivec2 place_in_tile()
 {
     int id = gl_VertexID % (SIDE * SIDE);
@@ -73,6 +78,17 @@ vec4 high_weights_at(float share)
     return mix(unpackUnorm4x8(materials.y), unpackUnorm4x8(materials.w), share);
 }
 
+// Cut off what lies beyond the world's bounds, if it has any.
+void end_ground(vec3 position)
+{
+#ifdef BOUNDED
+    gl_ClipDistance[0] = position.x - bounds.x;
+    gl_ClipDistance[1] = position.y - bounds.y;
+    gl_ClipDistance[2] = bounds.z - position.x;
+    gl_ClipDistance[3] = bounds.w - position.y;
+#endif
+}
+
 // Put the vertex where it lies, with all that is shown of it; return its place in the tile.
 ivec2 lay_vertex()
 {
@@ -81,6 +97,8 @@ ivec2 lay_vertex()
     ground_normal = ground_normal_at(share);
     weights_low = low_weights_at(share);
     weights_high = high_weights_at(share);
-    gl_Position = to_clip * vec4(ground_position(place, share), 1.0);
+    vec3 position = ground_position(place, share);
+    end_ground(position);
+    gl_Position = to_clip * vec4(position, 1.0);
     return place;
 }

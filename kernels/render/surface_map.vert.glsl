@@ -11,6 +11,7 @@ void main()
     ivec2 place = place_in_tile();
     float share = parent_share(place);
     vec3 at = ground_position(place, share);
+    end_ground(at);
     ground_normal = ground_normal_at(share);
     weights_low = low_weights_at(share);
     weights_high = high_weights_at(share);

@@ -178,6 +178,11 @@ class ComputeContext:
         """
         return self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, is_blocking=False)
 
+    def upload_into(self, buffer: Any, array: npt.NDArray[Any], *, start: int) -> None:
+        """Copy a contiguous array into a buffer, from a byte on, and wait for it."""
+        if array.nbytes:
+            self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, dst_offset=start)
+
     def wait(self, event: Any) -> None:
         """Wait for what `write` enqueued."""
         self._call("uploading", event.wait)

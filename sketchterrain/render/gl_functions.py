@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ctypes
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from sketchterrain.errors import DeviceError
 
-__all__ = ["COMMAND", "gl_function", "wait_for_gl"]
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import moderngl
+
+__all__ = ["COMMAND", "clipping", "gl_function", "wait_for_gl"]
 
 COMMAND: Final = np.dtype(
     [
@@ -30,6 +35,7 @@ _ASKED: Final = (("libEGL.so.1", "eglGetProcAddress"), ("opengl32", "wglGetProcA
 _COMPLETE, _FLUSH = 0x9117, 0x1  # GL_SYNC_GPU_COMMANDS_COMPLETE, GL_SYNC_FLUSH_COMMANDS_BIT
 _TIMEOUT_EXPIRED, _WAIT_FAILED = 0x911B, 0x911D
 _TURN: Final = 1_000_000_000  # ns
+_CLIP_DISTANCES: Final = range(0x3000, 0x3004)  # GL_CLIP_DISTANCE0 …
 
 
 @cache
@@ -76,3 +82,15 @@ def wait_for_gl() -> None:
         gl_function("glDeleteSync", None, ctypes.c_void_p)(fence)
     if found == _WAIT_FAILED:
         raise DeviceError("OpenGL failed while it was waited for")
+
+
+@contextmanager
+def clipping(context: moderngl.Context) -> Iterator[None]:
+    """Cut off what the four ``gl_ClipDistance`` of vertex shaders say, while this lasts."""
+    for distance in _CLIP_DISTANCES:
+        context.enable_direct(distance)
+    try:
+        yield
+    finally:
+        for distance in _CLIP_DISTANCES:
+            context.disable_direct(distance)

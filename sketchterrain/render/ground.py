@@ -13,7 +13,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.render.gl_functions import COMMAND
+from sketchterrain.render.gl_functions import COMMAND, clipping
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import QUADS, borders
@@ -75,6 +75,8 @@ class GroundPool:
         `sketchterrain.terrain.vertices.VERTEX`, (quads + 1)² a slot.
     quads
         Along a tile's side: a power of two ≥ 4.
+    bounds
+        West, south, east, north (m), beyond which nothing is drawn; None: it goes on for ever.
 
     Attributes
     ----------
@@ -85,12 +87,20 @@ class GroundPool:
     """
 
     def __init__(
-        self, context: moderngl.Context, extent: float, vertices: moderngl.Buffer, *, quads: int = QUADS
+        self,
+        context: moderngl.Context,
+        extent: float,
+        vertices: moderngl.Buffer,
+        *,
+        quads: int = QUADS,
+        bounds: tuple[float, float, float, float] | None = None,
     ) -> None:
         self.tiles = self.triangles = 0
         self._context = context
         self._unit = metres_per_unit(extent)
         self._quads = quads
+        self._bounds = bounds
+        self._eye = np.zeros(2)
         self._vertices = vertices
         indices, self._first, self._count = borders.tile_indices(quads)
         self._indices = context.buffer(indices.tobytes())
@@ -115,7 +125,8 @@ class GroundPool:
 
     def build(self, vertex: str, fragment: str) -> moderngl.Program:
         """Build a program whose vertex shader includes ``render/ground.glsl``."""
-        return build_program(self._context, vertex, fragment, defines={"TILE_QUADS": self._quads})
+        defines = {"TILE_QUADS": self._quads} | ({} if self._bounds is None else {"BOUNDED": 1})
+        return build_program(self._context, vertex, fragment, defines=defines)
 
     def array(
         self, program: moderngl.Program, *, values: tuple[moderngl.Buffer, str] | None = None
@@ -143,14 +154,15 @@ class GroundPool:
             If there are more than slots, or one reaches farther than 2³¹ lattice units (128 extents) away.
         """
         count = len(draws.slots)
-        here = np.floor(np.asarray(eye[:2]) / self._unit)
+        self._eye = np.asarray(eye[:2])
+        here = np.floor(self._eye / self._unit)
         corners = draws.corners - here.astype(np.int64)
         if count * _TILE.itemsize > self._tiles.size:
             raise InputError(f"expected at most {self._tiles.size // _TILE.itemsize} tiles, got {count}")
         ends = corners + np.multiply.outer(draws.steps * self._quads, [1, -1])
         if count and max(np.abs(corners).max(), np.abs(ends).max()) > _FARTHEST_UNIT:
             raise InputError(f"expected tiles within {_FARTHEST_UNIT * self._unit:.0f} m of the eye")
-        self._fraction = tuple((np.asarray(eye[:2]) - here * self._unit).tolist())
+        self._fraction = tuple((self._eye - here * self._unit).tolist())
         tiles = np.empty(count, _TILE)
         tiles["corner"], tiles["step"] = corners, draws.steps
         tiles["west"][:, :3], tiles["west"][:, 3] = draws.morph[:, :, 0], draws.morph[:, 0, 1]
@@ -211,4 +223,10 @@ class GroundPool:
             return
         array = array or self._array
         set_uniforms(array.program, {"metres_per_unit": self._unit, "eye_fraction": self._fraction})
-        array.render_indirect(commands, moderngl.TRIANGLES, count=count)
+        if self._bounds is None:
+            array.render_indirect(commands, moderngl.TRIANGLES, count=count)
+            return
+        relative = np.asarray(self._bounds) - np.tile(self._eye, 2)
+        set_uniforms(array.program, {"bounds": tuple(relative.tolist())})
+        with clipping(self._context):
+            array.render_indirect(commands, moderngl.TRIANGLES, count=count)

@@ -12,11 +12,13 @@ from sketchterrain.features.recent import Same
 from sketchterrain.render.ground import GroundPool
 from sketchterrain.render.kept import Kept
 from sketchterrain.render.quality import Quality
+from sketchterrain.render.scene import Bounded
 from sketchterrain.render.sharing_probe import beside_gl, on_context
 from sketchterrain.render.stats import GroundChange, StreamStats
 from sketchterrain.render.vertex_memory import DrawnMemory, open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import ScreenError, TileStream, View
+from sketchterrain.tiles.bounds import EVERYWHERE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -65,7 +67,7 @@ class GroundStream:
     memory
         Kind of the vertices' memory, see :func:`open_vertex_memory`; the best that works by default.
     finest_cell
-        No quad is made narrower than this, m.
+        No quad is made narrower than this, m, nor than a ground that is `Bounded` knows itself.
     metric
         Which tiles are too coarse; by default by the quality's tolerance on the screen.
     timer
@@ -106,11 +108,15 @@ class GroundStream:
         quads = quality.quads
         tile_bytes = (quads + 1) ** 2 * VERTEX.itemsize
         slots = max(quality.tile_memory // tile_bytes, 1)
+        bounds = terrain.bounds if isinstance(terrain, Bounded) else None
+        if isinstance(terrain, Bounded):
+            finest_cell = max(finest_cell, terrain.finest_cell)
         self.tiles = TileStream(
             terrain.extent,
             quads=quads,
             slots=slots,
             finest_cell=finest_cell,
+            bounds=bounds or EVERYWHERE,
             metric=metric
             or ScreenError(
                 quality.tolerance, quad=QUAD + QUAD_A_PIXEL * quality.tolerance, steep=quality.steep
@@ -129,7 +135,7 @@ class GroundStream:
             close=DrawnMemory.close,
         )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
-        self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads)
+        self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads, bounds=bounds)
         self._eye: npt.NDArray[np.float64] | None = None
         self._placed_for: tuple[float, float, float] | None = None
         self._since_leap = np.inf

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from sketchterrain.look.waters import Features, Field, Pool, Reach
 from sketchterrain.tiles import QUADS
@@ -16,26 +16,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain.vertices import VertexMemory, VertexStore
 
-__all__ = ["Features", "Field", "Ground", "Pool", "Reach", "Sketch", "Surface", "Terrain"]
-
-
-class Surface(Protocol):
-    """A tile: heights (m), unit normals and material weights at its vertices, row 0 north."""
-
-    @property
-    def height(self) -> npt.NDArray[np.float32]:
-        """Heights (m)."""
-        ...
-
-    @property
-    def normal(self) -> npt.NDArray[np.float32]:
-        """Unit normals, x east, y north, z up."""
-        ...
-
-    @property
-    def materials(self) -> npt.NDArray[np.float32]:
-        """Material weights, sum 1."""
-        ...
+__all__ = ["Bounded", "Features", "Field", "Ground", "Pool", "Reach", "Sketch", "Terrain"]
 
 
 class Sketch(Protocol):
@@ -87,6 +68,21 @@ class Ground(Protocol):
         ...
 
 
+@runtime_checkable
+class Bounded(Protocol):
+    """What a ground tells besides if it ends, and is not known as finely as one likes."""
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """West, south, east, north (m): nothing is drawn beyond them."""
+        ...
+
+    @property
+    def finest_cell(self) -> float:
+        """Metres between its vertices: no tile is finer."""
+        ...
+
+
 class Terrain(Ground, Protocol):
     """An endless terrain, see `sketchterrain.terrain`."""
 
@@ -109,10 +105,6 @@ class Terrain(Ground, Protocol):
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
     ) -> npt.NDArray[np.float32]:
         """Heights (m) at places (m), band-limited to a cell size (m)."""
-        ...
-
-    def tiles(self, keys: Sequence[tuple[int, int, int]]) -> Sequence[Surface]:
-        """Tiles by (level, col, row)."""
         ...
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["VertexWriter"]
+__all__ = ["VertexWriter", "geometric_error"]
 
 _FILE = "tiles.cl"
 _MOST_QUADS = 1 << 20  # of the tiles of a launch
@@ -108,11 +108,11 @@ class VertexWriter:
                 at_once.run(len(chosen), enqueue, smaller=self._give_back)
             parts = self._context.download(found, (len(keys), strips, 4), np.float32)
             apart = self._context.download(away, (len(keys), strips**2), np.float32)
-            facts["error"][order] = _geometric_error(apart)
+            facts["error"][order] = geometric_error(apart)
             for i in np.flatnonzero([self._wide.is_wide(int(level)) for level in keys[:, 0]]):
                 level, column, row = (int(number) for number in keys[i])
                 apart = self._wide.of(level, column, row, store.heights(int(slots[i])))
-                facts["error"][i] = _geometric_error(apart[None])[0]
+                facts["error"][i] = geometric_error(apart[None])[0]
         finally:
             store.release(slots)
         if not np.isfinite(parts[..., 2]).all():
@@ -177,7 +177,7 @@ class VertexWriter:
         self._launcher = PatchLauncher(self._arguments)
 
 
-def _geometric_error(apart: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+def geometric_error(apart: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
     """Return δ of tiles from how far samples of full detail are from their triangles (m), shape (tiles, n).
 
     A hundredth of a tile may be farther off, but nothing of it much farther: a rare crag does not decide.

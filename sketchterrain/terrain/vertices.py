@@ -121,6 +121,18 @@ class VertexStore:
         runs = zip(written[starts], ends - starts, strict=True)
         self.memory.release([(int(first) * size, int(count) * size) for first, count in runs])
 
+    def write(self, slot: int, tile: npt.NDArray[np.void]) -> None:
+        """Put vertices that were not made on the device into a slot, once they are the device's.
+
+        Parameters
+        ----------
+        slot
+            Where to.
+        tile
+            (quads + 1, quads + 1) of `VERTEX`, row 0 north.
+        """
+        self.context.upload_into(self.buffer, np.ascontiguousarray(tile), start=slot * self.tile_bytes)
+
     def heights(self, slot: int) -> npt.NDArray[np.float32]:
         """Wait for the device, whose the vertices must be, and return a tile's heights (m)."""
         tile = np.empty((self.quads + 1, self.quads + 1), VERTEX)

@@ -28,6 +28,8 @@ from sketchterrain.tiles.codes import (
 from sketchterrain.tiles.wanted import ROOT_LEVEL
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy.typing as npt
 
     from sketchterrain.tiles.codes import Codes
@@ -67,6 +69,11 @@ class Goals:
 class DrawnTree:
     """Leaves that cover the roots, and the weights of their controls.
 
+    Parameters
+    ----------
+    there : callable or None
+        Tells which tiles have ground: others are never drawn, no border is fitted to them. None: all have.
+
     Attributes
     ----------
     codes : sorted codes
@@ -79,7 +86,8 @@ class DrawnTree:
         Whether weights were not yet where they should be, or a step is left to do.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, there: Callable[[Codes], Flags] | None = None) -> None:
+        self._there = there
         self._set(np.zeros(0, np.int64))
         self.moving = False
 
@@ -194,6 +202,9 @@ class DrawnTree:
         self._coarser = ~same & contains(self.codes, parent_of(around))
         near = children_of(around.ravel()).reshape(-1, 8, 4)[:, np.arange(8), _NEAR_CHILD]
         self._finer = ~same & contains(self.codes, near)
+        if self._there is not None:
+            self._coarser &= self._there(around)
+            self._finer &= self._there(near)
         self._around = around
 
     def _cases(self) -> npt.NDArray[np.int64]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.tiles.bounds import EVERYWHERE, clipped
 from sketchterrain.tiles.codes import boxes_of, index_in
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ class TilePool:
     ----------
     slots : int
         How many tiles there is room for, ≥ 1.
+    bounds : (float, float, float, float)
+        West, south, east, north (m) of the world; the ground of tiles is what lies within.
 
     Attributes
     ----------
@@ -40,9 +43,10 @@ class TilePool:
         Whether a slot's tile shows the ground as it was before a change.
     """
 
-    def __init__(self, slots: int) -> None:
+    def __init__(self, slots: int, *, bounds: tuple[float, float, float, float] = EVERYWHERE) -> None:
         if slots < 1:
             raise InputError(f"expected room for 1 tile at least, got {slots}")
+        self._bounds = bounds
         self._code = np.full(slots, _FREE, np.int64)
         self._used = np.zeros(slots, np.int64)
         self.error, self.bottom, self.top = (np.zeros(slots) for _ in range(3))
@@ -127,7 +131,8 @@ class TilePool:
     def boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
         """Return the boxes of held tiles, wide enough for their own surface and for the real one."""
         error = self.error[slots]
-        return boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
+        boxes = boxes_of(codes, extent, self.bottom[slots] - error, self.top[slots] + error)
+        return clipped(boxes, self._bounds)
 
     def possible_boxes(self, codes: Codes, slots: Slots, extent: float) -> Boxes:
         """Return the same, of outdated tiles as high and low as any ground may be."""

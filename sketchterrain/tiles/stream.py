@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.tiles.bounds import EVERYWHERE, meets
 from sketchterrain.tiles.codes import children_of, keys_of, parent_of, place_of
 from sketchterrain.tiles.drawn import DrawnTree, Goals
 from sketchterrain.tiles.horizon import behind_ground
@@ -76,6 +77,9 @@ class TileStream:
         Which tiles are too coarse; τ = 1 px by default.
     hide : bool
         Whether tiles that lie behind nearer ground are left out of what is drawn.
+    bounds : (float, float, float, float)
+        West, south, east, north (m) of the ground; beyond them no tile is drawn, and none is looked at
+        closely, though one that has a brother within is generated.
     """
 
     def __init__(
@@ -87,6 +91,7 @@ class TileStream:
         finest_cell: float = 0.2,
         metric: Metric | None = None,
         hide: bool = True,
+        bounds: tuple[float, float, float, float] = EVERYWHERE,
     ) -> None:
         if quads < 2 or quads > 256 or quads & (quads - 1):
             raise InputError(f"expected quads to be a power of two, 2 … 256, got {quads}")
@@ -98,9 +103,10 @@ class TileStream:
         self._hide = hide
         self.quads = quads
         self.metric: Metric = metric or ScreenError()
-        self.pool = TilePool(slots)
+        self.pool = TilePool(slots, bounds=bounds)
+        self._bounds = bounds
         self.finest = finest_level(extent, quads, finest_cell)
-        self._tree = DrawnTree()
+        self._tree = DrawnTree(None if bounds == EVERYWHERE else lambda codes: meets(codes, extent, bounds))
         self._cost = CostModel()
         self._relaxed = 1.0
         self._lacking = True
@@ -261,7 +267,7 @@ class TileStream:
     @property
     def _selection(self) -> Selection:
         metric = self.metric if self._relaxed == 1 else self.metric.coarser(self._relaxed)
-        return Selection(self.extent, self.quads, metric, self.finest, hide=self._hide)
+        return Selection(self.extent, self.quads, metric, self.finest, hide=self._hide, bounds=self._bounds)
 
     def _want(self, view: View) -> Wanted:
         seen = (view.eye, view.planes.tobytes(), view.draw_distance, view.pixels_per_radian)
@@ -312,6 +318,7 @@ class TileStream:
         boxes = self.pool.possible_boxes(codes, slots, self.extent)
         distance, _ = across(view, boxes)
         shown = view.sees(boxes) & (distance <= view.draw_distance)
+        shown &= meets(codes, self.extent, self._bounds)
         if self._hide:
             shown[shown] = ~behind_ground(view, boxes.some(shown))
         codes, slots = codes[shown], slots[shown]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.tiles.bounds import EVERYWHERE, meets, places_within
 from sketchterrain.tiles.codes import (
     FARTHEST_TILE,
     around,
@@ -116,6 +117,8 @@ class Selection:
         Level at which splitting ends.
     hide : bool
         Whether tiles behind nearer ground count as not seen.
+    bounds : (float, float, float, float)
+        West, south, east, north (m): tiles without ground in there are never too coarse, nor roots.
     """
 
     extent: float
@@ -123,6 +126,7 @@ class Selection:
     metric: Metric
     finest: int
     hide: bool = True
+    bounds: tuple[float, float, float, float] = EVERYWHERE
 
     def roots(self, view: View) -> Codes:
         """Return the codes of the coarsest tiles about the eye.
@@ -144,11 +148,12 @@ class Selection:
         """Return how much too coarse all tiles are that are held, those that nearer ground hides included."""
         codes, slots = pool.all()
         boxes = pool.boxes(codes, slots, self.extent)
-        cells = (boxes.high[:, 0] - boxes.low[:, 0]) / self.quads
+        cells = self.extent * np.exp2(-place_of(codes)[0].astype(np.float64)) / self.quads
         excess = self.metric.excess(view, boxes, pool.error[slots], cells)
         distance, _ = across(view, boxes)
-        excess = np.where(distance <= view.draw_distance, excess, 0.0)
-        seen = view.sees(boxes, margin=_MARGIN * distance)
+        there = meets(codes, self.extent, self.bounds)
+        excess = np.where(there & (distance <= view.draw_distance), excess, 0.0)
+        seen = there & view.sees(boxes, margin=_MARGIN * distance)
         every = Excess(codes, np.where(seen, excess, _ASIDE * excess), seen)
         if self.hide:
             coarse = np.flatnonzero(seen & (excess > 1))
@@ -207,14 +212,18 @@ class Selection:
         level, _, _ = place_of(codes)
         left = contains(codes[splits], parent_of(codes)) | (level == ROOT_LEVEL)
         left[splits] = False
-        return np.flatnonzero(left)
+        return np.flatnonzero(left & meets(codes, self.extent, self.bounds))
 
     def _range(self, view: View, level: int, share: float) -> Range:
-        """Return first and last column and row of a level within a share of the draw distance."""
+        """Return first and last column and row of a level within bounds and a share of the draw distance."""
         width = self.extent * 2.0**-level
         reach = min(share * view.draw_distance, _MOST_ROOTS * self.extent * 2.0**-ROOT_LEVEL)
         ends = [int(np.floor((at + way * reach) / width)) for at in view.eye[:2] for way in (-1, 1)]
-        return ends[0], ends[1], ends[2], ends[3]
+        most = places_within(self.bounds, width)
+        west, east, south, north = (
+            int(limit(end, there)) for limit, end, there in zip((max, min, max, min), ends, most, strict=True)
+        )
+        return west, east, south, north
 
     @property
     def _levels(self) -> range:

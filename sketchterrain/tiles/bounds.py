@@ -1,0 +1,48 @@
+"""A world that ends: which tiles meet the rectangle that there is ground in."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from sketchterrain.tiles.codes import Boxes, place_of
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from sketchterrain.tiles.codes import Codes
+
+    Bounds = tuple[float, float, float, float]
+
+__all__ = ["EVERYWHERE", "clipped", "meets", "places_within"]
+
+EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
+"""West, south, east, north (m) of a world without end."""
+
+
+def places_within(bounds: Bounds, width: float) -> Bounds:
+    """Return the first and last column, first and last row of the tiles of a width (m) that meet bounds."""
+    west, south, east, north = (np.array(bounds) / width).tolist()
+    return float(np.floor(west)), float(np.ceil(east)) - 1, float(np.floor(south)), float(np.ceil(north)) - 1
+
+
+def meets(codes: Codes, extent: float, bounds: Bounds) -> npt.NDArray[np.bool_]:
+    """Tell which tiles hold ground: those that share more than a border with the bounds; any shape."""
+    if bounds == EVERYWHERE:
+        return np.ones(codes.shape, np.bool_)
+    level, col, row = place_of(codes)
+    width = extent * np.exp2(-level.astype(np.float64))
+    west, south, east, north = bounds
+    inside = (col * width < east) & ((col + 1) * width > west)
+    return np.asarray(inside & (row * width < north) & ((row + 1) * width > south))
+
+
+def clipped(boxes: Boxes, bounds: Bounds) -> Boxes:
+    """Return the parts of boxes within bounds; what has none lies flat on a border."""
+    if bounds == EVERYWHERE:
+        return boxes
+    low, high = boxes.low.copy(), boxes.high.copy()
+    for corners in (low, high):
+        corners[:, :2] = np.clip(corners[:, :2], bounds[:2], bounds[2:])
+    return Boxes(low, high)

@@ -102,11 +102,8 @@ def export(
             done = write_export(wanted, terrain, hidden, stages=stages)
             report = done.report | {"restarts": list(restarts)} if restarts else done.report
             outdated = replaced_files(folder, report)
-            files = move_into(folder, done.files)
-            for file in outdated:  # tiles of another cut, say: an import of all files must find these alone
-                with telling_failure(file):
-                    file.unlink()
-            return Exported(report, files)
+            # Tiles of another cut go, say: an import of all files must find these alone.
+            return Exported(report, move_into(folder, done.files, outdated=outdated))
 
     return run_job(work, device=device, fast=fast, stages=stages)
 

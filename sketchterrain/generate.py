@@ -14,7 +14,7 @@ from sketchterrain.export.map import map_sheet
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.jobs import Devices
 from sketchterrain.render import check_view
-from sketchterrain.report import peak_memory, report_of, rounded
+from sketchterrain.report import REPORT, replaced_files, report_of, rounded, work_of
 from sketchterrain.sizes import LARGEST_SIZE, check_size
 from sketchterrain.still import weather_at
 from sketchterrain.terrain import build, measure_adherence
@@ -127,7 +127,8 @@ def generate(
 ) -> Generated:
     """Write a sketch's terrain: heights, normals, materials, plants, features, a picture and a report.
 
-    All files come into the folder together, when all of them are there. Where a device fails everything is
+    All files come into the folder together, when all of them are there; those of the last time that this time
+    has none in place of are taken away. Where a device fails everything is
     done again on a CPU device: the files are never a mixture.
 
     Parameters
@@ -180,8 +181,9 @@ def generate(
                 stages=stages,
             )
             done.report["restarts"] = list(restarts)
-            report = export.write_json(hidden / "report.json", done.report)
-            return replace(done, files=export.move_into(folder, (*done.files, report)))
+            report = export.write_json(hidden / REPORT, done.report)
+            outdated = replaced_files(folder, done.report)  # the preview of another terrain, say
+            return replace(done, files=export.move_into(folder, (*done.files, report), outdated=outdated))
 
     return use.devices.run(work, stages=stages)
 
@@ -230,11 +232,8 @@ def _generate(
             files = writer.finish() + plants.files
     told = report_of(terrain, raster, plants)
     told["adherence"] = adherence.as_dict()
-    told["timings"] = rounded(stages.seconds | {"total": stages.elapsed})
-    told["rendering"] = rounded(rendering)
+    told |= work_of(stages, rendering, files)
     told["writing"] = rounded(writer.seconds)
-    told["peak_memory"] = peak_memory()
-    told["files"] = [path.name for path in files] + ["report.json"]
     return Generated(told, files, problem)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import resource
 import sys
 from collections import Counter
@@ -9,14 +10,21 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.export.files import files_without_successor
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.listings import device_entry, undescribed_labels
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sketchterrain.export import WrittenFoliage
+    from sketchterrain.progress import Stages
     from sketchterrain.terrain import Raster, Terrain
 
-__all__ = ["peak_memory", "report_of", "rounded"]
+__all__ = ["REPORT", "peak_memory", "replaced_files", "report_of", "rounded", "said_of", "work_of"]
+
+REPORT = "report.json"
+"""The file's name."""
 
 
 def report_of(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[str, Any]:
@@ -24,17 +32,11 @@ def report_of(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[
     rows, columns = raster.height.shape
     features = terrain.features
     kinds = Counter(FEATURE_TYPES[code] for code in features.points["type"].tolist())
-    return {
-        "format": 1,
-        "version": version("sketchterrain"),
-        "sketch": terrain.sketch.name,
-        "seed": terrain.sketch.seed,
+    return said_of(terrain) | {
         "extent": terrain.extent,
         "size": {"columns": columns, "rows": rows},
         "spacing": {"x": raster.spacing[0], "y": raster.spacing[1]},
         "heights": {"minimum": float(raster.height.min()), "maximum": float(raster.height.max())},
-        "device": device_entry(terrain.context.device),
-        "fast": terrain.context.fast,
         "counts": {
             "features": {name: kinds[name] for name in FEATURE_TYPES},
             "rivers": len(features.rivers),
@@ -47,10 +49,63 @@ def report_of(terrain: Terrain, raster: Raster, plants: WrittenFoliage) -> dict[
             "seconds": round(plants.seconds, 4),
             "plants_per_second": round(sum(plants.counts.values()) / plants.seconds),
         },
-        "notes": undescribed_labels(terrain.sketch),
-        "resolutions": [each.line for each in terrain.recipe.resolutions],
-        "edits": {"count": len(terrain.sketch.edits), "orphans": list(terrain.recipe.orphans)},
     }
+
+
+def said_of(terrain: Terrain) -> dict[str, Any]:
+    """Return what every report says of a terrain, whatever its files are."""
+    sketch, recipe, context = terrain.sketch, terrain.recipe, terrain.context
+    return {
+        "format": 1,
+        "version": version("sketchterrain"),
+        "sketch": sketch.name,
+        "seed": sketch.seed,
+        "device": device_entry(context.device),
+        "fast": context.fast,
+        "notes": undescribed_labels(sketch),
+        "resolutions": [each.line for each in recipe.resolutions],
+        "edits": {"count": len(sketch.edits), "orphans": list(recipe.orphans)},
+    }
+
+
+def work_of(stages: Stages, rendering: dict[str, float], files: Sequence[Path]) -> dict[str, Any]:
+    """Return what every report says of the work.
+
+    Parameters
+    ----------
+    stages
+        That it was done in.
+    rendering
+        What the preview took, s by stage.
+    files
+        All but the report.
+    """
+    return {
+        "timings": rounded(stages.seconds | {"total": stages.elapsed}),
+        "rendering": rounded(rendering),
+        "peak_memory": peak_memory(),
+        "files": [path.name for path in files] + [REPORT],
+    }
+
+
+def replaced_files(folder: Path, told: dict[str, Any]) -> list[Path]:
+    """Return the files of the last time in a folder that there is none of this time in place of.
+
+    Parameters
+    ----------
+    folder
+        As it is before the newer files come into it.
+    told
+        What the newer report says; an older one of another format or target is nobody's business here.
+    """
+    try:
+        before = json.loads((folder / REPORT).read_bytes())
+        if before["format"] != told["format"] or before.get("target") != told.get("target"):
+            return []
+        names = [str(name) for name in before["files"]]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return []  # there is none, or none of ours
+    return files_without_successor(folder, names, told["files"])
 
 
 def rounded(seconds: dict[str, float]) -> dict[str, float]:

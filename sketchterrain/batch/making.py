@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sketchterrain import export
 from sketchterrain.batch.room import DEFAULT_SIZE
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.generate import Extras, FoliageFiles, Generated, generate, preview_of
-from sketchterrain.listings import device_entry, undescribed_labels
 from sketchterrain.render import check_view
-from sketchterrain.report import peak_memory, rounded
+from sketchterrain.report import REPORT, replaced_files, said_of, work_of
 from sketchterrain.still import weather_at
 from sketchterrain.terrain import build, measure_adherence
 
@@ -81,26 +79,10 @@ def _exported(sketch: Sketch, folder: Path, output: Output, shared: Shared, stag
                     picture, problem = preview_of(terrain, output.view, weather, shared, rendering)
                     if picture is not None:
                         files += export.write_picture(hidden / "preview.png", picture)
-            names = [path.name for path in files] + ["report.json"]
-            told: dict[str, Any] = {
-                "format": 1,
-                "version": version("sketchterrain"),
-                "target": output.target,
-                "sketch": sketch.name,
-                "seed": sketch.seed,
-                "device": device_entry(context.device),
-                "fast": context.fast,
-                "notes": undescribed_labels(sketch),
-                "resolutions": [each.line for each in terrain.recipe.resolutions],
-                "edits": {"count": len(sketch.edits), "orphans": list(terrain.recipe.orphans)},
-                "adherence": adherence.as_dict(),
-                "timings": rounded(stages.seconds | {"total": stages.elapsed}),
-                "rendering": rounded(rendering),
-                "peak_memory": peak_memory(),
-                "files": names,
-                "restarts": list(restarts),
-            }
-            report = export.write_json(hidden / "report.json", told)
-            return Generated(told, export.move_into(folder, (*files, report)), problem)
+            told = said_of(terrain) | work_of(stages, rendering, files)
+            told |= {"target": output.target, "adherence": adherence.as_dict(), "restarts": list(restarts)}
+            report = export.write_json(hidden / REPORT, told)
+            outdated = replaced_files(folder, told)
+            return Generated(told, export.move_into(folder, (*files, report), outdated=outdated), problem)
 
     return shared.devices.run(work, stages=stages)

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import io
 import json
-import shutil
 import tempfile
-from contextlib import contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from PIL import Image
 
-from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.errors import InputError
 from sketchterrain.whole_files import telling_failure, write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
+    from pathlib import Path
     from typing import Any
 
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["move_into", "prepare_folder", "staging", "write_json", "write_png"]
+__all__ = ["files_without_successor", "move_into", "prepare_folder", "write_json", "write_png"]
 
 # Level 6 takes three times as long to save a tenth of the bytes.
 _PNG_LEVEL = 3
@@ -46,31 +44,29 @@ def prepare_folder(folder: Path) -> None:
             pass
 
 
-@contextmanager
-def staging(folder: Path) -> Iterator[Path]:
-    """Yield a hidden folder inside another, for files that shall come into it together or not at all.
+def files_without_successor(folder: Path, before: Iterable[str], now: Iterable[str]) -> list[Path]:
+    """Return the files of a folder that were written the last time and are not this time.
 
-    What is still there afterwards is deleted. Failures to write name the outer folder.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write there.
+    Parameters
+    ----------
+    folder
+    before, now
+        What those of the last time and of this time are called. A name that leads out of the folder is
+        nobody's business here.
     """
-    with telling_failure(folder):
-        hidden = Path(tempfile.mkdtemp(prefix=".sketchterrain-", dir=folder))
-    try:
-        yield hidden
-    except SketchterrainError as error:
-        if str(hidden) not in str(error):
-            raise
-        raise type(error)(str(error).replace(str(hidden), str(folder))) from error
-    finally:
-        shutil.rmtree(hidden, ignore_errors=True)
+    plain = sorted(name for name in {*before} - {*now} if _is_plain(name))
+    return [folder / name for name in plain if (folder / name).is_file()]
 
 
-def move_into(folder: Path, files: Iterable[Path]) -> tuple[Path, ...]:
+def move_into(folder: Path, files: Iterable[Path], *, outdated: Iterable[Path] = ()) -> tuple[Path, ...]:
     """Move finished files into a folder of the same file system, over old ones, and return their new paths.
+
+    Parameters
+    ----------
+    folder
+    files
+    outdated
+        Files that go, once all others are there.
 
     Raises
     ------
@@ -81,7 +77,14 @@ def move_into(folder: Path, files: Iterable[Path]) -> tuple[Path, ...]:
     for file in files:
         with telling_failure(folder / file.name):
             moved.append(file.replace(folder / file.name))
+    for file in outdated:
+        with telling_failure(file):
+            file.unlink()
     return tuple(moved)
+
+
+def _is_plain(name: str) -> bool:
+    return name not in ("", ".", "..") and not set(name) & set("/\\\0")
 
 
 def write_json(path: Path, value: Any) -> Path:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export.files import move_into, prepare_folder, staging, write_png
+from sketchterrain.export.files import move_into, prepare_folder, write_png
+from sketchterrain.export.hidden_folder import staging
 from sketchterrain.whole_files import telling_failure
 
 if TYPE_CHECKING:

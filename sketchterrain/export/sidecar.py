@@ -6,7 +6,7 @@ import json
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
-from sketchterrain.export.files import write_json
+from sketchterrain.export.files import files_without_successor, write_json
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -96,12 +96,7 @@ def replaced_files(folder: Path, told: dict[str, Any]) -> list[Path]:
         names = {str(each["file"]) for each in before["files"]}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return []  # there is none, or none of ours
-    plain = sorted(name for name in names - {each["file"] for each in told["files"]} if _is_plain(name))
-    return [folder / name for name in plain if (folder / name).is_file()]
-
-
-def _is_plain(name: str) -> bool:
-    return name not in ("", ".", "..") and not set(name) & set("/\\\0")
+    return files_without_successor(folder, names, (each["file"] for each in told["files"]))
 
 
 def _grid(grid: Grid) -> dict[str, Any]:

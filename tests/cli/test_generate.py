@@ -132,6 +132,25 @@ def test_another_seed_is_another_terrain_of_the_same_sketch(
     assert (sketch / "sketch.toml").read_bytes() == before
 
 
+def test_files_of_the_last_time_that_this_time_has_none_of_are_taken_away(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
+    words = ("generate", sketch, "-o", tmp_path, "--size", 3, "--no-preview")
+    assert call(*words, "--foliage", "both").code == 0
+    (tmp_path / "mine.txt").write_text("mine")
+    (tmp_path / "preview.png").write_bytes(b"of the last time")
+    told = report(tmp_path)
+    told["files"] += ["preview.png", "../" + sketch.name, "mine/../mine.txt"]
+    (tmp_path / "report.json").write_text(json.dumps(told))
+    assert call(*words, "--seed", 8).code == 0
+    assert names(tmp_path) == FILES | {"mine.txt"}
+    assert sketch.exists()
+    (tmp_path / "report.json").write_text("{")
+    (tmp_path / "preview.png").write_bytes(b"whose?")
+    assert call(*words).code == 0
+    assert names(tmp_path) == FILES | {"mine.txt", "preview.png"}
+
+
 def test_json_is_one_object_on_stdout(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
     done = call("generate", sketch, "-o", tmp_path, "--size", 9, "--no-preview", "--json")
     assert done.code == 0

@@ -22,6 +22,7 @@ from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
 from sketchterrain.benchmarks.spline_chart import draw_splines
 from sketchterrain.benchmarks.tracing_chart import draw_tracing
+from sketchterrain.benchmarks.worlds_chart import draw_worlds
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -291,6 +292,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "splines": draw_splines,
     "tiles": _tiles,
     "trace": draw_tracing,
+    "world": draw_worlds,
 }
 """How each benchmark that has a chart draws it, from the rows of its first table."""
 

@@ -110,6 +110,14 @@ class Effort:
         Terrains of a batch in work at once.
     batch_rounds : int
         Measured rounds.
+    world_sides : tuple of int
+        Vertices along a side of worlds that are written.
+    world_workers_side : int
+        Vertices along a side of the world that workers share.
+    world_workers : tuple of int
+        How many they are, besides none.
+    world_rounds : int
+        Measured rounds of each.
     """
 
     rounds: int
@@ -169,6 +177,10 @@ class Effort:
     batch_fresh: int
     batch_jobs: tuple[int, ...]
     batch_rounds: int
+    world_sides: tuple[int, ...]
+    world_workers_side: int
+    world_workers: tuple[int, ...]
+    world_rounds: int
 
 
 QUICK = Effort(
@@ -229,6 +241,10 @@ QUICK = Effort(
     batch_fresh=1,
     batch_jobs=(2,),
     batch_rounds=1,
+    world_sides=(513, 1025),
+    world_workers_side=513,
+    world_workers=(2,),
+    world_rounds=1,
 )
 """Under a minute on two shared cores."""
 
@@ -290,5 +306,9 @@ FULL = Effort(
     batch_fresh=2,
     batch_jobs=(1, 2),
     batch_rounds=2,
+    world_sides=(1025, 2049, 4097, 8193, 16385),
+    world_workers_side=4097,
+    world_workers=(1, 2),
+    world_rounds=3,
 )
 """Minutes; what ``benchmarks/results/`` holds."""

@@ -27,6 +27,7 @@ from sketchterrain.benchmarks import (
     splines,
     tile_rates,
     tracing,
+    worlds,
 )
 from sketchterrain.benchmarks.grounds import BARE_SEED
 from sketchterrain.errors import InputError
@@ -116,6 +117,7 @@ BENCHMARKS = {
         Benchmark("erosion", "the middle of alpine_range, 8 km wide in a full run", _OWN, erosion.measure),
         Benchmark("meshes", f"the whole of {_PRESETS}", _OWN, meshes.measure),
         Benchmark("batch", "valley_river over 6144 m", "1 and on", batches.measure),
+        Benchmark("world", "valley_river and what lies beyond it", _OWN, worlds.measure),
         Benchmark("trace", f"the sketches of {_PRESETS}", "none", tracing.measure),
         Benchmark(
             "accuracy",

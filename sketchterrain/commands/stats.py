@@ -44,7 +44,7 @@ def stats(
             with stages.stage("check", "Reading every file") as tell:
                 from sketchterrain.world.checking import check_world
 
-                checked = check_world(store, progress=tell)
+                broken = list(check_world(store, progress=tell))
         else:
             with stages.stage("open", "Opening the world"):
                 from sketchterrain.world.opening import open_world
@@ -59,10 +59,10 @@ def stats(
         else:
             say(*_lines(store, found))
         return
-    _tell_checked(store, checked.files, checked.bytes, checked.broken, as_json=as_json)
+    _tell_checked(store, broken, as_json=as_json)
 
 
-def _tell_checked(store: Path, files: int, size: int, broken: tuple[Broken, ...], *, as_json: bool) -> None:
+def _tell_checked(store: Path, broken: list[Broken], *, as_json: bool) -> None:
     """Tell what a check found.
 
     Raises
@@ -70,24 +70,20 @@ def _tell_checked(store: Path, files: int, size: int, broken: tuple[Broken, ...]
     Exit
         With the code for partial results, if not all files are whole.
     """
-    from sketchterrain.disk import amount
     from sketchterrain.errors import one_line
 
     if as_json:
         told = [{"file": each.file, "why": each.why} for each in broken]
-        say_json({"world": str(store), "files": files, "bytes": size, "broken": told})
+        say_json({"world": str(store), "broken": told})
     elif broken:
         say(*(f"{one_line(each.file)} {each.why}" for each in broken[:_NAMED]))
         if len(broken) > _NAMED:
             say(f"and {len(broken) - _NAMED} more")
     else:
-        say(f"{files} files, {amount(size)}: all as they were written")
+        say(f"{store}: every file is as it was written")
     if broken:
-        raise typer.Exit(
-            fail(
-                f"{len(broken)} of {files} files are missing or broken; `world --resume` mends them", PARTIAL
-            )
-        )
+        files = "1 file is" if len(broken) == 1 else f"{len(broken)} files are"
+        raise typer.Exit(fail(f"{files} missing or broken; `world --resume` mends them", PARTIAL))
 
 
 def _lines(store: Path, found: Statistics) -> list[str]:

@@ -161,6 +161,7 @@ def _written(job: Job, told: Estimate, *, resume: bool, **crew: Any) -> Done:
 def _tell(done: Done, told: Estimate, *, as_json: bool) -> None:
     from sketchterrain.batch.remaining import duration
     from sketchterrain.disk import amount
+    from sketchterrain.report import peak_memory
 
     if as_json:
         say_json(
@@ -172,6 +173,7 @@ def _tell(done: Done, told: Estimate, *, as_json: bool) -> None:
                 "files": done.files,
                 "bytes": done.bytes,
                 "seconds": round(done.seconds, 3),
+                "peak_memory": peak_memory(),
                 "estimate": told.as_dict(),
             }
         )

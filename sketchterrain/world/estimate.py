@@ -136,7 +136,7 @@ class Estimate:
                 "there": self.there,
                 "left": self.disk_left,
             },
-            "plants": None if self.plants is None else round(self.plants.count),
+            "plants": None if self.plants is None else round(self.plants.plants),
             "memory": {"needed": round(self.memory), "left": self.memory_left},
             "seconds": {"about": round(self.seconds, 1), "of_one_device": round(self.device_seconds, 1)},
             "sampled": {
@@ -169,7 +169,7 @@ class Estimate:
             f"on {self.device.name}: {rate:.2f} million vertices a second",
         ]
         if self.plants is not None:
-            lines.insert(3, f"  about {self.plants.count:,.0f} plants".replace(",", " "))
+            lines.insert(3, f"  about {self.plants.plants:,.0f} plants".replace(",", " "))
         return lines
 
 

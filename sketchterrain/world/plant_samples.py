@@ -27,7 +27,7 @@ _SIDE, _GRASSY_SIDE = 512.0, 96.0  # m: grass stands a thousand times as close
 class SampledPlants(NamedTuple):
     """What plants take: how many they are, their bytes on disk, and seconds of one device for all of them."""
 
-    count: float
+    plants: float
     bytes: float
     seconds: float
 

@@ -7,13 +7,13 @@ import tempfile
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar
 
 import numpy as np
 
 from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
-from sketchterrain.world.ground import LAYERS, Ground
+from sketchterrain.world.ground import Ground
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from sketchterrain.world.making import Maker
 
 __all__ = ["Sampled", "sample"]
+
+_T = TypeVar("_T", bound=np.generic)
 
 _FEWEST, _MOST = 6, 64  # patches
 _SHARE: Final = 1 / 16  # of the world's vertices, that a sample takes at most, were it not for the fewest
@@ -115,9 +117,9 @@ def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int
     across = min(len(grounds), _ACROSS)
     down = math.ceil(len(grounds) / across)
     filled = [*grounds, *grounds][: across * down]  # the last row is filled up with the first ones
-    height, normal, materials = (
-        _joined([getattr(ground, layer) for ground in filled], across) for layer in LAYERS
-    )
+    height = _joined([ground.height for ground in filled], across)
+    normal = _joined([ground.normal for ground in filled], across)
+    materials = _joined([ground.materials for ground in filled], across)
     rows, columns = height.shape
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
         output = Path(folder) / f"sample{_ENDING[job.form]}"
@@ -132,7 +134,7 @@ def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int
         }, fixed
 
 
-def _joined(patches: Sequence[npt.NDArray[np.generic]], across: int) -> npt.NDArray[np.generic]:
+def _joined(patches: Sequence[npt.NDArray[_T]], across: int) -> npt.NDArray[_T]:
     rows = [np.concatenate(patches[at : at + across], axis=-1) for at in range(0, len(patches), across)]
     return np.concatenate(rows, axis=-2)
 

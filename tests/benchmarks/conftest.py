@@ -65,6 +65,10 @@ TINY = Effort(
     batch_fresh=1,
     batch_jobs=(1,),
     batch_rounds=2,
+    world_sides=(17, 33),
+    world_workers_side=17,
+    world_workers=(),
+    world_rounds=2,
 )
 
 

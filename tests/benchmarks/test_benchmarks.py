@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
-from sketchterrain.benchmarks import BENCHMARKS, batches, charts
+from sketchterrain.benchmarks import BENCHMARKS, batches, charts, worlds
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
 from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
 from sketchterrain.benchmarks.kernel_times import WRITTEN
 from sketchterrain.benchmarks.outcome import Outcome
 from sketchterrain.cli import main
+from sketchterrain.sketch import Sketch, save_sketch
 from sketchterrain.terrain.plant import STOREYS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
@@ -26,13 +32,16 @@ if TYPE_CHECKING:
 class Outcomes(dict[str, Outcome]):
     """Of each benchmark, measured when a test wants it: tests of several processes share the work."""
 
-    def __init__(self, context: TimedContext, effort: Effort) -> None:
+    def __init__(self, context: TimedContext, effort: Effort, small: Path) -> None:
         super().__init__()
-        self._given = context, effort
+        self._given, self._small = (context, effort), small
 
     def __missing__(self, name: str) -> Outcome:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(batches, "_run", commanded)
+            patch.setattr(batches, "SKETCH", str(self._small))
+            patch.setattr(worlds, "_run", written)
+            patch.setattr(worlds, "SKETCH", str(self._small))
             self[name] = BENCHMARKS[name].measure(*self._given)
         return self[name]
 
@@ -42,9 +51,22 @@ def commanded(words: Sequence[str]) -> None:
     assert main(words) == 0
 
 
+def written(words: Sequence[str]) -> dict[str, Any]:
+    """Write a world here, and return what the program tells of it."""
+    told = io.StringIO()
+    with contextlib.redirect_stdout(told):
+        assert main(words) == 0
+    found: dict[str, Any] = json.loads(told.getvalue())
+    return found
+
+
 @pytest.fixture(scope="module")
-def outcomes(context: TimedContext, tiny: Effort) -> dict[str, Outcome]:
-    return Outcomes(context, tiny)
+def outcomes(
+    context: TimedContext, tiny: Effort, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Outcome]:
+    small = tmp_path_factory.mktemp("sketches") / "small"
+    save_sketch(Sketch(extent=256.0, layers={"mountain": np.eye(32, dtype=np.uint8)}), small)
+    return Outcomes(context, tiny, small)
 
 
 def rows(outcome: Outcome, table: int = 0) -> list[Any]:

@@ -36,6 +36,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "erosion",
         "meshes",
         "batch",
+        "world",
         "trace",
         "accuracy",
     ]

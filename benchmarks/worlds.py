@@ -1,0 +1,145 @@
+"""Worlds of growing size: time, memory and bytes, and how far off the estimate was."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.timing import TimedContext
+
+__all__ = ["SKETCH", "measure"]
+
+SKETCH: Final = "valley_river"
+
+_SIZES = (
+    Column("side", "vertices a side"),
+    Column("million_vertices", "million, all levels"),
+    Column("seconds", "s"),
+    Column("million_vertices_per_s", "million a second"),
+    Column("megabytes", "most memory, MB"),
+    Column("bytes_a_vertex", "bytes a vertex"),
+    Column("estimated_seconds", "time estimated, of it"),
+    Column("estimated_bytes", "bytes estimated, of them"),
+    Column("estimated_memory", "memory estimated, of it"),
+)
+_LAYERS = (
+    Column("layer", "layer"),
+    Column("raw", "bytes a vertex, raw"),
+    Column("stored", "stored"),
+    Column("share", "of the world"),
+)
+_WORKERS = (
+    Column("workers", "who"),
+    Column("seconds_each", "s"),
+    Column("ratio", "throughput, of alone"),
+    Column("worst_ratio", "worst round"),
+)
+
+
+def measure(context: TimedContext, effort: Effort) -> Outcome:
+    """Seconds and most memory of `world` by its number of vertices, each in a fresh process.
+
+    Squares of valley_river from its south-west corner on, beyond the sketch where they are larger, 1 m apart,
+    as a Zarr store with heights, normals, materials and all coarser levels. Seconds are those from the first
+    task to the last file, without the process's start; memory is the most that the process has had (VmHWM).
+    What the program estimated before it began stands beside what it took: 1 is right. Bytes by layer are
+    those of the largest world. Workers: one world by this process alone and by worker processes of the same
+    machine, in turn, a round each; the ratio is of one round's times, and the median of rounds is shown.
+    """
+    device = ["--device", str(context.device.index), *(["--fast"] if context.fast else [])]
+    with tempfile.TemporaryDirectory() as folder:
+        sizes = []
+        for side in effort.world_sides:
+            told, layers = _world(Path(folder), side, device)
+            sizes.append(_size(side, told))
+        crews = _crews(Path(folder), effort, ["--device", str(context.device.index)])
+    title = f"{SKETCH}, cells of 1 m, Zarr"
+    return Outcome(
+        (
+            Table(title, _SIZES, tuple(sizes)),
+            Table(f"Bytes by layer, {effort.world_sides[-1]} vertices a side", _LAYERS, tuple(layers)),
+            Table(f"Workers, {effort.world_workers_side} vertices a side", _WORKERS, tuple(crews)),
+        )
+    )
+
+
+def _world(folder: Path, side: int, words: Sequence[str]) -> tuple[dict[str, Any], list[Row]]:
+    """Write a world, and return what the program told of it, and its bytes by layer."""
+    output = folder / f"{side}.zarr"
+    bounds = f"0,0,{side - 1},{side - 1}"
+    told = _run(["world", SKETCH, "--bounds", bounds, "-o", str(output), "--json", *words])
+    vertices = told["estimate"]["vertices"]
+    rows: list[Row] = []
+    for layer, raw in (("height", 4), ("normal", 3), ("materials", 8)):
+        stored = sum(path.stat().st_size for path in output.glob(f"*/{layer}/**/*") if path.is_file())
+        rows.append(
+            {
+                "layer": layer,
+                "raw": raw,
+                "stored": round(stored / vertices, 3),
+                "share": round(stored / told["bytes"], 3),
+            }
+        )
+    _delete(output)
+    return told, rows
+
+
+def _size(side: int, told: dict[str, Any]) -> Row:
+    expected, vertices, seconds = told["estimate"], told["estimate"]["vertices"], told["seconds"]
+    return {
+        "side": side,
+        "vertices": vertices,
+        "million_vertices": round(vertices * 1e-6, 2),
+        "seconds": seconds,
+        "million_vertices_per_s": round(vertices * 1e-6 / seconds, 3),
+        "megabytes": round(told["peak_memory"] * 1e-6, 1),
+        "bytes_a_vertex": round(told["bytes"] / vertices, 3),
+        "estimated_seconds": round(expected["seconds"]["about"] / seconds, 3),
+        "estimated_bytes": round(sum(expected["disk"]["parts"].values()) / told["bytes"], 3),
+        "estimated_memory": round(expected["memory"]["needed"] / told["peak_memory"], 3),
+    }
+
+
+def _crews(folder: Path, effort: Effort, device: Sequence[str]) -> list[Row]:
+    """Return how long one world takes alone and with workers, in turn."""
+    ways = {"alone": [], **{f"{count}": ["--workers", str(count)] for count in effort.world_workers}}
+    took: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(effort.world_rounds):
+        for name, words in ways.items():
+            told, _ = _world(folder, effort.world_workers_side, [*device, *words])
+            took[name].append(told["seconds"])
+    alone = np.array(took["alone"])
+    return [
+        {
+            "workers": name if name == "alone" else f"{name} worker{'' if name == '1' else 's'}",
+            "rounds_seconds": seconds,
+            "seconds_each": round(float(np.median(seconds)), 3),
+            "ratio": round(float(np.median(alone / np.array(seconds))), 3),
+            "worst_ratio": round(float(np.min(alone / np.array(seconds))), 3),
+        }
+        for name, seconds in took.items()
+    ]
+
+
+def _delete(folder: Path) -> None:
+    import shutil
+
+    shutil.rmtree(folder)
+
+
+def _run(words: Sequence[str]) -> dict[str, Any]:
+    done = subprocess.run([sys.executable, "-m", "sketchterrain", *words], check=True, capture_output=True)
+    told: dict[str, Any] = json.loads(done.stdout)
+    return told

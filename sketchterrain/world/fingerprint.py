@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from hashlib import sha256
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from sketchterrain.batch.output import image_digest
 from sketchterrain.sketch.toml_text import settings_text
@@ -15,6 +15,15 @@ if TYPE_CHECKING:
     from sketchterrain.world.job import Job
 
 __all__ = ["fingerprint"]
+
+_PACKERS: Final = {
+    "zarr": ("numcodecs",),
+    "tiles": (),
+    "tif": (),
+    "none": (),
+    "parquet": ("pyarrow",),
+    "flatgeobuf": ("pyogrio",),
+}
 
 
 def fingerprint(job: Job) -> str:
@@ -35,5 +44,12 @@ def fingerprint(job: Job) -> str:
         "origin": job.origin,
         "step": job.step,
         "fast": job.fast,
+        "packed by": _packers(job),
     }
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
+
+
+def _packers(job: Job) -> dict[str, str]:
+    """Return the libraries whose versions may change bytes of files, but no value in them."""
+    wanted = (*_PACKERS[job.form], *_PACKERS[job.plants])
+    return {name: version(name) for name in wanted}

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.world.job import Job
 
-__all__ = ["Roots", "is_inside"]
+__all__ = ["Roots", "is_inside", "plants_folder"]
 
 _PLANTS = "plants/"
 
@@ -63,6 +63,11 @@ class Roots:
         if self.plants is not None and name.startswith(_PLANTS):
             return self.plants / name.removeprefix(_PLANTS)
         return self.ground / name
+
+
+def plants_folder(output: Path) -> Path:
+    """Return the folder of a world's plants: ``world-plants`` beside ``world.zarr``."""
+    return output.with_name(f"{output.stem if output.suffix else output.name}-plants")
 
 
 def is_inside(name: str) -> bool:

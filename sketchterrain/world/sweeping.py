@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from glob import escape
 from typing import TYPE_CHECKING, Final
+
+from sketchterrain.world.tile_names import layer_file
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -38,6 +41,8 @@ def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
         for pattern in _HALF:
             for path in folder.rglob(pattern):
                 _delete(path)
+    for path in _beside(job):
+        _delete(path)
     if job.form == "zarr":
         for path in _shards(job):
             if path.relative_to(roots.ground).as_posix() not in known:
@@ -48,6 +53,16 @@ def _folders(job: Job, store: Store, roots: Roots) -> list[Path]:
     """Return folders that are the world's alone."""
     mine = {job.output, store.journal.parent, *((roots.plants,) if roots.plants is not None else ())}
     return [folder for folder in sorted(mine) if folder.is_dir()]
+
+
+def _beside(job: Job) -> Iterator[Path]:
+    """Return half-written files in a folder that is not the world's alone."""
+    if job.form == "tif":
+        for name in (
+            f"{job.output.stem}.ledger.jsonl",
+            *(layer_file(job.output, each).name for each in job.layers),
+        ):
+            yield from job.output.parent.glob(f".{escape(name)}.????????.tmp")
 
 
 def _shards(job: Job) -> Iterator[Path]:

@@ -1,0 +1,97 @@
+"""A small world of several shards, written once a session, and what a run of it told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import make_recipe
+from sketchterrain.world.grid import World
+from sketchterrain.world.job import Job
+from sketchterrain.world.run import run_world
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sketchterrain.world.made import Made
+    from sketchterrain.world.verification import Broken
+
+
+class Heard:
+    """A watcher that remembers."""
+
+    def __init__(self) -> None:
+        self.shares: list[float] = []
+        self.found: list[Broken] = []
+        self.counts: list[tuple[int, int]] = []
+        self.done: list[Made] = []
+        self.notes: list[str] = []
+
+    def verified(self, share: float) -> None:
+        self.shares.append(share)
+
+    def broken(self, file: Broken) -> None:
+        self.found.append(file)
+
+    def began(self, tasks: int, done: int) -> None:
+        self.counts.append((tasks, done))
+
+    def made(self, made: Made) -> None:
+        self.done.append(made)
+
+    def joined(self, share: float) -> None:
+        assert 0 <= share <= 1
+
+    def note(self, line: str) -> None:
+        self.notes.append(line)
+
+
+def _tree(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file in a folder, by name."""
+    return {
+        path.relative_to(folder).as_posix(): sha256(path.read_bytes()).hexdigest()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="session")
+def small_job() -> Job:
+    """A strip of a mountain with forest: three shards side by side, and five coarser levels."""
+    mountain, forest = (np.zeros((32, 32), np.uint8) for _ in range(2))
+    mountain[4:10, 20:28] = 1
+    forest[18:28, 4:14] = 1
+    sketch = Sketch(extent=512.0, layers={"mountain": mountain, "forest": forest})
+    world = World(-20.0, 250.0, 492.5, 254.0, 0.125)
+    return Job(sketch, make_recipe(sketch), world, Path("nowhere"), "zarr", ("height", "normal", "materials"))
+
+
+@pytest.fixture(scope="session")
+def whole_world(small_job: Job, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """That world as a Zarr store that was never disturbed; not to be changed."""
+    output = tmp_path_factory.mktemp("whole") / "world.zarr"
+    run_world(replace(small_job, output=output), watcher=Heard())
+    return output
+
+
+@pytest.fixture
+def job(small_job: Job, tmp_path: Path) -> Job:
+    """The same, to be written into a folder of the test's own."""
+    return replace(small_job, output=tmp_path / "world.zarr")
+
+
+@pytest.fixture(scope="session")
+def tree() -> Callable[[Path], dict[str, str]]:
+    """What gives the SHA-256 of every file in a folder, by name."""
+    return _tree
+
+
+@pytest.fixture
+def heard() -> Heard:
+    return Heard()

@@ -20,7 +20,7 @@ def open_world(path: str | Path) -> StoredWorld:
     Parameters
     ----------
     path
-        A Zarr store.
+        A Zarr store, a folder of GeoTIFF tiles, or the GeoTIFF of the heights.
 
     Raises
     ------
@@ -40,4 +40,6 @@ def open_world(path: str | Path) -> StoredWorld:
         from sketchterrain.world.zarr_reading import StoredZarr
 
         return StoredZarr(place)
-    raise InputError(f"{one_line(path)}: no world: it holds no {METADATA}")
+    from sketchterrain.world.tiff_reading import open_tiffs
+
+    return open_tiffs(place)

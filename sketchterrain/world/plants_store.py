@@ -13,6 +13,7 @@ from sketchterrain.world.grid import SHARD
 from sketchterrain.world.made import Task
 from sketchterrain.world.plants_files import write_flatgeobuf, write_parquet
 from sketchterrain.world.plants_table import batches_of
+from sketchterrain.world.roots import plants_folder
 from sketchterrain.world.tiff_layers import Georeference
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def plant_square(world: World, row: int, column: int) -> tuple[float, float, flo
 
 
 def plant_tasks(job: Job) -> Iterator[Task]:
-    """Return the tasks of a job's plants: shards of the finest level that have an area, from the north-west."""
+    """Return the tasks of a job's plants: shards of the finest level that have an area, row after row."""
     level = job.world.levels[0]
     for row in range(-(-(level.rows - 1) // SHARD)):
         for column in range(-(-(level.columns - 1) // SHARD)):
@@ -67,7 +68,7 @@ class PlantStore:
 
     Parquet is a data set in partitions, ``tile_row=3/tile_column=12/plants.parquet``; FlatGeobuf is a file a
     square, ``r0003_c0012.fgb``. A square where nothing grows has a file too, without rows: so it is known
-    that nothing is missing. They lie in a folder of tiles as ``plants``, else beside the world.
+    that nothing is missing. They lie beside the world: ``world-plants`` beside ``world.zarr``.
 
     Parameters
     ----------
@@ -81,8 +82,7 @@ class PlantStore:
 
     def __init__(self, job: Job) -> None:
         require(f"plants as {job.plants}", PLANT_LIBRARIES.get(job.plants, ()))
-        inside = job.form == "tiles"
-        self.folder = job.output / "plants" if inside else job.output.with_name(f"{job.output.stem}_plants")
+        self.folder = plants_folder(job.output)
         self._job = job
 
     def create(self) -> tuple[str, ...]:

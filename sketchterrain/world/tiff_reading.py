@@ -28,10 +28,28 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.world.grid import Level
 
-__all__ = ["StoredTiff", "StoredTiles"]
+__all__ = ["StoredTiff", "StoredTiles", "open_tiffs"]
 
 _OPEN: Final = 24  # files that a thread keeps open
 _QUIET: Final = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR"}  # no looking for files beside each
+
+
+def open_tiffs(path: Path) -> StoredTiff | StoredTiles:
+    """Open a world of GeoTIFFs: a folder of tiles, or the file of the heights.
+
+    Raises
+    ------
+    InputError
+        If it is none, or is not finished.
+    """
+    if not path.is_dir():
+        return StoredTiff(path)
+    joined = vrt_name("height", 0)
+    if (path / joined).exists():
+        return StoredTiles(path)
+    if (path / SKETCH).exists():
+        raise InputError(f"{one_line(path)}: is not finished; world --resume goes on with it")
+    raise InputError(f"{one_line(path)}: no world: it holds neither zarr.json nor {joined}")
 
 
 class _Files:

@@ -21,6 +21,7 @@ from sketchterrain.commands.batch import batch
 from sketchterrain.commands.sketches import read_sketch
 from sketchterrain.commands.stats import stats
 from sketchterrain.commands.trace import trace
+from sketchterrain.commands.view import view
 from sketchterrain.commands.world import world
 from sketchterrain.exit_codes import DEBUG, INTERRUPTED, PARTIAL, USAGE_ERROR, fail, told
 from sketchterrain.listings import (
@@ -307,6 +308,7 @@ for _command in (
     batch,
     world,
     stats,
+    view,
     taken.export,
     taken.targets,
     trace,

@@ -14,7 +14,7 @@ import typer
 
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.render.scene import Terrain
 
 __all__ = [
     "Clouds",
@@ -193,9 +193,10 @@ def camera_at(terrain: Terrain, eye: Point | None, target: Point | None) -> Came
     if eye is None:
         return None
     from sketchterrain.render.camera import Camera
+    from sketchterrain.render.scene import rectangle_of
 
-    east, north = terrain.size
-    x, y = east / 2, north / 2
+    west, south, east, north = rectangle_of(terrain)
+    x, y = (west + east) / 2, (south + north) / 2
     if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
         y += terrain.extent / 2  # it stands in the middle: it looks north
     middle, here = (float(z) for z in terrain.heights([x, eye[0]], [y, eye[1]]))

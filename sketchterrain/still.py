@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.picture_arguments import Point
     from sketchterrain.progress import Stages
+    from sketchterrain.render import scene
     from sketchterrain.render.overlays import Legend
     from sketchterrain.sketch import Sketch
 
@@ -61,7 +62,7 @@ class Still:
     top_down: bool = False
 
 
-def weather_at(sketch: Sketch, hour: float | None, clouds: float | None) -> Weather:
+def weather_at(sketch: scene.Sketch, hour: float | None, clouds: float | None) -> Weather:
     """Return a sketch's weather, with an hour and clouds in place of its own if they are given.
 
     Raises

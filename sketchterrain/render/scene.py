@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain.vertices import VertexMemory, VertexStore
 
-__all__ = ["Bounded", "Features", "Field", "Ground", "Pool", "Reach", "Sketch", "Terrain"]
+__all__ = ["Bounded", "Features", "Field", "Ground", "Pool", "Reach", "Sketch", "Terrain", "rectangle_of"]
 
 
 class Sketch(Protocol):
@@ -116,3 +116,8 @@ class Terrain(Ground, Protocol):
     ) -> Generator[None, None, npt.NDArray[np.void]]:
         """Find them in steps of a few ms."""
         ...
+
+
+def rectangle_of(terrain: Terrain) -> tuple[float, float, float, float]:
+    """Return west, south, east, north (m) of what there is to see: the sketch, or a ground that ends."""
+    return terrain.bounds if isinstance(terrain, Bounded) else (0.0, 0.0, *terrain.size)

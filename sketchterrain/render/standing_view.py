@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.render.relief import sample_heights
+from sketchterrain.render.scene import rectangle_of
 from sketchterrain.render.stands import Cover, find_stands, free_ahead, height_over
 from sketchterrain.render.view_aim import aim, window
 
@@ -75,8 +76,9 @@ def standing_view(terrain: Terrain, light: Light, *, raised: bool) -> Camera:
     raised
         Whether to stand on a rise.
     """
-    extent, size = terrain.extent, terrain.size
-    relief = sample_heights(terrain, (size[0] / 2, size[1] / 2), 1.3 * extent, 640)
+    extent = terrain.extent
+    west, south, east, north = rectangle_of(terrain)
+    relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 1.3 * extent, 640)
     cover = Cover(terrain, relief)
     stands = find_stands(terrain, relief, cover, raised=raised)
     ground = terrain.heights(stands[:, 0], stands[:, 1]).astype(np.float64)
@@ -122,7 +124,8 @@ def _look_around(terrain: Terrain, cover: Cover, eyes: Floats, bearings: Floats)
     size = seen * np.gradient(distance) / distance * np.clip(-slope, 0.0, 0.25)
     water = (wet * size)[..., distance < 0.4 * extent].sum(axis=-1)
     flooded = (wet * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
-    inside = (east > 0) & (east < terrain.size[0]) & (north > 0) & (north < terrain.size[1])
+    west, south, *end = rectangle_of(terrain)
+    inside = (east > west) & (east < end[0]) & (north > south) & (north < end[1])
     count = np.maximum(seen.sum(axis=-1), 1.0)
     return _Sight(
         skyline[..., -1],

@@ -9,6 +9,7 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.render.relief import HeightMap
+from sketchterrain.render.scene import rectangle_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -104,17 +105,20 @@ def find_stands(terrain: Terrain, relief: HeightMap, cover: Cover, *, raised: bo
     raised
         Whether only rises are wanted; else shores are among them.
     """
-    size = np.asarray(terrain.size)
+    west, south, east, north = rectangle_of(terrain)
     side = RISES if raised else GRID
     along = (np.arange(side) + 0.5) / side
-    grid = np.stack([each.ravel() for each in np.meshgrid(along * size[0], along * size[1])], axis=-1)
+    grid = np.stack(
+        [each.ravel() for each in np.meshgrid(west + along * (east - west), south + along * (north - south))],
+        axis=-1,
+    )
     if raised:
         places = grid[np.argsort(-height_over(terrain, relief, grid), kind="stable")]
     else:
         places = np.concatenate([_shores(terrain), grid])
     kept = places[_stands_well(terrain, cover, places)]
     if not len(kept):
-        return np.asarray(size[None] / 2.0)
+        return np.array([[(west + east) / 2.0, (south + north) / 2.0]])
     if raised:
         return np.asarray(kept[:TALL])
     few = np.unique(np.linspace(0, len(kept) - 1, MOST).round().astype(int))
@@ -167,9 +171,9 @@ def _shores(terrain: Terrain) -> Floats:
 def _stands_well(terrain: Terrain, cover: Cover, places: Floats) -> Flags:
     """Tell where one stands well."""
     x, y = places.T
-    east, north = terrain.size
+    west, south, east, north = rectangle_of(terrain)
     margin = 0.02 * terrain.extent
-    here = (x > margin) & (x < east - margin) & (y > margin) & (y < north - margin)
+    here = (x > west + margin) & (x < east - margin) & (y > south + margin) & (y < north - margin)
     z = [terrain.heights(x + dx, y + dy) for dx, dy in ((0.0, 0.0), (4.0, 0.0), (0.0, 4.0))]
     even = np.hypot(z[1] - z[0], z[2] - z[0]) / 4.0 < STEEPEST
     return np.asarray(here & even & (cover.shore(x, y) > 3.0) & (cover.woods(x, y) < 0.5))

@@ -8,6 +8,7 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.relief import sample_heights
+from sketchterrain.render.scene import Bounded, rectangle_of
 from sketchterrain.render.standing_view import standing_view
 from sketchterrain.render.view_aim import aim, light_of, window
 
@@ -132,10 +133,14 @@ def find_view(terrain: Terrain, kind: str = "auto", *, weather: Weather | None =
         return standing_view(terrain, light, raised=kind == "hill")
     height = _HEIGHTS[kind]
     extent = terrain.extent
-    size = np.asarray(terrain.size, dtype=np.float64)
-    relief = sample_heights(terrain, (size[0] / 2, size[1] / 2), 3.4 * extent, 576)
-    along = (np.arange(STANDS) + 0.5) / STANDS * 1.1 - 0.05
-    x, y = (grid.ravel() for grid in np.meshgrid(along * size[0], along * size[1]))
+    west, south, east, north = rectangle_of(terrain)
+    relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 3.4 * extent, 576)
+    along = (np.arange(STANDS) + 0.5) / STANDS
+    if not isinstance(terrain, Bounded):  # a sketch is seen from a little outside, too
+        along = along * 1.1 - 0.05
+    x, y = (
+        grid.ravel() for grid in np.meshgrid(west + along * (east - west), south + along * (north - south))
+    )
     rises = len(height.rises)
     x, y = np.tile(x, rises), np.tile(y, rises)
     rise = np.repeat(np.clip(np.array(height.rises) * extent, *height.limits), len(x) // rises)
@@ -192,7 +197,8 @@ def _look_around(
     shown = seen & middle
     count = np.maximum(shown.sum(axis=-1), 1.0)
     painted = [(mask.at(east, north) * shown).sum(axis=-1) / count for mask in _painted(terrain, relief)]
-    inside = (east > 0) & (east < terrain.size[0]) & (north > 0) & (north < terrain.size[1])
+    west, south, *end = rectangle_of(terrain)
+    inside = (east > west) & (east < end[0]) & (north > south) & (north < end[1])
     return _Panorama(
         skyline[..., -1],
         share,

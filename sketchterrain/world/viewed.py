@@ -16,7 +16,7 @@ from sketchterrain.tiles.bounds import meets
 from sketchterrain.tiles.codes import code_of
 from sketchterrain.world.viewed_features import NOTHING, ViewedFeatures
 from sketchterrain.world.viewed_heights import ViewedHeights
-from sketchterrain.world.viewed_levels import ViewedLevels
+from sketchterrain.world.viewed_levels import BARE, ViewedLevels
 from sketchterrain.world.viewed_tiles import ViewedTiles
 
 if TYPE_CHECKING:
@@ -136,6 +136,18 @@ class ViewedWorld:
     def features(self) -> ViewedFeatures:
         """Rivers and lakes; none where the world holds no sketch."""
         return self._features
+
+    @property
+    def lacks(self) -> list[str]:
+        """A line for each thing that the world does not hold, and what is shown instead."""
+        lines = []
+        if "normal" not in self._levels.world.layers:
+            lines.append("the world holds no normals: they are taken from its heights")
+        if "materials" not in self._levels.world.layers:
+            lines.append(f"the world holds no materials: all of it is shown as {BARE}")
+        if self._terrain is None:
+            lines.append("the world holds no sketch: it is shown without plants and water")
+        return lines
 
     def heights(
         self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -158,14 +158,14 @@ def _between(parent: _Own) -> _Own:
     """Return what a parent's vertices make of it twice as densely."""
     first, second = _shared(2 * len(parent.height) - 1)
 
-    def both(values: npt.NDArray[np.generic]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    def both(values: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
         return values[first].astype(np.int32), values[second].astype(np.int32)
 
     a, b = both(parent.slope)
     slope = ((a + b + 1) >> 1).astype(np.int16)
     a, b = both(parent.weights)
     weights = ((a + b + 1) >> 1).astype(np.uint8)
-    height = np.asarray(np.float32(0.5) * (parent.height[first] + parent.height[second]), np.float32)
+    height: npt.NDArray[np.float32] = np.float32(0.5) * (parent.height[first] + parent.height[second])
     return _Own(height, slope, weights)
 
 

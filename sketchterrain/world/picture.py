@@ -1,0 +1,100 @@
+"""One picture of a stored world."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from sketchterrain.export import prepare_folder, write_picture
+from sketchterrain.jobs import run_job
+from sketchterrain.picture_arguments import camera_at
+from sketchterrain.render import Quality, check_overlays, check_view, render_picture
+from sketchterrain.still import weather_at
+from sketchterrain.terrain import build
+from sketchterrain.world.opening import open_world
+from sketchterrain.world.viewed import ViewedWorld
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sketchterrain.compute import ComputeContext
+    from sketchterrain.picture_arguments import Point
+    from sketchterrain.progress import Stages
+    from sketchterrain.render.overlays import Legend
+    from sketchterrain.still import Still
+
+__all__ = ["draw_world"]
+
+
+def draw_world(
+    store: Path, path: Path, still: Still, *, device: str | None, stages: Stages
+) -> tuple[list[Legend], list[str]]:
+    """Draw a stored world and write the picture.
+
+    Parameters
+    ----------
+    store
+        What was written.
+    path
+        ``.png``.
+    still
+        How; places are metres from the sketch's south-west corner.
+    device
+        Selector as for :func:`~sketchterrain.compute.choose_device`.
+    stages
+        Told and timed: ``device``, ``world``, ``features`` and ``picture``.
+
+    Returns
+    -------
+    legend : list of Legend
+        What the overlays' colours mean.
+    lacks : list of str
+        A line for each thing that the world does not hold, and what is shown instead.
+
+    Raises
+    ------
+    InputError
+        If there is no such world, something of it that is looked at is missing or broken, there is no such
+        overlay, view or part, or the sun stands too low.
+    DeviceError
+        If there is no such device, none that did not fail, or no OpenGL.
+    SketchterrainError
+        If the file cannot be written.
+    """
+    check_overlays(still.overlays)
+    check_view(still.view)
+    quality = Quality.of(still.quality, without=still.without)
+    with stages.stage("world", "Opening the world"):
+        stored = open_world(store)
+        sketch = stored.sketch()
+
+    def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[Legend], list[str]]:
+        with stages.stage("features", "Placing features"):
+            terrain = None if sketch is None else build(sketch, device=context)
+            world = ViewedWorld(stored, context, terrain)
+        legend: list[Legend] = []
+        with stages.stage("picture", "Rendering"):
+            prepare_folder(path.parent)
+            moved = replace(
+                still, eye=_seen(still.eye, world.corner), look_at=_seen(still.look_at, world.corner)
+            )
+            picture = render_picture(
+                world,
+                size=still.size or (1280, 720),
+                camera=camera_at(world, moved.eye, moved.look_at),
+                view=still.view,
+                weather=weather_at(world.sketch, still.hour, still.clouds),
+                textures=still.textures,
+                quality=quality,
+                overlays=still.overlays,
+                legend=legend,
+            )
+            write_picture(path, picture)
+        return legend, world.lacks
+
+    return run_job(work, device=device, stages=stages)
+
+
+def _seen(place: Point | None, corner: tuple[float, float]) -> Point | None:
+    """Return a place in viewing coordinates."""
+    return None if place is None else (place[0] - corner[0], place[1] - corner[1], place[2])

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
+import socket
 import time
 import warnings
 from concurrent.futures import CancelledError
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 from uuid import uuid4
 
-from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.world import worker as done_there
 from sketchterrain.world.roster import Seen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = ["Connection", "connected_to"]
+__all__ = ["Connection", "check_scheduler", "connected_to"]
 
+_SCHEMES = ("tcp", "tls")
 _TIMEOUT = 10.0  # s that a scheduler may take to answer
 _WAITING = 60.0  # s that running tasks may take to end
 
@@ -24,27 +28,94 @@ _WAITING = 60.0  # s that running tasks may take to end
 def connected_to(address: str, *, note: Callable[[str], None]) -> Any:
     """Return a client of a scheduler; whoever gets it closes it.
 
+    Parameters
+    ----------
+    address
+        ``tcp://HOST:PORT`` or ``tls://HOST:PORT``; certificates are those of dask's configuration.
+    note
+        Told if versions of Python or dask differ.
+
     Raises
     ------
+    InputError
+        If that is no address.
     SketchterrainError
-        If there is none, or it does not answer.
+        If there is no scheduler, or it does not answer.
     """
     from distributed import Client
 
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            client = Client(address, timeout=_TIMEOUT, set_as_default=False)
-    except ValueError as error:
-        raise SketchterrainError(
-            f"expected a scheduler's address such as tcp://HOST:8786, got {address!r}"
-        ) from error
-    except (OSError, TypeError, KeyError, AttributeError) as error:
-        told = "nothing answers there" if isinstance(error, TimeoutError | OSError) else one_line(error)
-        raise SketchterrainError(f"scheduler {address} cannot be reached: {told}") from error
-    if any("Mismatch" in each.category.__name__ for each in caught):
-        note(f"scheduler {address} or its workers run other versions of Python or dask than this process")
+    # A client that cannot connect is hard to be rid of; so it is made where one can.
+    if not address.startswith("inproc://"):
+        check_scheduler(address)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        client = Client(address, timeout=_TIMEOUT, set_as_default=False)
+    if any("VersionMismatch" in each.category.__name__ for each in caught):
+        note(f"scheduler {address} or its workers have other versions of Python or dask than this process")
     return client
+
+
+def check_scheduler(address: str) -> None:
+    """Find out whether a scheduler is there.
+
+    Parameters
+    ----------
+    address
+        As for :func:`connected_to`.
+
+    Raises
+    ------
+    InputError
+        If that is no address.
+    SketchterrainError
+        If there is no scheduler, or it does not answer.
+    """
+    _check_address(address)
+    _check_answer(address)
+
+
+def _check_address(address: str) -> None:
+    expected = f"expected a scheduler's address such as tcp://HOST:8786, got {one_line(address)!r}"
+    try:
+        parts = urlsplit(address)
+        port = parts.port
+    except ValueError as error:
+        raise InputError(expected) from error
+    if parts.scheme not in _SCHEMES or not parts.hostname or port is None:
+        raise InputError(expected)
+
+
+def _check_answer(address: str) -> None:
+    """Ask whoever is there what it is, without a client."""
+    parts = urlsplit(address)
+    told = f"scheduler {address} cannot be reached"
+    try:
+        # The library would try again until its time is over.
+        with socket.create_connection((parts.hostname, parts.port), timeout=_TIMEOUT):
+            pass
+        answer = asyncio.run(asyncio.wait_for(_identity(address), _TIMEOUT))
+    except socket.gaierror as error:
+        raise SketchterrainError(f"{told}: no machine is known as {parts.hostname}") from error
+    except ConnectionRefusedError as error:
+        raise SketchterrainError(f"{told}: nothing listens there") from error
+    except TimeoutError as error:
+        raise SketchterrainError(f"{told}: no answer within {_TIMEOUT:.0f} s") from error
+    except Exception as error:  # whatever comes of another protocol's answer
+        lacks = parts.scheme == "tls" and isinstance(error, TypeError)
+        reason = "dask's configuration names no certificates" if lacks else "what listens there is none"
+        raise SketchterrainError(f"{told}: {reason}") from error
+    if answer.get("type") != "Scheduler":
+        raise SketchterrainError(f"{told}: a dask {str(answer.get('type')).lower()} is there")
+
+
+async def _identity(address: str) -> dict[str, Any]:
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    arguments = Security().get_connection_args("client")
+    async with rpc(address, timeout=_TIMEOUT, connection_args=arguments) as there:
+        answer: dict[str, Any] = await there.identity()
+        return answer
 
 
 class Connection:

@@ -69,7 +69,7 @@ LAYERS: Final = {
         "height",
         (),
         "",
-        Packing("float32", "shuffle", 3),
+        Packing("float32", "shuffle", 3, block=4 * CHUNK * CHUNK),
         float("nan"),
         {"long_name": "height of the ground", "units": "m"},
     ),
@@ -77,7 +77,7 @@ LAYERS: Final = {
         "normal",
         ("east", "north", "up"),
         "axis",
-        Packing("uint8", "bitshuffle", 1),
+        Packing("uint8", "bitshuffle", 1, block=3 * CHUNK * CHUNK),
         0,
         {
             "long_name": "unit vector up from the ground: east, north, up",

@@ -7,11 +7,15 @@ and Projections"), newer programs for the Zarr conventions ``proj:``, ``spatial:
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
+    import numpy.typing as npt
     from rasterio.crs import CRS
 
     from sketchterrain.world.grid import Level, World
@@ -24,10 +28,14 @@ GRID_MAPPING = "spatial_ref"
 
 _CONVENTIONS = {
     "multiscales": ("d35379db-88df-4056-af3a-620245f8e347", "Multiscale layout of zarr datasets"),
-    "geo-proj": ("f17cb550-5864-4468-aeb7-f3180cfb622f", "Coordinate reference system information"),
+    "geo-proj": (
+        "f17cb550-5864-4468-aeb7-f3180cfb622f",
+        "Coordinate reference system information for geospatial data",
+    ),
     "spatial": ("689b58e2-cf7b-45e0-9fff-9cfc0883d6b4", "Spatial coordinate information"),
 }
-_PREFIXES = {"geo-proj": "proj:", "spatial": "spatial:"}
+_NAMES = {"geo-proj": "proj:"}  # that are not those of their pages
+_CODE = re.compile(r"[A-Z]+:[0-9]+")  # what ``proj:code`` may hold
 
 
 @dataclass(frozen=True)
@@ -52,13 +60,20 @@ class ZarrPlace:
         """Return where a job's world lies."""
         return cls(job.world, job.crs, job.origin)
 
-    def x(self, level: Level, column: int) -> float:
-        """Return the easting of a column of vertices, in the coordinate reference system."""
-        return self.origin[0] + (self.world.west + column * level.cell)
+    def along(self, axis: str, level: Level, first: int, count: int) -> npt.NDArray[np.float64]:
+        """Return coordinates of vertices along ``x`` or ``y``, in the coordinate reference system.
 
-    def y(self, level: Level, row: int) -> float:
-        """Return the northing of a row of vertices, in the coordinate reference system."""
-        return self.origin[1] + (self.world.north - row * level.cell)
+        Parameters
+        ----------
+        axis
+        level
+        first, count
+            Columns along x, eastward; rows along y, southward.
+        """
+        steps = np.arange(first, first + count, dtype=np.float64) * level.cell
+        if axis == "x":
+            return self.origin[0] + (self.world.west + steps)
+        return self.origin[1] + (self.world.north - steps)
 
     def root(self) -> dict[str, Any]:
         """Return what the root group says: the pyramid."""
@@ -112,13 +127,17 @@ class ZarrPlace:
 
     def _corner(self, level: Level) -> list[float]:
         """Return the affine transform of pixels whose middles are the vertices: it speaks of corners."""
-        half = 0.5 * level.cell
-        return [level.cell, 0.0, self.x(level, 0) - half, 0.0, -level.cell, self.y(level, 0) + half]
+        west, north = self._north_west(level)
+        return [level.cell, 0.0, west, 0.0, -level.cell, north]
 
     def _bounds(self, level: Level) -> list[float]:
-        half = 0.5 * level.cell
-        west, north = self.x(level, 0) - half, self.y(level, 0) + half
+        west, north = self._north_west(level)
         return [west, north - level.rows * level.cell, west + level.columns * level.cell, north]
+
+    def _north_west(self, level: Level) -> tuple[float, float]:
+        """Return the outer corner of the pixel of vertex (0, 0)."""
+        half = 0.5 * level.cell
+        return self.origin[0] + self.world.west - half, self.origin[1] + self.world.north + half
 
     @cached_property
     def _crs(self) -> CRS:
@@ -137,8 +156,9 @@ class ZarrPlace:
     @cached_property
     def _projection(self) -> dict[str, Any]:
         authority = self._crs.to_authority()
-        code = {} if authority is None else {"proj:code": ":".join(authority)}
-        return code | {"proj:wkt2": self._wkt}
+        code = "" if authority is None else ":".join(authority)
+        # The convention wants one of them and no more.
+        return {"proj:code": code} if _CODE.fullmatch(code) else {"proj:wkt2": self._wkt}
 
 
 def _conventions(*names: str) -> list[dict[str, str]]:
@@ -152,7 +172,7 @@ def _conventions(*names: str) -> list[dict[str, str]]:
                 "schema_url": f"https://raw.githubusercontent.com/{place}/refs/tags/v1/schema.json",
                 "spec_url": f"https://github.com/{place}/blob/v1/README.md",
                 "uuid": uuid,
-                "name": _PREFIXES.get(name, name),
+                "name": _NAMES.get(name, name),
                 "description": description,
             }
         )

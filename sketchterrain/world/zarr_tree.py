@@ -107,13 +107,12 @@ class ZarrTree:
 
     def _coordinates(self, level: Level) -> Iterator[tuple[str, int, bytes]]:
         """Return the chunks of coordinates: the axis, the chunk's number, its bytes."""
-        place = self._place
-        for name, count, position in (("x", level.columns, place.x), ("y", level.rows, place.y)):
+        for name, count in (("x", level.columns), ("y", level.rows)):
             size = min(count, COORDINATES_AT_ONCE)
             for number, first in enumerate(range(0, count, size)):
                 values = np.full(size, np.nan)
-                held = range(first, min(first + size, count))
-                values[: len(held)] = [position(level, each) for each in held]
+                held = min(size, count - first)
+                values[:held] = self._place.along(name, level, first, held)
                 yield name, number, COORDINATE.pack(values)
 
     @cached_property

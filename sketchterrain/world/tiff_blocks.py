@@ -82,14 +82,13 @@ def packed(layer: TiffLayer, values: npt.NDArray[Any]) -> Sheet:
     values
         (bands, rows, columns) of the layer's type.
     """
-    from rasterio import Env
+    from rasterio import Affine, Env
     from rasterio.io import MemoryFile
-    from rasterio.transform import from_origin
 
     rows, columns = values.shape[1:]
     with Env(), MemoryFile() as memory:
         # rasterio warns of files that lie nowhere; where this one does is not kept.
-        with memory.open(**layer.profile(rows, columns), transform=from_origin(0.0, 0.0, 2.0, 2.0)) as file:
+        with memory.open(**layer.profile(rows, columns), transform=Affine.scale(2.0, -2.0)) as file:
             file.write(values)
         content = bytes(memory.getbuffer())
     places = block_places(read_directory(content), block_grid(rows, columns))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -44,6 +45,7 @@ WRITTEN: Mapping[str, float] = {
     * _REAL
     * (QUADS + 1) ** 2
     / (QUADS // 2 + 1) ** 2,  # height and normal of nearly four children
+    "ground_bytes": _REAL + 3 + 8,  # height; normal and eight weights as bytes
     "vertices": VERTEX.itemsize,
     "facts": 4 * _REAL + _REAL * QUADS / sample_stride(QUADS),  # low, high, whether finite; a strip of errors
     **dict.fromkeys(("throw_first", "throw_one", "throw_two", "throw_four"), 8),  # candidate and time
@@ -83,14 +85,15 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Device time of a launch of every kernel, by profiling events.
 
     `patches` and `surfaces` evaluate tiles of 64 quads around the middle of the sketch (an item is a vertex;
-    `patches` has a border of one around each tile), `parents` what they keep of their parents, `vertices` the
-    same tiles as they are drawn and `facts` how high they are and how far from full detail (an item is a
-    strip of quads), `points` a square grid over the same ground at the same cell size, `throw_…`, `accept_…`
-    and `inherit` the rounds of Poisson-disk points, `clear` and `list_for_finer` what graded ones need
-    besides (an item is a cell of the window), `count_points` and `write_…` their lists (an item is 256 cells
-    of a row), `bench_fbm` 8 octaves of noise on a grid, `bench_fbm_slope` with slopes, `material_paint` and
-    `material_relief` the materials' textures (an item is a texel), `spline_…_distances` the distance to a
-    spline of six control points, flattened for cells of 1 m.
+    `patches` has a border of one around each tile), `parents` what they keep of their parents, `ground_bytes`
+    packs as many as files hold them, `vertices` writes the same tiles as they are drawn and `facts` how high
+    they are and how far from full detail (an item is a strip of quads), `points` a square grid over the same
+    ground at the same cell size, `throw_…`, `accept_…` and `inherit` the rounds of Poisson-disk points,
+    `clear` and `list_for_finer` what graded ones need besides (an item is a cell of the window),
+    `count_points` and `write_…` their lists (an item is 256 cells of a row), `bench_fbm` 8 octaves of noise
+    on a grid, `bench_fbm_slope` with slopes, `material_paint` and `material_relief` the materials' textures
+    (an item is a texel), `spline_…_distances` the distance to a spline of six control points, flattened for
+    cells of 1 m.
     Medians and 95th percentiles are over all launches of all rounds; rates are work items, and the bytes that
     they write, over the median. Launches of `patches` are padded to whole groups of 256 items; the padding,
     under 3 %, counts as items.
@@ -123,6 +126,9 @@ def _works(context: TimedContext, effort: Effort) -> Iterator[tuple[_Case, Calla
                 _Case(("patches", "surfaces", "parents"), name, level),
                 _tiles(context, terrain, level, effort.kernel_tiles),
             )
+            if context.device.has_double:
+                packed = _packed(context, terrain, level, effort.kernel_tiles)
+                yield _Case(("ground_bytes",), name, level), packed
             yield (
                 _Case(("vertices", "facts"), name, level),
                 _drawn(context, terrain, level, effort.kernel_tiles),
@@ -170,6 +176,16 @@ def _even(west: int, south: int, east: int, north: int) -> SpacingRaster:
 def _tiles(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
     keys = central_keys(level, count)
     return partial(context.lap, partial(terrain.tiles, keys))
+
+
+def _packed(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:
+    """Pack as many patches as there are tiles, from the middle of the sketch on."""
+    cell = terrain.extent / 2.0**level / QUADS
+    across = int(np.sqrt(count))
+    size = {"columns": across * QUADS + 1, "rows": across * QUADS + 1}
+    middle = terrain.extent / 2
+    window = partial(terrain.window_bytes, middle, middle, cell=cell, left=0, top=0, **size)
+    return partial(context.lap, lambda: deque(window(), 0))
 
 
 def _drawn(context: TimedContext, terrain: Terrain, level: int, count: int) -> Callable[[], Lap]:

@@ -184,8 +184,8 @@ class ComputeContext:
             self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, dst_offset=start)
 
     def wait(self, event: Any) -> None:
-        """Wait for what `write` enqueued."""
-        self._call("uploading", event.wait)
+        """Wait for what `write` or `read` enqueued."""
+        self._call("copying", event.wait)
 
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Wait for the queue and copy a buffer into a new array."""
@@ -197,6 +197,12 @@ class ComputeContext:
         """Wait for the queue and copy a buffer, from a byte on, into a contiguous array."""
         if array.nbytes:
             self._call("downloading", cl.enqueue_copy, self._queue, array, buffer, src_offset=start)
+
+    def read(self, buffer: Any, array: npt.NDArray[Any]) -> Any:
+        """Begin to copy the start of a buffer into a contiguous array; return what to `wait` for."""
+        event = self._call("downloading", cl.enqueue_copy, self._queue, array, buffer, is_blocking=False)
+        self._call("downloading", self._queue.flush)
+        return event
 
     def start_profile(self) -> None:
         """Record each launch from now on."""

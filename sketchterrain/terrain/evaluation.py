@@ -124,15 +124,40 @@ class Evaluator:
         count, side = axis_x.shape
         surface = Surface.empty(count, side - 2, real=self.context.real_dtype)
 
-        def evaluate(part: slice) -> None:
-            patches, store = Patches(axis_x[part], axis_y[part], cell_size), self._store(side - 2)
-            self._launcher.surfaces(patches, store, np.arange(patches.count))
+        def take(store: SurfaceStore, part: slice) -> None:
             store.download(surface.part(part))
             if progress is not None:
                 progress(part.stop / count)
 
-        self._patches_at_once.run(count, evaluate, smaller=self._give_back)
+        self.stored(axis_x, axis_y, cell_size=cell_size, take=take)
         return surface
+
+    def stored(
+        self,
+        axis_x: npt.NDArray[np.int64],
+        axis_y: npt.NDArray[np.int64],
+        *,
+        cell_size: float,
+        take: Callable[[SurfaceStore, slice], None],
+    ) -> None:
+        """Enqueue patches on the device, as many at once as have room, and what is done with them there.
+
+        Parameters
+        ----------
+        axis_x, axis_y, cell_size
+            As in :meth:`surface`.
+        take
+            Takes the store that patches have been enqueued into, from its first slot on, and which they are;
+            what it enqueues finds them written, and later ones are written after it.
+        """
+        count, side = axis_x.shape
+
+        def evaluate(part: slice) -> None:
+            patches, store = Patches(axis_x[part], axis_y[part], cell_size), self._store(side - 2)
+            self._launcher.surfaces(patches, store, np.arange(patches.count))
+            take(store, part)
+
+        self._patches_at_once.run(count, evaluate, smaller=self._give_back)
 
     def masked(
         self, axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64], *, cell_size: float

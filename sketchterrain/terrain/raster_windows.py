@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain.evaluation import Evaluator
 
-__all__ = ["bands", "window_bands"]
+__all__ = ["Strip", "bands", "strips", "window_axes", "window_bands"]
 
 # As many patches as one launch takes: fewer would leave a device idle, more would only take memory.
 _PATCHES_PER_BAND = 256
@@ -94,13 +94,71 @@ def window_bands(
     InputError
         If there are fewer vertices, or positions are too far away.
     """
+    axes = window_axes(evaluator.recipe.extent, corner, cell, left, top, columns, rows)
+    return _bands(evaluator, *axes, cell, None)
+
+
+def window_axes(
+    extent: float, corner: tuple[float, float], cell: float, left: int, top: int, columns: int, rows: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return lattice coordinates of a window's columns and rows, with one more beyond each end.
+
+    The parameters are those of :func:`window_bands`, and the recipe's extent, m.
+
+    Raises
+    ------
+    InputError
+        If there are no vertices, or positions are too far away.
+    """
     if columns < 1 or rows < 1:
         raise InputError(f"expected at least 1 × 1 vertices, got {columns} × {rows}")
     west, north = corner
-    extent = evaluator.recipe.extent
     axis_x = to_lattice(west + np.arange(left - 1, left + columns + 1) * cell, extent)
     axis_y = to_lattice(north - np.arange(top - 1, top + rows + 1) * cell, extent)
-    return _bands(evaluator, axis_x, axis_y, cell, None)
+    return axis_x, axis_y
+
+
+class Strip(NamedTuple):
+    """Some rows of a grid as patches side by side, row after row of them.
+
+    Attributes
+    ----------
+    top, rows : int
+        The grid's first row of it, and how many.
+    shape : (int, int)
+        Rows and columns of patches.
+    axis_x, axis_y : (patches, QUADS + 3) int64
+        Lattice coordinates of each patch.
+    share : (float, float)
+        Which part of the grid's patches they are.
+    """
+
+    top: int
+    rows: int
+    shape: tuple[int, int]
+    axis_x: npt.NDArray[np.int64]
+    axis_y: npt.NDArray[np.int64]
+    share: tuple[float, float]
+
+
+def strips(axis_x: npt.NDArray[np.int64], axis_y: npt.NDArray[np.int64]) -> Iterator[Strip]:
+    """Cut the vertices of two axes, each with one more beyond its ends; y runs from north to south."""
+    across, down = _windows_of(axis_x), _windows_of(axis_y)
+    at_once = max(_PATCHES_PER_BAND // len(across), 1)
+    for first in range(0, len(down), at_once):
+        part = down[first : first + at_once]
+        shape = (len(part), len(across))
+        top = QUADS * first
+        # A strip's last row is the next one's first, except where there is none.
+        rows = len(axis_y) - 2 - top if first + len(part) == len(down) else QUADS * len(part)
+        yield Strip(
+            top,
+            rows,
+            shape,
+            np.broadcast_to(across[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3),
+            np.broadcast_to(part[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3),
+            (first / len(down), (first + len(part)) / len(down)),
+        )
 
 
 def _bands(
@@ -111,22 +169,13 @@ def _bands(
     progress: Callable[[float], None] | None,
 ) -> Iterator[Band]:
     """Evaluate the vertices of two axes, each with one more beyond its ends; y runs from north to south."""
-    columns, rows = len(axis_x) - 2, len(axis_y) - 2
-    across, down = _windows_of(axis_x), _windows_of(axis_y)
-    at_once = max(_PATCHES_PER_BAND // len(across), 1)
-    for first in range(0, len(down), at_once):
-        part = down[first : first + at_once]
-        shape = (len(part), len(across))
-        patch_x = np.broadcast_to(across[None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
-        patch_y = np.broadcast_to(part[:, None], (*shape, QUADS + 3)).reshape(-1, QUADS + 3)
+    columns = len(axis_x) - 2
+    for strip in strips(axis_x, axis_y):
         surface = evaluator.surface(
-            patch_x, patch_y, cell_size=cell_size, progress=_share(progress, first, len(part), len(down))
+            strip.axis_x, strip.axis_y, cell_size=cell_size, progress=_share(progress, *strip.share)
         )
-        top = QUADS * first
-        # The band's last row is the next one's first, except where there is none.
-        here = rows - top if first + len(part) == len(down) else QUADS * len(part)
         parts = (surface.height, surface.normal, surface.materials)
-        yield Band(top, *(_joined(each, shape, here, columns) for each in parts))
+        yield Band(strip.top, *(_joined(each, strip.shape, strip.rows, columns) for each in parts))
 
 
 def _axis_of(first: float, last: float, count: int, extent: float) -> npt.NDArray[np.int64]:
@@ -155,6 +204,6 @@ def _joined(
 
 
 def _share(
-    progress: Callable[[float], None] | None, first: int, part: int, whole: int
+    progress: Callable[[float], None] | None, first: float, last: float
 ) -> Callable[[float], None] | None:
-    return None if progress is None else lambda share: progress((first + share * part) / whole)
+    return None if progress is None else lambda share: progress(first + share * (last - first))

@@ -11,6 +11,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.terrain.answers import Raster, TerrainFeatures, Tile
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import FoliageSampler
+from sketchterrain.terrain.ground_bytes import byte_bands
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit, to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import SPECIES
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.answers import Band
     from sketchterrain.terrain.changes import Box
+    from sketchterrain.terrain.ground_bytes import GroundBytes
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surfaces import Surface
     from sketchterrain.terrain.vertices import VertexMemory
@@ -333,6 +335,22 @@ class Terrain:
             If there are fewer vertices, or they are too far away.
         """
         return window_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
+
+    def window_bytes(
+        self, west: float, north: float, *, cell: float, left: int, top: int, columns: int, rows: int
+    ) -> Iterator[GroundBytes]:
+        """Return the same vertices as files hold them: normals and weights as bytes, rounded on the device.
+
+        The parameters are those of :meth:`window`.
+
+        Raises
+        ------
+        DeviceError
+            If the device has no 64-bit floats.
+        InputError
+            If there are no vertices, or they are too far away.
+        """
+        return byte_bands(self._evaluator, (west, north), cell, left, top, columns, rows)
 
     def foliage(
         self, west: float, south: float, east: float, north: float, *, storey: str = "woody"

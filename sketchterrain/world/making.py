@@ -11,6 +11,7 @@ import numpy as np
 
 from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
+from sketchterrain.terrain.ground_bytes import GroundBytes
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.forms import plants_of, store_of
@@ -20,7 +21,9 @@ from sketchterrain.world.made import Made, WrittenFile
 from sketchterrain.world.roots import Roots
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
+    from typing import Any
 
     import numpy.typing as npt
 
@@ -29,7 +32,7 @@ if TYPE_CHECKING:
     from sketchterrain.world.job import Job
     from sketchterrain.world.made import Task
 
-__all__ = ["Begun", "Maker", "hashed"]
+__all__ = ["Begun", "Maker", "hashed", "packed", "rounded"]
 
 _AT_ONCE = 1 << 20  # bytes read at once
 
@@ -71,6 +74,8 @@ class Maker:
         self._store = store_of(job)
         self._plants = plants_of(job)
         self._roots = Roots.of(job)
+        packs = context.device.has_double
+        self._window = self.terrain.window_bytes if packs else self._window_here
 
     def make(self, task: Task) -> Made:
         """Do a task from begin to end.
@@ -151,27 +156,27 @@ class Maker:
             np.empty((3 if "normal" in layers else 0, rows, columns), np.uint8),
             np.empty((len(MATERIALS) if "materials" in layers else 0, rows, columns), np.uint8),
         )
-        bands = self.terrain.window(
-            world.west,
-            world.north,
-            cell=world.levels[shard.level].cell,
-            left=left,
-            top=top,
-            columns=columns,
-            rows=rows,
-        )
-        for band in bands:
-            _keep(ground, band, self.job.step)
+        cell, window = world.levels[shard.level].cell, self._window
+        for band in window(
+            world.west, world.north, cell=cell, left=left, top=top, columns=columns, rows=rows
+        ):
+            here = slice(band.top, band.top + len(band.height))
+            ground.height[here] = rounded(band.height, self.job.step)
+            if len(ground.normal):
+                ground.normal[:, here] = band.normal
+            if len(ground.materials):
+                ground.materials[:, here] = band.materials
         return ground
 
+    def _window_here(self, west: float, north: float, **window: Any) -> Iterator[GroundBytes]:
+        return packed(self.terrain.window(west, north, **window))
 
-def _keep(ground: Ground, band: Band, step: float) -> None:
-    rows = slice(band.top, band.top + len(band.height))
-    ground.height[rows] = rounded(band.height, step)
-    if len(ground.normal):
-        ground.normal[:, rows] = normal_bytes(band.normal).transpose(2, 0, 1)
-    if len(ground.materials):
-        ground.materials[:, rows] = quantised_weights(band.materials).transpose(2, 0, 1)
+
+def packed(bands: Iterator[Band]) -> Iterator[GroundBytes]:
+    """Return bands as bytes, rounded on the host: the same as a device does it that has 64-bit floats."""
+    for band in bands:
+        normal, weights = normal_bytes(band.normal), quantised_weights(band.materials)
+        yield GroundBytes(band.top, band.height, normal.transpose(2, 0, 1), weights.transpose(2, 0, 1))
 
 
 def rounded(height: npt.NDArray[np.float32], step: float) -> npt.NDArray[np.float32]:

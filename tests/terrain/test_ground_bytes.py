@@ -1,0 +1,168 @@
+"""Ground packed on a device: the bytes that NumPy rounds the same values to."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.errors import DeviceFailedError, InputError
+from sketchterrain.export.weights import quantised_weights
+from sketchterrain.terrain import Terrain
+from sketchterrain.terrain.ground_bytes import byte_bands
+from sketchterrain.world.making import packed
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+SIDE, ACROSS = 5, 3
+# Within one patch, over borders of patches and of bands, a whole number of patches, a single vertex.
+WINDOWS = {
+    "one": {"left": -3, "top": 9, "columns": 1, "rows": 1},
+    "small": {"left": 700, "top": 650, "columns": 40, "rows": 33},
+    "whole": {"left": 512, "top": 512, "columns": 129, "rows": 65},
+    "bands": {"left": 100, "top": -77, "columns": 4200, "rows": 300},
+    "far": {"left": 50_000, "top": 90_000, "columns": 70, "rows": 70},
+}
+
+pytestmark = pytest.mark.skipif(
+    not all(device.has_double for device in list_devices()), reason="a device without 64-bit floats"
+)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_bytes_are_those_of_the_host(window: str, valley: Terrain) -> None:
+    here = {"cell": 4.0, **WINDOWS[window]}
+    found = list(valley.window_bytes(0.0, 4096.0, **here))
+    expected = list(packed(valley.window(0.0, 4096.0, **here)))
+    assert [band.top for band in found] == [band.top for band in expected]
+    for name in ("height", "normal", "materials"):
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+            assert getattr(one, name).dtype == getattr(other, name).dtype
+    assert all((band.materials.sum(axis=0, dtype=int) == 255).all() for band in found)
+
+
+@pytest.mark.parametrize("device", list_devices(), ids=lambda device: device.platform)
+def test_bytes_are_the_same_on_every_device(device: Any, desert: Terrain) -> None:
+    window = {"cell": 8.0, **WINDOWS["whole"]}
+    other = Terrain(desert.sketch, desert.recipe, ComputeContext(device))
+    (one,), (two,) = (list(each.window_bytes(0.0, 4096.0, **window)) for each in (desert, other))
+    np.testing.assert_array_equal(one.normal, two.normal)
+    np.testing.assert_array_equal(one.materials, two.materials)
+
+
+def test_doubles_differ_by_a_step_at_most(valley: Terrain, double_context: ComputeContext) -> None:
+    window = {"cell": 4.0, **WINDOWS["whole"]}
+    double = Terrain(valley.sketch, valley.recipe, double_context)
+    (one,), (two,) = (list(each.window_bytes(0.0, 4096.0, **window)) for each in (valley, double))
+    assert two.height.dtype == np.float64
+    np.testing.assert_allclose(one.height, two.height, rtol=0, atol=0.01)
+    for name in ("normal", "materials"):
+        off = np.abs(getattr(one, name).astype(int) - getattr(two, name))
+        assert off.max() <= 1
+        assert np.mean(off > 0) < 0.01
+
+
+def test_smaller_batches_change_no_byte(valley: Terrain) -> None:
+    window = {"cell": 4.0, **WINDOWS["whole"]}
+    (one,) = valley.window_bytes(0.0, 4096.0, **window)
+    other = Terrain(valley.sketch, valley.recipe, valley.context)
+    other._evaluator._patches_at_once.most = 1
+    (two,) = other.window_bytes(0.0, 4096.0, **window)
+    for name in ("height", "normal", "materials"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def launched(
+    context: ComputeContext, ground: npt.NDArray[Any], weights: npt.NDArray[Any]
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8], npt.NDArray[np.uint8], int]:
+    """Pack patches of SIDE² vertices, ACROSS of them side by side, all at once."""
+    count, real = len(ground), context.real_dtype
+    rows, columns = count // ACROSS * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1
+    size = rows * columns
+    planes = (context.empty(size, real), context.empty(3 * size, np.uint8), context.empty(8 * size, np.uint8))
+    odd = context.upload(np.zeros(1, np.int32), writable=True)
+    arrays = [context.upload(np.ascontiguousarray(each, real)) for each in (ground, weights)]
+    scalars = [np.int32(each) for each in (0, ACROSS, rows, columns)]
+    size3 = (SIDE, SIDE, count)
+    context.launch("ground_bytes.cl", "ground_bytes", size3, *scalars, *arrays, *planes, odd)
+    height = context.download(planes[0], (rows, columns), real)
+    normal = context.download(planes[1], (3, rows, columns), np.uint8)
+    weight = context.download(planes[2], (8, rows, columns), np.uint8)
+    return height, normal, weight, int(context.download(odd, 1, np.int32)[0])
+
+
+def patches_of(plane: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Cut a plane into the patches that share its rows and columns."""
+    rows, columns = plane.shape[0] // (SIDE - 1), plane.shape[1] // (SIDE - 1)
+    starts = [(row * (SIDE - 1), column * (SIDE - 1)) for row in range(rows) for column in range(columns)]
+    return np.stack([plane[top : top + SIDE, left : left + SIDE] for top, left in starts])
+
+
+def weights_of(kind: str, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
+    rng = np.random.default_rng(3)
+    if kind == "one":
+        return np.eye(8, dtype=np.float32)[rng.integers(0, 8, shape)]
+    if kind == "equal":
+        return np.full((*shape, 8), 1 / 8, np.float32)
+    if kind == "ties":
+        return np.eye(8, dtype=np.float32)[rng.integers(0, 8, shape)] * 0.25 + np.float32(0.75 / 8)
+    if kind == "tiny":
+        return np.where(rng.random((*shape, 8)) < 0.5, np.float32(1e-42), np.float32(0.2)).astype(np.float32)
+    return (rng.random((*shape, 8)) ** 4).astype(np.float32)
+
+
+@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("kind", ["one", "equal", "ties", "tiny", "random"])
+def test_weights_are_rounded_as_numpy_rounds_them(kind: str, real: str) -> None:
+    context = ComputeContext(real=real)
+    plane = weights_of(kind, (4 * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1)).astype(context.real_dtype)
+    ground = np.zeros((*plane.shape[:2], 4), context.real_dtype)
+    _, _, weight, odd = launched(context, patches_of(ground), patches_of(plane))
+    assert odd == 0
+    np.testing.assert_array_equal(weight, quantised_weights(plane).transpose(2, 0, 1))
+
+
+def test_bytes_of_unit_vectors(context: ComputeContext) -> None:
+    plane = np.zeros((SIDE, ACROSS * (SIDE - 1) + 1, 4), np.float32)
+    plane[..., :3] = [-1.0, 0.0, 1.0]
+    plane[..., 3] = np.arange(plane[..., 3].size).reshape(plane.shape[:2])
+    weights = weights_of("equal", plane.shape[:2])
+    height, normal, _, _ = launched(context, patches_of(plane), patches_of(weights))
+    np.testing.assert_array_equal(height, plane[..., 3])
+    for part, value in zip(normal, (0, 128, 255), strict=True):  # 127.5 goes to the even one
+        assert (part == value).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("where", ["height", "normal", "weight"])
+def test_what_is_no_number_is_counted(value: float, where: str, context: ComputeContext) -> None:
+    shape = (SIDE, ACROSS * (SIDE - 1) + 1)
+    plane, weights = np.zeros((*shape, 4), np.float32), weights_of("equal", shape)
+    target, part = {"height": (plane, 3), "normal": (plane, 1), "weight": (weights, 7)}[where]
+    target[2, 2, part] = value
+    assert launched(context, patches_of(plane), patches_of(weights))[3] == 1
+
+
+def test_a_device_that_computes_no_numbers_is_told_of(
+    valley: Terrain, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read = ComputeContext.read
+
+    def odd(context: ComputeContext, buffer: Any, array: npt.NDArray[Any]) -> Any:
+        context.wait(read(context, buffer, array))
+        if array.dtype == np.int32:
+            array[0] = 7
+        return read(context, buffer, np.empty_like(array))
+
+    monkeypatch.setattr(ComputeContext, "read", odd)
+    with pytest.raises(DeviceFailedError, match="computed ground, 7 values of it no numbers"):
+        list(valley.window_bytes(0.0, 0.0, cell=4.0, **WINDOWS["one"]))
+
+
+def test_no_vertices_are_refused(valley: Terrain) -> None:
+    with pytest.raises(InputError, match="at least 1 × 1 vertices"):
+        byte_bands(valley._evaluator, (0.0, 0.0), 1.0, 0, 0, 0, 5)

@@ -12,7 +12,7 @@ test: $(VENV)/test.stamp
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
 	@bash .ci/typecheck
-	$(PYTHON) -m pytest -n auto
+	$(PYTHON) -m pytest -n auto --dist worksteal
 
 soak: $(VENV)/test.stamp
 	SOAK_TILES=10000 SKETCHTERRAIN_SOAK=1 $(PYTHON) -m pytest -n auto tests/terrain/test_random_tiles.py \

@@ -2,7 +2,7 @@
 
 xarray, rioxarray and GDAL look for the grid mapping and the coordinates of the CF conventions ("Grid Mappings
 and Projections"), newer programs for the Zarr conventions ``proj:``, ``spatial:`` and ``multiscales``
-(github.com/zarr-conventions), as the driver Zarr of GDAL 3.13 does (its documentation: "Zarr").
+(github.com/zarr-conventions, release 0.1), as the driver Zarr of GDAL 3.13 does (its documentation: "Zarr").
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ GRID_MAPPING = "spatial_ref"
 
 _CONVENTIONS = {
     "multiscales": ("d35379db-88df-4056-af3a-620245f8e347", "Multiscale layout of zarr datasets"),
-    "geo-proj": (
+    "proj": (
         "f17cb550-5864-4468-aeb7-f3180cfb622f",
         "Coordinate reference system information for geospatial data",
     ),
     "spatial": ("689b58e2-cf7b-45e0-9fff-9cfc0883d6b4", "Spatial coordinate information"),
 }
-_NAMES = {"geo-proj": "proj:"}  # that are not those of their pages
+_RELEASE = "v0.1"  # of these conventions
 _CODE = re.compile(r"[A-Z]+:[0-9]+")  # what ``proj:code`` may hold
 
 
@@ -84,7 +84,7 @@ class ZarrPlace:
                 entry |= {"derived_from": str(level.number - 1), "transform": {"scale": [2.0, 2.0]}}
             layout.append(entry | self._grid(level))
         return {
-            "zarr_conventions": _conventions("multiscales", "geo-proj", "spatial"),
+            "zarr_conventions": _conventions("multiscales", "proj", "spatial"),
             "multiscales": {"layout": layout},
             "spatial:dimensions": ["y", "x"],
             "spatial:bbox": self._bounds(self.world.levels[0]),
@@ -94,7 +94,7 @@ class ZarrPlace:
     def group(self, level: Level) -> dict[str, Any]:
         """Return what a level's group says, for all its layers."""
         return {
-            "zarr_conventions": _conventions("geo-proj", "spatial"),
+            "zarr_conventions": _conventions("proj", "spatial"),
             "spatial:dimensions": ["y", "x"],
             "spatial:bbox": self._bounds(level),
             **self._grid(level),
@@ -169,10 +169,10 @@ def _conventions(*names: str) -> list[dict[str, str]]:
         place = f"zarr-conventions/{name}"
         found.append(
             {
-                "schema_url": f"https://raw.githubusercontent.com/{place}/refs/tags/v1/schema.json",
-                "spec_url": f"https://github.com/{place}/blob/v1/README.md",
+                "schema_url": f"https://raw.githubusercontent.com/{place}/refs/tags/{_RELEASE}/schema.json",
+                "spec_url": f"https://github.com/{place}/blob/{_RELEASE}/README.md",
                 "uuid": uuid,
-                "name": _NAMES.get(name, name),
+                "name": name,
                 "description": description,
             }
         )

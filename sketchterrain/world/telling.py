@@ -1,4 +1,4 @@
-"""How a world goes on, on stderr: a bar on a terminal, a line now and then elsewhere."""
+"""How a world goes on: on stderr a bar on a terminal, a line now and then elsewhere, or where it is told."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Remaining:
 
 
 class Telling:
-    """The :class:`~sketchterrain.world.run.Watcher` of the command line.
+    """The :class:`~sketchterrain.world.run.Watcher` of the command line and of the window.
 
     Use it as a context manager: a bar must be taken off the terminal however the command ends.
 
@@ -70,13 +70,27 @@ class Telling:
     world
     plants
         Whether there are tasks of plants.
+    show
+        Takes what is being done, the share of it that is done and how long the rest takes; by default that
+        is told on stderr.
+    say
+        Takes a line that stays; by default it goes to stderr.
     timer
         Seconds that run on.
     """
 
-    def __init__(self, world: World, *, plants: bool, timer: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(
+        self,
+        world: World,
+        *,
+        plants: bool,
+        show: Callable[[str, float, str], None] | None = None,
+        say: Callable[[str], None] | None = None,
+        timer: Callable[[], float] = time.perf_counter,
+    ) -> None:
         self._world, self._plants, self._timer = world, plants, timer
-        self._bars: Progress | None = _bars() if sys.stderr.isatty() else None
+        self._bars: Progress | None = _bars() if show is None and sys.stderr.isatty() else None
+        self._show, self._say = show or self._shown, say or self._said
         self._bar: TaskID | None = None
         self._told = timer()
         self._all = self._done = self._broken = 0
@@ -94,7 +108,7 @@ class Telling:
 
     def verified(self, share: float) -> None:
         """Show how much of what is there has been looked at."""
-        self._show("Looking at what is there", share)
+        self._show("Looking at what is there", share, "")
 
     def broken(self, file: Broken) -> None:
         """Tell of a file that will be made again; of very many only how many they are."""
@@ -129,7 +143,7 @@ class Telling:
 
     def joined(self, share: float) -> None:
         """Show how much of what joins all is written."""
-        self._show("Joining", share)
+        self._show("Joining", share, "")
 
     def note(self, line: str) -> None:
         """Tell something that a person should know, once."""
@@ -142,7 +156,7 @@ class Telling:
         rows, columns = level.size_of(Shard(task.level, task.row, task.column))
         return rows * columns
 
-    def _show(self, text: str, share: float, left: str = "") -> None:
+    def _shown(self, text: str, share: float, left: str) -> None:
         if self._bars is not None:
             if self._bar is None:
                 self._bar = self._bars.add_task("", total=1.0, left="")
@@ -151,7 +165,7 @@ class Telling:
             self._told = self._timer()
             self._say(f"{text}: {share:.0%}{left and ', '}{left}")
 
-    def _say(self, line: str) -> None:
+    def _said(self, line: str) -> None:
         if self._bars is None:
             sys.stderr.write(f"{line}\n")
         else:

@@ -17,7 +17,7 @@ from sketchterrain.world.cloud_layout import cloud_optimised
 from sketchterrain.world.grid import CHUNK, SHARD, Shard
 from sketchterrain.world.settled import settle, text_of
 from sketchterrain.world.tiff_blocks import Sheet, block_grid, block_places
-from sketchterrain.world.tiff_directory import read_directory
+from sketchterrain.world.tiff_directory import read_directories
 from sketchterrain.world.tiff_layers import TIFF_LAYERS, Georeference
 from sketchterrain.world.tiff_tiles import written_tile
 from sketchterrain.world.tile_names import LEDGER, SKETCH, layer_file, tile_name
@@ -147,8 +147,10 @@ class TiffStore:
         path = self._parts / tile_name(layer, shard)
         try:
             with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
-                return block_places(read_directory(content), block_grid(*level.size_of(shard)))
-        except (OSError, ValueError) as error:
+                return block_places(read_directories(content)[0], block_grid(*level.size_of(shard)))
+        except OSError as error:
+            raise InputError(f"{one_line(path)}: cannot be joined ({one_line(error.strerror)})") from None
+        except ValueError as error:
             raise InputError(f"{one_line(path)}: cannot be joined ({one_line(error)})") from None
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sketchterrain.world.grid import CHUNK
-from sketchterrain.world.tiff_directory import TILE_BYTES, TILE_OFFSETS, numbers, read_directory
+from sketchterrain.world.tiff_directory import TILE_BYTES, TILE_OFFSETS, numbers, read_directories
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -18,7 +19,10 @@ if TYPE_CHECKING:
     from sketchterrain.world.tiff_directory import Tag
     from sketchterrain.world.tiff_layers import TiffLayer
 
-__all__ = ["Sheet", "block_grid", "block_places", "means", "packed"]
+__all__ = ["Sheet", "block_grid", "block_places", "means", "packed", "unpacked"]
+
+
+_OF_INTEGERS, _OF_FLOATS = 2, 3  # predictors, by TIFF's numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,7 @@ def packed(layer: TiffLayer, values: npt.NDArray[Any]) -> Sheet:
         with memory.open(**layer.profile(rows, columns), transform=Affine.scale(2.0, -2.0)) as file:
             file.write(values)
         content = bytes(memory.getbuffer())
-    places = block_places(read_directory(content), block_grid(rows, columns))
+    places = block_places(read_directories(content)[0], block_grid(rows, columns))
     whole = memoryview(content)
 
     def blocks() -> Iterator[memoryview]:
@@ -99,6 +103,39 @@ def packed(layer: TiffLayer, values: npt.NDArray[Any]) -> Sheet:
             yield whole[place : place + size]
 
     return Sheet(rows, columns, places[..., 1], blocks)
+
+
+def unpacked(layer: TiffLayer, block: bytes) -> npt.NDArray[Any]:
+    """Return a block's values, checked by the checksum that it ends with, which GDAL does not always read.
+
+    Returns
+    -------
+    ndarray, (bands, CHUNK, CHUNK)
+        What lies beyond the grid's edge means nothing.
+
+    Raises
+    ------
+    ValueError
+        If it is broken.
+    """
+    dtype, bands = np.dtype(layer.dtype), len(layer.bands)
+    try:
+        raw = zlib.decompress(block)
+    except zlib.error as error:
+        raise ValueError(f"a block is broken: {error}") from None
+    if len(raw) != CHUNK * CHUNK * bands * dtype.itemsize:
+        raise ValueError(f"a block of {len(raw)} bytes")
+    stored = np.frombuffer(raw, np.uint8)
+    if layer.predictor == _OF_FLOATS:
+        # Differences of bytes along a row: first the highest byte of each number, then the next ones.
+        rows = np.cumsum(stored.reshape(CHUNK, -1), axis=1, dtype=np.uint8)
+        numbers = rows.reshape(CHUNK, dtype.itemsize, -1).swapaxes(1, 2)[..., ::-1]
+        values = np.ascontiguousarray(numbers).view(dtype.newbyteorder("<")).astype(dtype, copy=False)
+    else:
+        values = stored.reshape(CHUNK, CHUNK, bands)
+        if layer.predictor == _OF_INTEGERS:
+            values = np.cumsum(values, axis=1, dtype=np.uint8)
+    return np.ascontiguousarray(values.reshape(CHUNK, CHUNK, bands).transpose(2, 0, 1))
 
 
 def means(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.world.grid import CHUNK, SHARD
-from sketchterrain.world.tiff_directory import TILE_BYTES, TILE_OFFSETS, read_directory
+from sketchterrain.world.tiff_directory import TILE_BYTES, TILE_OFFSETS, read_directories
 
 if TYPE_CHECKING:
     from rasterio import Affine
@@ -145,7 +145,7 @@ class Georeference:
                     file.set_band_description(index, name)
                     if layer.unit is not None:
                         file.set_band_unit(index, layer.unit)
-            written = read_directory(memory.getbuffer())
+            written = read_directories(memory.getbuffer())[0]
         return {number: tag for number, tag in written.items() if number not in _OF_ITS_PIXELS}
 
     def facts(self) -> dict[str, str]:

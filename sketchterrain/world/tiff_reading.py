@@ -2,35 +2,41 @@
 
 from __future__ import annotations
 
+import mmap
+import os
 import tempfile
-import threading
+from abc import ABC, abstractmethod
 from base64 import b64decode
-from collections import OrderedDict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import rasterio
 from rasterio.errors import RasterioError
-from rasterio.windows import Window
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.files import load_sketch
-from sketchterrain.world.grid import SHARD, Shard, World
+from sketchterrain.world.chunk_cache import ChunkCache
+from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
 from sketchterrain.world.ground import LAYERS
+from sketchterrain.world.tiff_blocks import block_grid, block_places, unpacked
+from sketchterrain.world.tiff_directory import numbers, read_directories
 from sketchterrain.world.tiff_layers import DOMAIN, TIFF_LAYERS
 from sketchterrain.world.tile_names import SKETCH, layer_file, tile_name, vrt_name
 
 if TYPE_CHECKING:
+    from typing import BinaryIO
+
     import numpy.typing as npt
-    from rasterio.io import DatasetReader
 
     from sketchterrain.sketch import Sketch
     from sketchterrain.world.grid import Level
+    from sketchterrain.world.tiff_layers import TiffLayer
 
 __all__ = ["StoredTiff", "StoredTiles", "open_tiffs"]
 
-_OPEN: Final = 24  # files that a thread keeps open
+_ROOM: Final = 192 << 20  # bytes of unpacked blocks that are kept
+_DEFLATE: Final = 8  # TIFF's number
 _QUIET: Final = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR"}  # no looking for files beside each
 
 
@@ -52,47 +58,75 @@ def open_tiffs(path: Path) -> StoredTiff | StoredTiles:
     raise InputError(f"{one_line(path)}: no world: it holds neither zarr.json nor {joined}")
 
 
-class _Files:
-    """Files that are open: GDAL's are for one thread alone."""
+class _Blocks:
+    """Blocks of files, unpacked and checked, the last ones kept; for any number of threads.
+
+    GDAL's files are for one thread each, and it does not find every block that is broken.
+    """
 
     def __init__(self) -> None:
-        self._mine = threading.local()
+        self._unpacked = ChunkCache(_ROOM)
+        self._places = ChunkCache(_ROOM // 8)
 
-    def read(self, path: Path, overview: int | None, window: Window) -> npt.NDArray[Any]:
-        """Return a window of all bands.
+    def block(self, layer: TiffLayer, image: _Image, row: int, column: int) -> npt.NDArray[Any]:
+        """Return a block, (bands, CHUNK, CHUNK); not to be changed.
 
         Raises
         ------
         InputError
             If the file is missing or broken.
         """
+        return self._unpacked.get((image, row, column), lambda: self._read(layer, image, row, column))
+
+    def _read(self, layer: TiffLayer, image: _Image, row: int, column: int) -> npt.NDArray[Any]:
         try:
-            with rasterio.Env(**_QUIET):
-                values: npt.NDArray[Any] = self._file(path, overview).read(window=window)
-        except (RasterioError, OSError) as error:
-            self._kept.pop((path, overview), None)
-            raise _broken(path, error) from None
-        return values
-
-    @property
-    def _kept(self) -> OrderedDict[tuple[Path, int | None], DatasetReader]:
-        if not hasattr(self._mine, "kept"):
-            self._mine.kept = OrderedDict()
-        kept: OrderedDict[tuple[Path, int | None], DatasetReader] = self._mine.kept
-        return kept
-
-    def _file(self, path: Path, overview: int | None) -> DatasetReader:
-        key = (path, overview)
-        if key not in self._kept:
-            options = {} if overview is None else {"overview_level": overview}
-            self._kept[key] = rasterio.open(path, **options)
-        self._kept.move_to_end(key)
-        while len(self._kept) > _OPEN:
-            self._kept.popitem(last=False)[1].close()
-        return self._kept[key]
+            with image.path.open("rb") as stream:
+                known = os.fstat(stream.fileno())
+                # A file that was mended is another one, with other places.
+                key = (image, known.st_ino, known.st_mtime_ns)
+                places = self._places.get(key, lambda: _places(layer, image, stream))
+                place, size = places[row, column].tolist()
+                stream.seek(place)
+                return unpacked(layer, stream.read(size))
+        except OSError as error:
+            raise _broken(image.path, error.strerror) from None
+        except ValueError as error:
+            raise _broken(image.path, error) from None
 
 
-class _StoredGeotiffs:
+class _Image(NamedTuple):
+    """An image in a file, the finest is 0, and how many vertices it has."""
+
+    path: Path
+    number: int
+    rows: int
+    columns: int
+
+
+def _places(layer: TiffLayer, image: _Image, stream: BinaryIO) -> npt.NDArray[np.int64]:
+    """Return where an image's blocks lie, (block rows, block columns, 2)."""
+    with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        found = read_directories(content)
+    if image.number >= len(found):
+        raise ValueError(f"it has {len(found)} images")
+    tags = found[image.number]
+    expected = {
+        "columns": (256, image.columns),
+        "rows": (257, image.rows),
+        "compression": (259, _DEFLATE),
+        "bands": (277, len(layer.bands)),
+        "predictor": (317, layer.predictor),
+        "block width": (322, CHUNK),
+        "block height": (323, CHUNK),
+    }
+    for what, (number, value) in expected.items():
+        told = numbers(tags[number]).tolist() if number in tags else [1]
+        if told != [value]:
+            raise ValueError(f"expected {what} {value}, got {told[0]}")
+    return block_places(tags, block_grid(image.rows, image.columns))
+
+
+class _StoredGeotiffs(ABC):
     """What both forms share: see :class:`~sketchterrain.world.stored.StoredWorld`."""
 
     def __init__(self, heights: Path) -> None:
@@ -107,7 +141,7 @@ class _StoredGeotiffs:
         if "height" not in self.layers or not set(self.layers) <= set(LAYERS):
             raise _broken(heights, f"layers {','.join(self.layers)}")
         self.levels: tuple[Level, ...] = self._world.levels
-        self._files = _Files()
+        self._blocks = _Blocks()
 
     @property
     def west(self) -> float:
@@ -119,27 +153,36 @@ class _StoredGeotiffs:
         """Of row 0, m."""
         return self._world.north
 
-    def _checked(self, layer: str, level: int, window: Window) -> Level:
-        """Return the level that is read.
-
-        Raises
-        ------
-        InputError
-            If there is no such layer, level or window.
-        """
+    def read(
+        self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
+    ) -> npt.NDArray[Any]:
+        """Return a window of a layer; see `StoredWorld.read`."""
         if layer not in self.layers:
             raise InputError(f"expected a layer, {', '.join(self.layers)}, got {one_line(layer)!r}")
         if not 0 <= level < len(self.levels):
             raise InputError(f"expected a level, 0 to {len(self.levels) - 1}, got {level}")
-        found = self.levels[level]
-        right, bottom = window.col_off + window.width, window.row_off + window.height
-        inside = min(window.col_off, window.row_off) >= 0 and right <= found.columns and bottom <= found.rows
-        if not inside or window.width < 1 or window.height < 1:
+        grid = self.levels[level]
+        inside = min(top, left) >= 0 and top + rows <= grid.rows and left + columns <= grid.columns
+        if not inside or min(rows, columns) < 1:
             raise InputError(
-                f"expected a window inside {found.columns} × {found.rows} vertices, got columns "
-                f"{window.col_off} to {right}, rows {window.row_off} to {bottom}"
+                f"expected a window inside {grid.columns} × {grid.rows} vertices, got columns {left} to "
+                f"{left + columns}, rows {top} to {top + rows}"
             )
-        return found
+        form = TIFF_LAYERS[layer]
+        window = np.empty((len(form.bands), rows, columns), form.dtype)
+        for row in range(top // CHUNK, (top + rows - 1) // CHUNK + 1):
+            for column in range(left // CHUNK, (left + columns - 1) // CHUNK + 1):
+                block = self._blocks.block(form, *self._where(layer, grid, row, column))
+                down, across = row * CHUNK, column * CHUNK
+                first, last = max(top, down), min(top + rows, down + CHUNK)
+                begin, end = max(left, across), min(left + columns, across + CHUNK)
+                part = block[:, first - down : last - down, begin - across : end - across]
+                window[:, first - top : last - top, begin - left : end - left] = part
+        return window[0] if layer == "height" else window
+
+    @abstractmethod
+    def _where(self, layer: str, level: Level, row: int, column: int) -> tuple[_Image, int, int]:
+        """Return the image that a block of a level is in, and its row and column of blocks there."""
 
 
 class StoredTiff(_StoredGeotiffs):
@@ -173,14 +216,9 @@ class StoredTiff(_StoredGeotiffs):
             except (ValueError, InputError) as error:
                 raise _broken(self._path, f"its sketch: {one_line(error)}") from None
 
-    def read(
-        self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
-    ) -> npt.NDArray[Any]:
-        """Return a window of a layer; see `StoredWorld.read`."""
-        window = Window(left, top, columns, rows)
-        self._checked(layer, level, window)
-        values = self._files.read(layer_file(self._path, layer), level - 1 if level else None, window)
-        return values[0] if layer == "height" else values
+    def _where(self, layer: str, level: Level, row: int, column: int) -> tuple[_Image, int, int]:
+        file = layer_file(self._path, layer)
+        return _Image(file, level.number, level.rows, level.columns), row, column
 
 
 class StoredTiles(_StoredGeotiffs):
@@ -206,23 +244,11 @@ class StoredTiles(_StoredGeotiffs):
         path = self._folder / SKETCH
         return load_sketch(path) if path.exists() else None
 
-    def read(
-        self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
-    ) -> npt.NDArray[Any]:
-        """Return a window of a layer, of as many tiles as it lies in; see `StoredWorld.read`."""
-        self._checked(layer, level, Window(left, top, columns, rows))
-        form = TIFF_LAYERS[layer]
-        whole = np.empty((len(form.bands), rows, columns), form.dtype)
-        for row in range(top // SHARD, (top + rows - 1) // SHARD + 1):
-            for column in range(left // SHARD, (left + columns - 1) // SHARD + 1):
-                first, last = max(top, row * SHARD), min(top + rows, (row + 1) * SHARD)
-                start, end = max(left, column * SHARD), min(left + columns, (column + 1) * SHARD)
-                window = Window(start - column * SHARD, first - row * SHARD, end - start, last - first)
-                path = self._folder / tile_name(layer, Shard(level, row, column))
-                whole[:, first - top : last - top, start - left : end - left] = self._files.read(
-                    path, None, window
-                )
-        return whole[0] if layer == "height" else whole
+    def _where(self, layer: str, level: Level, row: int, column: int) -> tuple[_Image, int, int]:
+        side = SHARD // CHUNK
+        shard = Shard(level.number, row // side, column // side)
+        file = self._folder / tile_name(layer, shard)
+        return _Image(file, 0, *level.size_of(shard)), row % side, column % side
 
 
 def _facts(heights: Path) -> dict[str, str]:

@@ -15,7 +15,7 @@ from sketchterrain.world import cloud_layout
 from sketchterrain.world.cloud_layout import cloud_optimised
 from sketchterrain.world.grid import World
 from sketchterrain.world.tiff_blocks import means, packed
-from sketchterrain.world.tiff_directory import read_directory
+from sketchterrain.world.tiff_directory import read_directories
 from sketchterrain.world.tiff_layers import DOMAIN, TIFF_LAYERS, Georeference
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def test_a_mean_is_that_of_the_vertices_that_are_there() -> None:
 )
 def test_what_is_no_tiff_is_refused(content: bytes) -> None:
     with pytest.raises(ValueError, match="TIFF"):
-        read_directory(content)
+        read_directories(content)
 
 
 def test_no_crs_is_metres_from_the_sketchs_corner(small_job, tmp_path) -> None:

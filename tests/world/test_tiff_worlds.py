@@ -1,0 +1,321 @@
+"""Worlds of GeoTIFFs: tiles that join without a gap, one file a layer, both read back as evaluated."""
+
+from __future__ import annotations
+
+import resource
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import rasterio
+
+import sketchterrain as st
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.world.checking import check_world
+from sketchterrain.world.grid import Level, World
+from sketchterrain.world.ground import Ground
+from sketchterrain.world.one_tiff import TiffStore
+from sketchterrain.world.opening import open_world
+from sketchterrain.world.run import run_world
+from sketchterrain.world.tiff_tiles import TileStore
+from sketchterrain.world.vrt import covering
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from sketchterrain.world.job import Job
+
+EAST, NORTH = 512_000.0, 5_403_000.0
+# Two shards each way, whose southern and eastern ones are a few vertices wide.
+AREA = World(-30.0, 10.0, 2023.0, 2061.0, 1.0)
+
+
+def height_at(x: NDArray, y: NDArray) -> NDArray[np.float32]:
+    return (80.0 * np.sin(x[None, :] / 90.0) + 0.01 * y[:, None]).astype(np.float32)
+
+
+def of_level(level: Level, world: World) -> tuple[NDArray, NDArray]:
+    """Return where a level's vertices lie."""
+    return world.west + np.arange(level.columns) * level.cell, world.north - np.arange(
+        level.rows
+    ) * level.cell
+
+
+def grounds(world: World) -> Iterator[Ground]:
+    """Shards of a made-up land, the finest first."""
+    for shard in sorted(world.shards()):
+        level = world.levels[shard.level]
+        rows, columns = level.size_of(shard)
+        x, y = of_level(level, world)
+        height = height_at(
+            x[2048 * shard.column : 2048 * shard.column + columns],
+            y[2048 * shard.row : 2048 * shard.row + rows],
+        )
+        normal = np.stack([np.full(height.shape, value, np.uint8) for value in (1, 2, shard.level)])
+        weights = np.zeros((8, *height.shape), np.uint8)
+        weights[0], weights[7] = 200, 55
+        yield Ground(shard, height, normal, weights)
+
+
+@pytest.fixture(scope="module", params=["tiles", "tif"])
+def made_up(request, small_job: Job, tmp_path_factory) -> Job:
+    """A world of made-up land, in either form."""
+    folder = tmp_path_factory.mktemp(request.param)
+    output = folder / ("world" if request.param == "tiles" else "world.tif")
+    job = replace(
+        small_job, world=AREA, output=output, form=request.param, crs="EPSG:25832", origin=(EAST, NORTH)
+    )
+    store = (TileStore if request.param == "tiles" else TiffStore)(job)
+    store.create()
+    assert store.ledger_text() is None
+    for ground in grounds(AREA):
+        store.write(ground)
+    shares: list[float] = []
+    names = store.join(progress=shares.append)
+    assert all((store.folder / name).is_file() for name in names)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    store.close("a ledger\n")
+    assert store.ledger_text() == "a ledger\n"
+    assert not store.journal.exists()
+    return job
+
+
+def joined(job: Job, layer: str) -> Path:
+    """Return the file that has all of a layer."""
+    if job.form == "tiles":
+        return job.output / f"{layer}.vrt"
+    return job.output if layer == "height" else job.output.with_name(f"world_{layer}.tif")
+
+
+def test_gdal_reads_one_grid_across_all_borders(made_up) -> None:
+    x, y = of_level(AREA.levels[0], AREA)
+    with rasterio.open(joined(made_up, "height")) as file:
+        np.testing.assert_array_equal(file.read(1), height_at(x, y))
+        assert file.xy(0, 0) == (EAST - 30.0, NORTH + 2061.0)
+        assert file.xy(2051, 2053) == (EAST + 2023.0, NORTH + 10.0)
+        assert (file.crs.to_epsg(), file.tags()["AREA_OR_POINT"]) == (25832, "Point")
+        assert (file.descriptions, file.units) == (("height",), ("m",))
+        across = file.read(1, window=((2040, 2052), (2040, 2054)))
+    np.testing.assert_array_equal(across, height_at(x[2040:], y[2040:]))
+    with rasterio.open(joined(made_up, "normal")) as file:
+        assert file.descriptions == ("east", "north", "up")
+        assert [int(each.value) for each in file.colorinterp] == [3, 4, 5]  # red, green, blue
+    with rasterio.open(joined(made_up, "materials")) as file:
+        assert file.descriptions == st.MATERIALS
+        assert np.all(file.read().sum(axis=0, dtype=int) == 255)
+
+
+def test_the_overviews_are_the_evaluated_levels(made_up) -> None:
+    for level in AREA.levels[1:]:
+        x, y = of_level(level, AREA)
+        with rasterio.open(joined(made_up, "height"), overview_level=level.number - 1) as file:
+            shown = file.read(1)
+            np.testing.assert_array_equal(shown, height_at(x, y)[: len(shown), : shown.shape[1]])
+            assert level.columns - file.width in (0, 1)
+        with rasterio.open(joined(made_up, "normal"), overview_level=level.number - 1) as file:
+            assert np.all(file.read(3) == level.number)
+    with rasterio.open(joined(made_up, "height")) as file:
+        assert len(file.overviews(1)) == len(AREA.levels) - 1
+
+
+def test_a_gis_zoomed_out_reads_the_evaluated_levels(made_up) -> None:
+    with rasterio.open(joined(made_up, "normal")) as file:
+        up = file.read(3, out_shape=(257, 257))
+    assert np.all(up == 3)  # level 3 has that size
+
+
+def test_every_level_is_read_back(made_up) -> None:
+    world = open_world(made_up.output)
+    assert (world.west, world.north, world.levels) == (AREA.west, AREA.north, AREA.levels)
+    assert (world.layers, world.material_names) == (made_up.layers, st.MATERIALS)
+    sketch = world.sketch()
+    assert sketch is not None
+    assert sketch.extent == made_up.sketch.extent
+    for level in world.levels:
+        x, y = of_level(level, AREA)
+        read = world.read("height", level.number, top=0, left=0, rows=level.rows, columns=level.columns)
+        np.testing.assert_array_equal(read, height_at(x, y))
+    part = world.read("materials", 0, top=2046, left=2045, rows=6, columns=9)
+    assert part.shape == (8, 6, 9)
+    assert np.all(part.sum(axis=0, dtype=int) == 255)
+    assert np.all(world.read("normal", 1, top=1000, left=1000, rows=20, columns=20)[2] == 1)
+
+
+def test_threads_read_at_once(made_up) -> None:
+    world = open_world(made_up.output)
+    x, y = of_level(AREA.levels[0], AREA)
+    places = [(top, left) for top in range(0, 2000, 300) for left in range(0, 2000, 300)]
+
+    def read(place: tuple[int, int]) -> NDArray:
+        return world.read("height", 0, top=place[0], left=place[1], rows=50, columns=50)
+
+    with ThreadPoolExecutor(4) as threads:
+        for (top, left), found in zip(places, threads.map(read, places), strict=True):
+            np.testing.assert_array_equal(found, height_at(x[left : left + 50], y[top : top + 50]))
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"layer": "water"}, "expected a layer, height, normal, materials, got 'water'"),
+        ({"level": 9}, "expected a level, 0 to 4, got 9"),
+        ({"left": 2050, "columns": 9}, "inside 2054 × 2052 vertices, got columns 2050 to 2059"),
+        ({"top": -1}, "got columns 0 to 1, rows -1 to 0"),
+        ({"rows": 0}, "expected a window inside"),
+    ],
+)
+def test_windows_that_are_not_there_are_refused(made_up, asked, told: str) -> None:
+    world = open_world(made_up.output)
+    with pytest.raises(InputError, match=told):
+        world.read(**{"layer": "height", "level": 0, "top": 0, "left": 0, "rows": 1, "columns": 1} | asked)
+
+
+def test_a_tile_alone_is_a_whole_geotiff_with_overviews(small_job, tmp_path) -> None:
+    world = World(0.0, 0.0, 1023.0, 699.0, 1.0)
+    store = TileStore(replace(small_job, world=world, output=tmp_path / "world", form="tiles"))
+    store.create()
+    for ground in grounds(world):
+        names = store.write(ground)
+        if ground.shard.level == 0:
+            height = ground.height
+            break
+    assert names == tuple(f"{layer}/level0/r0000_c0000.tif" for layer in ("height", "normal", "materials"))
+    with rasterio.open(store.folder / names[0]) as file:
+        assert file.overviews(1) == [4, 8]
+        assert file.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+        np.testing.assert_array_equal(file.read(1), height)
+        coarse = file.read(1, out_shape=(175, 256))
+    np.testing.assert_allclose(coarse, height.reshape(175, 4, 256, 4).mean(axis=(1, 3)), atol=1e-4)
+
+
+@pytest.mark.parametrize("across", [1, 7, 256, 300, 2048, 2049, 5000, 5001, 32768, 40_075_017])
+def test_no_vertex_of_an_overview_is_shown_half_a_cell_off(across: int) -> None:
+    """GDAL stretches an overview over the whole rectangle, whatever its size."""
+    finest, *coarser = World(0.0, 0.0, float(across), 1.0, 1.0).levels
+    for level in coarser:
+        _, shown = covering(level, finest)
+        assert 1 <= shown <= level.columns
+        vertex = np.array([0, shown - 1])
+        drawn = (vertex + 0.5) * finest.columns / shown - 0.5
+        assert np.all(np.abs(drawn - vertex * level.cell) <= 0.5 * level.cell)
+
+
+@pytest.mark.parametrize("form", ["tiles", "tif"])
+def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, heard, tree) -> None:
+    output = tmp_path / ("world" if form == "tiles" else "world.tif")
+    job = replace(small_job, output=output, form=form)
+    run_world(job, watcher=heard)
+    terrain = st.build(job.sketch)
+    for level in job.world.levels:
+        x, y = of_level(level, job.world)
+        with rasterio.open(joined(job, "height"), **_overview(level)) as file:
+            height = file.read(1)
+        rows, columns = height.shape
+        expected = terrain.heights(x[None, :columns], y[:rows, None], cell_size=level.cell)
+        np.testing.assert_array_equal(height, expected)
+    assert list(check_world(output, progress=lambda _: None)) == []
+    written = tree(tmp_path)
+    assert not [name for name in written if name.startswith(".")]
+    # Anything that is lost or damaged is made again, to the same bytes.
+    for name in [each for each in written if "normal" in each][:2]:
+        path = tmp_path / name
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes(content)
+    joined(job, "height").unlink()
+    run_world(job, resume=True, watcher=heard)
+    assert heard.found
+    assert tree(tmp_path) == written
+
+
+def _overview(level: Level) -> dict[str, int]:
+    return {"overview_level": level.number - 1} if level.number else {}
+
+
+def test_a_missing_or_broken_tile_is_named(small_job, tmp_path) -> None:
+    world = World(0.0, 0.0, 699.0, 699.0, 1.0)
+    store = TileStore(replace(small_job, world=world, output=tmp_path / "world", form="tiles"))
+    store.create()
+    with pytest.raises(InputError, match="world: is not finished; world --resume goes on with it"):
+        open_world(store.folder)
+    for ground in grounds(world):
+        store.write(ground)
+    store.join(progress=lambda _: None)
+    whole = {"top": 0, "left": 0, "rows": 700, "columns": 700}
+    tile = store.folder / "height/level0/r0000_c0000.tif"
+    content = bytearray(tile.read_bytes())
+    content[-2000] ^= 0xFF
+    tile.write_bytes(content)
+    with pytest.raises(InputError, match=r"height/level0/r0000_c0000.tif: expected .* it is broken"):
+        open_world(store.folder).read("height", 0, **whole)
+    tile.write_bytes(content[:3000])
+    with pytest.raises(InputError, match=r"height/level0/r0000_c0000.tif: expected .* it is broken"):
+        open_world(store.folder).read("height", 0, **whole)
+    tile.unlink()
+    with pytest.raises(InputError, match=r"height/level0/r0000_c0000.tif: expected .* it is missing"):
+        open_world(store.folder).read("height", 0, **whole)
+    assert open_world(store.folder).read("normal", 0, **whole).shape == (3, 700, 700)
+
+
+def test_what_is_no_world_is_refused_in_one_line(tmp_path) -> None:
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=r"empty: no world: it holds neither zarr.json nor height.vrt"):
+        open_world(tmp_path / "empty")
+    (tmp_path / "text.tif").write_text("no picture")
+    with pytest.raises(InputError, match=r"text.tif: expected a part of a world, it is broken"):
+        open_world(tmp_path / "text.tif")
+    profile = {"driver": "GTiff", "width": 2, "height": 2, "count": 1, "dtype": "uint8"}
+    with rasterio.open(tmp_path / "other.tif", "w", **profile, transform=rasterio.Affine.scale(2.0, -2.0)):
+        pass
+    with pytest.raises(InputError, match=r"other.tif: expected the heights of a world, it tells of none"):
+        open_world(tmp_path / "other.tif")
+
+
+def test_a_shard_that_is_lost_before_they_are_joined_is_named(small_job, tmp_path) -> None:
+    world = World(0.0, 0.0, 299.0, 299.0, 1.0)
+    job = replace(small_job, world=world, output=tmp_path / "world.tif", form="tif", layers=("height",))
+    store = TiffStore(job)
+    store.create()
+    for ground in grounds(world):
+        names = store.write(ground)
+    (tmp_path / names[0]).unlink()
+    with pytest.raises(InputError, match=r"level1/r0000_c0000.tif: cannot be joined \(No such file"):
+        store.join(progress=lambda _: None)
+    (tmp_path / names[0]).write_bytes(b"II*\0")
+    with pytest.raises(InputError, match=r"level1/r0000_c0000.tif: cannot be joined \(expected a whole TIFF"):
+        store.join(progress=lambda _: None)
+    assert not job.output.exists()
+
+
+@contextmanager
+def room_for(size: int) -> Iterator[None]:
+    """No file may grow over so many bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_leaves_no_half_a_file(small_job, tmp_path) -> None:
+    world = World(0.0, 0.0, 299.0, 299.0, 1.0)
+    job = replace(small_job, world=world, output=tmp_path / "world.tif", form="tif", layers=("height",))
+    store = TiffStore(job)
+    store.create()
+    made = list(grounds(world))
+    with room_for(4000), pytest.raises(SketchterrainError, match=r"r0000_c0000.tif: cannot be written"):
+        store.write(made[0])
+    for ground in made:
+        store.write(ground)
+    with room_for(4000), pytest.raises(SketchterrainError, match=r"world.tif: cannot be written"):
+        store.join(progress=lambda _: None)
+    assert [path.name for path in tmp_path.iterdir()] == [".world.tif.parts"]
+    assert not list(tmp_path.rglob("*.tmp"))

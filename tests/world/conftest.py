@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import resource
+from contextlib import contextmanager
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -17,7 +19,8 @@ from sketchterrain.world.job import Job
 from sketchterrain.world.run import run_world
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
 
     from sketchterrain.world.made import Made
     from sketchterrain.world.verification import Broken
@@ -95,3 +98,19 @@ def tree() -> Callable[[Path], dict[str, str]]:
 @pytest.fixture
 def heard() -> Heard:
     return Heard()
+
+
+@contextmanager
+def _room_for(size: int) -> Iterator[None]:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture
+def room_for() -> Callable[[int], AbstractContextManager[None]]:
+    """A context in which no file may grow over so many bytes."""
+    return _room_for

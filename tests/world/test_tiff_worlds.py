@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import resource
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -294,18 +292,7 @@ def test_a_shard_that_is_lost_before_they_are_joined_is_named(small_job, tmp_pat
     assert not job.output.exists()
 
 
-@contextmanager
-def room_for(size: int) -> Iterator[None]:
-    """No file may grow over so many bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def test_a_full_disk_leaves_no_half_a_file(small_job, tmp_path) -> None:
+def test_a_full_disk_leaves_no_half_a_file(small_job, tmp_path, room_for) -> None:
     world = World(0.0, 0.0, 299.0, 299.0, 1.0)
     job = replace(small_job, world=world, output=tmp_path / "world.tif", form="tif", layers=("height",))
     store = TiffStore(job)

@@ -128,8 +128,12 @@ def world(
                 fast=fast,
                 workers=workers is not None or scheduler is not None,
             )
-            wishes.check(document, form)
+            wishes.check(document)
             choose_device(device)
+            if scheduler is not None:
+                from sketchterrain.world.scheduler import check_scheduler
+
+                check_scheduler(scheduler)
         with stages.stage("features", "Placing features"):
             job = wishes.job(document, make_recipe(document), Path(output), form)
         Roots.of(job)  # a library that is missing is told before any work

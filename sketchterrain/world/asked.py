@@ -24,11 +24,6 @@ __all__ = ["Wishes", "form_of", "layers_of"]
 
 PLANTS: Final = get_args(PlantsForm)
 _FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
-_LIBRARIES: Final = {
-    "zarr": (Library("zarr", "world"),),
-    "parquet": (Library("pyarrow", "world"),),
-    "flatgeobuf": (Library("pyogrio", "gis"),),
-}
 _WORKERS: Final = (Library("distributed", "world"),)
 
 
@@ -64,7 +59,7 @@ class Wishes:
     fast: bool = False
     workers: bool = False
 
-    def check(self, sketch: Sketch, form: Form) -> World:
+    def check(self, sketch: Sketch) -> World:
         """Refuse what cannot be written; return where it is sampled.
 
         Raises
@@ -72,7 +67,7 @@ class Wishes:
         InputError
             With what was expected, and what was given.
         SketchterrainError
-            If a library is not installed.
+            If what workers need is not installed; what a form needs is told by its store.
         """
         world = World(*(self.bounds or (0.0, 0.0, *sketch.size)), self.cell)
         _check_lattice(world, sketch.extent)
@@ -88,8 +83,6 @@ class Wishes:
 
             metric_crs(self.crs)
         layers_of(",".join(self.layers))
-        for name in (form, self.plants):
-            require(f"writing {name}", _LIBRARIES.get(name, ()))
         if self.workers:
             require("a world by workers", _WORKERS)
         return world
@@ -116,7 +109,7 @@ class Wishes:
         return Job(
             sketch=sketch,
             recipe=recipe,
-            world=self.check(sketch, form),
+            world=self.check(sketch),
             output=output.absolute(),
             form=form,
             layers=layers_of(",".join(self.layers)),

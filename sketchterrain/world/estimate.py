@@ -31,8 +31,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Estimate", "estimate"]
 
-# Measured on two cores, with every layer: what evaluating one shard and writing another takes at once.
-_BYTES_A_VERTEX: Final = 90
+# Measured with every layer: launches and what they return, of so many vertices at once; a shard that is
+# evaluated and one that is written.
+_LAUNCHED: Final = 1 << 20
+_BYTES_LAUNCHED: Final = 206
+_BYTES_A_VERTEX: Final = 43
 _JOINING: Final = 1.0  # of one GeoTIFF a layer: how much of it lies there twice while it is joined
 
 
@@ -208,7 +211,8 @@ def estimate(
     plants = None if job.plants == "none" else sample_plants(job, maker.terrain)
     del maker
     gc.collect()  # terrains hold themselves in cycles
-    each = _memory_now() + _BYTES_A_VERTEX * _largest(job)
+    vertices = _largest(job)
+    each = _memory_now() + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
     return Estimate(
         job=job,
         sampled=sampled,

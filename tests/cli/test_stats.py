@@ -1,0 +1,76 @@
+"""`sketchterrain stats`: what a written world is like, for a person and for a program."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sketchterrain.world.opening import open_world
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+@pytest.fixture(scope="module")
+def written(sketch: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from sketchterrain.cli import main
+
+    out = tmp_path_factory.mktemp("worlds") / "world.zarr"
+    assert main(["world", str(sketch), "--cell", "1", "-o", str(out)]) == 0
+    return out
+
+
+def test_numbers_are_those_of_the_heights(call: Callable[..., Any], written: Path) -> None:
+    told = json.loads(call("stats", written, "--json").out)
+    stored = open_world(written)
+    height = stored.read("height", 0, top=0, left=0, rows=told["rows"], columns=told["columns"])
+    assert (told["columns"], told["rows"], told["cell"], told["area"]) == (513, 385, 1.0, 512.0 * 384.0)
+    assert told["relief"]["minimum"] == float(height.min())
+    assert told["relief"]["maximum"] == float(height.max())
+    assert told["relief"]["mean"] == pytest.approx(height.mean(dtype=np.float64))
+    assert told["relief"]["quantiles"]["0.5"] == pytest.approx(np.median(height), abs=0.01)
+    assert math.fsum(told["slopes"]["shares"]) == pytest.approx(1.0)
+    assert math.fsum(told["materials"].values()) == pytest.approx(1.0)
+    assert told["hypsometry"]["share_above"][0] == 1.0
+    assert told["hypsometry"]["share_above"][-1] == 0.0
+    below = np.mean(height > told["hypsometry"]["heights"][5])
+    assert told["hypsometry"]["share_above"][5] == pytest.approx(below, abs=1e-3)
+
+
+def test_a_person_gets_bars(call: Callable[..., Any], written: Path) -> None:
+    done = call("stats", written, "--level", 1)
+    assert done.code == 0
+    lines = done.out.splitlines()
+    assert "level 1: 257 × 193 vertices 2 m apart" in lines[0]
+    assert [line.split()[0] for line in lines if line[0] != " "][1:] == [
+        "relief",
+        "slopes",
+        "hypsometry",
+        "materials",
+    ]
+    assert max(line.count("█") for line in lines) == 40
+    assert all(len(line) <= 110 for line in lines[1:])
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "told"),
+    [
+        (("nowhere.zarr",), 3, "nowhere.zarr: no such file or folder"),
+        (("WORLD", "--level", 9), 3, "no level 9: expected 0 to 2"),
+        (("WORLD", "--level", 1, "--check"), 2, "--level with --check"),
+        (("SKETCH",), 3, "no world"),
+        (("SKETCH", "--check"), 3, "no ledger"),
+    ],
+)
+def test_what_is_no_world_is_one_line(
+    words: tuple[object, ...], code: int, told: str, call: Callable[..., Any], written: Path, sketch: Path
+) -> None:
+    given = [{"WORLD": written, "SKETCH": sketch}.get(str(word), word) for word in words]
+    done = call("stats", *given)
+    assert (done.code, done.out) == (code, "")
+    assert told in done.error

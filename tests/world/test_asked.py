@@ -1,0 +1,104 @@
+"""What is asked of a world: what cannot be written is refused in one line, before anything is opened."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import make_recipe
+from sketchterrain.world import asked
+from sketchterrain.world.asked import Wishes, form_of, layers_of
+
+if TYPE_CHECKING:
+    from sketchterrain.world.job import Form
+
+SKETCH = Sketch(extent=512.0, layers={"mountain": np.zeros((24, 32), np.uint8)})
+
+
+@pytest.mark.parametrize(
+    ("name", "form"),
+    [
+        ("world.zarr", "zarr"),
+        ("world.ZARR/", "zarr"),
+        ("a.b/world.tif", "tif"),
+        ("world.tiff", "tif"),
+        ("world", "tiles"),
+        ("world.v2/", "tiles"),
+    ],
+)
+def test_a_name_says_the_form(name: str, form: Form) -> None:
+    assert form_of(name) == form
+
+
+def test_a_name_with_another_ending_is_refused_unless_it_is_a_folder(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"world\.png: expected a name that ends in \.zarr or \.tif"):
+        form_of("world.png")
+    (tmp_path / "out.v2").mkdir()
+    assert form_of(str(tmp_path / "out.v2")) == "tiles"
+
+
+def test_layers_come_in_their_own_order() -> None:
+    assert layers_of("materials, height") == ("height", "materials")
+    for text, told in (("height,colour", "expected some of"), ("normal", "expected height among them")):
+        with pytest.raises(InputError, match=told):
+            layers_of(text)
+
+
+def test_the_sketchs_rectangle_is_the_usual_one() -> None:
+    world = Wishes().check(SKETCH)
+    assert (world.west, world.south, world.east, world.north, world.cell) == (0.0, 0.0, 512.0, 384.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("wishes", "told"),
+    [
+        ({"bounds": (1.0, 0.0, 1.0, 2.0)}, "west < east"),
+        ({"bounds": (0.0, 2.0, 1.0, 1.0)}, "south < north"),
+        ({"cell": 0.0}, "cell of more than 0 m"),
+        ({"cell": -1.0}, "cell of more than 0 m"),
+        ({"cell": float("nan")}, "finite"),
+        ({"cell": 1e-5}, "cell 1e-05 m: expected at least 3.05e-05 m, the finest that a sketch of 512 m has"),
+        ({"bounds": (0.0, 0.0, 1e12, 1e12), "cell": 1e6}, "bounds 0,0,1e.12,1e.12: coordinates must be"),
+        ({"bounds": (-1e11, 0.0, -1e11 + 5.0, 5.0)}, "within ±6.87e.10 m"),
+        ({"step": 0.3}, "step 0.3: expected a power of two"),
+        ({"step": -0.5}, "expected a power of two"),
+        ({"step": 4096.0}, "expected a power of two"),
+        ({"plants": "csv"}, "expected plants as none, parquet or flatgeobuf, got 'csv'"),
+        ({"grass": True}, "grass without plants"),
+        ({"crs": "EPSG:4326"}, "in degrees"),
+        ({"crs": "nowhere"}, "no coordinate reference system"),
+        ({"origin": (float("inf"), 0.0)}, "finite origin"),
+        ({"layers": ("normal",)}, "expected height among them"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(wishes: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told) as caught:
+        Wishes(**wishes).check(SKETCH)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("step", [0.0, 2.0**-7, 1.0, 2.0**10, 2.0**-24])
+def test_powers_of_two_are_steps(step: float) -> None:
+    Wishes(step=step).check(SKETCH)
+
+
+def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    lacking = asked.Library("no_such_module", "world")
+    monkeypatch.setattr(asked, "_WORKERS", (lacking,))
+    Wishes().check(SKETCH)
+    with pytest.raises(SketchterrainError, match=r"pip install 'sketchterrain\[world\]'"):
+        Wishes(workers=True).check(SKETCH)
+
+
+def test_a_job_has_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    wishes = Wishes(bounds=(0.0, 0.0, 8.0, 8.0), layers=("materials", "height"), crs="EPSG:25832", step=0.5)
+    job = wishes.job(SKETCH, make_recipe(SKETCH), Path("w.zarr"), "zarr")
+    assert job.output == tmp_path / "w.zarr"
+    assert job.layers == ("height", "materials")
+    assert (job.crs, job.step, job.form, job.world.east) == ("EPSG:25832", 0.5, "zarr", 8.0)

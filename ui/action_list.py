@@ -72,6 +72,7 @@ COMMANDS: Final[dict[str, Command]] = {
     "new": Command("&New…", "Begin a sketch of another size or extent", "new", ("Ctrl+N",)),
     "open": Command("&Open…", "Open a .sketch file", "open", ("Ctrl+O",)),
     "open-folder": Command("Open &folder…", "Open a sketch that is kept as a folder of images", "open"),
+    "open-world": Command("Open &world…", "Walk and fly in a world that was written", "view"),
     "trace": Command(
         "New from pi&cture…", "Begin with a coloured map, a paint program's layers or a GIS's vectors", "pick"
     ),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.files import Files
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.preferences import Preferences
+    from sketchterrain.ui.worlds.window import WorldWindow
 
 __all__ = ["OpenDialogs"]
 
@@ -33,6 +34,10 @@ _TRACED = (
     "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg)"
     ";;All files (*)"
 )
+
+_WORLD_FILES = ("zarr.json", "ledger.jsonl")
+"""What a world that is a folder is chosen by."""
+_WORLDS = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"
 
 
 class OpenDialogs(QObject):
@@ -46,6 +51,8 @@ class OpenDialogs(QObject):
     ----------
     exporting : ExportDialog or None
         The one that stands open beside the window.
+    worlds : list of WorldWindow
+        Those that are open.
     """
 
     def __init__(
@@ -69,10 +76,12 @@ class OpenDialogs(QObject):
         self._banner = banner
         self._writing = Background(self)
         self.exporting: ExportDialog | None = None
+        self.worlds: list[WorldWindow] = []
         actions.bind(
             {
                 "new": self.new,
                 "presets": self.presets,
+                "open-world": self.open_world,
                 "trace": self.trace,
                 "export": self.export,
                 "save-picture": self.save_picture,
@@ -100,6 +109,28 @@ class OpenDialogs(QObject):
         dialog = PresetsDialog(self._window)
         if self._run(dialog):
             self._files.open_preset(dialog.name)
+
+    def open_world(self) -> None:
+        """Ask for a written world and show it in a window of its own."""
+        start = str(self._preferences.last_folder)
+        name, _ = QFileDialog.getOpenFileName(self._window, "Open a world", start, _WORLDS)
+        if name:
+            path = Path(name)
+            self.show_world(path.parent if path.name in _WORLD_FILES else path)
+
+    def show_world(self, path: Path) -> None:
+        """Show a world; what is wrong with it is told in its window."""
+        from sketchterrain.ui.worlds.window import WorldWindow
+
+        self._preferences.last_folder = path.absolute().parent
+        world = WorldWindow(path.absolute(), device=self._preferences.device)
+        self.worlds.append(world)
+        world.closed.connect(partial(self._end_world, world))
+        world.show()
+
+    def _end_world(self, world: WorldWindow) -> None:
+        self.worlds.remove(world)
+        world.deleteLater()
 
     def trace(self) -> None:
         """Begin with what is in a picture."""
@@ -134,6 +165,8 @@ class OpenDialogs(QObject):
         """Close what stands open beside the window; an export is cancelled."""
         if self.exporting is not None:
             self.exporting.close()
+        for world in tuple(self.worlds):
+            world.close()
 
     def _end_export(self) -> None:
         dialog, self.exporting = self.exporting, None

@@ -151,7 +151,7 @@ class ViewedTiles:
 def _apart(first: int, count: int, whole: int) -> npt.NDArray[np.float32]:
     """Return how many cells the two neighbours of each vertex are apart: fewer at an end, never none."""
     at = np.arange(first - 1, first + count + 1).clip(0, whole - 1)
-    return np.maximum(at[2:] - at[:-2], 1).astype(np.float32)
+    return np.asarray(np.maximum(at[2:] - at[:-2], 1), np.float32)
 
 
 def _between(parent: _Own) -> _Own:

@@ -10,6 +10,7 @@ import numpy as np
 from sketchterrain.render import Camera
 from sketchterrain.render.near_ground import NearGround
 from sketchterrain.render.orbit import Orbit
+from sketchterrain.render.scene import Bounded, rectangle_of
 from sketchterrain.render.sight import sight
 from sketchterrain.render.walk import Walk
 from sketchterrain.ui.engine.orders import Fly, GoTo, Pan, Pose, Turn, Zoom
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Vector
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.render.scene import Terrain
 
 __all__ = ["Eye"]
 
@@ -63,9 +64,10 @@ class Eye:
         self.mode = "orbit"
         self.restless = True
         self.size = terrain.size
-        east, north = terrain.size
+        west, south, east, north = rectangle_of(terrain)
+        x, y = (west + east) / 2, (south + north) / 2
         self._orbit = self._circling(
-            (east / 2, north / 2, float(terrain.heights(east / 2, north / 2))),
+            (x, y, float(terrain.heights(x, y))),
             distance=_START[0] * terrain.extent * max(_WIDE / aspect, 1.0),
             elevation=_START[1],
         )
@@ -123,6 +125,7 @@ class Eye:
         else:
             way = self._way
             self._walk.advance(elapsed, forward=way.forward, right=way.right, up=way.up, boost=way.boost)
+        self._keep_inside()
         before, after = self._camera, self._moved()
         if before is not None and _is_near(before, after):
             self.restless = self._way != Fly(boost=self._way.boost) or self._glide is not None
@@ -158,6 +161,17 @@ class Eye:
         if self._walk is None:
             return self._orbit.camera(draw_distance=far)
         return self._walk.camera(draw_distance=far, fov=FOV)
+
+    def _keep_inside(self) -> None:
+        """Nobody walks off the end of a world that has one."""
+        walk = self._walk
+        if walk is None or not walk.on_foot or not isinstance(self._terrain, Bounded):
+            return
+        west, south, east, north = self._terrain.bounds
+        x, y, z = walk.eye
+        inside = (min(max(x, west), east), min(max(y, south), north), z)
+        if inside != walk.eye:
+            walk.jump(inside)
 
     def _turn(self, motion: Turn) -> None:
         if self._walk is None:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
-from PyQt6.QtGui import QImage
 
 from sketchterrain.ui.engine.children import Children
 from sketchterrain.ui.engine.messages import (
@@ -22,6 +21,7 @@ from sketchterrain.ui.engine.messages import (
     Working,
 )
 from sketchterrain.ui.engine.orders import FrameTaken, Look, Pick, ViewState
+from sketchterrain.ui.engine.pictures import picture_of
 from sketchterrain.ui.engine.plan import (
     Coming,
     Followed,
@@ -33,6 +33,8 @@ from sketchterrain.ui.engine.plan import (
 from sketchterrain.ui.engine.updates import UpdateMaker
 
 if TYPE_CHECKING:
+    from PyQt6.QtGui import QImage
+
     from sketchterrain.ui.engine.channel import Channel
     from sketchterrain.ui.models.document import Document
 
@@ -239,11 +241,7 @@ class EngineLink(QObject):
 
     def _take_frame(self, there: FrameThere) -> None:
         assert self._children is not None  # noqa: S101 # `_take` looked
-        width, height = there.facts.width, there.facts.height
-        with self._children.frames.view(there.start, 4 * width * height, there.capacity) as pixels:
-            shared = QImage(pixels, width, height, 4 * width, QImage.Format.Format_RGBX8888)  # type: ignore[call-overload]
-            self.picture = shared.convertToFormat(QImage.Format.Format_RGB32)
-            del shared
+        self.picture = picture_of(self._children.frames, there)
         self.tell(FrameTaken())
         self.frame = there.facts
         self.frame_shown.emit(there.facts)

@@ -14,7 +14,7 @@ from sketchterrain.ui.engine.plan import FrameThere
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.terrain import Terrain
+    from sketchterrain.render.scene import Terrain
     from sketchterrain.terrain.changes import Box
     from sketchterrain.ui.engine.eye import Eye
     from sketchterrain.ui.engine.frames import FrameMemory

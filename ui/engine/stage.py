@@ -19,9 +19,9 @@ from sketchterrain.ui.engine.orders import ViewState
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device
     from sketchterrain.render.camera import Camera
+    from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
     from sketchterrain.render.stats import FrameStats
-    from sketchterrain.terrain import Terrain
     from sketchterrain.terrain.changes import Box
 
 __all__ = ["Stage"]

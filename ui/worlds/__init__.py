@@ -1,0 +1,1 @@
+"""Written worlds in a window of their own."""

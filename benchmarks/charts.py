@@ -17,6 +17,7 @@ from sketchterrain.benchmarks.flight_chart import draw_errors, draw_frames, draw
 from sketchterrain.benchmarks.live_chart import draw_live
 from sketchterrain.benchmarks.meshes_chart import draw_meshes
 from sketchterrain.benchmarks.outcome import value_of
+from sketchterrain.benchmarks.packing_chart import draw_packing
 from sketchterrain.benchmarks.pictures_chart import draw_parts, draw_qualities
 from sketchterrain.benchmarks.scaling_chart import draw_scaling
 from sketchterrain.benchmarks.speed_chart import draw_rates, draw_thesis
@@ -285,6 +286,7 @@ CHARTS: dict[str, Callable[[Sequence[Row]], Any]] = {
     "kernels": _kernels,
     "live": draw_live,
     "meshes": draw_meshes,
+    "packing": draw_packing,
     "pictures": draw_qualities,
     "points": draw_table_6_1,
     "sketch": draw_scaling,

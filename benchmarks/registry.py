@@ -18,6 +18,7 @@ from sketchterrain.benchmarks import (
     live,
     meshes,
     noise,
+    packing,
     part_costs,
     pictures,
     placement,
@@ -118,6 +119,7 @@ BENCHMARKS = {
         Benchmark("meshes", f"the whole of {_PRESETS}", _OWN, meshes.measure),
         Benchmark("batch", "valley_river over 6144 m", "1 and on", batches.measure),
         Benchmark("world", "valley_river and what lies beyond it", _OWN, worlds.measure),
+        Benchmark("packing", f"the middle of {_PRESETS}", _OWN, packing.measure),
         Benchmark("trace", f"the sketches of {_PRESETS}", "none", tracing.measure),
         Benchmark(
             "accuracy",

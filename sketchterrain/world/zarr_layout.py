@@ -46,7 +46,7 @@ class StoredLayer(NamedTuple):
     band : str
         The name of that dimension.
     packing : Packing
-        Chosen by `docs/worlds.md`'s table of bytes and seconds.
+        Chosen by what the benchmark ``packing`` shows: bytes against time.
     fill : float
         Of vertices beyond the array; NaN for heights, so that what is lost is no sea level.
     attributes : dict
@@ -91,7 +91,7 @@ LAYERS: Final = {
         "materials",
         MATERIALS,
         "material",
-        Packing("uint8", "noshuffle", 1),
+        Packing("uint8", "noshuffle", 1, block=len(MATERIALS) * CHUNK * CHUNK),
         0,
         {
             "long_name": "share of each material, of 1 in all",

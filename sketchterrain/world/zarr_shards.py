@@ -47,7 +47,7 @@ class Packing:
     effort : int
         0 … 9, of Blosc with Zstandard.
     block : int
-        Bytes that are compressed together; 0: as Blosc likes. A whole chunk takes 2 to 3 % less.
+        Bytes that are compressed together; 0: as Blosc likes.
     """
 
     dtype: Literal["float32", "float64", "uint8"]

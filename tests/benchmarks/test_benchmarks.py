@@ -188,6 +188,17 @@ def test_pictures_are_compared_with_the_best(outcomes: dict[str, Outcome], tiny:
     assert all(row["difference"] >= 0.0 for row in parts)
 
 
+def test_packing_shows_what_worlds_use_among_other_ways(outcomes: dict[str, Outcome]) -> None:
+    found = rows(outcomes["packing"])
+    for layer in ("height", "normal", "materials"):
+        mine = [row for row in found if row["layer"] == layer]
+        assert [bool(row["used"]) for row in mine].count(True) == 1
+        assert len(mine) > 4
+    steps = rows(outcomes["packing"], 1)
+    assert [row["share"] for row in steps] == sorted((row["share"] for row in steps), reverse=True)
+    assert steps[0]["share"] == 1 > steps[1]["share"]
+
+
 @pytest.mark.parametrize("name", charts.CHARTS)
 def test_charts_are_pictures(outcomes: dict[str, Outcome], name: str) -> None:
     pytest.importorskip("matplotlib")

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.sketch import packed_sketch
 from sketchterrain.world.fingerprint import fingerprint
 from sketchterrain.world.forms import store_of
 from sketchterrain.world.ledger import Ledger, read_journal, read_ledger
+from sketchterrain.world.roots import plants_folder
+from sketchterrain.world.sweeping import is_left_over
+from sketchterrain.world.tile_names import layer_file
+from sketchterrain.world.zarr_tree import OURS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
     from sketchterrain.world.job import Job
     from sketchterrain.world.store import Store
 
@@ -68,18 +77,53 @@ def refuse_taken(job: Job, *, resume: bool) -> None:
         If there is something else, or a world and `resume` is not given, or another world.
     """
     store, output, place = store_of(job), job.output, one_line(job.output)
-    parent = next(each for each in store.folder.parents if each.exists())
-    if not parent.is_dir():
-        raise InputError(f"{place}: expected a path to write to, {one_line(parent)} is a file")
-    if job.form != "tif" and output.exists() and not output.is_dir():
-        raise InputError(f"{place}: expected a folder to write into, this is a file")
-    begun = store.mark.exists() or store.journal.exists() or store.ledger_text() is not None
+    try:
+        parent = next(each for each in store.folder.parents if each.exists())
+        if not parent.is_dir():
+            raise InputError(f"{place}: expected a path to write to, {one_line(parent)} is a file")
+        if job.form != "tif" and output.exists() and not output.is_dir():
+            raise InputError(f"{place}: expected a folder to write into, this is a file")
+        begun = _is_begun(job, store)
+        places = () if begun else _places(job)
+        strange = next((each for each in places if _holds_something(each, store)), None)
+    except OSError as error:
+        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
+    if strange is not None:
+        raise InputError(f"{one_line(strange)}: there is something else; take another output")
     if begun and not resume:
         raise InputError(f"{place}: there is a world; --resume goes on with it, or take another output")
     if begun:
         known(job, store)
-    elif output.exists() and not (output.is_dir() and not any(output.iterdir())):
-        raise InputError(f"{place}: there is something else; take another output")
+
+
+def _is_begun(job: Job, store: Store) -> bool:
+    """Tell whether there is a world or a part of it; its mark alone may be a person's file of that name."""
+    if (store.journal.is_file() and store.journal.stat().st_size > 0) or store.ledger_text() is not None:
+        return True
+    if not store.mark.is_file():
+        return False
+    content = store.mark.read_bytes()
+    return f'"{OURS}"'.encode() in content if job.form == "zarr" else content == packed_sketch(job.sketch)
+
+
+def _places(job: Job) -> Iterator[Path]:
+    """Return the files and folders that are to be the world's."""
+    yield job.output
+    if job.form == "tif":
+        yield from (layer_file(job.output, layer) for layer in job.layers)
+        yield store_of(job).journal.parent
+    if job.plants != "none":
+        yield plants_folder(job.output)
+
+
+def _holds_something(place: Path, store: Store) -> bool:
+    """Tell whether a place holds more than what a run leaves that was killed before it made anything."""
+    if not place.is_dir():
+        return os.path.lexists(place)
+    return any(
+        not each.is_dir() and each != store.journal and not is_left_over(each.name)
+        for each in place.rglob("*")
+    )
 
 
 def there(job: Job) -> tuple[int, int]:

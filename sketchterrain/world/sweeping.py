@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import shutil
+from fnmatch import fnmatchcase
 from glob import escape
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.world.tile_names import layer_file
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterable, Iterator
     from pathlib import Path
 
     from sketchterrain.world.job import Job
     from sketchterrain.world.roots import Roots
     from sketchterrain.world.store import Store
 
-__all__ = ["sweep"]
+__all__ = ["is_left_over", "sweep"]
 
-_HALF: Final = (".*.tmp", ".sketchterrain-*")  # of whole_files and of export.files.staging
+_HALF: Final = f".*.{'[0-9a-f]' * 8}.tmp"  # of whole_files
+_TOKEN: Final = f".sketchterrain-{'[0-9a-f]' * 32}"  # what workers of a cluster look for
 _SHARDS: Final = "c"  # the folder of an array's chunks
 
 
@@ -38,15 +39,16 @@ def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
         Names of files that are whole.
     """
     for folder in _folders(job, store, roots):
-        for pattern in _HALF:
-            for path in folder.rglob(pattern):
-                _delete(path)
-    for path in _beside(job):
-        _delete(path)
+        _delete(folder.rglob(_HALF))
+    _delete(store.journal.parent.glob(_TOKEN))
+    _delete(_beside(job))
     if job.form == "zarr":
-        for path in _shards(job):
-            if path.relative_to(roots.ground).as_posix() not in known:
-                _delete(path)
+        _delete(path for path in _shards(job) if path.relative_to(roots.ground).as_posix() not in known)
+
+
+def is_left_over(name: str) -> bool:
+    """Tell whether a file of this name is what a killed run may leave, not a person's."""
+    return fnmatchcase(name, _HALF) or fnmatchcase(name, _TOKEN)
 
 
 def _folders(job: Job, store: Store, roots: Roots) -> list[Path]:
@@ -62,7 +64,7 @@ def _beside(job: Job) -> Iterator[Path]:
             f"{job.output.stem}.ledger.jsonl",
             *(layer_file(job.output, each).name for each in job.layers),
         ):
-            yield from job.output.parent.glob(f".{escape(name)}.????????.tmp")
+            yield from job.output.parent.glob(f".{escape(name)}.{'[0-9a-f]' * 8}.tmp")
 
 
 def _shards(job: Job) -> Iterator[Path]:
@@ -72,8 +74,7 @@ def _shards(job: Job) -> Iterator[Path]:
             yield from [path for path in folder.rglob("*") if not path.is_dir()]
 
 
-def _delete(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+def _delete(paths: Iterable[Path]) -> None:
+    for path in list(paths):
+        if not path.is_dir():
+            path.unlink(missing_ok=True)

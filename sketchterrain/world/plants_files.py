@@ -114,10 +114,14 @@ def write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) ->
                 )
                 _check(place, stream.rows)
             named.replace(temporary)
-        except (DataLayerError, DataSourceError, pa.ArrowException, OSError) as error:
+        except Exception as error:
             if stream.error is not None:
                 raise stream.error from None
-            raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from error
+            if isinstance(error, DataLayerError | DataSourceError | pa.ArrowException | OSError):
+                raise SketchterrainError(
+                    f"{one_line(path)}: cannot be written ({one_line(error)})"
+                ) from error
+            raise
         finally:
             named.unlink(missing_ok=True)
 

@@ -1,0 +1,257 @@
+"""Plants of a world in squares: none twice, none missing, in files that GIS and data tools read."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow.dataset
+import pyarrow.parquet
+import pyogrio
+import pytest
+import shapely
+
+import sketchterrain as st
+from sketchterrain.errors import DeviceFailedError, SketchterrainError
+from sketchterrain.terrain.plant import PLANT
+from sketchterrain.world import plants_table
+from sketchterrain.world.grid import SHARD, World
+from sketchterrain.world.made import Task
+from sketchterrain.world.plants_store import PlantStore, plant_square, plant_tasks
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from sketchterrain.terrain import Terrain
+    from sketchterrain.world.job import Job
+
+EAST, NORTH = 512_000.0, 5_403_000.0
+CELL = 1.0 / 32.0
+# Three squares by two in the forest; the last column and row of them are narrow.
+AREA = World(60.0, 100.0, 63.0 + 2 * SHARD * CELL, 101.0 + SHARD * CELL, CELL)
+
+
+@pytest.fixture(scope="module")
+def terrain(small_job: Job) -> Terrain:
+    return st.build(small_job.sketch)
+
+
+@pytest.fixture(scope="module", params=["parquet", "flatgeobuf"])
+def planted(request, small_job: Job, terrain, tmp_path_factory) -> tuple[Job, dict[Task, Path]]:
+    """A job, and the file of each of its squares."""
+    output = tmp_path_factory.mktemp(request.param) / "world.zarr"
+    return planted_into(output, request.param, small_job, terrain)
+
+
+def planted_into(output: Path, plants: str, small_job: Job, terrain: Terrain) -> tuple[Job, dict[Task, Path]]:
+    job = replace(
+        small_job,
+        world=AREA,
+        output=output,
+        plants=plants,
+        grass=True,
+        crs="EPSG:25832",
+        origin=(EAST, NORTH),
+    )
+    store = PlantStore(job)
+    assert store.create() == ()
+    files = {}
+    for task in plant_tasks(job):
+        (name,) = store.write(task, terrain)
+        files[task] = store.folder / name
+    return job, files
+
+
+@pytest.fixture(scope="module")
+def expected(terrain) -> NDArray:
+    """All plants of the rectangle, found at once."""
+    area = (AREA.west, AREA.south, AREA.east, AREA.north)
+    return np.concatenate([terrain.foliage(*area, storey=storey) for storey in ("woody", "grass")])
+
+
+def columns_of(path: Path) -> dict[str, NDArray]:
+    """Read a file's plants, whichever form it has."""
+    if path.suffix == ".parquet":
+        table = pyarrow.parquet.ParquetFile(path).read()
+        found = {name: table[name].to_numpy() for name in table.column_names}
+        geometry = found.pop("geometry")
+    else:
+        meta, _, geometry, fields = pyogrio.raw.read(path)
+        found = dict(zip(meta["fields"], fields, strict=True))
+    places = shapely.get_coordinates(shapely.from_wkb(geometry), include_z=True)
+    for axis, name in enumerate("xyz"):
+        if name in found:  # what a column says, the point says too
+            np.testing.assert_array_equal(found[name], places[:, axis])
+    return found | dict(zip("xyz", places.T, strict=True))
+
+
+def joined(files: dict[Task, Path]) -> dict[str, NDArray]:
+    parts = [columns_of(path) for path in files.values()]
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def test_squares_cover_the_rectangle_without_a_gap() -> None:
+    level = AREA.levels[0]
+    squares = {(row, column): plant_square(AREA, row, column) for row in range(2) for column in range(3)}
+    for (row, column), (west, south, east, north) in squares.items():
+        assert west < east
+        assert south < north
+        if (row, column + 1) in squares:
+            assert squares[row, column + 1][0] == east
+        if (row + 1, column) in squares:
+            assert squares[row + 1, column][3] == south
+    assert squares[0, 0][0::3] == (AREA.west, AREA.north)
+    assert squares[1, 2][1:3] == (
+        AREA.north - (level.rows - 1) * CELL,
+        AREA.west + (level.columns - 1) * CELL,
+    )
+
+
+@pytest.mark.parametrize(("across", "squares"), [(SHARD - 1, 1), (SHARD, 1), (SHARD + 1, 2)])
+def test_a_shard_of_one_column_has_no_square(small_job, across: int, squares: int) -> None:
+    job = replace(small_job, world=World(0.0, 0.0, float(across), 1.0, 1.0))
+    assert list(plant_tasks(job)) == [Task("plants", 0, 0, column) for column in range(squares)]
+
+
+def test_no_plant_is_missing_or_there_twice(planted, expected) -> None:
+    _, files = planted
+    assert len(files) == 6
+    found = joined(files)
+    order = np.lexsort((found["x"], found["y"]))
+    wanted = np.lexsort((expected["x"], expected["y"]))
+    assert len(order) == len(wanted) > 1000
+    plants = expected[wanted]
+    np.testing.assert_array_equal(found["x"][order], plants["x"] + EAST)
+    np.testing.assert_array_equal(found["y"][order], plants["y"] + NORTH)
+    np.testing.assert_array_equal(found["z"][order], plants["z"])
+    np.testing.assert_array_equal(found["species"][order], np.array(st.SPECIES)[plants["species"]])
+    for name in ("scale", "tint", "level"):
+        np.testing.assert_array_equal(found[name][order], plants[name])
+    np.testing.assert_allclose(found["rotation"][order], np.degrees(plants["rotation"]), rtol=1e-6)
+    for axis, name in enumerate(("nx", "ny", "nz")):
+        np.testing.assert_array_equal(found[name][order], plants["normal"][:, axis])
+
+
+def test_each_square_holds_its_own_plants(planted) -> None:
+    _, files = planted
+    for task, path in files.items():
+        west, south, east, north = plant_square(AREA, task.row, task.column)
+        found = columns_of(path)
+        assert np.all((found["x"] - EAST >= west) & (found["x"] - EAST < east))
+        assert np.all((found["y"] - NORTH >= south) & (found["y"] - NORTH < north))
+
+
+def test_the_same_plants_are_the_same_bytes(planted, small_job, terrain, tmp_path) -> None:
+    job, files = planted
+    _, again = planted_into(tmp_path / "world.zarr", job.plants, small_job, terrain)
+    for first, second in zip(files.values(), again.values(), strict=True):
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_parquet_is_a_data_set_in_partitions(small_job, terrain, expected, tmp_path) -> None:
+    job, files = planted_into(tmp_path / "world.tif", "parquet", small_job, terrain)
+    folder = tmp_path / "world-plants"
+    assert files[Task("plants", 0, 1, 2)] == folder / "tile_row=1/tile_column=2/plants.parquet"
+    data = pyarrow.dataset.dataset(folder, partitioning="hive")
+    assert data.count_rows() == len(expected)
+    part = data.to_table(filter=pyarrow.dataset.field("tile_column") == 1)
+    assert set(part["tile_row"].to_pylist()) == {0, 1}
+    west, _, east, _ = plant_square(AREA, 0, 1)
+    assert west <= min(part["x"].to_pylist()) - EAST < max(part["x"].to_pylist()) - EAST < east
+    told = json.loads(pyarrow.parquet.read_metadata(files[Task("plants", 0, 0, 0)]).metadata[b"geo"])
+    assert (told["version"], told["primary_column"]) == ("1.1.0", "geometry")
+    column = told["columns"]["geometry"]
+    assert (column["encoding"], column["geometry_types"]) == ("WKB", ["Point Z"])
+    assert column["crs"]["id"] == {"authority": "EPSG", "code": 25832}
+    found = columns_of(files[Task("plants", 0, 0, 0)])
+    low, high = ([end(found[name]) for name in "xyz"] for end in (np.min, np.max))
+    assert column["bbox"] == [*low, *high]
+    assert job.origin == (EAST, NORTH)
+
+
+def test_row_groups_are_bounded_and_say_where_they_lie(
+    small_job, terrain, expected, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr(plants_table, "_ROWS", 200)
+    _, files = planted_into(tmp_path / "world.zarr", "parquet", small_job, terrain)
+    counted = 0
+    for path in files.values():
+        file = pyarrow.parquet.ParquetFile(path)
+        groups = [file.metadata.row_group(index) for index in range(file.metadata.num_row_groups)]
+        assert all(group.num_rows == 200 for group in groups[:-1])
+        for index, group in enumerate(groups):
+            x = file.read_row_group(index)["x"].to_numpy()
+            told = group.column(file.schema_arrow.get_field_index("x")).statistics
+            assert (told.min, told.max) == (x.min(), x.max())
+            counted += group.num_rows
+    assert counted == len(expected)
+
+
+def test_flatgeobuf_has_a_layer_with_an_index(small_job, terrain, tmp_path) -> None:
+    _, files = planted_into(tmp_path / "world.zarr", "flatgeobuf", small_job, terrain)
+    path = files[Task("plants", 0, 0, 1)]
+    assert path == tmp_path / "world-plants" / "r0000_c0001.fgb"
+    info = pyogrio.read_info(path)
+    assert (info["layer_name"], info["geometry_type"], info["crs"]) == ("plants", "Point Z", "EPSG:25832")
+    assert info["capabilities"]["fast_spatial_filter"]
+    found = columns_of(path)
+    west, south = np.median(found["x"]), np.median(found["y"])
+    box = (west, south, west + 20.0, south + 20.0)
+    inside = (found["x"] >= west) & (found["x"] <= box[2]) & (found["y"] >= south) & (found["y"] <= box[3])
+    _, _, geometry, _ = pyogrio.raw.read(path, bbox=box)
+    assert len(geometry) == inside.sum() > 0
+
+
+def pieces_of(*pieces: NDArray, then: Exception | None = None) -> SimpleNamespace:
+    """Return a terrain that has these plants."""
+
+    def foliage_pieces(*_: float, storey: str):
+        assert storey == "woody"
+        yield from pieces
+        if then is not None:
+            raise then
+
+    return SimpleNamespace(species_names=st.SPECIES, foliage_pieces=foliage_pieces)
+
+
+@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
+def test_a_square_where_nothing_grows_has_a_file_without_rows(small_job, plants: str, tmp_path) -> None:
+    store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
+    for terrain in (pieces_of(), pieces_of(np.zeros(0, PLANT))):
+        (name,) = store.write(Task("plants", 0, 0, 0), terrain)
+        found = columns_of(store.folder / name)
+        assert {"x", "species", "tint"} <= set(found)
+        assert all(len(values) == 0 for values in found.values())
+
+
+@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
+def test_a_device_that_fails_is_told_and_leaves_nothing(small_job, plants: str, tmp_path) -> None:
+    store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
+    failed = DeviceFailedError("it gave up")
+    terrain = pieces_of(np.zeros(5, PLANT), then=failed)
+    with pytest.raises(DeviceFailedError) as caught:
+        store.write(Task("plants", 0, 0, 0), terrain)
+    assert caught.value is failed
+    assert not [path for path in store.folder.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
+def test_a_full_disk_is_told_and_leaves_nothing(small_job, plants: str, tmp_path, room_for) -> None:
+    store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
+    many = np.zeros(20_000, PLANT)
+    many["x"], many["tint"] = np.random.default_rng(1).random((2, len(many)))
+    with room_for(50_000), pytest.raises(SketchterrainError, match=r"cannot be written \("):
+        store.write(Task("plants", 0, 0, 0), pieces_of(many))
+    assert not [path for path in store.folder.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
+def test_a_library_that_is_missing_is_named(small_job, plants: str, monkeypatch) -> None:
+    monkeypatch.setattr("sketchterrain.export.libraries.find_spec", lambda name: None)
+    with pytest.raises(SketchterrainError, match=f"plants as {plants} needs pyarrow"):
+        PlantStore(replace(small_job, plants=plants))

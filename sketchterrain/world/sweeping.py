@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["is_left_over", "sweep"]
 
 _HALF: Final = f".*.{'[0-9a-f]' * 8}.tmp"  # of whole_files
+_HALF_PLANTS: Final = _HALF.replace("tmp", "fgb")  # GDAL takes no other ending for it
 _TOKEN: Final = f".sketchterrain-{'[0-9a-f]' * 32}"  # what workers of a cluster look for
 _SHARDS: Final = "c"  # the folder of an array's chunks
 
@@ -39,7 +40,8 @@ def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
         Names of files that are whole.
     """
     for folder in _folders(job, store, roots):
-        _delete(folder.rglob(_HALF))
+        for half in (_HALF, _HALF_PLANTS):
+            _delete(folder.rglob(half))
     _delete(store.journal.parent.glob(_TOKEN))
     _delete(_beside(job))
     if job.form == "zarr":
@@ -48,7 +50,7 @@ def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
 
 def is_left_over(name: str) -> bool:
     """Tell whether a file of this name is what a killed run may leave, not a person's."""
-    return fnmatchcase(name, _HALF) or fnmatchcase(name, _TOKEN)
+    return any(fnmatchcase(name, pattern) for pattern in (_HALF, _HALF_PLANTS, _TOKEN))
 
 
 def _folders(job: Job, store: Store, roots: Roots) -> list[Path]:

@@ -183,9 +183,9 @@ class ComputeContext:
         if array.nbytes:
             self._call("uploading", cl.enqueue_copy, self._queue, buffer, array, dst_offset=start)
 
-    def wait(self, event: Any) -> None:
-        """Wait for what `write` or `read` enqueued."""
-        self._call("copying", event.wait)
+    def wait(self, event: Any, *, doing: str = "uploading") -> None:
+        """Wait for what `write` or `read` enqueued; say what it was in case it fails."""
+        self._call(doing, event.wait)
 
     def download(self, buffer: Any, shape: Sequence[int] | int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
         """Wait for the queue and copy a buffer into a new array."""

@@ -129,14 +129,14 @@ class _Packer:
             cell_size=self._cell,
             take=partial(self._pack, strip=strip, counter=counter),
         )
-        buffers = (*self._planes, counter)
-        events = [context.read(*pair) for pair in zip(buffers, (*arrays, odd), strict=True)]
+        events = [context.read(*pair) for pair in zip(self._planes, arrays, strict=True)]
+        events.append(context.read(counter, odd))
         return _Coming(band, odd, events)
 
     def ended(self, coming: _Coming) -> GroundBytes:
         """Wait for a band."""
         for event in coming.events:
-            self._context.wait(event)
+            self._context.wait(event, doing="downloading")
         if coming.odd[0]:
             device = self._context.device
             raise DeviceFailedError(

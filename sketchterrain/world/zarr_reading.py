@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["StoredZarr"]
 
 _ROOM: Final = 192 << 20  # bytes of unpacked chunks
-_ASIDE: Final = ("attributes", "dimension_names")  # of an array's metadata: chunks do not depend on them
+_READ_BY: Final = ("shape", "data_type", "chunk_grid", "chunk_key_encoding", "codecs")  # of metadata
+_EFFORT: Final = ("typesize", "cname", "clevel", "shuffle", "blocksize")  # that chunks tell of themselves
 _REMEDY: Final = "writing the world again with --resume mends it"
 
 
@@ -62,7 +63,13 @@ class StoredZarr:
             self._levels = self._world.levels
             self._layers = tuple(str(name) for name in self._facts["layers"])
             self._material_names = tuple(str(name) for name in self._facts["materials"])
-            known = all(name in LAYERS for name in self._layers) and "height" in self._layers
+            # A world of another version may have other materials.
+            bands = {"materials": self._material_names}
+            self._stored = {
+                name: LAYERS[name]._replace(bands=bands.get(name, LAYERS[name].bands))
+                for name in self._layers
+            }
+            known = "height" in self._layers
         except (KeyError, TypeError):
             known = False
         if not known:
@@ -123,7 +130,7 @@ class StoredZarr:
                 f"expected a window inside {grid.rows} rows and {grid.columns} columns, got rows {top} to "
                 f"{top + rows} and columns {left} to {left + columns}"
             )
-        stored = LAYERS[layer]
+        stored = self._stored[layer]
         window = np.empty(stored.shape(rows, columns), stored.packing.dtype)
         for row in range(top // CHUNK, (top + rows - 1) // CHUNK + 1):
             for column in range(left // CHUNK, (left + columns - 1) // CHUNK + 1):
@@ -144,7 +151,7 @@ class StoredZarr:
     def _unpacked(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:
         side = SHARD // CHUNK
         path = self.folder / shard_file(layer, Shard(level, row // side, column // side))
-        stored = LAYERS[layer]
+        stored = self._stored[layer]
         try:
             with path.open("rb") as stream:
                 index, length = self._index(path, stream)
@@ -172,13 +179,20 @@ class StoredZarr:
         return self._indices.get(key, read).tobytes(), known.st_size
 
     def _check_metadata(self, layer: str, level: Level) -> None:
-        """Refuse an array that other chunks are in than ours: another program made it anew."""
+        """Refuse an array whose chunks are not read as ours are: another program made it anew."""
         path = self.folder / str(level.number) / layer / METADATA
         found = _document(path)
-        expected = json.loads(json.dumps(layer_document(LAYERS[layer], level, {})))
-        for name, value in expected.items():
-            if name not in _ASIDE and found.get(name) != value:
+        expected = json.loads(json.dumps(layer_document(self._stored[layer], level, {})))
+        for name in _READ_BY:
+            if _without_effort(found.get(name)) != _without_effort(expected[name]):
                 raise InputError(f"{one_line(path)}: its {name} is not that of this world; {_REMEDY}")
+
+
+def _without_effort(value: Any) -> Any:
+    """Return metadata without how much was done to pack chunks: they are unpacked whatever it was."""
+    if isinstance(value, dict):
+        return {name: _without_effort(each) for name, each in value.items() if name not in _EFFORT}
+    return [_without_effort(each) for each in value] if isinstance(value, list) else value
 
 
 def _facts(folder: Path) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import zarr
 from numcodecs import blosc
+from zarr.codecs import BloscCodec, Crc32cCodec
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
@@ -213,6 +214,29 @@ def test_an_array_that_another_program_wrote_anew_is_refused(copy: Path) -> None
         open_world(copy)
 
 
+def test_a_world_of_other_materials_and_packed_otherwise_is_read(written: Path, copy: Path) -> None:
+    """As another version may write it."""
+    root = json.loads((copy / "zarr.json").read_text())
+    root["attributes"]["sketchterrain"]["materials"] = ["grass", "lava"]
+    (copy / "zarr.json").write_text(json.dumps(root))
+    world = StoredZarr(written)
+    group = zarr.open_group(copy, mode="a", use_consolidated=False)
+    for level in world.levels:
+        few = whole(world, "materials", level.number)[:2]
+        del group[f"{level.number}/materials"]
+        group[str(level.number)].create_array(
+            "materials",
+            data=few,
+            chunks=(2, 256, 256),
+            shards=(2, 2048, 2048),
+            compressors=[BloscCodec(cname="lz4", clevel=9, shuffle="shuffle"), Crc32cCodec()],
+            config={"write_empty_chunks": True},
+        )
+    other = StoredZarr(copy)
+    assert other.material_names == ("grass", "lava")
+    np.testing.assert_array_equal(whole(other, "materials"), whole(world, "materials")[:2])
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -240,6 +264,21 @@ def test_a_sketch_that_is_lost_or_broken_is_named(copy: Path) -> None:
     chunk.unlink()
     with pytest.raises(InputError, match=r"copy.zarr/sketch/c/0: is not there"):
         world.sketch()
+
+
+def test_the_smallest_world_is_one_shard_of_four_vertices(tmp_path: Path) -> None:
+    sketch, world = st.Sketch(name="Small", extent=64.0), World(0.0, 0.0, 0.5, 0.5, 1.0)
+    store = ZarrStore(
+        Job(sketch, cast("TerrainRecipe", None), world, tmp_path / "a.zarr", "zarr", ("height",))
+    )
+    store.create()
+    (shard,) = world.shards()
+    height = np.array([[1, 2], [3, 4]], np.float32)
+    none = np.empty((0, 2, 2), np.uint8)
+    store.write(Ground(shard, height, none, none))
+    read = StoredZarr(tmp_path / "a.zarr")
+    np.testing.assert_array_equal(whole(read), height)
+    np.testing.assert_array_equal(zarr.open_array(tmp_path / "a.zarr/0/height", mode="r")[:], height)
 
 
 def test_another_zarr_store_is_no_world(tmp_path: Path) -> None:

@@ -150,15 +150,21 @@ def means(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
     factor
         Vertices along a square's side.
     """
-    rows, columns = (np.arange(0, length, factor) for length in values.shape[1:])
     wide = np.float64 if values.dtype.kind == "f" else np.uint32
-    sums = np.add.reduceat(values, rows, axis=1, dtype=wide)
-    sums = np.add.reduceat(sums, columns, axis=2, dtype=wide)
-    count = np.outer(
-        *(
-            np.diff(edges, append=length)
-            for edges, length in zip((rows, columns), values.shape[1:], strict=True)
-        )
-    )
-    mean = sums / count
+    sums = _summed(_summed(values, factor, 1, wide), factor, 2, wide)
+    counts = [_summed(np.ones(length), factor, 0, np.float64) for length in values.shape[1:]]
+    mean = sums / np.outer(*counts)
     return (mean if values.dtype.kind == "f" else np.rint(mean)).astype(values.dtype)
+
+
+def _summed(values: npt.NDArray[Any], factor: int, axis: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Return the sums of each so many values along an axis; the last one of those that are there."""
+    shape = list(values.shape)
+    shape[axis] = -(-shape[axis] // factor)
+    sums = np.zeros(shape, dtype)
+    to = np.moveaxis(sums, axis, 0)
+    given = np.moveaxis(values, axis, 0)
+    for first in range(min(factor, len(given))):
+        part = given[first::factor]
+        to[: len(part)] += part
+    return sums

@@ -22,6 +22,7 @@ __all__ = ["Connection", "check_scheduler", "connected_to"]
 
 _SCHEMES = ("tcp", "tls")
 _TIMEOUT = 10.0  # s that a scheduler may take to answer
+_PAUSE = 0.1  # s between two looks at who is still at work
 _WAITING = 60.0  # s that running tasks may take to end
 
 
@@ -192,10 +193,13 @@ class Connection:
         there = list(self.workers())
         if there:
             self._client.run(done_there.stop, self.order, workers=there, on_error="ignore")
-            leaving = [self.submit(done_there.leave, worker=worker) for worker in there]
+            leaving = {worker: self.submit(done_there.leave, worker=worker) for worker in there}
             until = time.monotonic() + _WAITING
-            while time.monotonic() < until and not all(each.done() for each in leaving):
-                time.sleep(0.05)
+            while leaving and time.monotonic() < until:
+                time.sleep(_PAUSE)
+                there = list(self.workers())
+                leaving = {each: left for each, left in leaving.items() if each in there and not left.done()}
+            self.cancel(list(leaving.values()))
         self._ask(self._client.scheduler.set_metadata, keys=[self.order], value=None)
 
     def _ask(self, what: Callable[..., Any], **named: Any) -> Any:

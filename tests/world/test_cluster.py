@@ -1,0 +1,217 @@
+"""The same world by workers of a cluster; who may be one; whatever becomes of them, the same bytes."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sketchterrain.errors import DeviceError, InputError, SketchterrainError
+from sketchterrain.world import run as running
+from sketchterrain.world import worker_checks
+from sketchterrain.world.order import code_digest
+from sketchterrain.world.run import run_world
+from sketchterrain.world.scheduler import check_scheduler
+from sketchterrain.world.tasks import tasks_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from sketchterrain.world.job import Job
+    from sketchterrain.world.made import Made
+    from tests.world.conftest import Heard
+
+    Tree = Callable[[Path], dict[str, str]]
+
+distributed = pytest.importorskip("distributed")
+psutil = pytest.importorskip("psutil")
+
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of the library, closed late
+
+LYING = """
+from sketchterrain.compute import context
+context._OPTIONS = ("-cl-std=CL1.2", "-cl-fast-relaxed-math", "-DFAST")
+"""
+OLDER = """
+from sketchterrain.world import worker_checks
+worker_checks.version = lambda _: "0.0.9"
+"""
+
+
+def shuffled(job: Job) -> Iterator:
+    tasks = list(tasks_of(job))
+    random.Random(3).shuffle(tasks)
+    return iter(tasks)
+
+
+@contextmanager
+def process(*words: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a command of dask's, and end it and all that it started."""
+    command = [sys.executable, "-m", "dask", *words]
+    started = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        yield started
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(started.pid, signal.SIGKILL)
+        started.communicate()
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """The address of a scheduler that has no worker yet, and its process."""
+    with process("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard") as started:
+        assert started.stderr is not None
+        for line in started.stderr:
+            if "Scheduler at:" in line:
+                yield line.split("Scheduler at:")[1].strip(), started
+                return
+        raise AssertionError("no scheduler")
+
+
+@contextmanager
+def worker(scheduler: str, folder: Path, name: str, *, preload: str = "") -> Iterator[None]:
+    words = ["worker", scheduler, "--name", name, "--nthreads", "1", "--no-dashboard", "--memory-limit", "0"]
+    words += ["--local-directory", str(folder / name), "--no-nanny"]
+    if preload:
+        patch = folder / f"{name}.py"
+        patch.write_text(preload, encoding="utf-8")
+        words += ["--preload", str(patch)]
+    with process(*words):
+        yield
+
+
+def workers_of(pid: int) -> list[psutil.Process]:
+    """Return the worker processes that a process has started, those that serve first."""
+    found = []
+    for child in psutil.Process(pid).children(recursive=True):
+        with suppress(psutil.ZombieProcess, psutil.NoSuchProcess):
+            if "spawn_main" in " ".join(child.cmdline()):
+                found.append(child)
+    return found
+
+
+def test_workers_in_this_process_in_shuffled_order_give_the_same_bytes(
+    job: Job, whole_world: Path, heard: Heard, tree: Tree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "tasks_of", shuffled)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
+    ) as cluster:
+        run_world(job, scheduler=cluster.scheduler_address, watcher=heard)
+        kept = [value for key, value in cluster.scheduler.task_metadata.items() if "sketchterrain" in key]
+        assert kept == [None]
+    assert tree(job.output) == tree(whole_world)
+    assert {made.worker for made in heard.done} == {"worker 0", "worker 1"}
+    assert heard.notes == []
+
+
+def test_the_order_that_is_sent_is_of_plain_types_and_names_the_code() -> None:
+    assert code_digest() == code_digest()
+    assert len(code_digest()) == 64
+
+
+@pytest.mark.parametrize(
+    "word", ["", "localhost", "localhost:8786", "http://a:1", "tcp://a", "tcp://a:99999", "tcp://:1"]
+)
+def test_what_is_no_address_is_told(word: str) -> None:
+    with pytest.raises(InputError, match=r"^expected a scheduler's address such as tcp://HOST:8786, got '"):
+        check_scheduler(word)
+
+
+def test_a_scheduler_that_is_not_there_is_one_line_and_at_once() -> None:
+    start = time.perf_counter()
+    with pytest.raises(
+        SketchterrainError, match=r"^scheduler tcp://127.0.0.1:9 cannot be reached: nothing listens"
+    ):
+        check_scheduler("tcp://127.0.0.1:9")
+    assert time.perf_counter() - start < 5
+
+
+def test_a_worker_that_does_not_see_the_folder_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker_checks, "_PATIENCE", 0.0)
+    token = tmp_path / ".token"
+    order = {"token": str(token), "text": "this one"}
+    token.write_text("this one", encoding="utf-8")
+    worker_checks.check_folder(order)
+    assert [path.name for path in tmp_path.iterdir()] == [".token"]
+    token.write_text("that one", encoding="utf-8")
+    with pytest.raises(worker_checks.RefusedError, match="another folder is there"):
+        worker_checks.check_folder(order)
+    with pytest.raises(worker_checks.RefusedError, match="nothing is there"):
+        worker_checks.check_folder({"token": str(tmp_path / "no" / "where"), "text": ""})
+
+
+def then(heard: Heard, act: Callable[[int], None]) -> None:
+    """Act whenever a task is done, given how many there are by then."""
+    told = heard.made
+
+    def made(made: Made) -> None:
+        told(made)
+        act(len(heard.done))
+
+    heard.made = made
+
+
+@pytest.mark.slow
+def test_processes_of_which_some_are_killed_give_the_same_bytes_in_shuffled_order(
+    job: Job, whole_world: Path, heard: Heard, tree: Tree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def kill(done: int) -> None:
+        if done in (1, 4):
+            workers_of(os.getpid())[0].kill()
+
+    monkeypatch.setattr(running, "tasks_of", shuffled)
+    then(heard, kill)
+    run_world(job, workers=2, watcher=heard)
+    assert tree(job.output) == tree(whole_world)
+    assert {note.split(" is lost")[0] for note in heard.notes} <= {"worker 0", "worker 1"}
+    assert heard.notes
+    assert workers_of(os.getpid()) == []
+
+
+@pytest.mark.slow
+def test_workers_that_lie_are_refused_by_name_and_others_do_the_work_until_the_scheduler_dies(
+    job: Job,
+    whole_world: Path,
+    heard: Heard,
+    tree: Tree,
+    scheduler: tuple[str, subprocess.Popen[str]],
+    tmp_path: Path,
+) -> None:
+    address, started = scheduler
+    with (
+        worker(address, tmp_path, "liar", preload=LYING),
+        worker(address, tmp_path, "older", preload=OLDER),
+    ):
+        wait_for_workers(address, 2)
+        with pytest.raises(DeviceError, match="no worker is left: ") as caught:
+            run_world(job, scheduler=address, watcher=heard)
+        assert caught.match(r"liar on \S+: self-test of .*: other bits: ")
+        assert caught.match(r"older on \S+: it has sketchterrain 0\.0\.9, not ")
+        assert caught.value.exit_code == 4
+        heard.notes.clear()
+        then(heard, lambda done: started.kill() if done == 5 else None)
+        with worker(address, tmp_path, "honest"):
+            wait_for_workers(address, 3)
+            with pytest.raises(SketchterrainError, match=f"^scheduler {address} does not answer any more$"):
+                run_world(job, scheduler=address, resume=True, watcher=heard)
+    assert {made.worker.split()[0] for made in heard.done} == {"honest"}
+    assert all(note.split()[0] in ("liar", "older") and " is refused: " in note for note in heard.notes)
+    run_world(job, resume=True, watcher=heard)
+    assert tree(job.output) == tree(whole_world)
+
+
+def wait_for_workers(address: str, count: int) -> None:
+    with distributed.Client(address, timeout=20, set_as_default=False) as client:
+        client.wait_for_workers(count, timeout=60)

@@ -1,0 +1,304 @@
+"""Tiles and heights of a stored world: the store's own samples, and what a terrain itself would draw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sketchterrain.compute import ComputeContext
+from sketchterrain.errors import InputError
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import build
+from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.world.grid import CHUNK, Level
+from sketchterrain.world.viewed import ViewedWorld
+from sketchterrain.world.viewed_levels import BARE, ViewedLevels
+
+from .grown import Grown
+
+EXTENT = 2048.0
+CELL = 4.0
+QUADS = 32
+
+
+@pytest.fixture(scope="module")
+def terrain():
+    mountain, forest, lake, river = (np.zeros((64, 64), np.uint8) for _ in range(4))
+    mountain[8:24, 30:50] = 1
+    forest[36:56, 6:26] = 1
+    lake[40:50, 30:52] = 1
+    river[30:64, 24:26] = 1
+    layers = {"mountain": mountain, "forest": forest, "lake": lake, "river": river}
+    return build(Sketch(extent=EXTENT, layers=layers), device=ComputeContext())
+
+
+@pytest.fixture(scope="module")
+def whole(terrain):
+    """The sketch, whose tiles are the terrain's own."""
+    return Grown(terrain, (0.0, 0.0, EXTENT, EXTENT), CELL)
+
+
+@pytest.fixture(scope="module")
+def odd(terrain):
+    """A piece whose ends lie on no tile's border, nor on its coarser levels' vertices."""
+    return Grown(terrain, (100.0, 200.0, 100.0 + 301 * CELL, 200.0 + 213 * CELL), CELL)
+
+
+def written(view, keys, *, roots=(), quads=QUADS):
+    """Tiles that a view writes: {key: vertices}, {key: facts}; parents are among the keys or are roots."""
+    place = {key: slot for slot, key in enumerate(keys)}
+    parents = [-1 if key in roots else place[key[0] - 1, key[1] >> 1, key[2] >> 1] for key in keys]
+    store = view.vertex_store(len(keys), quads=quads)
+    facts = view.write_tiles(keys, np.arange(len(keys)), parents, store)
+    return dict(zip(keys, store.download(), strict=True)), dict(zip(keys, facts, strict=True))
+
+
+def _last(steps):
+    """What a generator returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def chain(key, up):
+    """A key after all above it, `up` levels."""
+    return [(key[0] - n, key[1] >> n, key[2] >> n) for n in range(up, -1, -1)]
+
+
+def test_vertices_are_those_that_the_terrain_would_write(terrain, whole):
+    view = ViewedWorld(whole, terrain.context)
+    assert view.extent == terrain.extent
+    for level, column, row in ((4, 7, 10), (4, 0, 15), (3, 5, 2), (2, 3, 0)):
+        live = chain((level, column, row), level - 2)  # coarser ones are not stored
+        viewed = [(z, x, y - (1 << z)) for z, x, y in live]
+        ours, known = written(view, viewed, roots=viewed[:1])
+        theirs, facts = written(terrain, live, roots=live[:1])
+        for mine, other in zip(viewed, live, strict=True):
+            one, two = ours[mine], theirs[other]
+            for name in ("height", "parent_height"):
+                assert np.array_equal(one[name], two[name])
+            rim = np.zeros(one.shape, bool)
+            ends = [0, 1, -2, -1]  # at the world's end there is one neighbour alone, for the parent too
+            rim[ends] = rim[:, ends] = True
+            for name in ("slope", "parent_slope"):
+                apart = np.abs(one[name].astype(int) - two[name].astype(int)).max(axis=-1)
+                assert apart[~rim].max() <= 2, "heights tell slopes to 16 bits"
+                assert apart.max() <= 2 * 32767 / 255 + 2, "stored normals do to 8"
+            for name in ("weights", "parent_weights"):
+                # A byte that is rounded, and one more where weights must sum to 255.
+                assert np.abs(one[name].astype(int) - two[name].astype(int)).max() <= 2
+            assert known[mine]["low"] == facts[other]["low"]
+            assert known[mine]["high"] == facts[other]["high"]
+
+
+def test_tile_vertices_are_stored_samples_bit_for_bit(terrain, odd):
+    view = ViewedWorld(odd, terrain.context)
+    bits = int(np.log2(view.extent / CELL))
+    checked = 0
+    for level, column, row in ((4, 3, -5), (4, 8, -4), (3, 0, -1), (3, 3, -3)):
+        tiles, _ = written(view, [(level, column, row)], roots=[(level, column, row)])
+        (tile,) = tiles.values()
+        number = bits - int(np.log2(QUADS)) - level
+        height = odd.data["height", number]
+        top, left = -(row + 1) * QUADS, column * QUADS
+        inside = tile[: height.shape[0] - top, : height.shape[1] - left]
+        rows, columns = inside.shape
+        part = np.s_[..., top : top + rows, left : left + columns]
+        assert np.array_equal(inside["height"], height[part])
+        assert np.array_equal(inside["weights"], odd.data["materials", number][part].transpose(1, 2, 0))
+        stored = odd.data["normal", number][part][:2] / 127.5 - 1
+        assert np.abs(inside["slope"].transpose(2, 0, 1) / 32767 - stored).max() < 1 / 255 + 1 / 32767
+        checked += rows * columns
+    assert checked > 3000
+
+
+def test_neighbours_and_parents_hold_the_same_bits_where_they_meet(terrain, odd):
+    view = ViewedWorld(odd, terrain.context)
+    level = 4
+    keys = [(level, x, y) for x in (3, 4) for y in (-4, -3)]
+    above = sorted({(level - 1, x >> 1, y >> 1) for _, x, y in keys})
+    tiles, _ = written(view, above + keys, roots=above)
+    for x, y in ((3, -4), (3, -3)):
+        assert np.array_equal(tiles[level, x, y][:, -1], tiles[level, x + 1, y][:, 0])
+    for x in (3, 4):
+        assert np.array_equal(tiles[level, x, -3][-1], tiles[level, x, -4][0])
+    for z, x, y in keys:
+        own, parent = tiles[z, x, y], tiles[z - 1, x >> 1, y >> 1]
+        half = QUADS // 2
+        part = parent[half * (1 - (y & 1)) :, half * (x & 1) :][: half + 1, : half + 1]
+        for name in ("height", "slope", "weights"):
+            assert np.array_equal(own[f"parent_{name}"][::2, ::2], part[name])
+        expected = 0.5 * (part["height"][:-1, :-1] + part["height"][1:, 1:])
+        assert np.array_equal(own["parent_height"][1::2, 1::2], expected.astype(np.float32))
+
+
+def test_levels_beyond_the_coarsest_are_thinned_out_of_it(terrain, odd):
+    levels = ViewedLevels(odd)
+    last = odd.levels[-1]
+    coarse = levels.level(last.number + 2)
+    assert coarse.cell == 4 * last.cell
+    assert (coarse.columns - 1) * 4 >= last.columns - 1 > (coarse.columns - 2) * 4
+    found = levels.window("height", coarse.number, top=0, left=0, rows=coarse.rows, columns=coarse.columns)
+    assert np.array_equal(found[:-1, :-1], odd.data["height", last.number][:-1:4, :-1:4])
+
+
+def test_windows_go_on_beyond_the_ends(terrain, odd):
+    levels, height = ViewedLevels(odd), odd.data["height", 0]
+    rows, columns = height.shape
+    found = levels.window("height", 0, top=-3, left=columns - 2, rows=8, columns=9)
+    assert np.array_equal(found, np.pad(height, ((3, 9), (0, 9)), mode="edge")[:8, columns - 2 : columns + 7])
+    outside = levels.window("materials", 0, top=rows + 5, left=-40, rows=2, columns=3)
+    assert (outside == odd.data["materials", 0][:, -1:, :1]).all()
+
+
+def test_the_error_tells_how_far_the_finest_level_is(terrain, whole):
+    view = ViewedWorld(whole, terrain.context)
+    finest = whole.data["height", 0]
+    shares = []
+    for level in (1, 2, 3):
+        keys = [(level, x, -1 - y) for x in range(1 << level) for y in range(1 << level)]
+        tiles, facts = written(view, keys, roots=keys)
+        step = (len(finest) - 1) >> level
+        for (_, x, y), tile in tiles.items():
+            error = facts[level, x, y]["error"]
+            part = finest[-(y + 1) * step :, x * step :][: step + 1, : step + 1]
+            cut = step // QUADS
+            middle = part[cut // 2 :: cut, cut // 2 :: cut]
+            apart = np.abs(0.5 * (tile["height"][:-1, :-1] + tile["height"][1:, 1:]) - middle)
+            shares.append(np.mean(apart <= error))
+            assert apart.max() <= 3 * error
+    assert np.min(shares) > 0.9
+    assert np.mean(shares) > 0.98
+    tiles, facts = written(view, [(4, 3, -3)], roots=[(4, 3, -3)])
+    assert facts[4, 3, -3]["error"] == 0.0
+
+
+def test_heights_are_the_samples_and_lie_between_them(terrain, odd):
+    view = ViewedWorld(odd, terrain.context)
+    height = odd.data["height", 0]
+    rng = np.random.default_rng(1)
+    row, column = rng.integers(0, height.shape[0], 50), rng.integers(0, height.shape[1], 50)
+    assert np.array_equal(view.heights(column * CELL, -row * CELL), height[row, column])
+    x, y = (column[:-1] % 200 + 0.25) * CELL, -(row[:-1] % 200 + 0.5) * CELL
+    i, j = column[:-1] % 200, row[:-1] % 200
+    expected = 0.5 * (
+        0.75 * (height[j, i] + height[j + 1, i]) + 0.25 * (height[j, i + 1] + height[j + 1, i + 1])
+    )
+    assert np.allclose(view.heights(x, y), expected, atol=1e-4)
+    coarse = odd.data["height", 1]
+    assert view.heights(48.0, -32.0, cell_size=2.5 * CELL) == coarse[4, 6]
+    # Far apart or side by side: the same.
+    x, y = rng.uniform(0, view.size[0], 300), -rng.uniform(0, view.size[1], 300)
+    singly = [float(view.heights(a, b)) for a, b in zip(x, y, strict=True)]
+    assert np.array_equal(view.heights(x, y), np.array(singly, np.float32))
+
+
+def test_beyond_the_ends_is_low_ground(terrain, odd):
+    view = ViewedWorld(odd, terrain.context)
+    height = odd.data["height", 0]
+    far = view.heights([-5000.0, view.size[0] + 10.0], [-100.0, -100.0])
+    assert (far <= np.percentile(odd.data["height", len(odd.levels) - 1], 5) + 1e-3).all()
+    assert view.heights(0.0, 0.0) == height[0, 0], "the border itself is ground"
+
+
+def test_normals_and_materials_that_are_not_stored(terrain):
+    bare = Grown(terrain, (0.0, 0.0, 1024.0, 1024.0), CELL, layers=("height",))
+    view = ViewedWorld(bare, terrain.context)
+    key = (3, 3, -4)
+    tiles, _ = written(view, [key], roots=[key])
+    tile = tiles[key][:-1, :-1]
+    exact = bare.data["exact normal", 0][:, 96 : 96 + QUADS, 96 : 96 + QUADS]
+    assert np.abs(tile["slope"] / 32767 - exact[:2].transpose(1, 2, 0)).max() < 1e-4
+    assert (tile["weights"][..., MATERIALS.index(BARE)] == 255).all()
+    assert tile["weights"].sum() == 255 * tile.size
+    assert len(view.lacks) == 3
+
+
+def test_tiles_without_ground_are_neither_read_nor_written(terrain, odd):
+    view = ViewedWorld(odd, terrain.context)
+    before = odd.reads
+    keys = [(4, 3, 0), (4, -1, -1), (4, 15, -1)]
+    _, facts = written(view, keys, roots=keys)
+    assert odd.reads == before
+    assert all(fact["error"] == 0 for fact in facts.values())
+
+
+def test_a_broken_chunk_is_an_error_that_names_it(terrain, odd):
+    odd.broken.add(("height", 0, 0, 1))
+    try:
+        view = ViewedWorld(odd, terrain.context)
+        with pytest.raises(InputError, match="0/height/0/1"):
+            view.heights(CELL * (CHUNK + 3), -CELL)
+        with pytest.raises(InputError, match="0/height/0/1"):
+            written(view, [(4, 8, -1)], roots=[(4, 8, -1)])
+    finally:
+        odd.broken.clear()
+
+
+def test_where_a_chunk_is_broken_the_coarser_level_stands_in(terrain, odd):
+    keys = [(4, column, -1) for column in range(6, 9)]
+    sound, _ = written(ViewedWorld(odd, terrain.context), keys, roots=keys)
+    told = []
+    odd.broken |= {(layer, 0, 0, 1) for layer in odd.layers}
+    try:
+        view = ViewedWorld(odd, terrain.context, told=told.append)
+        tiles, _ = written(view, keys, roots=keys)
+    finally:
+        odd.broken.clear()
+    assert sorted(told) == [f"0/{layer}/0/1: broken" for layer in sorted(odd.layers)]
+    assert np.array_equal(tiles[4, 6, -1]["height"], sound[4, 6, -1]["height"])
+    # Without a gap, even where the chunk begins, in the first column of the last tile.
+    assert np.array_equal(tiles[4, 7, -1][:, -1], tiles[4, 8, -1][:, 0])
+    height, coarse = tiles[4, 8, -1]["height"], odd.data["height", 1]
+    assert np.array_equal(height[::2, ::2], coarse[: QUADS // 2 + 1, CHUNK // 2 :][:, : QUADS // 2 + 1])
+    assert not np.array_equal(height, sound[4, 8, -1]["height"])
+    apart = np.abs(height[:, : 301 - CHUNK] - sound[4, 8, -1]["height"][:, : 301 - CHUNK])
+    assert apart.max() < 20.0
+
+
+def test_plants_and_water_come_from_the_sketch_and_end_with_the_world(terrain, odd):
+    view = ViewedWorld(odd, terrain.context, terrain)
+    west, south, east, north = view.bounds
+    plants = view.foliage(west - 50, south - 50, west + 150, south + 100)
+    live = terrain.foliage(100.0, 200.0, 250.0, 300.0)
+    assert len(plants) == pytest.approx(len(live), abs=2)
+    assert len(plants) > 10
+    assert np.array_equal(np.sort(plants["x"] + view.corner[0])[:5], np.sort(live["x"])[:5])
+    assert np.array_equal(plants["z"], view.heights(plants["x"], plants["y"]))
+    assert (plants["x"].min(), plants["y"].min()) >= (west, south)
+    assert np.array_equal(_last(view.foliage_steps(west - 50, south - 50, west + 150, south + 100)), plants)
+    assert view.features.lakes
+    assert view.features.rivers
+    for lake in view.features.lakes:
+        _, columns = np.nonzero(lake.shape.inside > 0)
+        x = lake.shape.west + columns * lake.shape.spacing
+        assert west <= x.min() < x.max() <= east
+    for river in view.features.rivers:
+        line = river.centreline
+        assert west <= line[:, 0].min() <= line[:, 0].max() <= east
+        assert south <= line[:, 1].min() <= line[:, 1].max() <= north
+
+
+def test_a_large_grid_without_coarser_ones_is_refused(terrain, odd):
+    class Flat(Grown):
+        def __init__(self):
+            self.levels, self.layers = (Level(0, 1.0, 4000, 3000),), ("height",)
+            self.material_names = ()
+
+    with pytest.raises(InputError, match="got none below 4000×3000"):
+        ViewedLevels(Flat())
+
+
+def test_foreign_materials_are_refused(terrain, odd):
+    class Foreign:
+        levels, layers, material_names = odd.levels, odd.layers, ("grass", "lava")
+
+    with pytest.raises(InputError, match="lava"):
+        ViewedLevels(Foreign())
+
+
+def test_vertices_are_32_bytes_as_the_shader_reads_them():
+    assert VERTEX.itemsize == 32

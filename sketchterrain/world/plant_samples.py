@@ -1,7 +1,8 @@
-"""How many plants a world has, and how many bytes they become: counted on some squares at hashed places."""
+"""How many plants a world has, and how many bytes they become: by where woods can be, and samples."""
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from dataclasses import replace
@@ -13,15 +14,19 @@ import numpy as np
 from sketchterrain.world.forms import plants_of
 from sketchterrain.world.grid import World
 from sketchterrain.world.made import Task
+from sketchterrain.world.samples import evenly
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sketchterrain.terrain import Terrain
     from sketchterrain.world.job import Job
 
 __all__ = ["SampledPlants", "sample_plants"]
 
 _SQUARES: Final = 16
-_SIDE, _GRASSY_SIDE = 512.0, 96.0  # m: grass stands a thousand times as close
+_SEEN, _PARTS = 64e6, 16  # m² that are looked over for woods, and in how many parts
+_SIDE, _GRASSY_SIDE = 384.0, 64.0  # m: grass stands a thousand times as close
 
 
 class SampledPlants(NamedTuple):
@@ -43,19 +48,58 @@ def sample_plants(job: Job, terrain: Terrain) -> SampledPlants:
         If the system cannot write temporary files.
     """
     world = job.world
-    side = _GRASSY_SIDE if job.grass else _SIDE
-    across, down = min(side, world.east - world.west), min(side, world.north - world.south)
-    chance = np.random.default_rng(job.sketch.seed)
-    count, weight, start = 0, 0, time.perf_counter()
-    for _ in range(_SQUARES):
-        west = float(chance.uniform(world.west, max(world.east - across, world.west)))
-        south = float(chance.uniform(world.south, max(world.north - down, world.south)))
-        for storey in ("woody", "grass") if job.grass else ("woody",):
-            count += len(terrain.foliage(west, south, west + across, south + down, storey=storey))
-        weight += _weight(job, terrain, World(west, south, west + across, south + down, min(across, down)))
-    times = (world.east - world.west) * (world.north - world.south) / (_SQUARES * across * down)
+    storeys = ("woody", "grass") if job.grass else ("woody",)
+    counts, weights, most = [], [], 0
+    squares = _spread(world, _SQUARES, _GRASSY_SIDE if job.grass else _SIDE)
+    start = time.perf_counter()
+    for square in squares:
+        area = (square.west, square.south, square.east, square.north)
+        counts.append(sum(len(terrain.foliage(*area, storey=storey)) for storey in storeys))
+        most += sum(terrain.foliage_estimate(*area, storey=storey)[0] for storey in storeys)
+        weights.append(_weight(job, terrain, square))
     # Each square is made twice: counted, and written.
-    return SampledPlants(count * times, weight * times, 0.5 * (time.perf_counter() - start) * times)
+    seconds = 0.5 * (time.perf_counter() - start) * _area(world) / sum(map(_area, squares))
+    plants = _most(world, terrain, storeys) * sum(counts) / max(most, 1)
+    each, empty = _line(counts, weights)
+    return SampledPlants(plants, plants * each + math.prod(world.levels[0].shards) * empty, seconds)
+
+
+def _most(world: World, terrain: Terrain, storeys: Sequence[str]) -> float:
+    """Return how many plants there can be by where woods are: they stand in few places, and close."""
+    places = [world] if _area(world) <= _SEEN else _spread(world, _PARTS, math.sqrt(_SEEN / _PARTS))
+    found = sum(
+        terrain.foliage_estimate(place.west, place.south, place.east, place.north, storey=storey)[0]
+        for place in places
+        for storey in storeys
+    )
+    return found * _area(world) / sum(map(_area, places))
+
+
+def _spread(world: World, count: int, side: float) -> list[World]:
+    """Return rectangles of a world, no wider than a side and spread evenly over it."""
+    across, down = min(side, world.east - world.west), min(side, world.north - world.south)
+    found = []
+    for number in range(count):
+        right, up = evenly(number)
+        west = world.west + right * (world.east - world.west - across)
+        south = world.south + up * (world.north - world.south - down)
+        found.append(World(west, south, west + across, south + down, min(across, down)))
+    return found
+
+
+def _area(world: World) -> float:
+    """Return square metres."""
+    return (world.east - world.west) * (world.north - world.south)
+
+
+def _line(counts: Sequence[int], weights: Sequence[int]) -> tuple[float, float]:
+    """Return the bytes of a plant, and those of a file without any, that fit files best."""
+    mean, weight = np.mean(counts), np.mean(weights)
+    apart = np.asarray(counts) - mean
+    spread = float(apart @ apart)
+    each = float(apart @ (np.asarray(weights) - weight)) / spread if spread > 0 else 0.0
+    each = min(max(each, 0.0), float(weight / max(mean, 1.0)))
+    return each, float(weight - each * mean)
 
 
 def _weight(job: Job, terrain: Terrain, square: World) -> int:

@@ -1,4 +1,4 @@
-"""Patches of a world at hashed places: how long they take, and how many bytes they become."""
+"""Patches of a world, spread evenly over it: how long they take, and how many bytes they become."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ if TYPE_CHECKING:
     from sketchterrain.world.job import Job
     from sketchterrain.world.making import Maker
 
-__all__ = ["Sampled", "sample"]
+__all__ = ["Sampled", "evenly", "sample"]
 
 _T = TypeVar("_T", bound=np.generic)
 
 _FEWEST, _MOST = 6, 64  # patches
 _SHARE: Final = 1 / 16  # of the world's vertices, that a sample takes at most, were it not for the fewest
 _ACROSS: Final = SHARD // CHUNK  # patches side by side in a shard
+_PLASTIC: Final = 1.3247179572447460  # x³ = x + 1
 _COARSE: Final = 3  # this level and all coarser ones are weighed together: 1.6 % of all vertices
 _ENDING: Final = {"zarr": ".zarr", "tif": ".tif", "tiles": ""}
 
@@ -61,8 +62,8 @@ class Sampled(NamedTuple):
 def sample(job: Job, maker: Maker, *, progress: Callable[[float], None] | None = None) -> Sampled:
     """Evaluate some patches of a job's levels, have the job's own form write them elsewhere, and weigh them.
 
-    Places follow from the sketch's seed: the same patches each time. Each group of levels has as many patches
-    as its share of the vertices.
+    They are the same patches each time. Each group of levels has as many of them as its share of the
+    vertices.
 
     Parameters
     ----------
@@ -82,15 +83,14 @@ def sample(job: Job, maker: Maker, *, progress: Callable[[float], None] | None =
     levels = job.world.levels
     groups = [(level,) for level in levels[:_COARSE]] + ([levels[_COARSE:]] if len(levels) > _COARSE else [])
     wanted = min(max(round(_SHARE * job.world.vertices / CHUNK**2), _FEWEST), _MOST)
-    chance = np.random.default_rng(job.sketch.seed)
-    _patch(maker, levels[-1], chance)  # the first launch builds programs
+    _patch(maker, levels[-1], 0)  # the first launch builds programs
     bytes_of, fixed, patches, seen = dict.fromkeys(job.layers, 0.0), 0, 0, 0
     evaluating, writing = [], []
-    for number, group in enumerate(groups):
+    for place, group in enumerate(groups, start=1):
         vertices = sum(level.columns * level.rows for level in group)
         count = max(round(wanted * vertices / job.world.vertices), 1)
         start = time.perf_counter()
-        grounds = [_patch(maker, group[0], chance) for _ in range(count)]
+        grounds = [_patch(maker, group[0], number) for number in range(count)]
         half = time.perf_counter()
         weights, fixed = _weighed(job, grounds)
         sampled = sum(ground.height.size for ground in grounds)
@@ -100,14 +100,23 @@ def sample(job: Job, maker: Maker, *, progress: Callable[[float], None] | None =
             bytes_of[layer] += weight / sampled * vertices
         patches, seen = patches + count, seen + sampled
         if progress is not None:
-            progress((number + 1) / len(groups))
+            progress(place / len(groups))
     return Sampled(patches, seen, _mean(evaluating), _mean(writing), bytes_of, fixed)
 
 
-def _patch(maker: Maker, level: Level, chance: np.random.Generator) -> Ground:
+def evenly(number: int) -> tuple[float, float]:
+    """Return a place in the unit square; however many there are, the first ones cover it evenly.
+
+    An additive recurrence by powers of the plastic number: Roberts (2018), "The unreasonable effectiveness of
+    quasirandom sequences".
+    """
+    return (0.5 + number / _PLASTIC) % 1.0, (0.5 + number / _PLASTIC**2) % 1.0
+
+
+def _patch(maker: Maker, level: Level, number: int) -> Ground:
     rows, columns = min(CHUNK, level.rows), min(CHUNK, level.columns)
-    top = int(chance.integers(level.rows - rows + 1))
-    left = int(chance.integers(level.columns - columns + 1))
+    across, down = evenly(number)
+    top, left = int(down * (level.rows - rows + 1)), int(across * (level.columns - columns + 1))
     shard = Shard(level.number, 0, 0)
     return maker.window(shard, top=top, left=left, rows=rows, columns=columns)
 

@@ -1,0 +1,139 @@
+"""Tasks done in one process: what is written meanwhile, and what becomes of a device that fails."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import sketchterrain.world.alone
+from sketchterrain.compute import list_devices
+from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
+from sketchterrain.terrain import self_test
+from sketchterrain.world.alone import AloneCrew, own_bits
+from sketchterrain.world.making import Maker
+from sketchterrain.world.run import run_world
+from sketchterrain.world.tasks import tasks_of
+
+if TYPE_CHECKING:
+    from sketchterrain.world.made import Task
+
+KNOWN = [device for device in list_devices() if device.known]
+two_devices = pytest.mark.skipif(len(KNOWN) < 2, reason="needs two CPU drivers")
+OTHER = type(self_test(KNOWN[0]))("other", "its bits are its own") if KNOWN else None
+
+
+def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> list[str]:
+    """Let the first device fail once it has begun so many tasks; return the names of platforms at work."""
+    begin, begun = Maker.begin, []
+
+    def failing_begin(maker: Maker, task: Task) -> Any:
+        device = maker.terrain.context.device
+        if device == KNOWN[0] and len(begun) >= after:
+            raise DeviceFailedError(f"{device.name} gave up")
+        begun.append(device.platform)
+        return begin(maker, task)
+
+    monkeypatch.setattr(Maker, "begin", failing_begin)
+    return begun
+
+
+@two_devices
+def test_another_device_goes_on_with_the_same_bytes(job, heard, whole_world, tree, monkeypatch) -> None:
+    begun = failing(monkeypatch, 5)
+    run_world(job, device=str(KNOWN[0].index), watcher=heard)
+    assert begun == [KNOWN[0].platform] * 5 + [KNOWN[1].platform] * 4
+    assert [f"gave up; {KNOWN[1].name} ({KNOWN[1].platform}) goes on" in note for note in heard.notes] == [
+        True
+    ]
+    assert tree(job.output) == tree(whole_world)
+
+
+@two_devices
+def test_with_bits_of_its_own_a_device_is_replaced_by_none(job, heard, monkeypatch) -> None:
+    monkeypatch.setattr(sketchterrain.world.alone, "own_bits", lambda device, *, fast: device.platform)
+    with monkeypatch.context() as amid:
+        failing(amid, 2)
+        with pytest.raises(
+            DeviceFailedError, match="gave up; another device has other bits, so none can go on"
+        ):
+            run_world(job, device=str(KNOWN[0].index), watcher=heard)
+    with pytest.raises(InputError, match="has other bits; a world is never made of both"):
+        run_world(job, device=str(KNOWN[1].index), resume=True, watcher=heard)
+    again = type(heard)()
+    run_world(job, device=str(KNOWN[0].index), resume=True, watcher=again)
+    assert again.counts[0][1] == len(heard.done) > 0
+
+
+@pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
+def test_bits_that_are_traded_for_speed_are_a_devices_own(job, heard) -> None:
+    assert own_bits(KNOWN[0], fast=False) == ""
+    assert own_bits(KNOWN[0], fast=True).endswith("with --fast")
+    with pytest.raises(InputError, match="--fast has bits of its own on each device"):
+        run_world(replace(job, fast=True), workers=2, watcher=heard)
+    assert not job.output.exists()
+
+
+@two_devices
+def test_no_device_that_is_left_passes_the_self_test(job, heard, monkeypatch) -> None:
+    failing(monkeypatch, 1)
+    own = sketchterrain.world.alone.own_bits
+    monkeypatch.setattr(
+        sketchterrain.world.alone,
+        "own_bits",
+        lambda device, *, fast: "its own" if device == KNOWN[1] else own(device, fast=fast),
+    )
+    with pytest.raises(DeviceFailedError, match="gave up; there is no other device to go on"):
+        run_world(job, device=str(KNOWN[0].index), watcher=heard)
+
+
+@pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
+def test_a_device_that_fails_the_self_test_is_told_and_kept(job, heard, monkeypatch) -> None:
+    monkeypatch.setattr(sketchterrain.world.alone, "self_test", lambda *_, **__: OTHER)
+    assert own_bits(KNOWN[0], fast=False).startswith(KNOWN[0].name)
+    crew = AloneCrew(job, device=str(KNOWN[0].index), note=heard.notes.append)
+    assert crew.own_bits
+    assert heard.notes == [
+        f"self-test of {KNOWN[0].name} ({KNOWN[0].platform}): other bits: its bits are its own"
+    ]
+
+
+def test_the_next_is_evaluated_while_one_is_written(job, heard, monkeypatch) -> None:
+    end, begin = Maker.end, Maker.begin
+    threads, under_way, most = set(), [], []
+
+    def ending(maker: Maker, begun: Any) -> Any:
+        threads.add(threading.current_thread())
+        made = end(maker, begun)
+        under_way.remove(begun.task)
+        return made
+
+    def beginning(maker: Maker, task: Task) -> Any:
+        under_way.append(task)
+        most.append(len(under_way))
+        return begin(maker, task)
+
+    monkeypatch.setattr(Maker, "end", ending)
+    monkeypatch.setattr(Maker, "begin", beginning)
+    run_world(job, watcher=heard)
+    assert len(threads) == 1
+    assert threading.main_thread() not in threads
+    assert max(most) <= 2
+
+
+def test_what_fails_to_be_written_ends_the_run(job, heard, monkeypatch) -> None:
+    def end(*_: object) -> None:
+        raise SketchterrainError("no room")
+
+    monkeypatch.setattr(Maker, "end", end)
+    with pytest.raises(SketchterrainError, match="no room"):
+        run_world(job, watcher=heard)
+    assert heard.done == []
+
+
+def test_every_task_is_told_of_once(job) -> None:
+    tasks = list(tasks_of(job))
+    assert len(set(tasks)) == len(tasks) == job.world.shard_count == 9
+    assert [task.level for task in tasks] == sorted((task.level for task in tasks), reverse=True)

@@ -1,0 +1,120 @@
+"""A shard's ground is the terrain's, at the places that the grid says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from hashlib import sha256
+
+import numpy as np
+import pytest
+
+from sketchterrain.compute import ComputeContext
+from sketchterrain.export.sampled import normal_bytes
+from sketchterrain.export.weights import quantised_weights
+from sketchterrain.world.fingerprint import fingerprint
+from sketchterrain.world.forms import store_of
+from sketchterrain.world.grid import SHARD, Shard, World
+from sketchterrain.world.made import Task
+from sketchterrain.world.making import Maker, rounded
+
+
+@pytest.fixture(scope="module")
+def maker(small_job, tmp_path_factory) -> Maker:
+    job = replace(small_job, output=tmp_path_factory.mktemp("making") / "world.zarr")
+    store_of(job).create()
+    return Maker(job, ComputeContext())
+
+
+def places(job, shard: Shard) -> tuple[np.ndarray, np.ndarray]:
+    level = job.world.levels[shard.level]
+    rows, columns = level.size_of(shard)
+    x = job.world.west + (shard.column * SHARD + np.arange(columns)) * level.cell
+    y = job.world.north - (shard.row * SHARD + np.arange(rows)) * level.cell
+    return np.meshgrid(x, y)
+
+
+@pytest.mark.parametrize("shard", [Shard(0, 0, 1), Shard(0, 0, 2), Shard(1, 0, 0), Shard(5, 0, 0)])
+def test_heights_are_the_terrains_at_the_levels_cell(shard: Shard, maker: Maker) -> None:
+    ground = maker.ground(shard)
+    x, y = places(maker.job, shard)
+    level = maker.job.world.levels[shard.level]
+    assert ground.height.shape == level.size_of(shard) == x.shape
+    np.testing.assert_array_equal(ground.height, maker.terrain.heights(x, y, cell_size=level.cell))
+    assert (ground.materials.sum(axis=0, dtype=int) == 255).all()
+    assert ground.normal.shape == (3, *x.shape)
+
+
+def test_normals_and_weights_are_those_of_exports(maker: Maker) -> None:
+    world, shard = maker.job.world, Shard(1, 0, 1)
+    ground, level = maker.ground(shard), maker.job.world.levels[1]
+    rows, columns = level.size_of(shard)
+    west, north = world.west + SHARD * level.cell, world.north
+    east, south = west + (columns - 1) * level.cell, north - (rows - 1) * level.cell
+    (band,) = maker.terrain.grid(west, south, east, north, columns=columns, rows=rows)
+    np.testing.assert_array_equal(ground.normal, normal_bytes(band.normal).transpose(2, 0, 1))
+    np.testing.assert_array_equal(ground.materials, quantised_weights(band.materials).transpose(2, 0, 1))
+
+
+def test_a_device_without_doubles_leaves_rounding_to_the_host(maker: Maker) -> None:
+    context = ComputeContext()
+    plain = Maker(maker.job, context)
+    plain._window = plain._window_here  # as where the device has none
+    for name in ("height", "normal", "materials"):
+        one, other = (getattr(each.ground(Shard(2, 0, 0)), name) for each in (plain, maker))
+        np.testing.assert_array_equal(one, other)
+
+
+def test_any_window_of_a_level_is_a_part_of_its_shards(maker: Maker) -> None:
+    shard = Shard(0, 0, 1)
+    whole = maker.ground(shard)
+    part = maker.window(shard, top=3, left=SHARD + 100, rows=20, columns=70)
+    np.testing.assert_array_equal(part.height, whole.height[3:23, 100:170])
+    np.testing.assert_array_equal(part.materials, whole.materials[:, 3:23, 100:170])
+
+
+def test_layers_that_are_not_asked_for_are_empty(maker: Maker) -> None:
+    bare = Maker(replace(maker.job, layers=("height",)), ComputeContext()).ground(Shard(4, 0, 0))
+    assert bare.normal.size == bare.materials.size == 0
+    np.testing.assert_array_equal(bare.height, maker.ground(Shard(4, 0, 0)).height)
+
+
+def test_a_task_tells_of_the_files_that_it_wrote(maker: Maker) -> None:
+    made = maker.make(Task("ground", 3, 0, 0))
+    assert [file.file.split("/")[1] for file in made.files] == ["height", "normal", "materials"]
+    for file in made.files:
+        content = (maker.job.output / file.file).read_bytes()
+        assert (file.bytes, file.sha256) == (len(content), sha256(content).hexdigest())
+    assert made.seconds == pytest.approx(sum(made.parts.values()))
+
+
+@pytest.mark.parametrize("step", [0.0, 0.25, 1 / 1024])
+def test_heights_are_rounded_to_multiples_of_a_step(step: float) -> None:
+    height = np.random.default_rng(2).normal(0, 300, 1000).astype(np.float32)
+    found = rounded(height, step)
+    assert found.dtype == np.float32
+    assert np.abs(found - height).max() <= step / 2
+    if step:
+        assert (np.mod(found.astype(np.float64), step) == 0).all()
+        assert not np.signbit(rounded(np.float32([-step / 4]), step)).any()
+
+
+def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> None:
+    others = {
+        "sketch": replace(small_job.sketch, seed=5),
+        "world": World(0.0, 0.0, 8.0, 8.0, 1.0),
+        "layers": ("height",),
+        "crs": "EPSG:25832",
+        "origin": (1.0, 0.0),
+        "step": 0.5,
+        "fast": True,
+    }
+    found = {fingerprint(replace(small_job, **{name: value})) for name, value in others.items()}
+    assert len(found | {fingerprint(small_job)}) == len(others) + 1
+    elsewhere = replace(small_job, output=small_job.output.with_name("elsewhere.zarr"))
+    assert fingerprint(elsewhere) == fingerprint(small_job)
+    painted = {name: image.copy() for name, image in small_job.sketch.layers.items()}
+    painted["forest"][0, 0] = 1
+    assert fingerprint(replace(small_job, sketch=replace(small_job.sketch, layers=painted))) not in found
+    before = fingerprint(small_job)
+    monkeypatch.setattr("sketchterrain.world.fingerprint.version", lambda _: "0.0")
+    assert fingerprint(small_job) != before

@@ -99,7 +99,8 @@ def write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) ->
         # The driver makes a folder unless the name ends so.
         named = temporary.with_suffix(".fgb")
         try:
-            with plain_path(named) as place:
+            with plain_path(named.parent) as folder:
+                place = folder / named.name
                 pyogrio.write_arrow(
                     pa.RecordBatchReader.from_batches(
                         schema, (batch.select(schema.names).cast(schema) for batch in stream)

@@ -230,6 +230,16 @@ def test_a_square_where_nothing_grows_has_a_file_without_rows(small_job, plants:
 
 
 @pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
+@pytest.mark.parametrize("name", ["wo!rld", "a world.zip", "größe 100%"])
+def test_a_folder_may_have_any_name(small_job, plants: str, name: str, tmp_path) -> None:
+    folder = tmp_path / name
+    folder.mkdir()
+    store = PlantStore(replace(small_job, plants=plants, output=folder / f"{name}.zarr"))
+    (file,) = store.write(Task("plants", 0, 0, 0), pieces_of(np.zeros(3, PLANT)))
+    assert [path.name for path in store.folder.rglob("*") if path.is_file()] == [file.split("/")[-1]]
+
+
+@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
 def test_a_device_that_fails_is_told_and_leaves_nothing(small_job, plants: str, tmp_path) -> None:
     store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
     failed = DeviceFailedError("it gave up")

@@ -262,6 +262,29 @@ def test_a_missing_or_broken_tile_is_named(small_job, tmp_path) -> None:
     assert open_world(store.folder).read("normal", 0, **whole).shape == (3, 700, 700)
 
 
+@pytest.mark.parametrize("form", ["tiles", "tif"])
+def test_a_world_may_have_any_name(small_job, form: str, tmp_path) -> None:
+    world, name = World(0.0, 0.0, 299.0, 99.0, 1.0), "wo!rld & <größe> 100%.zip"
+    (tmp_path / name).mkdir()
+    output = tmp_path / name / (name if form == "tiles" else f"{name}.tif")
+    job = replace(small_job, world=world, output=output, form=form, layers=("height",))
+    store = (TileStore if form == "tiles" else TiffStore)(job)
+    store.create()
+    for ground in grounds(world):
+        store.write(ground)
+    (*_, top) = store.join(progress=lambda _: None)
+    store.close("")
+    expected = height_at(*of_level(world.levels[0], world))
+    with rasterio.open(store.folder / top) as file:
+        np.testing.assert_array_equal(file.read(1), expected)
+        assert len(file.overviews(1)) == 1
+    with rasterio.open(store.folder / top, overview_level=0) as file:
+        coarse = height_at(*of_level(world.levels[1], world))
+        np.testing.assert_array_equal(file.read(1), coarse[: file.height, : file.width])
+    read = open_world(output).read("height", 0, top=0, left=0, rows=100, columns=300)
+    np.testing.assert_array_equal(read, expected)
+
+
 def test_what_is_no_world_is_refused_in_one_line(tmp_path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"empty: no world: it holds neither zarr.json nor height.vrt"):

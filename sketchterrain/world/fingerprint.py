@@ -18,8 +18,8 @@ __all__ = ["fingerprint"]
 
 _PACKERS: Final = {
     "zarr": ("numcodecs",),
-    "tiles": (),
-    "tif": (),
+    "tiles": ("rasterio",),  # its GDAL deflates
+    "tif": ("rasterio",),
     "none": (),
     "parquet": ("pyarrow",),
     "flatgeobuf": ("pyogrio",),

@@ -233,6 +233,30 @@ def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, heard
     assert tree(tmp_path) == written
 
 
+def test_a_run_that_ends_while_shards_are_joined_goes_on_there(small_job, tmp_path, heard, tree) -> None:
+    class _StoppedError(Exception):
+        pass
+
+    def stop(share: float) -> None:
+        if share > 0.5:  # the heights are whole, the normals are not
+            raise _StoppedError
+
+    job = replace(small_job, output=tmp_path / "a" / "world.tif", form="tif")
+    other = replace(job, output=tmp_path / "b" / "world.tif")
+    for each in (job, other):
+        each.output.parent.mkdir()
+    heard.joined, calm = stop, heard.joined
+    with pytest.raises(_StoppedError):
+        run_world(job, watcher=heard)
+    assert joined(job, "height").is_file()
+    assert not joined(job, "normal").exists()
+    heard.joined = calm
+    done = run_world(job, resume=True, watcher=heard)
+    assert done.made == 0
+    run_world(other, watcher=heard)
+    assert tree(tmp_path / "a") == tree(tmp_path / "b")
+
+
 def _overview(level: Level) -> dict[str, int]:
     return {"overview_level": level.number - 1} if level.number else {}
 

@@ -85,6 +85,9 @@ COMMANDS: Final[dict[str, Command]] = {
     "export": Command(
         "&Export terrain…", "Write heights, materials, plants and maps as files", "export", ("Ctrl+E",)
     ),
+    "write-world": Command(
+        "Write wor&ld…", "Write a world of any size, with coarser levels over it", "world"
+    ),
     "save-picture": Command(
         "Save pic&ture…", "Save what the 3-D view shows", "screenshot", ("Ctrl+Shift+P",)
     ),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 from PyQt6.QtCore import QObject, QProcess, QTimer, pyqtSignal
 
+from sketchterrain.ui.export_wish import WorldWish
 from sketchterrain.ui.models.reading import Reading
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["ExportJob"]
 
 _PATIENCE = 5000  # ms until a process that was asked to end is ended
+_WORLDS_PATIENCE = 60_000  # it ends what it has begun
 
 
 class ExportJob(QObject):
@@ -33,12 +35,16 @@ class ExportJob(QObject):
     """What is being done."""
     share_changed = pyqtSignal(float)
     """How much of the stage is done, 0 … 1."""
+    noted = pyqtSignal(str)
+    """Something that a person should know, one line."""
     finished = pyqtSignal(object)
     """All files are there: a dict, see `export_process`."""
     failed = pyqtSignal(str)
     """Why there are no files; empty if it was cancelled."""
 
-    def __init__(self, wish: Wish | TargetWish, sketch: Sketch, parent: QObject | None = None) -> None:
+    def __init__(
+        self, wish: Wish | TargetWish | WorldWish, sketch: Sketch, parent: QObject | None = None
+    ) -> None:
         super().__init__(parent)
         self._wish, self._sketch = wish, sketch
         self._reading = Reading(self)
@@ -54,7 +60,9 @@ class ExportJob(QObject):
         self._process.errorOccurred.connect(self._not_started)
         self._kill = QTimer(self)
         self._kill.setSingleShot(True)
-        self._kill.setInterval(_PATIENCE)
+        goes_on = isinstance(wish, WorldWish) and not wish.only_estimate
+        self._kill.setInterval(_WORLDS_PATIENCE if goes_on else _PATIENCE)
+        self._left = "what is written stays" if goes_on else "nothing was written"
         self._kill.timeout.connect(self._process.kill)
 
     @property
@@ -69,7 +77,7 @@ class ExportJob(QObject):
         self._reading.read(lambda: pickle.dumps((self._wish, self._sketch), protocol=5), self._send)
 
     def cancel(self) -> None:
-        """End it; no files come into the folder."""
+        """End it; no files come into the folder, but for a world's: that can be gone on with."""
         self._cancelled = True
         if self.is_running:
             self._process.terminate()
@@ -96,6 +104,8 @@ class ExportJob(QObject):
                 self.stage_changed.emit(told["stage"])
             elif "share" in told:
                 self.share_changed.emit(float(told["share"]))
+            elif "note" in told:
+                self.noted.emit(str(told["note"]))
             elif "failed" in told:
                 self._fail(str(told["failed"]))
             elif not self._over:
@@ -108,9 +118,9 @@ class ExportJob(QObject):
         if self._cancelled:
             self._fail("")
         elif status == QProcess.ExitStatus.CrashExit:
-            self._fail(f"The export ended unexpectedly (signal {code}); nothing was written.")
+            self._fail(f"The export ended unexpectedly (signal {code}); {self._left}.")
         else:
-            self._fail(f"The export ended unexpectedly (exit code {code}); nothing was written.")
+            self._fail(f"The export ended unexpectedly (exit code {code}); {self._left}.")
 
     def _not_started(self, error: QProcess.ProcessError) -> None:
         if error == QProcess.ProcessError.FailedToStart:

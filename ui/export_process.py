@@ -11,10 +11,11 @@ import pickle
 import signal
 import sys
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
 
 from sketchterrain.errors import one_line
-from sketchterrain.ui.export_wish import TargetWish, Wish
+from sketchterrain.ui.export_wish import TargetWish, Wish, WorldWish
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -46,13 +47,23 @@ def main() -> int:
     return 0
 
 
-def _export(wish: Wish | TargetWish, sketch: Sketch, told: TextIO) -> dict[str, Any]:
+def _export(wish: Wish | TargetWish | WorldWish, sketch: Sketch, told: TextIO) -> dict[str, Any]:
     from sketchterrain.progress import Stages
 
     with Stages(_shown_on(told)) as stages:
-        return (
-            _take(wish, sketch, stages) if isinstance(wish, TargetWish) else _generate(wish, sketch, stages)
-        )
+        if isinstance(wish, WorldWish):
+            return _world(wish, sketch, stages, told)
+        if isinstance(wish, TargetWish):
+            return _take(wish, sketch, stages)
+        return _generate(wish, sketch, stages)
+
+
+def _world(wish: WorldWish, sketch: Sketch, stages: Stages, told: TextIO) -> dict[str, Any]:
+    from sketchterrain.ui.world_work import estimate_world, write_world
+
+    if wish.only_estimate:
+        return estimate_world(wish, sketch, stages)
+    return write_world(wish, sketch, stages, partial(_tell, told))
 
 
 def _take(wish: TargetWish, sketch: Sketch, stages: Stages) -> dict[str, Any]:

@@ -9,8 +9,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.export.target import ExportOptions
+    from sketchterrain.world.asked import Wishes
 
-__all__ = ["TargetWish", "Wish"]
+__all__ = ["TargetWish", "Wish", "WorldWish"]
 
 
 @dataclass(frozen=True)
@@ -58,3 +59,26 @@ class TargetWish:
     target: str
     options: ExportOptions
     device: str | None = None
+
+
+@dataclass(frozen=True)
+class WorldWish:
+    """What world shall be written, or gone on with.
+
+    Attributes
+    ----------
+    output : Path
+        Its ending says the form.
+    wishes : Wishes
+    workers : int
+        Processes that share it; 0: one does it.
+    device : str or None
+    only_estimate : bool
+        Nothing is written: it is asked what it will take.
+    """
+
+    output: Path
+    wishes: Wishes
+    workers: int = 0
+    device: str | None = None
+    only_estimate: bool = False

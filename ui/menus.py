@@ -26,7 +26,7 @@ _MODES = ("mode-orbit", "mode-fly", "mode-walk")
 MENUS: Final[dict[str, tuple[str, ...]]] = {
     "&File": (
         *("new", "trace", "open", "open-folder", "open-world", ">Open &recent", "presets", _RULE),
-        *("save", "save-as", _RULE, "import", "export", "save-picture", _RULE, "quit"),
+        *("save", "save-as", _RULE, "import", "export", "write-world", "save-picture", _RULE, "quit"),
     ),
     "&Edit": (
         *("undo", "redo", _RULE, ">&Tool", "brush-smaller", "brush-larger", _RULE, "delete-chosen"),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.actions import Actions
     from sketchterrain.ui.banner import Banner
     from sketchterrain.ui.dialogs.export import ExportDialog
+    from sketchterrain.ui.dialogs.world import WorldDialog
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.files import Files
     from sketchterrain.ui.models.document import Document
@@ -51,6 +52,8 @@ class OpenDialogs(QObject):
     ----------
     exporting : ExportDialog or None
         The one that stands open beside the window.
+    writing_world : WorldDialog or None
+        The one that does.
     worlds : list of WorldWindow
         Those that are open.
     """
@@ -76,6 +79,7 @@ class OpenDialogs(QObject):
         self._banner = banner
         self._writing = Background(self)
         self.exporting: ExportDialog | None = None
+        self.writing_world: WorldDialog | None = None
         self.worlds: list[WorldWindow] = []
         actions.bind(
             {
@@ -84,6 +88,7 @@ class OpenDialogs(QObject):
                 "open-world": self.open_world,
                 "trace": self.trace,
                 "export": self.export,
+                "write-world": self.write_world,
                 "save-picture": self.save_picture,
                 "preferences": self.preferences,
                 "first-steps": self.first_steps,
@@ -152,24 +157,36 @@ class OpenDialogs(QObject):
         """Export the terrain."""
         from sketchterrain.ui.dialogs.export import ExportDialog
 
-        if self.exporting is not None:
-            self.exporting.raise_()
-            self.exporting.activateWindow()
-            return
-        dialog = ExportDialog(self._document.sketch, self._preferences, parent=self._window)
-        self.exporting = dialog
-        dialog.finished.connect(self._end_export)
-        dialog.show()  # beside the window: one goes on painting
+        if self.exporting is None:
+            self.exporting = ExportDialog(self._document.sketch, self._preferences, parent=self._window)
+            self.exporting.finished.connect(self._end_export)
+        _show(self.exporting)
+
+    def write_world(self) -> None:
+        """Write a world of any size."""
+        from sketchterrain.ui.dialogs.world import WorldDialog
+
+        if self.writing_world is None:
+            self.writing_world = WorldDialog(self._document.sketch, self._preferences, parent=self._window)
+            self.writing_world.viewed.connect(self.show_world)
+            self.writing_world.finished.connect(self._end_writing_world)
+        _show(self.writing_world)
 
     def end(self) -> None:
         """Close what stands open beside the window; an export is cancelled."""
-        if self.exporting is not None:
-            self.exporting.close()
+        for dialog in (self.exporting, self.writing_world):
+            if dialog is not None:
+                dialog.close()
         for world in tuple(self.worlds):
             world.close()
 
     def _end_export(self) -> None:
         dialog, self.exporting = self.exporting, None
+        if dialog is not None:
+            dialog.deleteLater()
+
+    def _end_writing_world(self) -> None:
+        dialog, self.writing_world = self.writing_world, None
         if dialog is not None:
             dialog.deleteLater()
 
@@ -239,6 +256,13 @@ class OpenDialogs(QObject):
         folder = QUrl.fromLocalFile(str(Path(path).parent))
         button = ("Open folder", partial(QDesktopServices.openUrl, folder))
         self._banner.tell(Message("good", f"The picture is saved: {path}", "picture", (button,)))
+
+
+def _show(dialog: QDialog) -> None:
+    """Show a dialog beside the window: one goes on painting."""
+    dialog.show()
+    dialog.raise_()
+    dialog.activateWindow()
 
 
 def _write(picture: QImage, path: Path) -> None:

@@ -12,8 +12,6 @@ from PyQt6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFileDialog,
-    QHBoxLayout,
-    QLabel,
     QLineEdit,
     QPushButton,
     QStackedWidget,
@@ -25,9 +23,9 @@ from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.ui.dialogs.export_outcome import STAGES, TARGET_STAGES, ExportOutcome
 from sketchterrain.ui.dialogs.export_target import TargetWishes
 from sketchterrain.ui.dialogs.export_wishes import ExportWishes
-from sketchterrain.ui.dialogs.sheet import column, note
+from sketchterrain.ui.dialogs.sheet import column, note, titled
 from sketchterrain.ui.export_job import ExportJob
-from sketchterrain.ui.look.theme import MARGIN, SPACING
+from sketchterrain.ui.look.theme import MARGIN
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import QCloseEvent
@@ -120,13 +118,13 @@ class ExportDialog(QDialog):
         rows = QVBoxLayout(page)
         rows.setContentsMargins(0, 0, 0, 0)
         rows.setSpacing(MARGIN)
-        rows.addLayout(_titled("E&xport for", self.targets, "Program or format"))
+        rows.addLayout(titled("E&xport for", self.targets, "Program or format"))
         rows.addWidget(self.wishes)
         rows.addWidget(self.target_wishes)
         browse = QPushButton("Browse…")
         browse.setAutoDefault(False)
         browse.clicked.connect(self._browse)
-        rows.addLayout(_titled("&Folder", self.folder, "Folder for the files", browse))
+        rows.addLayout(titled("&Folder", self.folder, "Folder for the files", browse))
         self._refused = note()
         self._refused.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         rows.addWidget(self._refused)
@@ -212,17 +210,3 @@ class ExportDialog(QDialog):
 
     def _open_folder(self) -> None:
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.place)))
-
-
-def _titled(title: str, control: QWidget, name: str, *after: QWidget) -> QHBoxLayout:
-    """Return a row of a name and a control, and what follows it."""
-    label = QLabel(title)
-    label.setBuddy(control)
-    control.setAccessibleName(name)
-    row = QHBoxLayout()
-    row.setSpacing(SPACING)
-    row.addWidget(label)
-    row.addWidget(control, 1)
-    for each in after:
-        row.addWidget(each)
-    return row

@@ -40,6 +40,7 @@ __all__ = [
     "name_line",
     "note",
     "pixel_box",
+    "titled",
 ]
 
 _SIDES = (32, 16384)  # px
@@ -110,6 +111,20 @@ def beside(*parts: QWidget | str) -> QWidget:
     for part in parts:
         across.addWidget(QLabel(part) if isinstance(part, str) else part)
     across.addStretch(1)
+    return row
+
+
+def titled(title: str, control: QWidget, name: str, *after: QWidget) -> QHBoxLayout:
+    """Return a row of a title, with an `&` before its key, and a control with its name, and what follows."""
+    label = QLabel(title)
+    label.setBuddy(control)
+    control.setAccessibleName(name)
+    row = QHBoxLayout()
+    row.setSpacing(SPACING)
+    row.addWidget(label)
+    row.addWidget(control, 1)
+    for each in after:
+        row.addWidget(each)
     return row
 
 

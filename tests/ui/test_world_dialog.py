@@ -1,0 +1,196 @@
+"""Writing a world from the desktop program: what is asked, what it will take, what is written and mended."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from dataclasses import fields, replace
+
+import pytest
+from PyQt6.QtGui import QKeySequence
+from PyQt6.QtWidgets import QAbstractButton, QLabel
+
+from sketchterrain.ui.dialogs.world import WorldDialog
+from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.world.asked import Wishes
+from sketchterrain.world.opening import open_world
+
+
+@pytest.fixture
+def opened(qtbot, tmp_path, small):
+    """Open the dialog, each time with what was remembered before."""
+    path = tmp_path / "desktop.ini"
+    kept = []  # qtbot does not hold them
+
+    def open_() -> WorldDialog:
+        preferences = Preferences(path)
+        dialog = WorldDialog(small, preferences)
+        dialog.preferences = preferences  # they have no other owner
+        dialog.output.setText(str(tmp_path / "world.zarr"))
+        qtbot.addWidget(dialog)
+        kept.append(dialog)
+        dialog.show()
+        return dialog
+
+    return open_
+
+
+def choose(box, data) -> None:
+    assert box.findData(data) >= 0, data
+    box.setCurrentIndex(box.findData(data))
+
+
+def begun(qtbot, dialog):
+    """Press the button, and wait for what comes of it."""
+    dialog.go.click()
+    with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
+        pass
+    qtbot.waitUntil(lambda: not dialog.job.is_running)
+    return done.args[0]
+
+
+def test_what_is_asked_for_first_is_what_the_command_line_takes(opened) -> None:
+    dialog = opened()
+    assert dialog.wishes.wishes() == Wishes()
+    assert dialog.go.isEnabled()
+    assert dialog.go.text() == "Estimate"
+
+
+def test_every_wish_can_be_asked_for(opened) -> None:
+    wishes = opened().wishes
+    choose(wishes.whole, "other")
+    wishes.west.setValue(-100.0)
+    wishes.east.setValue(900.5)
+    wishes.cell.setValue(2.5)
+    wishes.normals.setChecked(False)
+    choose(wishes.plants, "flatgeobuf")
+    wishes.grass.setChecked(True)
+    wishes.crs.setText("EPSG:25832")
+    wishes.easting.setValue(400_000.0)
+    choose(wishes.steps, 2.0**-7)
+    wishes.workers.setValue(2)
+    assert wishes.problem == ""
+    asked = Wishes(
+        bounds=(-100.0, 0.0, 900.5, 384.0),
+        cell=2.5,
+        layers=("height", "materials"),
+        plants="flatgeobuf",
+        grass=True,
+        crs="EPSG:25832",
+        origin=(400_000.0, 0.0),
+        step=2.0**-7,
+        workers=True,
+    )
+    assert wishes.wishes() == asked
+    unasked = {each.name for each in fields(Wishes) if getattr(asked, each.name) == each.default}
+    assert unasked == {"fast"}  # no picture of the window's own may have other bits
+
+
+def test_what_it_is_and_what_cannot_be_is_told_at_once(opened) -> None:
+    dialog = opened()
+    assert dialog.wishes._told.text() == "513 × 385 vertices, 0.2596 million on all 3 levels."
+    dialog.wishes.crs.setText("EPSG:4326")
+    assert "EPSG:4326" in dialog.told.text()
+    assert not dialog.go.isEnabled()
+    dialog.wishes.crs.clear()
+    choose(dialog.wishes.whole, "other")
+    dialog.wishes.east.setValue(-1.0)
+    assert "west < east" in dialog.told.text()
+    assert not dialog.go.isEnabled()
+    choose(dialog.wishes.whole, "sketch")
+    assert dialog.go.isEnabled()
+    dialog.output.setText("")
+    assert dialog.told.text() == "Choose a file or a folder."
+    dialog.output.setText("world.png")
+    assert "ends in .zarr or .tif" in dialog.told.text()
+    assert not dialog.go.isEnabled()
+
+
+def test_the_name_ends_as_the_form_wants_it(opened, tmp_path) -> None:
+    dialog = opened()
+    for form, name in (("tif", "world.tif"), ("tiles", "world"), ("zarr", "world.zarr")):
+        choose(dialog.wishes.forms, form)
+        assert dialog.output.text() == str(tmp_path / name)
+        assert dialog.go.isEnabled()
+    dialog.output.setText(str(tmp_path / "other.tif"))
+    assert "expected another name, or another form" in dialog.told.text()
+    assert not dialog.go.isEnabled()
+    dialog.output.setText(str(tmp_path / "v1.5"))
+    choose(dialog.wishes.forms, "tif")
+    assert dialog.output.text() == str(tmp_path / "v1.5.tif")
+
+
+def test_each_letter_leads_to_one_control(opened) -> None:
+    dialog = opened()
+    texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton))]
+    letters = [letter for text in texts if (letter := QKeySequence.mnemonic(text).toString())]
+    assert sorted(letters) == sorted(set(letters))
+
+
+def test_what_was_asked_for_is_there_again(opened) -> None:
+    dialog = opened()
+    choose(dialog.wishes.forms, "tiles")
+    dialog.wishes.cell.setValue(8.0)
+    dialog.wishes.materials.setChecked(False)
+    dialog.preferences.keep_exported("world", dialog.wishes.kept())
+    dialog.preferences.keep()
+    again = opened()
+    assert again.wishes.wishes() == replace(Wishes(), cell=8.0, layers=("height", "normal"))
+    assert again.wishes.form == "tiles"
+
+
+@pytest.mark.slow
+def test_a_world_is_estimated_written_and_mended(qtbot, opened, small, tmp_path) -> None:
+    dialog = opened()
+    dialog.wishes.cell.setValue(2.0)
+    told = begun(qtbot, dialog)
+    assert not (tmp_path / "world.zarr").exists()
+    assert (told["done"], told["problem"]) == (0, "")
+    assert dialog.go.text() == "Start"
+    assert "Memory: about" in dialog.told.text()
+    done = begun(qtbot, dialog)
+    assert done["made"] == done["tasks"]
+    stored = open_world(tmp_path / "world.zarr")
+    assert stored.levels[0].columns == 257
+    assert "into" in dialog.doing.text()
+    with qtbot.waitSignal(dialog.viewed) as viewed:
+        dialog.view.click()
+    assert viewed.args == [tmp_path / "world.zarr"]
+    shutil.rmtree(tmp_path / "world.zarr" / "0" / "height")
+    again = opened()
+    again.wishes.cell.setValue(2.0)
+    begun(qtbot, again)
+    assert again.go.text() in ("Go on", "Verify")
+    again.wishes.grass.setChecked(True)  # of another world nothing is known
+    assert again.go.text() == "Estimate"
+    assert "Memory" not in again.told.text()
+    again.wishes.grass.setChecked(False)
+    again._is_estimated = True  # it was
+    mended = begun(qtbot, again)
+    assert 0 < mended["made"] < mended["tasks"]
+    assert "is made again" in again.noted.text()
+
+
+@pytest.mark.slow
+def test_something_else_at_the_output_is_left_alone(qtbot, opened, tmp_path) -> None:
+    (tmp_path / "world.zarr").mkdir()
+    (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
+    dialog = opened()
+    dialog.go.click()
+    with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as told:
+        pass
+    assert "there is something else" in told.args[0]
+    assert dialog.told.text() == told.args[0]
+    assert dialog.go.text() == "Estimate"
+    qtbot.waitUntil(lambda: not dialog.job.is_running)
+    assert [each.name for each in (tmp_path / "world.zarr").iterdir()] == ["mine.txt"]
+
+
+def test_the_dialog_loads_no_driver() -> None:
+    code = (
+        "import sys; from sketchterrain.ui.dialogs import world; "
+        "print(*sorted({'pyopencl', 'moderngl', 'zarr', 'distributed'} & set(sys.modules)))"
+    )
+    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == ""

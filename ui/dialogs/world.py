@@ -1,0 +1,281 @@
+"""The dialog for a world: what of it, what it will take, how far it is, and what came of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from PyQt6.QtCore import Qt, QTimer, QUrl, pyqtSignal
+from PyQt6.QtGui import QDesktopServices, QPalette
+from PyQt6.QtWidgets import (
+    QDialog,
+    QDialogButtonBox,
+    QFileDialog,
+    QLabel,
+    QLineEdit,
+    QProgressBar,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from sketchterrain.batch.remaining import duration
+from sketchterrain.disk import amount
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.ui.dialogs.sheet import column, heading, note, titled
+from sketchterrain.ui.dialogs.world_wishes import ENDINGS, WorldWishes
+from sketchterrain.ui.export_job import ExportJob
+from sketchterrain.ui.look.theme import MARGIN
+from sketchterrain.world.asked import form_of
+
+if TYPE_CHECKING:
+    from PyQt6.QtGui import QCloseEvent
+
+    from sketchterrain.sketch import Sketch
+    from sketchterrain.ui.models.preferences import Preferences
+
+__all__ = ["WorldDialog"]
+
+_KEPT: Final = "world"
+"""What preferences call what was asked for."""
+_UNITS: Final = 1000
+_NOTES: Final = 4
+
+
+class WorldDialog(QDialog):
+    """Writes the world of a sketch as it is now: what it will take is asked for first, then it begins.
+
+    Parameters
+    ----------
+    sketch
+    preferences
+        Say the device, and what was asked for the last time; remember it.
+    """
+
+    viewed = pyqtSignal(object)
+    """The written world at a path shall be shown."""
+
+    def __init__(self, sketch: Sketch, preferences: Preferences, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._sketch = sketch
+        self._preferences = preferences
+        self.job: ExportJob | None = None
+        self._is_estimated = False
+        self._notes: list[str] = []
+        rows = column(self, "Write world")
+        self.wishes = WorldWishes(sketch, preferences.exported(_KEPT))
+        folder = preferences.export_folder
+        usual = (preferences.last_folder if folder is None else folder.parent) / "world"
+        self.output = QLineEdit(f"{usual}{ENDINGS[self.wishes.form]}")
+        self.asking, self.working = self._ask_page(), self._work_page()
+        for page in (self.asking, self.working):
+            rows.addWidget(page, 1)
+        self._buttons = QDialogButtonBox()
+        roles = QDialogButtonBox.ButtonRole
+        self.go = self._button("Estimate", roles.AcceptRole, self._begin)
+        self.view = self._button("View", roles.ActionRole, self._view)
+        self.show_folder = self._button("Open folder", roles.ActionRole, self._open_folder)
+        self.close_ = self._button("Cancel", roles.RejectRole, self.reject)
+        self.view.hide()
+        self.show_folder.hide()
+        rows.addWidget(self._buttons)
+        self.wishes.changed.connect(self._check)
+        self.wishes.forms.currentIndexChanged.connect(self._end_as_form)
+        self.output.textChanged.connect(self._check)
+        self.setMinimumWidth(620)
+        self._check()
+
+    @property
+    def place(self) -> Path:
+        """The output that is chosen."""
+        return Path(self.output.text().strip()).expanduser()
+
+    def reject(self) -> None:
+        """Cancel what runs; else close."""
+        if self.job is not None and self.job.is_running:
+            self.close_.setEnabled(False)
+            self.doing.setText("Ends once what is begun is written …")
+            self.job.cancel()
+            return
+        super().reject()
+
+    def closeEvent(self, event: QCloseEvent | None) -> None:
+        """Cancel what runs."""
+        if self.job is not None and self.job.is_running:
+            self.job.cancel()
+            self.job.wait()
+        super().closeEvent(event)
+
+    def _ask_page(self) -> QWidget:
+        page = QWidget()
+        rows = QVBoxLayout(page)
+        rows.setContentsMargins(0, 0, 0, 0)
+        rows.setSpacing(MARGIN)
+        rows.addWidget(self.wishes)
+        browse = QPushButton("Browse…")
+        browse.setAutoDefault(False)
+        browse.clicked.connect(self._browse)
+        rows.addLayout(titled("O&utput", self.output, "File or folder of the world", browse))
+        self.told = note()
+        self.told.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        rows.addWidget(self.told)
+        rows.addStretch(1)
+        return page
+
+    def _work_page(self) -> QWidget:
+        page = QWidget()
+        rows = QVBoxLayout(page)
+        rows.setContentsMargins(0, 0, 0, 0)
+        rows.setSpacing(MARGIN)
+        self._head, self.doing, self.noted = heading("Writing the world"), QLabel("Starting"), note()
+        self.doing.setWordWrap(True)
+        self.noted.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.bar = QProgressBar()
+        self.bar.setRange(0, _UNITS)
+        self.bar.setTextVisible(False)
+        self.bar.setAccessibleName("How far the world is")
+        for widget in (self._head, self.doing, self.bar, self.noted):
+            rows.addWidget(widget)
+        rows.addStretch(1)
+        return page
+
+    def _button(self, title: str, role: QDialogButtonBox.ButtonRole, do: Any) -> QPushButton:
+        button = self._buttons.addButton(title, role)
+        if button is None:
+            raise RuntimeError("expected a button")
+        button.clicked.connect(do)
+        return button
+
+    def _end_as_form(self) -> None:
+        """Give the output's name the ending of the form that is chosen."""
+        text = self.output.text().strip().rstrip("/")
+        if text:
+            path = Path(text)
+            known = path.suffix.lower() in (".zarr", ".tif", ".tiff")
+            self.output.setText(f"{path.with_suffix('') if known else path}{ENDINGS[self.wishes.form]}")
+
+    def _check(self, *_: object) -> None:
+        """Say what cannot be; an estimate holds only for what it was made of."""
+        line = self.wishes.problem or self._problem_of_output()
+        self._is_estimated = False
+        self.go.setText("Estimate")
+        self.go.setEnabled(not line)
+        self.go.setDefault(True)
+        self._say(line, is_wrong=bool(line))
+        self._turn_to(self.asking)
+
+    def _problem_of_output(self) -> str:
+        text = self.output.text().strip()
+        if not text:
+            return "Choose a file or a folder."
+        try:
+            form = form_of(text)
+        except InputError as error:
+            return one_line(error)
+        if form != self.wishes.form:
+            ending = ENDINGS[self.wishes.form] or "no ending"
+            return f"This form's name has {ending}: expected another name, or another form."
+        return ""
+
+    def _say(self, text: str, *, is_wrong: bool = False) -> None:
+        role = QPalette.ColorRole.WindowText if is_wrong else QPalette.ColorRole.PlaceholderText
+        self.told.setForegroundRole(role)
+        self.told.setText(text)
+
+    def _turn_to(self, page: QWidget) -> None:
+        """Show a page, and be as high as it needs."""
+        for each in (self.asking, self.working):
+            each.setVisible(each is page)
+        QTimer.singleShot(0, lambda: self.resize(self.width(), self.sizeHint().height()))
+
+    def _browse(self) -> None:
+        start = str(self.place)
+        if self.wishes.form == "tif":
+            name, _ = QFileDialog.getSaveFileName(self, "Write the world as", start, "GeoTIFF (*.tif)")
+        else:
+            name = QFileDialog.getExistingDirectory(
+                self, "Write the world into a folder", str(self.place.parent)
+            )
+            if name and self.wishes.form == "zarr" and not name.endswith(".zarr"):
+                name = str(Path(name) / "world.zarr")
+        if name:
+            self.output.setText(name)
+
+    def _begin(self) -> None:
+        """Sample what the world will take; once that is told, write it."""
+        self._preferences.keep_exported(_KEPT, self.wishes.kept())
+        only_estimate = not self._is_estimated
+        wish = self.wishes.wish(self.place.absolute(), self._preferences.device, only_estimate=only_estimate)
+        self.job = job = ExportJob(wish, self._sketch, self)
+        self._notes = []
+        self.noted.clear()
+        self.bar.setValue(0)
+        self._head.setText("What it will take" if only_estimate else "Writing the world")
+        self._turn_to(self.working)
+        self.go.hide()
+        self.close_.setText("Cancel")
+        job.stage_changed.connect(self._show_stage)
+        job.share_changed.connect(lambda share: self.bar.setValue(round(_UNITS * share)))
+        job.noted.connect(self._note)
+        job.finished.connect(self._show_estimate if only_estimate else self._show_done)
+        job.failed.connect(self._show_not_estimated if only_estimate else self._show_failed)
+        job.start()
+
+    def _show_stage(self, title: str) -> None:
+        self.doing.setText(title)
+
+    def _note(self, line: str) -> None:
+        self._notes.append(line)
+        self.noted.setText("\n".join(self._notes[-_NOTES:]))
+
+    def _show_estimate(self, told: dict[str, Any]) -> None:
+        lines = [line[:1].upper() + line[1:] for line in told["lines"]]
+        self._is_estimated = not told["problem"]
+        self.go.setEnabled(self._is_estimated)
+        if told["problem"]:
+            self._say("\n".join([*lines, told["problem"]]), is_wrong=True)
+        else:
+            done, tasks = told["done"], told["tasks"]
+            self.go.setText("Start" if not done else "Go on" if done < tasks else "Verify")
+            self._say("\n".join(lines))
+        self._ask_again()
+
+    def _show_not_estimated(self, line: str) -> None:
+        self._say(line, is_wrong=True)
+        self._ask_again()
+
+    def _ask_again(self) -> None:
+        self._turn_to(self.asking)
+        self.go.show()
+        self.close_.setEnabled(True)
+        self.go.setDefault(True)
+
+    def _show_done(self, told: dict[str, Any]) -> None:
+        self._head.setText("Written" if told["made"] else "All of it was there")
+        self.bar.setValue(_UNITS)
+        self.doing.setText(
+            f"{told['made']} of {told['tasks']} tasks in {duration(told['seconds'])}, {told['files']} files, "
+            f"{amount(told['bytes'])}, into\n{self.place}"
+        )
+        self.view.show()
+        self._finish()
+
+    def _show_failed(self, line: str) -> None:
+        self._head.setText("Not written" if line else "Cancelled")
+        self.doing.setText("What is written stays: the same world at the same output goes on from there.")
+        self.noted.setText("\n".join([*self._notes[-_NOTES:], line]).strip())
+        self._finish()
+
+    def _finish(self) -> None:
+        self.show_folder.show()
+        self.close_.setText("Close")
+        self.close_.setEnabled(True)
+        self.close_.setDefault(True)
+        self.close_.setFocus()
+
+    def _view(self) -> None:
+        self.viewed.emit(self.place)
+
+    def _open_folder(self) -> None:
+        folder = self.place if self.place.is_dir() else self.place.parent
+        QDesktopServices.openUrl(QUrl.fromLocalFile(str(folder)))

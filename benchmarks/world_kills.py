@@ -95,8 +95,9 @@ def _workers(pid: int) -> list[Any]:
 
     try:
         children = psutil.Process(pid).children()
-        # The one that keeps account of resources is no worker.
-        found = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+        found = [
+            child for child in children if "sketchterrain.world.local_worker" in " ".join(child.cmdline())
+        ]
     except psutil.Error:  # one ended meanwhile
         return []
     return sorted(found, key=lambda each: each.pid)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.world.dispatch import Dispatch
     from sketchterrain.world.job import Job
+    from sketchterrain.world.local_workers import LocalWorkers
     from sketchterrain.world.made import Made, Task
 
 __all__ = ["ClusterCrew"]
@@ -43,6 +44,8 @@ class ClusterCrew:
         Selector as for :func:`~sketchterrain.compute.choose_device`; None: each worker takes its own.
     note
         Told a line where something went wrong that does not end the work.
+    stopped
+        Tells whether what is begun is to be the last.
 
     Raises
     ------
@@ -58,10 +61,11 @@ class ClusterCrew:
         scheduler: str | None = None,
         device: str | None = None,
         note: Callable[[str], None],
+        stopped: Callable[[], bool] = lambda: False,
     ) -> None:
         require("more than one process", [_LIBRARY])
         self._job, self._device, self._note = job, device, note
-        self._workers, self._scheduler = workers, scheduler
+        self._workers, self._scheduler, self._stopped = workers, scheduler, stopped
         self._stack = ExitStack()
         self._dispatch: Dispatch | None = None
 
@@ -103,9 +107,11 @@ class ClusterCrew:
         from sketchterrain.world.scheduler import Connection, connected_to
 
         stack.enter_context(quiet())
-        address, told = self._scheduler, f"scheduler {self._scheduler}"
-        if address is None:
-            address, told = self._started(stack), "the scheduler in this process"
+        local = self._started(stack) if self._scheduler is None else None
+        if local is not None:
+            address, told, reason = local.address, "the scheduler in this process", local.told
+        else:
+            address, told, reason = str(self._scheduler), f"scheduler {self._scheduler}", _unknown
         client = connected_to(address, note=self._note)
         stack.callback(client.close, timeout=_CLOSING)
         connection = Connection(client, told)
@@ -114,11 +120,13 @@ class ClusterCrew:
         stack.callback(token.unlink, missing_ok=True)
         token.write_text(text, encoding="utf-8")
         order = packed(self._job, token=str(token), text=text, device=self._device)
-        dispatch = Dispatch(connection, order, bits=self._bits(), note=self._note)
+        dispatch = Dispatch(
+            connection, order, bits=self._bits(), note=self._note, stopped=self._stopped, reason=reason
+        )
         stack.callback(dispatch.end)
         return dispatch
 
-    def _started(self, stack: ExitStack) -> str:
+    def _started(self, stack: ExitStack) -> LocalWorkers:
         from sketchterrain.world.local_workers import local_workers
 
         count = self._workers or 1
@@ -149,3 +157,7 @@ def _threads(workers: int) -> int:
     if all(device.type != "GPU" for device in list_devices()):
         return 1
     return max(1, min(8, (os.cpu_count() or 1) // workers))
+
+
+def _unknown() -> str:
+    return ""

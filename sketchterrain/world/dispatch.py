@@ -50,13 +50,24 @@ class Dispatch:
         That all workers must compute; None: those of the first one.
     note
         Told a line where a worker is refused or lost.
+    stopped
+        Tells whether what is begun is to be the last.
+    reason
+        Tells why there may be no worker; empty where that is not known.
     """
 
     def __init__(
-        self, connection: Connection, order: dict[str, Any], *, bits: str | None, note: Callable[[str], None]
+        self,
+        connection: Connection,
+        order: dict[str, Any],
+        *,
+        bits: str | None,
+        note: Callable[[str], None],
+        stopped: Callable[[], bool],
+        reason: Callable[[], str],
     ) -> None:
-        self._connection, self._order = connection, order
-        self._bits, self._note = bits, note
+        self._connection, self._bits = connection, bits
+        self._note, self._stopped, self._reason = note, stopped, reason
         self._asked: dict[Any, _Asked] = {}
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._looked = self._accompanied = time.monotonic()
@@ -75,10 +86,10 @@ class Dispatch:
         """
         try:
             self._look(roster)
-            while not roster.over:
+            while roster.at_work or not (roster.over or self._stopped()):
                 if time.monotonic() - self._looked > (_LOOK if roster.has_ready else _EARLY_LOOK):
                     self._look(roster)
-                for address, task in roster.hand_out():
+                for address, task in () if self._stopped() else roster.hand_out():
                     self._ask(address, task, done_there.make, *task)
                 done = self._next(roster)
                 if done is not None:
@@ -104,7 +115,9 @@ class Dispatch:
         if there:
             self._accompanied = self._looked
         elif self._looked - self._accompanied > _PATIENCE:
-            raise SketchterrainError(f"{self._connection.told} has had no worker for {_PATIENCE:.0f} s")
+            reason = self._reason()
+            told = f"{self._connection.told} has had no worker for {_PATIENCE:.0f} s"
+            raise SketchterrainError(f"{told}: {reason}" if reason else told)
         for member in roster.update(there):
             self._note(f"{member.name} is lost: what it was at is done again")
         self._drop([asked for asked in self._asked.values() if asked.address not in roster.members])

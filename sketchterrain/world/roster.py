@@ -84,8 +84,12 @@ class Roster:
     @property
     def over(self) -> bool:
         """Whether all tasks are done."""
-        at_work = any(member.tasks for member in self.members.values())
-        return self._exhausted and not (at_work or self._again)
+        return self._exhausted and not (self.at_work or self._again)
+
+    @property
+    def at_work(self) -> bool:
+        """Whether any worker is at a task."""
+        return any(member.tasks for member in self.members.values())
 
     @property
     def has_ready(self) -> bool:

@@ -130,7 +130,7 @@ def run_world(
         if not run.is_whole():
             run.prepare()
             if run.has_tasks_left:
-                crew, own_bits = _crew(run, device=device, workers=workers, scheduler=scheduler)
+                crew, own_bits = _crew(run, interrupts, device=device, workers=workers, scheduler=scheduler)
                 run.begin(Journal(store.journal, stream), own_bits)
                 with crew:
                     for made in crew.make(run.tasks_left(interrupts)):
@@ -249,17 +249,27 @@ class _Run:
         return tuple(hashed(self._roots.path(name), name) for name in names)
 
 
-def _crew(run: _Run, *, device: str | None, workers: int | None, scheduler: str | None) -> tuple[Crew, str]:
+def _crew(
+    run: _Run, interrupts: Interrupts, *, device: str | None, workers: int | None, scheduler: str | None
+) -> tuple[Crew, str]:
     """Return who does the tasks, and what names their bits where not every device has them."""
     job, note = run.job, run.watcher.note
     if workers is None and scheduler is None:
-        crew = AloneCrew(job, device=device, note=note, begun_on=run.begun_on)
-        return crew, crew.own_bits
+        alone = AloneCrew(job, device=device, note=note, begun_on=run.begun_on)
+        return alone, alone.own_bits
     if run.begun_on:
         raise InputError(f"{one_line(job.output)}: was begun on {run.begun_on}, and workers have other bits")
     from sketchterrain.world.cluster import ClusterCrew
 
-    return ClusterCrew(job, workers=workers, scheduler=scheduler, device=device, note=note), ""
+    crew = ClusterCrew(
+        job,
+        workers=workers,
+        scheduler=scheduler,
+        device=device,
+        note=note,
+        stopped=lambda: interrupts.heard,
+    )
+    return crew, ""
 
 
 def _names(files: Iterable[WrittenFile]) -> Iterator[str]:

@@ -94,7 +94,7 @@ def workers_of(pid: int) -> list[psutil.Process]:
     found = []
     for child in psutil.Process(pid).children(recursive=True):
         with suppress(psutil.ZombieProcess, psutil.NoSuchProcess):
-            if "spawn_main" in " ".join(child.cmdline()):
+            if "sketchterrain.world.local_worker" in " ".join(child.cmdline()):
                 found.append(child)
     return found
 

@@ -87,9 +87,14 @@ def at_work(name: str, *answers: object) -> Callable[..., Any]:
     return answer
 
 
+def dispatch_of(cluster: Cluster, notes: list[str], *, bits: str | None = "right", **given: Any) -> Dispatch:
+    given = {"stopped": lambda: False, "reason": lambda: "", **given}
+    return Dispatch(cluster, {}, bits=bits, note=notes.append, **given)
+
+
 def made_by(cluster: Cluster, *, bits: str | None = "right") -> tuple[list[tuple[Task, str]], list[str]]:
     notes: list[str] = []
-    dispatch = Dispatch(cluster, {}, bits=bits, note=notes.append)
+    dispatch = dispatch_of(cluster, notes, bits=bits)
     made = [(made.task, made.worker) for made in dispatch.run(Roster(TASKS))]
     assert sorted(task for task, _ in made) == TASKS
     return made, notes
@@ -145,7 +150,7 @@ def test_a_worker_that_is_gone_costs_what_it_was_at() -> None:
     cluster = Cluster(a=at_work("a", None), b=good("b"))  # a never answers
     notes: list[str] = []
     made = []
-    for each in Dispatch(cluster, {}, bits="right", note=notes.append).run(Roster(TASKS)):
+    for each in dispatch_of(cluster, notes).run(Roster(TASKS)):
         made.append(each.task)
         cluster.there.pop("a", None)
     assert sorted(made) == TASKS
@@ -183,3 +188,21 @@ def test_no_worker_at_all_is_waited_for_and_told(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(dispatching, "_PATIENCE", 0.05)
     with pytest.raises(SketchterrainError, match="scheduler tcp://far:8786 has had no worker for 0 s"):
         made_by(Cluster())
+
+
+def test_what_the_workers_wrote_tells_why_none_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatching, "_PATIENCE", 0.05)
+    dispatch = dispatch_of(Cluster(), [], reason=lambda: "ImportError: no distributed")
+    with pytest.raises(SketchterrainError, match="for 0 s: ImportError: no distributed"):
+        list(dispatch.run(Roster(TASKS)))
+
+
+def test_once_it_is_to_stop_what_is_begun_is_the_last_and_nothing_is_waited_for() -> None:
+    stop: list[bool] = []
+    made = []
+    cluster = Cluster(a=good("a"), b=good("b"))
+    for each in dispatch_of(cluster, [], stopped=lambda: bool(stop)).run(Roster(TASKS)):
+        made.append(each.task)
+        stop.append(True)
+    assert len(made) == 2
+    assert list(dispatch_of(Cluster(), [], stopped=lambda: True).run(Roster(TASKS))) == []

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.export.libraries import require
 from sketchterrain.whole_files import telling_failure, whole_file, write_whole
+from sketchterrain.world.settled import settle
 from sketchterrain.world.zarr_layout import LAYERS, METADATA, shard_file
 from sketchterrain.world.zarr_shards import ZARR_LIBRARIES, pack_shard
 from sketchterrain.world.zarr_tree import BYTES, LEDGER, ZarrTree
@@ -65,10 +66,10 @@ class ZarrStore:
         """
         text = self.ledger_text()
         for name, content in self._tree.closing(None if text is None else text.encode()):
-            self._settle(name, content)
+            settle(self.folder / name, content)
         names = []
         for name, content in self._tree.fixed():
-            self._settle(name, content)
+            settle(self.folder / name, content)
             names.append(name)
         return tuple(names)
 
@@ -108,17 +109,6 @@ class ZarrStore:
     @cached_property
     def _tree(self) -> ZarrTree:
         return ZarrTree(self._job)
-
-    def _settle(self, name: str, content: bytes) -> None:
-        """Write a file unless it is there with just these bytes."""
-        path = self._ready(name)
-        with telling_failure(path):
-            try:
-                same = path.stat().st_size == len(content) and path.read_bytes() == content
-            except FileNotFoundError:
-                same = False
-        if not same:
-            write_whole(path, content)
 
     def _ready(self, name: str) -> Path:
         """Return the path of a file whose folder is there."""

@@ -1,8 +1,7 @@
-"""Writing a world from the desktop program: what is asked, what it will take, what is written and mended."""
+"""Writing a world from the desktop program: what is asked, what it will take, what comes of it."""
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -141,35 +140,38 @@ def test_what_was_asked_for_is_there_again(opened) -> None:
 
 
 @pytest.mark.slow
-def test_a_world_is_estimated_written_and_mended(qtbot, opened, small, tmp_path) -> None:
+def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tmp_path) -> None:
     dialog = opened()
-    dialog.wishes.cell.setValue(2.0)
     told = begun(qtbot, dialog)
     assert not (tmp_path / "world.zarr").exists()
     assert (told["done"], told["problem"]) == (0, "")
     assert dialog.go.text() == "Start"
     assert "Memory: about" in dialog.told.text()
-    done = begun(qtbot, dialog)
-    assert done["made"] == done["tasks"]
-    stored = open_world(tmp_path / "world.zarr")
-    assert stored.levels[0].columns == 257
-    assert "into" in dialog.doing.text()
-    with qtbot.waitSignal(dialog.viewed) as viewed:
-        dialog.view.click()
-    assert viewed.args == [tmp_path / "world.zarr"]
-    shutil.rmtree(tmp_path / "world.zarr" / "0" / "height")
+    dialog.wishes.normals.setChecked(False)  # of that one nothing is known
+    assert dialog.go.text() == "Estimate"
+    assert "Memory" not in dialog.told.text()
+    dialog.wishes.normals.setChecked(True)
+    dialog._is_estimated = True
+    dialog.go.click()
+    with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000, check_params_cb=lambda share: share > 0):
+        pass
+    with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as why:
+        dialog.reject()
+    assert why.args == [""]
+    assert "goes on from there" in dialog.doing.text()
+    qtbot.waitUntil(lambda: not dialog.job.is_running)
+    assert not list((tmp_path / "world.zarr").rglob("*.tmp"))
     again = opened()
-    again.wishes.cell.setValue(2.0)
-    begun(qtbot, again)
+    there = begun(qtbot, again)["done"]
+    assert there > 0
     assert again.go.text() in ("Go on", "Verify")
-    again.wishes.grass.setChecked(True)  # of another world nothing is known
-    assert again.go.text() == "Estimate"
-    assert "Memory" not in again.told.text()
-    again.wishes.grass.setChecked(False)
-    again._is_estimated = True  # it was
-    mended = begun(qtbot, again)
-    assert 0 < mended["made"] < mended["tasks"]
-    assert "is made again" in again.noted.text()
+    done = begun(qtbot, again)
+    assert (done["made"], done["tasks"]) == (3 - there, 3)
+    assert open_world(tmp_path / "world.zarr").levels[0].columns == 513
+    assert "3 tasks" in again.doing.text()
+    with qtbot.waitSignal(again.viewed) as viewed:
+        again.view.click()
+    assert viewed.args == [tmp_path / "world.zarr"]
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "adherence_lines",
+    "counted",
     "device_entry",
     "device_lines",
     "exported_lines",
@@ -123,9 +124,9 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
     lines = [
         f"{report['sketch']}, seed {report['seed']}: {size['columns']} × {size['rows']} vertices "
         f"{report['spacing']['x']:.3g} m apart, {heights['minimum']:.1f} to {heights['maximum']:.1f} m high, "
-        f"{_counted(sum(counts['features'].values()), 'feature')}, {_counted(counts['rivers'], 'river')}, "
-        f"{_counted(counts['lakes'], 'lake')}"
-        + (f", {_counted(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
+        f"{counted(sum(counts['features'].values()), 'feature')}, {counted(counts['rivers'], 'river')}, "
+        f"{counted(counts['lakes'], 'lake')}"
+        + (f", {counted(sum(counts['plants'].values()), 'plant')}" if counts["plants"] else ""),
         f"in {seconds:.1f} s on {device['name']} ({device['platform']})"
         f"{', with --fast: other bits than without' if report['fast'] else ''}",
         f"files: {folder}: {' '.join(report['files'])}",
@@ -205,13 +206,13 @@ def flown_lines(told: dict[str, Any]) -> list[str]:
     size, frame, device = told["size"], told["frame"], told["device"]
     generation, triangles = told["generation"], told["triangles"]
     lines = [
-        f"{told['sketch']}, seed {told['seed']}: {_counted(told['frames'], 'frame')} of {size['width']} × "
+        f"{told['sketch']}, seed {told['seed']}: {counted(told['frames'], 'frame')} of {size['width']} × "
         f"{size['height']} pixels, {told['seconds']:.3g} s at {told['fps']} a second",
         f"drawn: {told['frames_per_second']:.1f} frames a second, {1e3 * frame['mean']:.1f} ms a frame, "
         f"{1e3 * frame['worst']:.1f} ms at most; {told['settled']} of {told['frames']} complete",
         f"generation: {1e3 * generation['initial']:.1f} ms at first, then {1e3 * generation['mean']:.2f} ms "
         f"a frame and {1e3 * generation['worst']:.2f} ms at most in "
-        f"{_counted(generation['updating_frames'], 'frame')} with new tiles",
+        f"{counted(generation['updating_frames'], 'frame')} with new tiles",
         f"triangles: {triangles['mean']:,.0f} a frame, {triangles['most']:,} at most",
         f"in {told['timings']['total']:.1f} s on {device['name']} ({device['platform']})",
     ]
@@ -227,7 +228,8 @@ def legend_lines(legend: Iterable[Legend]) -> list[str]:
     return [f"#{bytes(entry.colour).hex()}  {entry.meaning}" for entry in legend]
 
 
-def _counted(count: int, noun: str) -> str:
+def counted(count: int, noun: str) -> str:
+    """Return a number and what there are so many of: ``1 shape``, ``2 shapes``."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
@@ -235,7 +237,7 @@ def adherence_lines(told: dict[str, Any]) -> list[str]:
     """Return how far a terrain does what its sketch says, a line a layer and a river, and notes."""
     lines = [
         f"{told['sketch']}, seed {told['seed']}, fidelity {told['fidelity']:g}: "
-        f"{_counted(told['lost'], 'shape')} lost"
+        f"{counted(told['lost'], 'shape')} lost"
     ]
     lines += [f"{name:<{_NAME}}{_layer_line(layer)}" for name, layer in told["layers"].items()]
     if told["peaks"]["measured"]:
@@ -248,7 +250,7 @@ def adherence_lines(told: dict[str, Any]) -> list[str]:
 
 
 def _layer_line(layer: dict[str, Any]) -> str:
-    line = f"{_counted(layer['shapes'], 'shape')}, {layer['lost']} lost"
+    line = f"{counted(layer['shapes'], 'shape')}, {layer['lost']} lost"
     narrow = layer["shapes"] - layer["measured"]
     if layer["measured"]:
         line += (
@@ -260,7 +262,7 @@ def _layer_line(layer: dict[str, Any]) -> str:
 
 def _peaks_line(peaks: dict[str, Any]) -> str:
     line = (
-        f"{_counted(peaks['measured'], 'mountain')}, reached over asked height: {peaks['least']:.2f} to "
+        f"{counted(peaks['measured'], 'mountain')}, reached over asked height: {peaks['least']:.2f} to "
         f"{peaks['most']:.2f}, mean {peaks['mean']:.2f}"
     )
     return line + (f"; {peaks['capped']} too small for the label's height: capped" if peaks["capped"] else "")

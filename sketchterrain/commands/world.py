@@ -14,7 +14,7 @@ from sketchterrain import arguments as given
 from sketchterrain.commands import target_arguments as asked
 from sketchterrain.commands.sketches import read_sketch
 from sketchterrain.exit_codes import USAGE_ERROR
-from sketchterrain.listings import say, say_json
+from sketchterrain.listings import counted, say, say_json
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:
@@ -142,11 +142,11 @@ def world(
             at_once = -1 if scheduler is not None else workers or 0
             told = estimate(job, device=device, workers=at_once, progress=tell)
     if dry_run:
-        told.refuse_impossible()
         if as_json:
             say_json(told.as_dict())
         else:
             say(*told.lines())
+        told.refuse_impossible()
         return
     sys.stderr.writelines(f"{line}\n" for line in told.lines())
     told.refuse_impossible()
@@ -166,6 +166,7 @@ def _tell(done: Done, told: Estimate, *, as_json: bool) -> None:
     from sketchterrain.batch.remaining import duration
     from sketchterrain.disk import amount
     from sketchterrain.report import peak_memory
+    from sketchterrain.world.estimate import in_words
 
     if as_json:
         say_json(
@@ -185,7 +186,8 @@ def _tell(done: Done, told: Estimate, *, as_json: bool) -> None:
     world = told.job.world
     there = f", {done.tasks - done.made} were there" if done.made < done.tasks else ""
     say(
-        f"{done.made} of {done.tasks} tasks done in {duration(done.seconds)}{there}: {told.job.output}",
-        f"{world.vertices / 1e6:.4g} million vertices on {len(world.levels)} levels, {done.files} files, "
-        f"{amount(done.bytes)}",
+        f"{done.made} of {counted(done.tasks, 'task')} done in {duration(done.seconds)}{there}: "
+        f"{told.job.output}",
+        f"{in_words(world.vertices)} vertices on {counted(len(world.levels), 'level')}, "
+        f"{counted(done.files, 'file')}, {amount(done.bytes)}",
     )

@@ -132,6 +132,8 @@ def form_of(output: str) -> Form:
     InputError
         If it has another ending.
     """
+    if not output.strip():
+        raise InputError("expected a path to write to, got none")
     ending = Path(output).suffix.lower()
     if ending == ".zarr":
         return "zarr"

@@ -13,6 +13,7 @@ from sketchterrain.batch.room import memory_left
 from sketchterrain.compute import ComputeContext, choose_device
 from sketchterrain.disk import amount, check_disk, disk_left
 from sketchterrain.errors import InputError
+from sketchterrain.listings import counted
 from sketchterrain.report import peak_memory
 from sketchterrain.world.begun import there
 from sketchterrain.world.grid import Shard
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from sketchterrain.world.plant_samples import SampledPlants
     from sketchterrain.world.samples import Sampled
 
-__all__ = ["Estimate", "estimate"]
+__all__ = ["Estimate", "estimate", "in_words"]
 
 # Measured with every layer: launches and what they return, of so many vertices at once; a shard that is
 # evaluated and one that is written.
@@ -153,26 +154,26 @@ class Estimate:
     def lines(self) -> list[str]:
         """Return it for a person."""
         world, finest = self.job.world, self.job.world.levels[0]
-        rate = 1e-6 / self.sampled.evaluating
         parts = ", ".join(f"{name} {amount(value)}" for name, value in self.disk.items())
         there = f", {amount(self.there)} are there" if self.there else ""
         twice = ", twice while it is joined" if self.job.form == "tif" else ""
         done = f", {self.done} of them done" if self.done else ""
         of_all = {0: "", -1: ", on each worker's machine its own"}.get(
-            self.workers, f", by {self.workers} workers"
+            self.workers, f", by {counted(self.workers, 'worker')}"
         )
         of_one = " of one worker like this machine" if self.workers < 0 else ""
         lines = [
-            f"world: {finest.columns} × {finest.rows} vertices {world.cell:g} m apart, {len(world.levels)} "
-            f"levels, {world.vertices / 1e6:.4g} million vertices in all, {self.tasks} tasks{done}",
+            f"world: {finest.columns} × {finest.rows} vertices {world.cell:g} m apart, "
+            f"{counted(len(world.levels), 'level')}, {in_words(world.vertices)} vertices in all, "
+            f"{counted(self.tasks, 'task')}{done}",
             f"disk: about {amount(sum(self.disk.values()))}{twice}{there}, {amount(self.disk_left)} are left",
             f"  {parts}",
             f"memory: about {amount(self.memory)} at once{of_all}, {amount(self.memory_left)} are left",
-            f"time: about {duration(self.seconds)}{of_one}, by {self.sampled.patches} samples of this world "
-            f"on {self.device.name}: {rate:.2f} million vertices a second",
+            f"time: about {duration(self.seconds)}{of_one}, by {counted(self.sampled.patches, 'sample')} of this "
+            f"world on {self.device.name}: {in_words(1.0 / self.sampled.evaluating)} vertices a second",
         ]
         if self.plants is not None:
-            lines.insert(3, f"  about {self.plants.plants:,.0f} plants".replace(",", " "))
+            lines.insert(3, f"  about {in_words(self.plants.plants)} plants")
         return lines
 
 
@@ -226,6 +227,15 @@ def estimate(
         memory_left=memory_left(),
         disk_left=disk_left(job.output),
     )
+
+
+def in_words(count: float) -> str:
+    """Return a number as a person reads it.
+
+    >>> in_words(12345.6), in_words(1.4e9)
+    ('12 346', '1400 million')
+    """
+    return f"{count:,.0f}".replace(",", " ") if count < 1e6 else f"{count / 1e6:.4g} million"
 
 
 def _largest(job: Job) -> int:

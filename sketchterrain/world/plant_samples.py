@@ -94,12 +94,12 @@ def _area(world: World) -> float:
 
 def _line(counts: Sequence[int], weights: Sequence[int]) -> tuple[float, float]:
     """Return the bytes of a plant, and those of a file without any, that fit files best."""
-    mean, weight = np.mean(counts), np.mean(weights)
+    mean, weight = float(np.mean(counts)), float(np.mean(weights))
     apart = np.asarray(counts) - mean
     spread = float(apart @ apart)
     each = float(apart @ (np.asarray(weights) - weight)) / spread if spread > 0 else 0.0
-    each = min(max(each, 0.0), float(weight / max(mean, 1.0)))
-    return each, float(weight - each * mean)
+    each = min(max(each, 0.0), weight / max(mean, 1.0))
+    return each, weight - each * mean
 
 
 def _weight(job: Job, terrain: Terrain, square: World) -> int:

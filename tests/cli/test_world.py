@@ -36,9 +36,9 @@ def test_a_world_is_the_terrain_at_its_vertices(
     done = call("world", sketch, *SMALL, "-o", out)
     assert done.code == 0, done.err
     first, second = done.out.splitlines()
-    assert first.startswith("1 of 1 tasks done in ")
+    assert first.startswith("1 of 1 task done in ")
     assert first.endswith(str(out))
-    assert second.startswith("0.003321 million vertices on 1 levels, ")
+    assert second.startswith("3 321 vertices on 1 level, ")
     assert [line.split(":")[0] for line in done.err.splitlines() if not line.endswith("…")][:2] == [
         "world",
         "disk",
@@ -135,6 +135,7 @@ def test_geotiffs_are_the_same_world(
         (("--cell", "0"), 3, "cell of more than 0 m"),
         (("--cell", "1e-7"), 3, "expected at least"),
         (("--bounds", "0,0,1e13,1e13", "--cell", "1e7"), 3, "coordinates must be finite and within"),
+        (("-o", ""), 3, "expected a path to write to"),
         (("-o", "world.png"), 3, "expected a name that ends in .zarr or .tif"),
         (("--layers", "height,colour"), 3, "expected some of height, normal, materials"),
         (("--layers", "normal"), 3, "expected height among them"),
@@ -175,6 +176,7 @@ def test_no_room_is_told_before_anything_is_written(
     out = tmp_path / "world.zarr"
     vast = call("world", sketch, "--bounds", "0,0,4e6,4e6", "-o", out, "--dry-run")
     assert vast.code == 3
+    assert "4000001 × 4000001 vertices" in vast.out
     assert "the world's files need up to" in vast.err.splitlines()[-1]
     monkeypatch.setattr(estimated, "memory_left", lambda: 1 << 20)
     tight = call("world", sketch, *SMALL, "-o", out)
@@ -208,7 +210,7 @@ def test_whoever_shall_do_it_is_asked(
     monkeypatch.setattr(scheduler, "check_scheduler", lambda _: None)
     done = call("world", sketch, *SMALL, "-o", tmp_path / "w.zarr", "--seed", 7, *words)
     assert done.code == 0, done.err
-    assert "1 of 1 tasks done in 1 s" in done.out
+    assert "1 of 1 task done in 1 s" in done.out
     shown = "".join(line for line in done.err.splitlines() if line.startswith(("memory", "time")))
     assert ("by 3 workers" in shown, "of one worker" in shown) == (
         "--workers" in words,

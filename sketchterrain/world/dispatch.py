@@ -24,6 +24,7 @@ __all__ = ["Dispatch"]
 _LOOK = 1.0  # s between two looks at which workers there are
 _EARLY_LOOK = 0.2  # s, while none of them is ready
 _PATIENCE = 60.0  # s without any worker
+_LATE, _LATER = 600.0, 20.0  # s, and times the longest so far, after which an answer will not come
 
 
 class _Asked(NamedTuple):
@@ -32,6 +33,7 @@ class _Asked(NamedTuple):
     address: str
     task: Task | None
     future: Any
+    since: float
 
 
 class Dispatch:
@@ -71,6 +73,7 @@ class Dispatch:
         self._asked: dict[Any, _Asked] = {}
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._looked = self._accompanied = time.monotonic()
+        self._longest = 0.0
         self._gone = False
         self._connection.post(order)
 
@@ -125,6 +128,11 @@ class Dispatch:
         for address, member in roster.members.items():
             if address not in preparing and not (member.at_once or member.refused):
                 self._prepare(roster, address, member)
+        late = self._looked - max(_LATE, _LATER * self._longest)
+        overdue = {asked.address: asked.since for asked in self._asked.values() if asked.since < late}
+        for address, since in overdue.items():
+            name = roster.members[address].name
+            self._refuse(roster, address, name, f"no answer for {self._looked - since:.0f} s")
         roster.check()
 
     def _prepare(self, roster: Roster, address: str, member: Member) -> None:
@@ -135,7 +143,7 @@ class Dispatch:
 
     def _ask(self, address: str, task: Task | None, work: Callable[..., Any], *given: object) -> None:
         future = self._connection.submit(work, *given, worker=address)
-        self._asked[future.key] = _Asked(address, task, future)
+        self._asked[future.key] = _Asked(address, task, future, time.monotonic())
         future.add_done_callback(lambda done: self._answers.put(done.key))
 
     def _next(self, roster: Roster) -> Made | None:
@@ -149,6 +157,7 @@ class Dispatch:
         answer = self._answer(asked, roster.members[asked.address].name)
         if isinstance(answer, Made) and asked.task is not None:
             roster.finished(asked.address, asked.task)
+            self._longest = max(self._longest, time.monotonic() - asked.since)
             return answer
         if isinstance(answer, Failed):
             raise answer.error

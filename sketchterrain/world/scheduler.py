@@ -137,6 +137,7 @@ class Connection:
     def __init__(self, client: Any, told: str) -> None:
         self._client, self.told = client, told
         self._number = 0
+        self._paused: dict[str, float] = {}
         self.order = f"sketchterrain-{uuid4().hex}"
 
     def post(self, order: dict[str, Any]) -> None:
@@ -144,7 +145,9 @@ class Connection:
         self._ask(self._client.scheduler.set_metadata, keys=[self.order], value=order)
 
     def workers(self) -> dict[str, Seen]:
-        """Return the workers that there are, by address.
+        """Return the workers that take tasks, by address.
+
+        One without memory may pause for a while, and is back then.
 
         Raises
         ------
@@ -152,7 +155,14 @@ class Connection:
             If the scheduler does not answer.
         """
         told = self._ask(self._client.scheduler.identity, n_workers=-1)["workers"]
-        return {address: Seen(str(each["name"]), str(each["host"])) for address, each in told.items()}
+        now = time.monotonic()
+        paused = [address for address, each in told.items() if each["status"] == "paused"]
+        self._paused = {address: self._paused.get(address, now) for address in paused}
+        return {
+            address: Seen(str(each["name"]), str(each["host"]))
+            for address, each in told.items()
+            if each["status"] in ("running", "paused") and now - self._paused.get(address, now) < _WAITING
+        }
 
     def submit(self, work: Callable[..., Any], *given: Any, worker: str) -> Any:
         """Have a function of :mod:`sketchterrain.world.worker` called in one worker; return the future."""

@@ -158,6 +158,13 @@ def test_a_worker_that_is_gone_costs_what_it_was_at() -> None:
     assert len(cluster.cancelled) == 1
 
 
+def test_a_worker_that_never_answers_is_refused_after_a_long_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dispatching, "_LATE", 0.1)
+    made, notes = made_by(Cluster(a=at_work("a", None), b=good("b")))
+    assert {worker for _, worker in made} == {"b"}
+    assert notes == ["a is refused: no answer for 0 s"]
+
+
 def test_a_full_disk_ends_it() -> None:
     full = SketchterrainError("/out/0/height/c/3/4: No space left on device")
     with pytest.raises(SketchterrainError, match="No space left"):

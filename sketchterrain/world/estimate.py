@@ -170,8 +170,8 @@ class Estimate:
             f"disk: about {amount(sum(self.disk.values()))}{twice}{there}, {amount(self.disk_left)} are left",
             f"  {parts}",
             f"memory: about {amount(self.memory)} at once{of_all}, {amount(self.memory_left)} are left",
-            f"time: about {duration(self.seconds)}{of_one}, by {samples} of this world on {self.device.name}: "
-            f"{in_words(1.0 / self.sampled.evaluating)} vertices a second",
+            f"time: about {duration(self.seconds)}{of_one}, by {samples} of this world on "
+            f"{self.device.name}: {in_words(1.0 / self.sampled.evaluating)} vertices a second",
         ]
         if self.plants is not None:
             lines.insert(3, f"  about {in_words(self.plants.plants)} plants")

@@ -91,11 +91,11 @@ def sample(job: Job, maker: Maker, *, progress: Callable[[float], None] | None =
         count = max(round(wanted * vertices / job.world.vertices), 1)
         start = time.perf_counter()
         grounds = [_patch(maker, group[0], number) for number in range(count)]
-        half = time.perf_counter()
-        weights, fixed = _weighed(job, grounds)
+        evaluated = time.perf_counter() - start
+        weights, fixed, wrote = _weighed(job, grounds)
         sampled = sum(ground.height.size for ground in grounds)
-        evaluating.append(((half - start) / sampled, vertices))
-        writing.append(((time.perf_counter() - half) / sampled, vertices))
+        evaluating.append((evaluated / sampled, vertices))
+        writing.append((wrote / sampled, vertices))
         for layer, weight in weights.items():
             bytes_of[layer] += weight / sampled * vertices
         patches, seen = patches + count, seen + sampled
@@ -121,8 +121,8 @@ def _patch(maker: Maker, level: Level, number: int) -> Ground:
     return maker.window(shard, top=top, left=left, rows=rows, columns=columns)
 
 
-def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int]:
-    """Return the bytes of patches by layer, written side by side, and those of all fixed files."""
+def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int, float]:
+    """Write patches side by side; return their bytes by layer, those of all fixed files, and seconds."""
     across = min(len(grounds), _ACROSS)
     down = math.ceil(len(grounds) / across)
     filled = [*grounds, *grounds][: across * down]  # the last row is filled up with the first ones
@@ -135,12 +135,15 @@ def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int
         world = World(0.0, 0.0, float(columns - 1), float(rows - 1), 1.0)
         store = store_of(replace(job, world=world, output=output))
         fixed = sum((store.folder / name).stat().st_size for name in store.create())
+        start = time.perf_counter()
         names = store.write(Ground(Shard(0, 0, 0), height, normal, materials))
+        wrote = time.perf_counter() - start
         share = len(grounds) / len(filled)
-        return {
+        weights = {
             layer: share * sum((store.folder / name).stat().st_size for name in names if layer in name)
             for layer in job.layers
-        }, fixed
+        }
+        return weights, fixed, share * wrote
 
 
 def _joined(patches: Sequence[npt.NDArray[_T]], across: int) -> npt.NDArray[_T]:

@@ -18,7 +18,7 @@ _BLUE, _VERMILION, _INK = "#0072B2", "#D55E00", "#333333"
 
 
 def draw_worlds(rows: Sequence[Row]) -> Any:
-    """Time and memory against area: a line that rises in proportion, and one that should not rise."""
+    """Time and memory against area: the one should rise in proportion, the other not at all."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -45,5 +45,5 @@ def draw_worlds(rows: Sequence[Row]) -> Any:
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
     time.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    figure.suptitle("A world of any size: time in proportion, memory flat", x=0.01, ha="left")
+    figure.suptitle("What a world takes, by its area", x=0.01, ha="left")
     return figure

@@ -23,6 +23,7 @@ from sketchterrain.world.tiff_blocks import block_grid, block_places, unpacked
 from sketchterrain.world.tiff_directory import numbers, read_directories
 from sketchterrain.world.tiff_layers import DOMAIN, TIFF_LAYERS
 from sketchterrain.world.tile_names import SKETCH, layer_file, tile_name, vrt_name
+from sketchterrain.world.windows import check_window, fill_from_chunks
 
 if TYPE_CHECKING:
     from typing import BinaryIO
@@ -157,28 +158,17 @@ class _StoredGeotiffs(ABC):
         self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
     ) -> npt.NDArray[Any]:
         """Return a window of a layer; see `StoredWorld.read`."""
-        if layer not in self.layers:
-            raise InputError(f"expected a layer, {', '.join(self.layers)}, got {one_line(layer)!r}")
-        if not 0 <= level < len(self.levels):
-            raise InputError(f"expected a level, 0 to {len(self.levels) - 1}, got {level}")
-        grid = self.levels[level]
-        inside = min(top, left) >= 0 and top + rows <= grid.rows and left + columns <= grid.columns
-        if not inside or min(rows, columns) < 1:
-            raise InputError(
-                f"expected a window inside {grid.columns} × {grid.rows} vertices, got columns {left} to "
-                f"{left + columns}, rows {top} to {top + rows}"
-            )
+        grid = check_window(self, layer, level, top=top, left=left, rows=rows, columns=columns)
         form = TIFF_LAYERS[layer]
         window = np.empty((len(form.bands), rows, columns), form.dtype)
-        for row in range(top // CHUNK, (top + rows - 1) // CHUNK + 1):
-            for column in range(left // CHUNK, (left + columns - 1) // CHUNK + 1):
-                block = self._blocks.block(form, *self._where(layer, grid, row, column))
-                down, across = row * CHUNK, column * CHUNK
-                first, last = max(top, down), min(top + rows, down + CHUNK)
-                begin, end = max(left, across), min(left + columns, across + CHUNK)
-                part = block[:, first - down : last - down, begin - across : end - across]
-                window[:, first - top : last - top, begin - left : end - left] = part
+        fill_from_chunks(
+            window, lambda *at: self._blocks.block(form, *self._where(layer, grid, *at)), top=top, left=left
+        )
         return window[0] if layer == "height" else window
+
+    @abstractmethod
+    def sketch(self) -> Sketch | None:
+        """Return the sketch that it was made from; see `StoredWorld.sketch`."""
 
     @abstractmethod
     def _where(self, layer: str, level: Level, row: int, column: int) -> tuple[_Image, int, int]:

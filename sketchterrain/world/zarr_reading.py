@@ -13,6 +13,7 @@ from sketchterrain.export.libraries import require
 from sketchterrain.sketch import load_sketch
 from sketchterrain.world.chunk_cache import ChunkCache
 from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
+from sketchterrain.world.windows import check_window, fill_from_chunks
 from sketchterrain.world.zarr_layout import LAYERS, METADATA, layer_document, shard_file
 from sketchterrain.world.zarr_shards import INDEX_BYTES, ZARR_LIBRARIES, chunk_place
 from sketchterrain.world.zarr_tree import BYTES, FORMAT, LEDGER, OURS, SKETCH
@@ -119,27 +120,10 @@ class StoredZarr:
         self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
     ) -> npt.NDArray[Any]:
         """Return a window of a layer; see `StoredWorld.read`."""
-        if layer not in self._layers:
-            raise InputError(f"expected a layer among {', '.join(self._layers)}, got {layer!r}")
-        if not 0 <= level < len(self._levels):
-            raise InputError(f"expected a level from 0 to {len(self._levels) - 1}, got {level}")
-        grid = self._levels[level]
-        inside = min(top, left) >= 0 and top + rows <= grid.rows and left + columns <= grid.columns
-        if not inside or min(rows, columns) < 1:
-            raise InputError(
-                f"expected a window inside {grid.rows} rows and {grid.columns} columns, got rows {top} to "
-                f"{top + rows} and columns {left} to {left + columns}"
-            )
+        check_window(self, layer, level, top=top, left=left, rows=rows, columns=columns)
         stored = self._stored[layer]
         window = np.empty(stored.shape(rows, columns), stored.packing.dtype)
-        for row in range(top // CHUNK, (top + rows - 1) // CHUNK + 1):
-            for column in range(left // CHUNK, (left + columns - 1) // CHUNK + 1):
-                chunk = self._chunk(layer, level, row, column)
-                down, across = row * CHUNK, column * CHUNK  # of the chunk's first vertex
-                first, last = max(top, down), min(top + rows, down + CHUNK)
-                begin, end = max(left, across), min(left + columns, across + CHUNK)
-                part = chunk[..., first - down : last - down, begin - across : end - across]
-                window[..., first - top : last - top, begin - left : end - left] = part
+        fill_from_chunks(window, lambda *at: self._chunk(layer, level, *at), top=top, left=left)
         return window
 
     def _chunk(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:

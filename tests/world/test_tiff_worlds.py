@@ -162,10 +162,13 @@ def test_threads_read_at_once(made_up) -> None:
 @pytest.mark.parametrize(
     ("asked", "told"),
     [
-        ({"layer": "water"}, "expected a layer, height, normal, materials, got 'water'"),
-        ({"level": 9}, "expected a level, 0 to 4, got 9"),
-        ({"left": 2050, "columns": 9}, "inside 2054 × 2052 vertices, got columns 2050 to 2059"),
-        ({"top": -1}, "got columns 0 to 1, rows -1 to 0"),
+        ({"layer": "water"}, "expected a layer among height, normal, materials, got 'water'"),
+        ({"level": 9}, "expected a level from 0 to 4, got 9"),
+        (
+            {"left": 2050, "columns": 9},
+            "inside 2052 rows and 2054 columns, got rows 0 to 1 and columns 2050 to 2059",
+        ),
+        ({"top": -1}, "got rows -1 to 0 and columns 0 to 1"),
         ({"rows": 0}, "expected a window inside"),
     ],
 )

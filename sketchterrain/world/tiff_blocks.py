@@ -138,15 +138,17 @@ def unpacked(layer: TiffLayer, block: bytes) -> npt.NDArray[Any]:
     return np.ascontiguousarray(values.reshape(CHUNK, CHUNK, bands).transpose(2, 0, 1))
 
 
-def means(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
+def means(layer: TiffLayer, values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
     """Return the mean of each square of vertices; at the south and east edges, of those that are there.
 
-    Weights of materials still sum to 255 within a few: each band is rounded by itself.
+    Weights of materials still sum to 255: where their sums along the bands are rounded, no weight is a whole
+    one off, and none that is 0 everywhere becomes more.
 
     Parameters
     ----------
+    layer
     values
-        (bands, rows, columns), float32 or uint8.
+        (bands, rows, columns) of its type.
     factor
         Vertices along a square's side.
     """
@@ -154,7 +156,9 @@ def means(values: npt.NDArray[Any], factor: int) -> npt.NDArray[Any]:
     sums = _summed(_summed(values, factor, 1, wide), factor, 2, wide)
     counts = [_summed(np.ones(length), factor, 0, np.float64) for length in values.shape[1:]]
     mean = sums / np.outer(*counts)
-    return (mean if values.dtype.kind == "f" else np.rint(mean)).astype(values.dtype)
+    if layer.shares:
+        mean = np.diff(np.rint(np.cumsum(mean, axis=0)), axis=0, prepend=0.0)
+    return np.asarray(mean if values.dtype.kind == "f" else np.rint(mean), values.dtype)
 
 
 def _summed(values: npt.NDArray[Any], factor: int, axis: int, dtype: npt.DTypeLike) -> npt.NDArray[Any]:

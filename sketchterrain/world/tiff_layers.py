@@ -51,6 +51,8 @@ class TiffLayer:
     unit : str or None
     picture : bool
         Whether the bands are red, green and blue.
+    shares : bool
+        Whether the bands sum to 255 at each vertex.
     """
 
     name: str
@@ -59,6 +61,7 @@ class TiffLayer:
     predictor: int
     unit: str | None = None
     picture: bool = False
+    shares: bool = False
 
     def profile(self, rows: int, columns: int) -> dict[str, Any]:
         """Return what GDAL's driver GTiff is told (its documentation: "GTiff -- GeoTIFF File Format")."""
@@ -78,7 +81,7 @@ class TiffLayer:
 TIFF_LAYERS: Final = {
     "height": TiffLayer("height", ("height",), "float32", 3, unit="m"),
     "normal": TiffLayer("normal", ("east", "north", "up"), "uint8", 2, picture=True),
-    "materials": TiffLayer("materials", MATERIALS, "uint8", 1),
+    "materials": TiffLayer("materials", MATERIALS, "uint8", 1, shares=True),
 }
 
 

@@ -67,7 +67,7 @@ def written_tile(
     values = layer_values(ground, layer.name)
     sheets = [packed(layer, values)]
     if overviews and max(values.shape[1:]) > _SMALL:
-        sheets += [packed(layer, means(values, factor)) for factor in _OVERVIEWS]
+        sheets += [packed(layer, means(layer, values, factor)) for factor in _OVERVIEWS]
     tags = place.tags(layer, place.of_shard(ground.shard))
     with telling_failure(path):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -44,7 +44,7 @@ def values_of(layer: str, size: tuple[int, int] = SIZE) -> NDArray:
 
 def file_of(place: Georeference, layer: str, values: NDArray, factors: tuple[int, ...] = (4, 8)) -> bytes:
     form = TIFF_LAYERS[layer]
-    sheets = [packed(form, values), *(packed(form, means(values, factor)) for factor in factors)]
+    sheets = [packed(form, values), *(packed(form, means(form, values, factor)) for factor in factors)]
     tags = place.tags(form, place.transform(place.job.world.levels[0]), {"west": "100.0"})
     return b"".join(cloud_optimised(sheets, tags))
 
@@ -96,7 +96,7 @@ def test_gdal_reads_the_values_their_names_and_the_place(place, layer: str, big:
                 assert file.units == ("m",)
         for index, factor in enumerate((4, 8)):
             with memory.open(overview_level=index) as file:
-                np.testing.assert_array_equal(file.read(), means(values, factor))
+                np.testing.assert_array_equal(file.read(), means(TIFF_LAYERS[layer], values, factor))
 
 
 @pytest.mark.parametrize("big", [False, True])
@@ -164,12 +164,25 @@ def test_a_grid_of_one_vertex_or_one_column_is_a_file_too(place) -> None:
 
 def test_a_mean_is_that_of_the_vertices_that_are_there() -> None:
     values = np.arange(35, dtype=np.float32).reshape(1, 5, 7)
-    mean = means(values, 4)
+    mean = means(TIFF_LAYERS["height"], values, 4)
     assert mean.shape == (1, 2, 2)
     assert mean.dtype == np.float32
     np.testing.assert_allclose(mean[0], [[12.0, 15.5], [29.5, 33.0]])
     high = np.full((2, 9, 9), 255, np.uint8)
-    np.testing.assert_array_equal(means(high, 8), np.full((2, 2, 2), 255, np.uint8))
+    np.testing.assert_array_equal(means(TIFF_LAYERS["normal"], high, 8), np.full((2, 2, 2), 255, np.uint8))
+
+
+def test_means_of_weights_are_weights() -> None:
+    noise = np.random.default_rng(3).random((8, 50, 70)) ** 8
+    noise[5] = 0.0
+    edges = np.rint(255.0 * np.cumsum(noise, axis=0) / noise.sum(axis=0))
+    weights = np.diff(edges, axis=0, prepend=0.0).astype(np.uint8)
+    mean = means(TIFF_LAYERS["materials"], weights, 4)
+    assert mean.shape == (8, 13, 18)
+    assert np.all(mean.sum(axis=0, dtype=int) == 255)
+    assert np.all(mean[5] == 0)
+    exact = weights[:, :48, :68].reshape(8, 12, 4, 17, 4).mean(axis=(2, 4))
+    assert np.abs(mean[:, :12, :17] - exact).max() <= 1.0
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["LOSSES", "Member", "Roster", "Seen"]
 
-LOSSES: Final = 5
-"""How many workers a task may take along, and how often a worker may be lost while it prepares."""
+LOSSES: Final = 10
+"""How many workers a task may take along, and how often in a row a worker may be lost while it prepares."""
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,7 @@ class Roster:
     def ready(self, address: str, name: str, at_once: int) -> None:
         """Let a worker take tasks."""
         member = self.members[address]
+        self._losses.pop(member.name, None)
         member.name, member.at_once = name, at_once
 
     def unprepared(self, address: str) -> None:
@@ -162,11 +163,10 @@ class Roster:
         self._losses.pop(task, None)
 
     def _take(self) -> Task | None:
-        if self._again:
-            return self._again.popleft()
+        # Those that were lost come last: should one of them be what kills workers, all others are done.
         task = next(self._tasks, None)
         self._exhausted = task is None
-        return task
+        return self._again.popleft() if task is None and self._again else task
 
     def _return(self, member: Member) -> None:
         self._again.extend(sorted(member.tasks))

@@ -73,7 +73,7 @@ class GroundStream:
     timer
         Seconds that run on, by which the time for tiles is kept.
     kept
-        Has the vertices' memory, which the next one of this context gets; by default it is this one's own.
+        Has the vertices' memory, and is closed with this; by default there is nothing else in it.
 
     Attributes
     ----------
@@ -127,8 +127,8 @@ class GroundStream:
         self.terrain = terrain
         self._timer = timer
         self._view: View | None = None
-        self._own = kept is None
-        self.memory = (kept or Kept()).of(
+        self._kept = kept or Kept()
+        self.memory = self._kept.of(
             "vertices",
             (Same(terrain.context), slots * tile_bytes, memory),
             lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
@@ -251,10 +251,9 @@ class GroundStream:
             self.pool.draw()
 
     def release(self) -> None:
-        """Give the memory of the vertices back; nothing can be drawn any more."""
+        """Give what is kept back, where it is not lent; nothing can be drawn any more."""
         self.draws = None
-        if self._own:
-            self.memory.close()
+        self._kept.close()
 
     def _place(self, draws: DrawList, eye: tuple[float, float, float]) -> None:
         self.draws, self._placed_for = draws, eye

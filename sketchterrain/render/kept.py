@@ -15,11 +15,19 @@ T = TypeVar("T")
 class Kept:
     """One thing of each kind, of one OpenGL context: textures of materials, memory of vertices.
 
-    Whoever asks for it may use it until the next one asks.
+    Whoever asks for it may use it until the next one asks. Whoever made this closes it; who is to use it and
+    not to close it gets it lent.
     """
 
     def __init__(self) -> None:
         self._things: dict[str, tuple[Hashable, object, Callable[[], None] | None]] = {}
+        self._is_lent = False
+
+    def lent(self) -> Kept:
+        """Return the same things, which stay when what is returned is closed."""
+        other = Kept()
+        other._things, other._is_lent = self._things, True
+        return other
 
     def of(
         self, kind: str, key: Hashable, make: Callable[[], T], *, close: Callable[[T], None] | None = None
@@ -46,9 +54,10 @@ class Kept:
         return made
 
     def close(self) -> None:
-        """Give all of it back."""
-        for kind in list(self._things):
-            self._forget(kind)
+        """Give all of it back, if it is not lent."""
+        if not self._is_lent:
+            for kind in list(self._things):
+                self._forget(kind)
 
     def _forget(self, kind: str) -> None:
         _, _, close = self._things.pop(kind, (None, None, None))

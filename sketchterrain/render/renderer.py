@@ -63,7 +63,8 @@ class Renderer:
     timer
         Seconds that run on, against which a frame's budget is kept.
     kept
-        What the renderers of this context before it have left, and the next one will find.
+        What the renderers of this context before it have left, and the next one will find; it is closed with
+        this one, unless it is lent.
 
     Attributes
     ----------

@@ -65,7 +65,7 @@ class Scenery:
     timed
         Told what the start is busy with: ``textures``, ``sky``.
     kept
-        What other scenery of this context has left, and the next will find.
+        What other scenery of this context has left, and the next will find; closed with the ground.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class Scenery:
         timed: Callable[[str], AbstractContextManager[None]],
         kept: Kept | None = None,
     ) -> None:
-        shared = kept or Kept()  # the ground gives back what is its own, so it must know
+        kept = kept or Kept()
         self._context = context
         self._sun = sun
         self._weather = weather
@@ -108,12 +108,12 @@ class Scenery:
         self._aridity = _aridity(terrain)
         self._textures = textures
         with timed("textures"):
-            self._materials = shared.of(
+            self._materials = kept.of(
                 "materials",
                 (repr(terrain.sketch.look), textures, quality.material_texels, quality.hexes > 1),
                 lambda: MaterialTextures.of(context, terrain, quality, folder=textures),
             )
-            self._noise = shared.of("noise", None, lambda: noise_texture(context))
+            self._noise = kept.of("noise", None, lambda: noise_texture(context))
         with timed("sky"):
             self._sky = Sky(context, sun, weather, extent=terrain.extent)
             self._cloudiness = cloud_defines(quality, weather)

@@ -81,7 +81,7 @@ class Studio:
         sun = sun_of(terrain, camera, weather)
         spent = {"view": time.perf_counter() - start}
         try:
-            renderer = Renderer(self._context, terrain, sun=sun, weather=weather, kept=self._kept)
+            renderer = Renderer(self._context, terrain, sun=sun, weather=weather, kept=self._kept.lent())
             renderer.prepare(camera, self._size)
             renderer.draw(camera, self._framebuffer)
             picture = read_picture(self._texture)

@@ -59,6 +59,18 @@ def test_one_of_each_kind_is_kept():
     assert kept.of("a", 2, lambda: ["third"]) == ["third"]
 
 
+def test_what_is_lent_stays_when_its_borrower_closes_it():
+    kept, closed = Kept(), []
+    lent = kept.lent()
+    thing = lent.of("a", 1, lambda: ["made"], close=lambda thing: closed.append(thing[0]))
+    lent.close()
+    lent.lent().close()
+    assert closed == []
+    assert kept.of("a", 1, lambda: ["never"]) is thing
+    kept.close()
+    assert closed == ["made"]
+
+
 def test_what_could_not_be_made_is_not_kept():
     kept = Kept()
 

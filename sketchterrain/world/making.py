@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from hashlib import sha256
+from hashlib import file_digest
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from sketchterrain.world.made import Task
 
 __all__ = ["Begun", "Maker", "hashed", "packed", "rounded"]
-
-_AT_ONCE = 1 << 20  # bytes read at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,9 +193,6 @@ def hashed(path: Path, name: str) -> WrittenFile:
     OSError
         If it is not there or cannot be read.
     """
-    digest, size = sha256(), 0
     with path.open("rb") as stream:
-        while part := stream.read(_AT_ONCE):
-            digest.update(part)
-            size += len(part)
-    return WrittenFile(name, size, digest.hexdigest())
+        digest = file_digest(stream, "sha256").hexdigest()
+        return WrittenFile(name, stream.tell(), digest)

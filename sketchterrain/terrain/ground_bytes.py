@@ -117,7 +117,7 @@ class _Packer:
             np.empty((3, *shape), np.uint8),
             np.empty((len(MATERIALS), *shape), np.uint8),
         )
-        arrays = (band.height, band.normal, band.materials)
+        arrays: tuple[npt.NDArray[Any], ...] = (band.height, band.normal, band.materials)
         if strip.rows > self._rows:
             self._planes = [context.empty(array.size, array.dtype) for array in arrays]
             self._rows = strip.rows

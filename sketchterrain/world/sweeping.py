@@ -42,7 +42,8 @@ def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
     for folder in _folders(job, store, roots):
         for half in (_HALF, _HALF_PLANTS):
             _delete(folder.rglob(half))
-    _delete(store.journal.parent.glob(_TOKEN))
+    for token in _TOKENS:
+        _delete(store.journal.parent.glob(token))
     _delete(_beside(job))
     if job.form == "zarr":
         _delete(path for path in _shards(job) if path.relative_to(roots.ground).as_posix() not in known)
@@ -66,7 +67,7 @@ def _beside(job: Job) -> Iterator[Path]:
             f"{job.output.stem}.ledger.jsonl",
             *(layer_file(job.output, each).name for each in job.layers),
         ):
-            yield from job.output.parent.glob(f".{escape(name)}.{'[0-9a-f]' * 8}.tmp")
+            yield from job.output.parent.glob(f".{escape(name)}.{_FEW}.tmp")
 
 
 def _shards(job: Job) -> Iterator[Path]:

@@ -86,7 +86,9 @@ def test_only_what_a_killed_run_leaves_is_swept(form: str, small_job: Job, tmp_p
             (folder / name).write_text("mine")
     before = tree(tmp_path)
     halves = [store.mark.with_name(".height.tif.0123abcd.tmp"), tmp_path / "world-plants" / ".p.01234567.tmp"]
-    for path in (*halves, store.journal.with_name(f".sketchterrain-{'0' * 32}")):
+    token = f".sketchterrain-{'0' * 32}"
+    tokens = [store.journal.with_name(name) for name in (token, f"{token}-0123abcd")]
+    for path in (*halves, *tokens):
         path.write_bytes(b"half")
     sweep(asked, store, roots, ())
     assert tree(tmp_path) == before

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,8 +14,9 @@ from hypothesis import strategies as st
 from sketchterrain.batch.plan import MOST_ITEMS, Source, plan, read_sources
 from sketchterrain.batch.seeds import seeds_of
 from sketchterrain.batch.settings import setting, settings_given, with_settings
-from sketchterrain.batch.sweep_file import read_sweep
+from sketchterrain.batch.sweep_file import ExportTable, read_sweep
 from sketchterrain.errors import InputError
+from sketchterrain.export.target import ExportOptions
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Sketch, save_sketch
 
 if TYPE_CHECKING:
@@ -289,3 +291,9 @@ def test_a_sweep_file_that_is_not_there(tmp_path: Path) -> None:
     for place in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(InputError, match="cannot be read"):
             read_sweep(place)
+
+
+def test_a_sweep_file_takes_every_option_of_an_export() -> None:
+    """But for those that it has for all outputs."""
+    options = {each.name for each in fields(ExportOptions)}
+    assert {*ExportTable.__struct_fields__} == options - {"size", "grass"}

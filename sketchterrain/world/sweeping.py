@@ -18,9 +18,11 @@ if TYPE_CHECKING:
 
 __all__ = ["is_left_over", "sweep"]
 
-_HALF: Final = f".*.{'[0-9a-f]' * 8}.tmp"  # of whole_files
-_HALF_PLANTS: Final = _HALF.replace("tmp", "fgb")  # GDAL takes no other ending for it
-_TOKEN: Final = f".sketchterrain-{'[0-9a-f]' * 32}"  # what workers of a cluster look for
+_FEW: Final = "[0-9a-f]" * 8
+# Of whole_files; GDAL takes no other ending for plants than its own.
+_HALVES: Final = (f".*.{_FEW}.tmp", f".*.{_FEW}.fgb")
+# What workers of a cluster look for, and what each tries to write.
+_TOKENS: Final = (f".sketchterrain-{_FEW * 4}", f".sketchterrain-{_FEW * 4}-{_FEW}")
 _SHARDS: Final = "c"  # the folder of an array's chunks
 
 
@@ -40,7 +42,7 @@ def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
         Names of files that are whole.
     """
     for folder in _folders(job, store, roots):
-        for half in (_HALF, _HALF_PLANTS):
+        for half in _HALVES:
             _delete(folder.rglob(half))
     for token in _TOKENS:
         _delete(store.journal.parent.glob(token))
@@ -51,7 +53,7 @@ def sweep(job: Job, store: Store, roots: Roots, known: Collection[str]) -> None:
 
 def is_left_over(name: str) -> bool:
     """Tell whether a file of this name is what a killed run may leave, not a person's."""
-    return any(fnmatchcase(name, pattern) for pattern in (_HALF, _HALF_PLANTS, _TOKEN))
+    return any(fnmatchcase(name, pattern) for pattern in (*_HALVES, *_TOKENS))
 
 
 def _folders(job: Job, store: Store, roots: Roots) -> list[Path]:

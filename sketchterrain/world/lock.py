@@ -38,7 +38,11 @@ def held(journal: Path, output: Path) -> Iterator[BinaryIO]:
             pass
         if not _is_open(journal, stream):  # whoever had it was just done with it
             raise InputError(f"{one_line(output)}: another run has just ended there; try again")
-        yield stream
+        try:
+            yield stream
+        finally:
+            if os.fstat(stream.fileno()).st_size == 0 and _is_open(journal, stream):
+                journal.unlink()  # it tells of nothing
 
 
 def _opened(journal: Path) -> BinaryIO:

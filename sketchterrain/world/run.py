@@ -24,7 +24,7 @@ from sketchterrain.world.tasks import task_count, tasks_of
 from sketchterrain.world.verification import Broken, verify
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from sketchterrain.world.begun import Known
     from sketchterrain.world.crew import Crew
@@ -126,14 +126,14 @@ def run_world(
     refuse_taken(job, resume=resume)
     store = store_of(job)
     with held(store.journal, job.output) as stream, Interrupts() as interrupts:
-        run = _Run(job, known(job, store), watcher)  # as whoever was at work there left it
+        run = _Run(job, known(job, store), watcher, interrupts)  # as whoever was at work there left it
         if not run.is_whole():
             run.prepare()
             if run.has_tasks_left:
                 crew, own_bits = _crew(run, interrupts, device=device, workers=workers, scheduler=scheduler)
                 run.begin(Journal(store.journal, stream), own_bits)
                 with crew:
-                    for made in crew.make(run.tasks_left(interrupts)):
+                    for made in crew.make(run.tasks_left()):
                         run.record(made)
                 interrupts.check()
             run.join()
@@ -144,8 +144,8 @@ def run_world(
 class _Run:
     """A world while it is written."""
 
-    def __init__(self, job: Job, found: Known | None, watcher: Watcher) -> None:
-        self.job, self.watcher, self._found = job, watcher, found
+    def __init__(self, job: Job, found: Known | None, watcher: Watcher, interrupts: Interrupts) -> None:
+        self.job, self.watcher, self._found, self._interrupts = job, watcher, found, interrupts
         self._store, self._plants, self._roots = store_of(job), plants_of(job), Roots.of(job)
         header = Header(fingerprint(job), version("sketchterrain"))
         self._ledger = Ledger(header, {}) if found is None else found.ledger
@@ -159,7 +159,7 @@ class _Run:
         """Tell whether the world was finished and every file of it is as it was written."""
         if self._found is None:
             return False
-        for each in verify(self._ledger, self._roots, progress=self.watcher.verified):
+        for each in verify(self._ledger, self._roots, progress=self._told(self.watcher.verified)):
             self._broken.append(each)
             self.watcher.broken(each)
         return self._found.finished and not self._broken
@@ -185,10 +185,10 @@ class _Run:
         """Whether not all tasks are done."""
         return len(self._ledger.done) < self._tasks
 
-    def tasks_left(self, interrupts: Interrupts) -> Iterator[Task]:
+    def tasks_left(self) -> Iterator[Task]:
         """Return the tasks that are not done, no more of them once Ctrl-C or SIGTERM came."""
         for task in tasks_of(self.job):
-            if interrupts.heard:
+            if self._interrupts.heard:
                 self.watcher.note("ends once what is begun is written; Ctrl-C again ends it at once")
                 return
             if task not in self._ledger.done:
@@ -219,7 +219,7 @@ class _Run:
         if self._journal is not None:
             self._journal.sync()
         self._sweep()  # what lost workers have left
-        joined = self._hashed(self._store.join(progress=self.watcher.joined))
+        joined = self._hashed(self._store.join(progress=self._told(self.watcher.joined)))
         if self._store.keeps_shards:
             self._ledger.others += joined
         else:
@@ -236,6 +236,24 @@ class _Run:
         files = list(self._ledger.files)
         size = sum(file.bytes for file in files)
         return Done(self._tasks, self._made, tuple(self._broken), len(files), size, seconds)
+
+    def _told(self, tell: Callable[[float], None]) -> Callable[[float], None]:
+        """Return what takes the share that is done of work that Ctrl-C ends at once."""
+
+        def told(share: float) -> None:
+            self._interrupts.check()
+            tell(share)
+
+        return told
+
+    def _interruptible(self, tell: Callable[[float], None]) -> Callable[[float], None]:
+        """Return what tells of progress, unless Ctrl-C or SIGTERM came: reading and joining may take long."""
+
+        def told(share: float) -> None:
+            self._interrupts.check()
+            tell(share)
+
+        return told
 
     def _sweep(self) -> None:
         sweep(self.job, self._store, self._roots, {*_names(self._ledger.files)})

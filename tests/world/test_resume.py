@@ -243,6 +243,45 @@ def test_a_signal_lets_what_is_begun_be_written(way, job, heard, whole_world, tr
     assert tree(job.output) == tree(whole_world)
 
 
+def test_a_signal_ends_verifying_at_once(job, copied, heard, whole_world, tree) -> None:
+    def verified(share: float) -> None:
+        heard.shares.append(share)
+        if len(heard.shares) == 3:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    heard.verified = verified
+    with pytest.raises(KeyboardInterrupt):
+        run_world(job, resume=True, watcher=heard)
+    assert len(heard.shares) == 3
+    assert tree(copied) == tree(whole_world)
+    assert run_world(job, resume=True, watcher=type(heard)()).made == 0
+    assert tree(copied) == tree(whole_world)
+
+
+@pytest.mark.parametrize("while_it", ["verifies", "joins"])
+def test_a_signal_ends_what_takes_long_besides(while_it, job, heard, tree) -> None:
+    job = replace(job, output=job.output.with_suffix(".tif"), form="tif")
+    if while_it == "verifies":
+        run_world(job, watcher=heard)
+    heard.shares.clear()
+
+    def tell(share: float) -> None:
+        heard.shares.append(share)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    setattr(heard, {"verifies": "verified", "joins": "joined"}[while_it], tell)
+    before = tree(job.output.parent)
+    with pytest.raises(KeyboardInterrupt):
+        run_world(job, resume=while_it == "verifies", watcher=heard)
+    assert len(heard.shares) == 1
+    run_world(job, resume=True, watcher=type(heard)())
+    if before:
+        assert tree(job.output.parent) == before
+    assert sorted(tree(job.output.parent)) == [
+        f"world{name}" for name in (".ledger.jsonl", ".tif", "_materials.tif", "_normal.tif")
+    ]
+
+
 def test_two_runs_at_once_are_refused(job, heard) -> None:
     journal = job.output / "ledger" / "journal.jsonl"
     journal.parent.mkdir(parents=True)

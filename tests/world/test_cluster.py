@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import pickle
 import random
 import signal
 import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -23,7 +25,6 @@ from sketchterrain.world.tasks import tasks_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from sketchterrain.world.job import Job
     from sketchterrain.world.made import Made
@@ -39,6 +40,15 @@ pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")  # sockets of
 LYING = """
 from sketchterrain.compute import context
 context._OPTIONS = ("-cl-std=CL1.2", "-cl-fast-relaxed-math", "-DFAST")
+"""
+WRITING = """
+import pickle, sys
+from pathlib import Path
+from sketchterrain.world.run import run_world
+from tests.world.conftest import Heard
+heard = Heard()
+heard.made = lambda made: print(made.task.kind, made.worker, flush=True)
+run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), workers=2, watcher=heard)
 """
 OLDER = """
 from sketchterrain.world import worker_checks
@@ -208,6 +218,25 @@ def test_workers_that_lie_are_refused_by_name_and_others_do_the_work_until_the_s
                 run_world(job, scheduler=address, resume=True, watcher=heard)
     assert {made.worker.split()[0] for made in heard.done} == {"honest"}
     assert all(note.split()[0] in ("liar", "older") and " is refused: " in note for note in heard.notes)
+    run_world(job, resume=True, watcher=heard)
+    assert tree(job.output) == tree(whole_world)
+
+
+@pytest.mark.slow
+def test_no_worker_outlives_a_run_that_is_killed_and_resume_goes_on(
+    job: Job, whole_world: Path, heard: Heard, tree: Tree, tmp_path: Path
+) -> None:
+    asked = tmp_path / "job"
+    asked.write_bytes(pickle.dumps(job))
+    command = [sys.executable, "-c", WRITING, str(asked)]
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(command, cwd=root, stdout=subprocess.PIPE, text=True) as started:
+        assert started.stdout is not None
+        assert started.stdout.readline().startswith("ground ")
+        workers = workers_of(started.pid)
+        started.kill()
+    assert len(workers) == 2
+    assert psutil.wait_procs(workers, timeout=20)[1] == []
     run_world(job, resume=True, watcher=heard)
     assert tree(job.output) == tree(whole_world)
 

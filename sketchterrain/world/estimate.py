@@ -35,8 +35,8 @@ __all__ = ["Estimate", "estimate", "in_words"]
 # Measured with every layer: launches and what they return, of so many vertices at once; a shard that is
 # evaluated and one that is written.
 _LAUNCHED: Final = 1 << 20
-_BYTES_LAUNCHED: Final = 206
-_BYTES_A_VERTEX: Final = 43
+_BYTES_LAUNCHED: Final = 92
+_BYTES_A_VERTEX: Final = 38
 _JOINING: Final = 1.0  # of one GeoTIFF a layer: how much of it lies there twice while it is joined
 
 

@@ -28,9 +28,9 @@ __all__ = ["Sampled", "evenly", "sample"]
 
 _T = TypeVar("_T", bound=np.generic)
 
-_FEWEST, _MOST = 6, 64  # patches
+_FEWEST, _MOST = 6 * CHUNK**2, SHARD**2  # vertices
 _SHARE: Final = 1 / 16  # of the world's vertices, that a sample takes at most, were it not for the fewest
-_ACROSS: Final = SHARD // CHUNK  # patches side by side in a shard
+_SIDE, _SMALL_SIDE = 2 * CHUNK, CHUNK  # vertices along a patch, and along one of a world of few vertices
 _PLASTIC: Final = 1.3247179572447460  # x³ = x + 1
 _COARSE: Final = 3  # this level and all coarser ones are weighed together: 1.6 % of all vertices
 _ENDING: Final = {"zarr": ".zarr", "tif": ".tif", "tiles": ""}
@@ -82,19 +82,23 @@ def sample(job: Job, maker: Maker, *, progress: Callable[[float], None] | None =
     """
     levels = job.world.levels
     groups = [(level,) for level in levels[:_COARSE]] + ([levels[_COARSE:]] if len(levels) > _COARSE else [])
-    wanted = min(max(round(_SHARE * job.world.vertices / CHUNK**2), _FEWEST), _MOST)
-    _patch(maker, levels[-1], 0)  # the first launch builds programs
+    wanted = min(max(_SHARE * job.world.vertices, _FEWEST), _MOST)
+    side = _SIDE if wanted >= _FEWEST * (_SIDE / _SMALL_SIDE) ** 2 / 2 else _SMALL_SIDE
+    _patch(maker, levels[-1], side, 0)  # the first launch builds programs
     bytes_of, fixed, patches, seen = dict.fromkeys(job.layers, 0.0), 0, 0, 0
     evaluating, writing = [], []
     for place, group in enumerate(groups, start=1):
         vertices = sum(level.columns * level.rows for level in group)
-        count = max(round(wanted * vertices / job.world.vertices), 1)
-        start = time.perf_counter()
-        grounds = [_patch(maker, group[0], number) for number in range(count)]
-        evaluated = time.perf_counter() - start
+        count = max(round(wanted * vertices / job.world.vertices / side**2), 1)
+        laps, grounds = [], []
+        for number in range(count):
+            start = time.perf_counter()
+            grounds.append(_patch(maker, group[0], side, number))
+            laps.append(time.perf_counter() - start)
         weights, fixed, wrote = _weighed(job, grounds)
         sampled = sum(ground.height.size for ground in grounds)
-        evaluating.append((evaluated / sampled, vertices))
+        later = laps[1:] or laps  # the first patch of a level finds out what all of them need
+        evaluating.append((sum(later) / len(later) / grounds[0].height.size, vertices))
         writing.append((wrote / sampled, vertices))
         for layer, weight in weights.items():
             bytes_of[layer] += weight / sampled * vertices
@@ -113,8 +117,8 @@ def evenly(number: int) -> tuple[float, float]:
     return (0.5 + number / _PLASTIC) % 1.0, (0.5 + number / _PLASTIC**2) % 1.0
 
 
-def _patch(maker: Maker, level: Level, number: int) -> Ground:
-    rows, columns = min(CHUNK, level.rows), min(CHUNK, level.columns)
+def _patch(maker: Maker, level: Level, side: int, number: int) -> Ground:
+    rows, columns = min(side, level.rows), min(side, level.columns)
     across, down = evenly(number)
     top, left = int(down * (level.rows - rows + 1)), int(across * (level.columns - columns + 1))
     shard = Shard(level.number, 0, 0)
@@ -123,7 +127,7 @@ def _patch(maker: Maker, level: Level, number: int) -> Ground:
 
 def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int, float]:
     """Write patches side by side; return their bytes by layer, those of all fixed files, and seconds."""
-    across = min(len(grounds), _ACROSS)
+    across = min(len(grounds), SHARD // grounds[0].height.shape[1])
     down = math.ceil(len(grounds) / across)
     filled = [*grounds, *grounds][: across * down]  # the last row is filled up with the first ones
     height = _joined([ground.height for ground in filled], across)

@@ -172,7 +172,7 @@ def test_what_cannot_be_meant_is_one_line(
 def test_no_room_is_told_before_anything_is_written(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(samples, "_MOST", 6)
+    monkeypatch.setattr(samples, "_MOST", 6 << 16)
     out = tmp_path / "world.zarr"
     vast = call("world", sketch, "--bounds", "0,0,4e6,4e6", "-o", out, "--dry-run")
     assert vast.code == 3

@@ -246,15 +246,6 @@ class _Run:
 
         return told
 
-    def _interruptible(self, tell: Callable[[float], None]) -> Callable[[float], None]:
-        """Return what tells of progress, unless Ctrl-C or SIGTERM came: reading and joining may take long."""
-
-        def told(share: float) -> None:
-            self._interrupts.check()
-            tell(share)
-
-        return told
-
     def _sweep(self) -> None:
         sweep(self.job, self._store, self._roots, {*_names(self._ledger.files)})
 

@@ -89,6 +89,7 @@ class Stages:
                 yield lambda _: None
             finally:
                 slow.cancel()
+                slow.join()  # a line that is being written is written before the next one
             return
         bars = self._bars
         task = bars.add_task(title, total=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import time
 from dataclasses import replace
@@ -19,6 +20,7 @@ __all__ = ["leave", "make", "prepare", "stop"]
 
 _FORGOTTEN = 600.0  # s after which what another run left behind is dropped
 _AT_ONCE = {"GPU": 8}  # tasks at most: a GPU evaluates faster than a core packs
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _benches: dict[tuple[str, str], _Bench] = {}  # of an order and a worker's address
 _preparing = Lock()
 
@@ -90,13 +92,14 @@ class _Bench:
         return self._works == 0 and self._used < moment
 
     def _told(self, error: SketchterrainError | OSError) -> Refused | Failed:
-        """Return whether it is this worker alone that cannot write."""
+        """Return whether it is this worker alone that cannot write; a full disk is everyone's."""
         from sketchterrain.world.worker_checks import RefusedError, check_folder
 
-        try:
-            check_folder(self._order)
-        except RefusedError as refused:
-            return Refused(self._name, one_line(refused))
+        if not any(isinstance(each, OSError) and each.errno in _FULL for each in (error, error.__cause__)):
+            try:
+                check_folder(self._order)
+            except RefusedError as refused:
+                return Refused(self._name, one_line(refused))
         if isinstance(error, SketchterrainError):
             return Failed(self._name, error)
         reason = error.strerror or str(error)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pickle
 import random
@@ -18,6 +19,7 @@ import pytest
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.world import run as running
 from sketchterrain.world import worker_checks
+from sketchterrain.world.making import Begun, Maker
 from sketchterrain.world.order import code_digest
 from sketchterrain.world.run import run_world
 from sketchterrain.world.scheduler import check_scheduler
@@ -109,16 +111,30 @@ def workers_of(pid: int) -> list[psutil.Process]:
     return found
 
 
-def test_workers_in_this_process_in_shuffled_order_give_the_same_bytes(
+def test_workers_in_this_process_in_shuffled_order_give_the_same_bytes_also_after_a_full_disk(
     job: Job, whole_world: Path, heard: Heard, tree: Tree, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    honest = Maker.end
+
+    def full(self: Maker, begun: Begun) -> Made:
+        if begun.task.level == 0:
+            try:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            except OSError as error:
+                raise SketchterrainError("0/height: cannot be written (no space)") from error
+        return honest(self, begun)
+
     monkeypatch.setattr(running, "tasks_of", shuffled)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
     ) as cluster:
-        run_world(job, scheduler=cluster.scheduler_address, watcher=heard)
+        with monkeypatch.context() as patch:
+            patch.setattr(Maker, "end", full)
+            with pytest.raises(SketchterrainError, match="no space"):
+                run_world(job, scheduler=cluster.scheduler_address, watcher=heard)
+        run_world(job, scheduler=cluster.scheduler_address, resume=True, watcher=heard)
         kept = [value for key, value in cluster.scheduler.task_metadata.items() if "sketchterrain" in key]
-        assert kept == [None]
+        assert kept == [None, None]
     assert tree(job.output) == tree(whole_world)
     assert {made.worker for made in heard.done} == {"worker 0", "worker 1"}
     assert heard.notes == []

@@ -44,6 +44,9 @@ def test_a_quick_stage_says_nothing_and_a_slow_one_a_line(
         def cancel(self) -> None:
             pass
 
+        def join(self) -> None:
+            pass
+
     monkeypatch.setattr(sketchterrain.progress, "Timer", Now)
     with Stages() as stages, stages.stage("a", "Slow"):
         pass

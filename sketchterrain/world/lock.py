@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
@@ -43,6 +43,8 @@ def held(journal: Path, output: Path) -> Iterator[BinaryIO]:
         finally:
             if os.fstat(stream.fileno()).st_size == 0 and _is_open(journal, stream):
                 journal.unlink()  # it tells of nothing
+                with suppress(OSError):  # where there is more in it
+                    journal.parent.rmdir()
 
 
 def _opened(journal: Path) -> BinaryIO:

@@ -103,6 +103,7 @@ def test_a_second_run_finds_it_held_until_the_first_ends(tmp_path: Path) -> None
         held(path, tmp_path).__enter__()
     with held(path, tmp_path) as stream:
         assert stream.writable()
+    assert not path.parent.exists()  # nothing was told in it
 
 
 @pytest.mark.parametrize(

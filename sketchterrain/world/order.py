@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sketchterrain.errors import SketchterrainError
     from sketchterrain.world.job import Job
 
-__all__ = ["Failed", "Ready", "Refused", "code_digest", "packed", "unpacked"]
+__all__ = ["Failed", "Ready", "Refused", "called", "code_digest", "packed", "unpacked"]
 
 _ROOMS = ("sketchterrain.compute", "sketchterrain.terrain", "sketchterrain.world", "sketchterrain.kernels")
 _ENDINGS = (".py", ".cl", ".clh")
@@ -58,6 +58,11 @@ class Failed:
 
     worker: str
     error: SketchterrainError
+
+
+def called(name: object) -> str:
+    """Return what people call a worker that a scheduler has a name or a number for."""
+    return f"worker {name}" if str(name).isdigit() else str(name)
 
 
 def packed(job: Job, *, token: str, text: str, device: str | None) -> dict[str, Any]:

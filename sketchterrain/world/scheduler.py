@@ -13,6 +13,7 @@ from uuid import uuid4
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.world import worker as done_there
+from sketchterrain.world.order import called
 from sketchterrain.world.roster import Seen
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ class Connection:
         paused = [address for address, each in told.items() if each["status"] == "paused"]
         self._paused = {address: self._paused.get(address, now) for address in paused}
         return {
-            address: Seen(str(each["name"]), str(each["host"]))
+            address: Seen(called(each["name"]), str(each["host"]))
             for address, each in told.items()
             if each["status"] in ("running", "paused") and now - self._paused.get(address, now) < _WAITING
         }

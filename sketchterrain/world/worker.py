@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
 from sketchterrain.world.made import Task
-from sketchterrain.world.order import Failed, Ready, Refused, unpacked
+from sketchterrain.world.order import Failed, Ready, Refused, called, unpacked
 
 if TYPE_CHECKING:
     from sketchterrain.world.made import Made
@@ -172,7 +172,6 @@ def _forget_old() -> None:
 
 def _name_of(worker: Any) -> str:
     """Return what people call a worker: its name if it was given one, and its machine."""
-    name = str(worker.name)
-    if "://" in name:
-        return name
-    return f"worker {name}" if name.isdigit() else f"{name} on {socket.gethostname()}"
+    name = called(worker.name)
+    # A number is one of this machine's; without a name it is called by its address.
+    return name if name != str(worker.name) or "://" in name else f"{name} on {socket.gethostname()}"

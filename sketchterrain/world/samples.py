@@ -29,8 +29,9 @@ __all__ = ["Sampled", "evenly", "sample"]
 _T = TypeVar("_T", bound=np.generic)
 
 _FEWEST, _MOST = 6 * CHUNK**2, SHARD**2  # vertices
-_SHARE: Final = 1 / 16  # of the world's vertices, that a sample takes at most, were it not for the fewest
-_SIDE, _SMALL_SIDE = 2 * CHUNK, CHUNK  # vertices along a patch, and along one of a world of few vertices
+_SHARE: Final = 1 / 10  # of the world's vertices, that a sample takes at most, were it not for the fewest
+_SIDE, _SMALL_SIDE = 2 * CHUNK, CHUNK  # vertices along a patch, and along one of a small world
+_ENOUGH: Final = 4  # patches, to be large: launches of many vertices are what the work consists of
 _PLASTIC: Final = 1.3247179572447460  # x³ = x + 1
 _COARSE: Final = 3  # this level and all coarser ones are weighed together: 1.6 % of all vertices
 _ENDING: Final = {"zarr": ".zarr", "tif": ".tif", "tiles": ""}
@@ -83,7 +84,7 @@ def sample(job: Job, maker: Maker, *, progress: Callable[[float], None] | None =
     levels = job.world.levels
     groups = [(level,) for level in levels[:_COARSE]] + ([levels[_COARSE:]] if len(levels) > _COARSE else [])
     wanted = min(max(_SHARE * job.world.vertices, _FEWEST), _MOST)
-    side = _SIDE if wanted >= _FEWEST * (_SIDE / _SMALL_SIDE) ** 2 / 2 else _SMALL_SIDE
+    side = _SIDE if wanted >= _ENOUGH * _SIDE**2 else _SMALL_SIDE
     _patch(maker, levels[-1], side, 0)  # the first launch builds programs
     bytes_of, fixed, patches, seen = dict.fromkeys(job.layers, 0.0), 0, 0, 0
     evaluating, writing = [], []

@@ -37,7 +37,9 @@ class Woods(Waves):
 
 
 def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
-    quality = Quality(without=frozenset(without), map_texels=128, shade_texels=512, **changes)
+    quality = Quality(
+        without=frozenset(without), map_texels=128, shade_texels=512, tile_memory=64 << 20, **changes
+    )
     with canvas(SIZE) as (context, texture, framebuffer):
         weather = Weather(wind=wind, clouds=0.0)
         renderer = Renderer(context, Woods(rivers=False), sun=SUN, weather=weather, quality=quality)

@@ -1,0 +1,206 @@
+"""A written world in its window: keys and mouse, what is told; and the real process behind it."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PyQt6.QtCore import QEventLoop, QPoint, QPointF, Qt
+from PyQt6.QtGui import QImage, QWheelEvent
+from PyQt6.QtTest import QTest
+
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import make_recipe
+from sketchterrain.ui.engine.messages import FrameFacts, Picked, Trouble
+from sketchterrain.ui.engine.orders import Fly, GoTo, Look, Pan, Pick, Pose, Turn, Zoom
+from sketchterrain.ui.worlds import window as windows
+from sketchterrain.ui.worlds.link import WorldLink
+from sketchterrain.ui.worlds.messages import WorldFacts
+from sketchterrain.world.grid import World
+from sketchterrain.world.job import Job
+from sketchterrain.world.run import run_world
+
+WORLD = WorldFacts((1000.0, 5000.0), (4000.0, 2000.0), 2.0, 120.0, ("the world holds no sketch",))
+
+
+class Silent(WorldLink):
+    """A link that starts no process and remembers what it was told."""
+
+    def start(self):
+        self.told = []
+        self.starts = getattr(self, "starts", 0) + 1
+
+    def stop(self):
+        self.stopped = True
+
+    def tell(self, message):
+        self.told.append(message)
+
+
+def frame(**changes):
+    pose = Pose((10.0, -20.0, 300.0), (10.0, 80.0, 280.0))
+    facts = FrameFacts(320, 200, 0, pose, (0.0,) * 16, 0.02, 0.01, 9, 1000, True, 1 << 20)
+    return replace(facts, **changes)
+
+
+@pytest.fixture
+def window(qtbot, tmp_path, monkeypatch):
+    monkeypatch.setattr(windows, "WorldLink", Silent)
+    shown = windows.WorldWindow(tmp_path / "island.zarr")
+    qtbot.addWidget(shown)
+    shown.resize(640, 400)
+    shown.show()
+    link = shown.link
+    link.world = WORLD
+    link.world_known.emit(WORLD)
+    link.picture = QImage(320, 200, QImage.Format.Format_RGB32)
+    link.picture.fill(0xFF336699)
+    link.frame = frame()
+    link.frame_shown.emit(link.frame)
+    link.told.clear()
+    return shown
+
+
+def test_keys_fly_and_choose_how_one_moves(window):
+    view, link = window.view, window.link
+    assert link.view.mode == "fly"
+    QTest.keyPress(view, Qt.Key.Key_W)
+    QTest.keyPress(view, Qt.Key.Key_Shift)
+    QTest.keyRelease(view, Qt.Key.Key_Shift)
+    QTest.keyRelease(view, Qt.Key.Key_W)
+    flights = [told for told in link.told if isinstance(told, Fly)]
+    assert [each.forward for each in flights] == [1.0, 1.0, 1.0, 0.0]
+    assert flights[1].boost > 1
+    QTest.keyClick(view, Qt.Key.Key_3)
+    assert link.view.mode == "walk"
+    QTest.keyClick(view, Qt.Key.Key_R)
+    (look,) = [told for told in link.told if isinstance(told, Look)]
+    assert look.pose.target == (2000.0, -1000.0, 120.0), "the middle, in viewing coordinates"
+    assert look.pose.eye[1] < -2000.0 < look.pose.eye[2]
+
+
+def test_the_mouse_looks_around_moves_zooms_and_goes(window):
+    view, link = window.view, window.link
+    QTest.mousePress(view, Qt.MouseButton.LeftButton, pos=QPoint(200, 100))
+    QTest.mouseMove(view, QPoint(260, 130))
+    QTest.mouseRelease(view, Qt.MouseButton.LeftButton, pos=QPoint(260, 130))
+    wheel = QWheelEvent(
+        QPointF(160, 100),
+        QPointF(160, 100),
+        QPoint(),
+        QPoint(0, 120),
+        Qt.MouseButton.NoButton,
+        Qt.KeyboardModifier.NoModifier,
+        Qt.ScrollPhase.NoScrollPhase,
+        False,
+    )
+    view.wheelEvent(wheel)
+    (zoom,) = [told for told in link.told if isinstance(told, Zoom)]
+    assert zoom.factor < 1
+    assert zoom.x == pytest.approx(160 / view.width())
+    QTest.mouseDClick(view, Qt.MouseButton.LeftButton, pos=QPoint(300, 200))
+    (asked,) = [told for told in link.told if isinstance(told, Pick)]
+    link.picked.emit(Picked(asked.token, (70.0, -90.0, 12.0)))
+    assert link.told[-1] == GoTo(70.0, -90.0)
+    assert any(isinstance(told, Turn) for told in link.told)
+    assert not any(isinstance(told, Pan) for told in link.told)
+
+
+def test_the_window_tells_what_it_shows_and_what_is_lost(window):
+    assert window.windowTitle() == "island.zarr"
+    assert "4.0 km × 2.0 km, 2 m between vertices" in window._what.text()
+    assert "Eye at 1010, 4980 m, 300 m high" in window._where.text()
+    assert window.banner.message.line == "The world holds no sketch."
+    for chunk in range(2):
+        window.link.trouble.emit(Trouble("world", f"height {chunk}: broken"))
+    assert window.banner.message.kind == "warning"
+    assert "height 1: broken (2 parts so far)" in window.banner.message.line
+    assert not window.view._card.isVisible(), "the picture stays"
+    window.link.trouble.emit(Trouble("engine", "no such device"))
+    assert window.view._card.notice.line == "no such device"
+    window.view._card.pressed.emit()
+    assert window.link.starts == 2
+
+
+def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot):
+    file = tmp_path / "seen"
+    monkeypatch.setattr(windows.QFileDialog, "getSaveFileName", lambda *_: (str(file), ""))
+    window.view.picture_wanted.emit()
+    qtbot.waitUntil(lambda: file.with_suffix(".png").exists(), timeout=5000)
+    qtbot.waitUntil(lambda: "is saved" in window.banner.message.line, timeout=5000)
+    assert QImage(str(file.with_suffix(".png"))).size() == window.link.picture.size()
+
+
+class _Unheard:
+    """A watcher that does nothing."""
+
+    def __getattr__(self, name):
+        return lambda *_: None
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    """A square of hills, broken in its north-west."""
+    hill = np.zeros((32, 32), np.uint8)
+    hill[8:24, 8:24] = 1
+    sketch = Sketch(extent=1024.0, layers={"hill": hill})
+    folder = tmp_path_factory.mktemp("worlds") / "hills.zarr"
+    layers = ("height", "normal", "materials")
+    job = Job(sketch, make_recipe(sketch), World(0.0, 0.0, 1024.0, 1024.0, 2.0), folder, "zarr", layers)
+    run_world(job, watcher=_Unheard())
+    (shard,) = [path for path in (folder / "0" / "height" / "c").rglob("*") if path.is_file()]
+    data = bytearray(shard.read_bytes())
+    for place in range(0, len(data) // 4, 500):
+        data[place] ^= 1
+    shard.write_bytes(data)
+    return folder
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_the_process_draws_tells_and_ends(world, qapp):
+    link = WorldLink(world)
+    link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False)
+    troubles = []
+    link.trouble.connect(troubles.append)
+    try:
+        link.start()
+        _wait(qapp, lambda: link.frame is not None)
+        assert link.world.size == (1024.0, 1024.0)
+        assert link.picture.size().width() == 160
+        # Near the broken part it is looked at closely.
+        link.tell(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
+        _wait(qapp, lambda: any(each.what == "world" for each in troubles))
+        (told, *_) = [each.line for each in troubles if each.what == "world"]
+        assert "height" in told
+        _wait(qapp, lambda: link.frame.settled)
+        assert all(each.what == "world" for each in troubles)
+        child = link._child._process
+        x = link.frame.pose.eye[0]
+        link.tell(Fly(right=1.0))
+        _wait(qapp, lambda: abs(link.frame.pose.eye[0] - x) > 1.0)
+    finally:
+        link.stop()
+    assert child.poll() is not None
+
+
+@pytest.mark.slow
+def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp):
+    link = WorldLink(tmp_path)
+    troubles = []
+    link.trouble.connect(troubles.append)
+    link.start()
+    _wait(qapp, lambda: troubles)
+    link.stop()
+    assert [each.what for each in troubles] == ["engine"]
+    assert "no world" in troubles[0].line
+
+
+def _wait(qapp, until, seconds=300.0):
+    end = time.monotonic() + seconds
+    while not until():
+        assert time.monotonic() < end, "nothing came of it"
+        qapp.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, 20)
+        time.sleep(0.002)

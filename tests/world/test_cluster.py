@@ -11,11 +11,14 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from sketchterrain import compute
+from sketchterrain.compute import choose_device
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.world import run as running
 from sketchterrain.world import worker_checks
@@ -187,6 +190,18 @@ def then(heard: Heard, act: Callable[[int], None]) -> None:
         act(len(heard.done))
 
     heard.made = made
+
+
+def test_workers_of_a_machine_share_its_gpus_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    cpu = replace(choose_device(), type="CPU")
+    cards = [replace(cpu, index=number, type="GPU", name=f"Card {number}") for number in range(2)]
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    monkeypatch.setattr(compute, "list_devices", lambda: (*cards, cpu))
+    monkeypatch.setattr(compute, "choose_device", lambda selector: f"chosen by {selector}")
+    assert [worker_checks.own_device(None, turn).name for turn in range(3)] == ["Card 0", "Card 1", "Card 0"]
+    assert worker_checks.own_device("Card 1", 0) == "chosen by Card 1"
+    monkeypatch.setattr(compute, "list_devices", lambda: (cpu,))
+    assert worker_checks.own_device(None, 1) == "chosen by None"
 
 
 @pytest.mark.slow

@@ -37,6 +37,7 @@ __all__ = ["Estimate", "estimate", "in_words"]
 _LAUNCHED: Final = 1 << 20
 _BYTES_LAUNCHED: Final = 92
 _BYTES_A_VERTEX: Final = 38
+_OPENING, _STARTING = 0.5, 3.0  # s: a device and its programs; processes of workers
 _JOINING: Final = 1.0  # of one GeoTIFF a layer: how much of it lies there twice while it is joined
 
 
@@ -103,7 +104,8 @@ class Estimate:
     def seconds(self) -> float:
         """Until what is left is done: workers share a processor, other devices they have one each."""
         at_once = self.workers if self.workers > 0 and self.device.type != "CPU" else 1
-        return self.device_seconds * (1.0 - self.done / max(self.tasks, 1)) / at_once
+        left = self.device_seconds * (1.0 - self.done / max(self.tasks, 1)) / at_once
+        return left + _OPENING + (_STARTING if self.workers > 0 else 0.0)
 
     def refuse_impossible(self) -> None:
         """Refuse a world that there is no room for.

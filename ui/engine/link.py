@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QImage
 
 from sketchterrain.ui.engine.children import Children
 from sketchterrain.ui.engine.messages import (
@@ -21,7 +22,6 @@ from sketchterrain.ui.engine.messages import (
     Working,
 )
 from sketchterrain.ui.engine.orders import FrameTaken, Look, Pick, ViewState
-from sketchterrain.ui.engine.pictures import picture_of
 from sketchterrain.ui.engine.plan import (
     Coming,
     Followed,
@@ -33,12 +33,11 @@ from sketchterrain.ui.engine.plan import (
 from sketchterrain.ui.engine.updates import UpdateMaker
 
 if TYPE_CHECKING:
-    from PyQt6.QtGui import QImage
-
     from sketchterrain.ui.engine.channel import Channel
+    from sketchterrain.ui.engine.frames import FrameMemory
     from sketchterrain.ui.models.document import Document
 
-__all__ = ["EngineLink"]
+__all__ = ["EngineLink", "picture_of"]
 
 _OFTEN: Final = 0.016
 """s between two sketches that are sent, at least."""
@@ -271,6 +270,16 @@ class EngineLink(QObject):
         if working != self.working:
             self.working = working
             self.working_changed.emit(working)
+
+
+def picture_of(memory: FrameMemory, there: FrameThere) -> QImage:
+    """Return a copy of a frame in shared memory; its place may be drawn into again."""
+    width, height = there.facts.width, there.facts.height
+    with memory.view(there.start, 4 * width * height, there.capacity) as pixels:
+        shared = QImage(pixels, width, height, 4 * width, QImage.Format.Format_RGBX8888)  # type: ignore[call-overload]
+        picture: QImage = shared.convertToFormat(QImage.Format.Format_RGB32)
+        del shared
+    return picture
 
 
 class _Gone:

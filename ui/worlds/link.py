@@ -13,9 +13,9 @@ from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.frames import FrameMemory
+from sketchterrain.ui.engine.link import picture_of
 from sketchterrain.ui.engine.messages import EngineFacts, FrameFacts, Picked, Trouble, Working
 from sketchterrain.ui.engine.orders import FrameTaken, Look, Pick, Quit, ViewState
-from sketchterrain.ui.engine.pictures import picture_of
 from sketchterrain.ui.engine.plan import FrameThere
 from sketchterrain.ui.worlds.messages import WorldFacts
 

@@ -26,8 +26,8 @@ _SPARSE: Final = 4
 class ViewedHeights:
     """Heights of a stored world, 0, 0 being its north-west corner.
 
-    Beyond its ends there is low ground, for nothing there may stand before the sun: no higher than the border,
-    and than all but a twentieth of the world.
+    Beyond its ends there is low ground, for nothing there may stand before the sun: no higher than the
+    border, and than all but a twentieth of the world.
 
     Parameters
     ----------

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.world.ledger import read_journal, read_ledger
 from sketchterrain.world.roots import Roots, plants_folder
-from sketchterrain.world.verification import verify
+from sketchterrain.world.verification import lost_lines, verify
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -40,7 +41,11 @@ def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Itera
     place = Path(path)
     ledger = _ledger(place)
     folder = place if place.is_dir() else place.parent
-    return verify(ledger, Roots(folder, plants_folder(place)), progress=progress)
+    lost = lost_lines(ledger)
+    return chain(
+        () if lost is None else (lost,),
+        verify(ledger, Roots(folder, plants_folder(place)), progress=progress),
+    )
 
 
 def _ledger(place: Path) -> Ledger:

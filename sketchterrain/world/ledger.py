@@ -55,11 +55,14 @@ class Ledger(msgspec.Struct):
         Tasks whose files are there.
     others : tuple of WrittenFile
         Files that belong to the whole.
+    lost : int
+        Lines that were broken and told of nothing.
     """
 
     header: Header
     done: dict[Task, tuple[WrittenFile, ...]]
     others: tuple[WrittenFile, ...] = ()
+    lost: int = 0
 
     @property
     def files(self) -> Iterator[WrittenFile]:
@@ -192,6 +195,7 @@ def _read(lines: Sequence[bytes], place: object) -> Ledger:
         try:
             told = decoder.decode(line)
         except msgspec.MsgspecError:
+            ledger.lost += 1
             continue
         if not all(is_inside(each.file) for each in told.files):
             raise InputError(f"{one_line(place)}: names a file that is not in the world's folder")

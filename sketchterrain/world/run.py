@@ -21,7 +21,7 @@ from sketchterrain.world.making import hashed
 from sketchterrain.world.roots import Roots
 from sketchterrain.world.sweeping import sweep
 from sketchterrain.world.tasks import task_count, tasks_of
-from sketchterrain.world.verification import Broken, verify
+from sketchterrain.world.verification import Broken, lost_lines, verify
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -162,7 +162,11 @@ class _Run:
         for each in verify(self._ledger, self._roots, progress=self._told(self.watcher.verified)):
             self._broken.append(each)
             self.watcher.broken(each)
-        return self._found.finished and not self._broken
+        if self._found.finished and (lost := lost_lines(self._ledger)) is not None:
+            self._broken.append(lost)
+            self.watcher.broken(lost)
+        untold = self._store.keeps_shards and self.has_tasks_left
+        return self._found.finished and not (self._broken or untold)
 
     def prepare(self) -> None:
         """Leave nothing there but what is whole, and write what depends on no ground."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sketchterrain.world.made import WrittenFile
     from sketchterrain.world.roots import Roots
 
-__all__ = ["Broken", "verify"]
+__all__ = ["Broken", "lost_lines", "verify"]
 
 _MOST_THREADS = 4  # a disk gives no more than they take
 
@@ -54,6 +54,11 @@ def verify(ledger: Ledger, roots: Roots, *, progress: Callable[[float], None]) -
         progress(read / whole)
         if why:
             yield Broken(file.file, why)
+
+
+def lost_lines(ledger: Ledger) -> Broken | None:
+    """Return what is wrong with the ledger of a finished world itself; None where each line tells."""
+    return Broken("ledger", f"has broken lines: {ledger.lost}") if ledger.lost else None
 
 
 def _checked(files: Iterable[WrittenFile], roots: Roots) -> Iterator[tuple[WrittenFile, str]]:

@@ -153,6 +153,19 @@ def test_without_its_ledger_all_is_made_again(job, copied, heard, whole_world, t
     assert tree(copied) == tree(whole_world)
 
 
+@pytest.mark.parametrize("how", ["a line broken", "a line lost"])
+def test_a_ledger_that_tells_of_less_is_mended(how, job, copied, heard, whole_world, tree) -> None:
+    ledger = copied / "ledger" / "c" / "0"
+    lines = ledger.read_bytes().splitlines(keepends=True)
+    lines[4:5] = [b"{" + lines[4]] if how == "a line broken" else []
+    ledger.write_bytes(b"".join(lines))
+    named = [("ledger", "has broken lines: 1")] if how == "a line broken" else []
+    assert [(*each,) for each in check_world(copied, progress=lambda _: None)] == named
+    done = run_world(job, resume=True, watcher=heard)
+    assert (done.made, [(*each,) for each in done.broken]) == (1, named)
+    assert tree(copied) == tree(whole_world)
+
+
 def test_a_journal_that_is_lost_or_cut_off(job, heard, whole_world, tree) -> None:
     with pytest.raises(_StoppedError):
         run_world(job, watcher=stopping(heard, 5))

@@ -58,7 +58,9 @@ def verify(ledger: Ledger, roots: Roots, *, progress: Callable[[float], None]) -
 
 def lost_lines(ledger: Ledger) -> Broken | None:
     """Return what is wrong with the ledger of a finished world itself; None where each line tells."""
-    return Broken("ledger", f"has broken lines: {ledger.lost}") if ledger.lost else None
+    if ledger.lost:
+        return Broken("ledger", f"has broken lines: {ledger.lost}")
+    return None if ledger.others else Broken("ledger", "does not name the files that belong to the whole")
 
 
 def _checked(files: Iterable[WrittenFile], roots: Roots) -> Iterator[tuple[WrittenFile, str]]:

@@ -166,6 +166,17 @@ def test_a_ledger_that_tells_of_less_is_mended(how, job, copied, heard, whole_wo
     assert tree(copied) == tree(whole_world)
 
 
+def test_a_ledger_without_its_second_line_is_mended(job, copied, heard, whole_world, tree) -> None:
+    ledger = copied / "ledger" / "c" / "0"
+    first, _, *rest = ledger.read_bytes().splitlines(keepends=True)
+    ledger.write_bytes(b"".join([first, *rest]))
+    named = [("ledger", "does not name the files that belong to the whole")]
+    assert [(*each,) for each in check_world(copied, progress=lambda _: None)] == named
+    done = run_world(job, resume=True, watcher=heard)
+    assert (done.made, [(*each,) for each in done.broken]) == (0, named)
+    assert tree(copied) == tree(whole_world)
+
+
 def test_a_journal_that_is_lost_or_cut_off(job, heard, whole_world, tree) -> None:
     with pytest.raises(_StoppedError):
         run_world(job, watcher=stopping(heard, 5))

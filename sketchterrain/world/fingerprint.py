@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from sketchterrain.batch.output import image_digest
 from sketchterrain.sketch.toml_text import settings_text
+from sketchterrain.world.code import code_digest
 
 if TYPE_CHECKING:
     from sketchterrain.world.job import Job
@@ -33,6 +34,7 @@ def fingerprint(job: Job) -> str:
     """
     whole = {
         "version": version("sketchterrain"),
+        "code": code_digest(),
         "settings": settings_text(job.sketch),
         "painted": {name: image_digest(image) for name, image in job.sketch.layers.items()},
         "world": asdict(job.world),

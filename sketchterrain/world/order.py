@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import pickle
 from dataclasses import dataclass
-from hashlib import sha256
 from importlib.metadata import version
-from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from importlib.resources.abc import Traversable
+from sketchterrain.world.code import code_digest
 
+if TYPE_CHECKING:
     from sketchterrain.errors import SketchterrainError
     from sketchterrain.world.job import Job
 
-__all__ = ["Failed", "Ready", "Refused", "called", "code_digest", "packed", "unpacked"]
-
-_ROOMS = ("sketchterrain.compute", "sketchterrain.terrain", "sketchterrain.world", "sketchterrain.kernels")
-_ENDINGS = (".py", ".cl", ".clh")
+__all__ = ["Failed", "Ready", "Refused", "called", "packed", "unpacked"]
 
 
 @dataclass(frozen=True)
@@ -90,17 +84,3 @@ def unpacked(order: dict[str, Any]) -> Job:
     """Return the job that was packed; the version must be the same."""
     job: Job = pickle.loads(order["job"])  # noqa: S301 - a cluster runs what its clients send anyway
     return job
-
-
-def code_digest() -> str:
-    """Return the SHA-256 of the code and the kernels that a world's bytes follow from."""
-    digest = sha256()
-    for room in _ROOMS:
-        for each in sorted(_sources(files(room)), key=lambda found: found.name):
-            digest.update(f"{room}/{each.name}\n".encode())
-            digest.update(each.read_bytes())
-    return digest.hexdigest()
-
-
-def _sources(folder: Traversable) -> Iterator[Traversable]:
-    return (each for each in folder.iterdir() if each.name.endswith(_ENDINGS) and each.is_file())

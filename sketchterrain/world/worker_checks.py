@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from sketchterrain.errors import SketchterrainError
+from sketchterrain.world.code import code_digest
 from sketchterrain.world.grid import CHUNK, Shard
-from sketchterrain.world.order import code_digest
 
 if TYPE_CHECKING:
     from sketchterrain.compute import Device

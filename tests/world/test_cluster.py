@@ -23,7 +23,6 @@ from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.world import run as running
 from sketchterrain.world import worker_checks
 from sketchterrain.world.making import Begun, Maker
-from sketchterrain.world.order import code_digest
 from sketchterrain.world.run import run_world
 from sketchterrain.world.scheduler import check_scheduler
 from sketchterrain.world.tasks import tasks_of
@@ -141,11 +140,6 @@ def test_workers_in_this_process_in_shuffled_order_give_the_same_bytes_also_afte
     assert tree(job.output) == tree(whole_world)
     assert {made.worker for made in heard.done} == {"worker 0", "worker 1"}
     assert heard.notes == []
-
-
-def test_the_order_that_is_sent_is_of_plain_types_and_names_the_code() -> None:
-    assert code_digest() == code_digest()
-    assert len(code_digest()) == 64
 
 
 @pytest.mark.parametrize(

@@ -118,3 +118,6 @@ def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> N
     before = fingerprint(small_job)
     monkeypatch.setattr("sketchterrain.world.fingerprint.version", lambda _: "0.0")
     assert fingerprint(small_job) != before
+    monkeypatch.undo()
+    monkeypatch.setattr("sketchterrain.world.fingerprint.code_digest", lambda: "other code")
+    assert fingerprint(small_job) != before

@@ -307,7 +307,7 @@ FULL = Effort(
     batch_jobs=(1, 2),
     batch_rounds=2,
     world_sides=(1025, 2049, 4097, 8193, 16385, 32769),
-    world_workers_side=4097,
+    world_workers_side=8193,
     world_workers=(1, 2),
     world_rounds=3,
 )

@@ -52,11 +52,12 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Seconds and most memory of `world` by its number of vertices, each in a fresh process.
 
     Squares of valley_river from its south-west corner on, beyond the sketch where they are larger, 1 m apart,
-    as a Zarr store with heights, normals, materials and all coarser levels. Seconds are those from the first
-    task to the last file, without the process's start; memory is the most that the process has had (VmHWM).
-    What the program estimated before it began stands beside what it took: 1 is right. Bytes by layer are
-    those of the largest world. Workers: one world by this process alone and by worker processes of the same
-    machine, in turn, a round each; the ratio is of one round's times, and the median of rounds is shown.
+    each written once, as a Zarr store with heights, normals, materials and all coarser levels. Seconds are
+    those from the first task to the last file, without the process's start; memory is the most that the
+    process has had (VmHWM). What the program estimated before it began stands beside what it took: 1 is
+    right. Bytes by layer are those of the largest world. Workers: one world by this process alone and by
+    worker processes of the same machine, whose start counts, in turn, a round each; the ratio is of one
+    round's times, and the median of rounds is shown.
     """
     device = ["--device", str(context.device.index), *(["--fast"] if context.fast else [])]
     with tempfile.TemporaryDirectory() as folder:

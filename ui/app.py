@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,18 +47,16 @@ def run(name: str | None = None) -> int:
     """
     check_screen()
     sketch, path = load_sketch(name or FIRST), _path_of(name)
-    from PyQt6.QtWidgets import QApplication
+    from sketchterrain.ui.application import named_application
 
-    app = QApplication(sys.argv[:1])
-    app.setApplicationName("sketchterrain")
-    app.setApplicationDisplayName("Sketchterrain")
-    app.setDesktopFileName("sketchterrain")
+    app = named_application()  # kept until all of the window's models are gone
     return _show(app, sketch, path)
 
 
 def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
-    from PyQt6.QtCore import QEvent, QTimer
+    from PyQt6.QtCore import QTimer
 
+    from sketchterrain.ui.application import delete_window
     from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.document import Document
@@ -115,9 +112,7 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     link.stop()
     autosave.close()
     window.surprises.let_go()
-    # Views go before the models that they look at.
-    window.deleteLater()
-    app.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    delete_window(window)
     garbage.end()
     return code
 

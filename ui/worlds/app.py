@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from sketchterrain.ui.screen import check_screen
@@ -36,18 +35,13 @@ def run(path: str | Path, *, device: str | None = None) -> int:
     from sketchterrain.world.opening import open_world
 
     open_world(path)
-    from PyQt6.QtCore import QEvent
-    from PyQt6.QtWidgets import QApplication
-
+    from sketchterrain.ui.application import delete_window, named_application
     from sketchterrain.ui.garbage import Garbage
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.preferences import Preferences, config_folder
     from sketchterrain.ui.worlds.window import WorldWindow
 
-    app = QApplication(sys.argv[:1])
-    app.setApplicationName("sketchterrain")
-    app.setApplicationDisplayName("Sketchterrain")
-    app.setDesktopFileName("sketchterrain")
+    app = named_application()
     preferences = Preferences(config_folder() / "desktop.ini")
     apply_theme(app, preferences.theme)
     window = WorldWindow(Path(path).absolute(), device=device or preferences.device)
@@ -55,7 +49,6 @@ def run(path: str | Path, *, device: str | None = None) -> int:
     garbage = Garbage()
     code = app.exec()
     window.link.stop()
-    window.deleteLater()
-    app.sendPostedEvents(None, QEvent.Type.DeferredDelete.value)
+    delete_window(window)
     garbage.end()
     return code

@@ -91,6 +91,12 @@ class ExportJob(QObject):
             self._process.kill()
             self._process.waitForFinished(_PATIENCE)
 
+    def stop(self) -> None:
+        """Cancel it where it runs, and wait until it has ended."""
+        if self.is_running:
+            self.cancel()
+            self.wait()
+
     def _send(self, pickled: object) -> None:
         self._process.write(cast(bytes, pickled))
         self._process.closeWriteChannel()

@@ -5,17 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from PyQt6.QtCore import Qt, QTimer, QUrl
-from PyQt6.QtGui import QDesktopServices, QPalette
+from PyQt6.QtCore import QTimer, QUrl
+from PyQt6.QtGui import QDesktopServices
 from PyQt6.QtWidgets import (
     QComboBox,
     QDialog,
     QDialogButtonBox,
     QFileDialog,
     QLineEdit,
-    QPushButton,
     QStackedWidget,
-    QVBoxLayout,
     QWidget,
 )
 
@@ -23,9 +21,17 @@ from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.ui.dialogs.export_outcome import STAGES, TARGET_STAGES, ExportOutcome
 from sketchterrain.ui.dialogs.export_target import TargetWishes
 from sketchterrain.ui.dialogs.export_wishes import ExportWishes
-from sketchterrain.ui.dialogs.sheet import column, note, titled
+from sketchterrain.ui.dialogs.sheet import (
+    add_button,
+    column,
+    note_to_copy,
+    only_close,
+    part,
+    tell,
+    titled,
+    with_browse,
+)
 from sketchterrain.ui.export_job import ExportJob
-from sketchterrain.ui.look.theme import MARGIN
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import QCloseEvent
@@ -70,15 +76,13 @@ class ExportDialog(QDialog):
         self.pages = QStackedWidget()
         self.pages.addWidget(self._ask_page())
         rows.addWidget(self.pages, 1)
-        self._buttons = QDialogButtonBox()
-        self._go = self._button("Export", QDialogButtonBox.ButtonRole.AcceptRole, self._begin)
-        self._show_folder = self._button(
-            "Open folder", QDialogButtonBox.ButtonRole.ActionRole, self._open_folder
-        )
-        self._close = self._button("Cancel", QDialogButtonBox.ButtonRole.RejectRole, self.reject)
+        buttons, roles = QDialogButtonBox(), QDialogButtonBox.ButtonRole
+        self._go = add_button(buttons, "Export", roles.AcceptRole, self._begin)
+        self._show_folder = add_button(buttons, "Open folder", roles.ActionRole, self._open_folder)
+        self._close = add_button(buttons, "Cancel", roles.RejectRole, self.reject)
         self._go.setDefault(True)
         self._show_folder.hide()
-        rows.addWidget(self._buttons)
+        rows.addWidget(buttons)
         for wishes in (self.wishes, self.target_wishes):
             wishes.changed.connect(self._check)
         self.folder.textChanged.connect(self._check)
@@ -107,36 +111,22 @@ class ExportDialog(QDialog):
 
     def closeEvent(self, event: QCloseEvent | None) -> None:
         """Cancel what runs."""
-        if self.job is not None and self.job.is_running:
-            self.job.cancel()
-            self.job.wait()
+        if self.job is not None:
+            self.job.stop()
         self.outcome.end()
         super().closeEvent(event)
 
     def _ask_page(self) -> QWidget:
         page = QWidget()
-        rows = QVBoxLayout(page)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
+        rows = part(page)
         rows.addLayout(titled("E&xport for", self.targets, "Program or format"))
         rows.addWidget(self.wishes)
         rows.addWidget(self.target_wishes)
-        browse = QPushButton("Browse…")
-        browse.setAutoDefault(False)
-        browse.clicked.connect(self._browse)
-        rows.addLayout(titled("&Folder", self.folder, "Folder for the files", browse))
-        self._refused = note()
-        self._refused.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        rows.addLayout(with_browse("&Folder", self.folder, "Folder for the files", self._browse))
+        self._refused = note_to_copy()
         rows.addWidget(self._refused)
         rows.addStretch(1)
         return page
-
-    def _button(self, title: str, role: QDialogButtonBox.ButtonRole, do: Any) -> QPushButton:
-        button = self._buttons.addButton(title, role)
-        if button is None:
-            raise RuntimeError("expected a button")
-        button.clicked.connect(do)
-        return button
 
     def _use_target(self, *_: object) -> None:
         """Ask for the target that is chosen, as it was asked for the last time."""
@@ -163,11 +153,10 @@ class ExportDialog(QDialog):
         elif self.place.is_file():
             line = f"{self.place} is a file: expected a folder."
         self._go.setEnabled(not line)
-        role = QPalette.ColorRole.WindowText if line else QPalette.ColorRole.PlaceholderText
-        self._refused.setForegroundRole(role)
+        is_wrong = bool(line)
         if not line and (self.place / self.asked.mark).is_file():
             line = "Files of an earlier export there are replaced."
-        self._refused.setText(line)
+        tell(self._refused, line, is_wrong=is_wrong)
 
     def _browse(self) -> None:
         start = self.place if self.place.is_dir() else self.place.parent
@@ -203,10 +192,7 @@ class ExportDialog(QDialog):
         self._finish()
 
     def _finish(self) -> None:
-        self._close.setText("Close")
-        self._close.setEnabled(True)
-        self._close.setDefault(True)
-        self._close.setFocus()
+        only_close(self._close)
 
     def _open_folder(self) -> None:
         QDesktopServices.openUrl(QUrl.fromLocalFile(str(self.place)))

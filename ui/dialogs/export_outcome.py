@@ -12,7 +12,6 @@ from PyQt6.QtWidgets import (
     QHBoxLayout,
     QHeaderView,
     QLabel,
-    QProgressBar,
     QPushButton,
     QTableWidget,
     QTableWidgetItem,
@@ -21,8 +20,7 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.export.typed_settings import typed_rows
-from sketchterrain.ui.dialogs.sheet import heading, note
-from sketchterrain.ui.look.theme import MARGIN
+from sketchterrain.ui.dialogs.sheet import heading, note_to_copy, part, share_bar
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -67,12 +65,8 @@ class ExportOutcome(QWidget):
         self._head = heading("Exporting")
         self.doing = QLabel("Starting")
         self.doing.setWordWrap(True)
-        self.bar = QProgressBar()
-        self.bar.setRange(0, _UNITS)
-        self.bar.setTextVisible(False)
-        self.bar.setAccessibleName("How far the export is")
-        self.told = note()
-        self.told.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.bar = share_bar("How far the export is", _UNITS)
+        self.told = note_to_copy()
         self._clock = QTimer(self)
         self._clock.setInterval(500)
         self._clock.timeout.connect(self._show_time)
@@ -96,9 +90,7 @@ class ExportOutcome(QWidget):
         self._copy_key.setShortcutContext(Qt.ShortcutContext.WidgetShortcut)
         self._copy_key.triggered.connect(self._copy_chosen)
         self.table.addAction(self._copy_key)
-        rows = QVBoxLayout(self)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
+        rows = part(self)
         for widget in (self._head, self.doing, self.bar, self.told):
             rows.addWidget(widget)
         rows.addWidget(self._settings, 1)

@@ -5,16 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import pyqtSignal
-from PyQt6.QtWidgets import QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.disk import amount
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.sidecar import SIDECAR
 from sketchterrain.export_plans import memory_needed, plan_of
 from sketchterrain.ui.dialogs.export_options import TargetControls
-from sketchterrain.ui.dialogs.sheet import note
+from sketchterrain.ui.dialogs.sheet import note, part
 from sketchterrain.ui.export_wish import TargetWish
-from sketchterrain.ui.look.theme import MARGIN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -55,9 +54,7 @@ class TargetWishes(QWidget):
         self.problem = ""
         self.controls = TargetControls(is_wide=sketch.size[0] >= sketch.size[1], parent=self)
         self._line, self._told = note(), note()
-        rows = QVBoxLayout(self)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
+        rows = part(self)
         for widget in (self._line, self.controls, self._told):
             rows.addWidget(widget)
         self.controls.changed.connect(self._show)

@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from PyQt6.QtCore import pyqtSignal
-from PyQt6.QtWidgets import QCheckBox, QComboBox, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QCheckBox, QWidget
 
 from sketchterrain.disk import gibibytes
 from sketchterrain.errors import InputError
 from sketchterrain.sizes import check_size, memory_needed
-from sketchterrain.ui.dialogs.kept_controls import set_values, values_of
-from sketchterrain.ui.dialogs.sheet import form, note
+from sketchterrain.ui.dialogs.kept_controls import call_on_change, set_values, values_of
+from sketchterrain.ui.dialogs.sheet import choice_box, form, note, part
 from sketchterrain.ui.export_wish import Wish
-from sketchterrain.ui.look.theme import MARGIN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -69,14 +68,9 @@ class ExportWishes(QWidget):
         super().__init__(parent)
         self._sketch = sketch
         self.problem = ""
-        self.sizes = QComboBox()
-        for size in _SIZES:
-            self.sizes.addItem(self._size_text(size), size)
+        self.sizes = choice_box({size: self._size_text(size) for size in _SIZES})
         self.sizes.setCurrentIndex(_SIZES.index(1025))
-        self.foliage, self.maps, self.views = QComboBox(), QComboBox(), QComboBox()
-        for box, choices in ((self.foliage, _FOLIAGE), (self.maps, _MAPS), (self.views, _VIEWS)):
-            for key, title in choices.items():
-                box.addItem(title, key)
+        self.foliage, self.maps, self.views = (choice_box(each) for each in (_FOLIAGE, _MAPS, _VIEWS))
         self.grass = QCheckBox("Grass, flowers and ferns too (millions)")
         self._told = note()
         fields = form()
@@ -90,9 +84,7 @@ class ExportWishes(QWidget):
             fields.addRow(title, control)
             control.setToolTip(tip)
             control.setAccessibleName(title.replace("&", "") or "Grass")
-        rows = QVBoxLayout(self)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
+        rows = part(self)
         rows.addLayout(fields)
         rows.addWidget(self._told)
         self._controls: dict[str, QWidget] = {
@@ -103,9 +95,7 @@ class ExportWishes(QWidget):
             "view": self.views,
         }
         set_values(self._controls, kept or {})
-        for box in (self.sizes, self.foliage, self.maps, self.views):
-            box.currentIndexChanged.connect(self._show)
-        self.grass.toggled.connect(self._show)
+        call_on_change(self._controls, self._show)
         self._show()
 
     @property

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 from PyQt6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QLineEdit
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from PyQt6.QtWidgets import QWidget
 
-__all__ = ["Kept", "set_values", "values_of"]
+__all__ = ["Kept", "call_on_change", "set_values", "values_of"]
 
 Kept = dict[str, str | float | bool]
 """A value for each control, by name."""
@@ -47,6 +47,19 @@ def set_values(controls: Mapping[str, QWidget], values: Mapping[str, object]) ->
                 control.setValue(value)
         elif isinstance(control, QLineEdit) and isinstance(value, str):
             control.setText(value)
+
+
+def call_on_change(controls: Mapping[str, QWidget], do: Callable[..., object]) -> None:
+    """Do something whenever another value is set, with the new one as it is told."""
+    for control in controls.values():
+        if isinstance(control, QComboBox):
+            control.currentIndexChanged.connect(do)
+        elif isinstance(control, QCheckBox):
+            control.toggled.connect(do)
+        elif isinstance(control, QDoubleSpinBox):
+            control.valueChanged.connect(do)
+        elif isinstance(control, QLineEdit):
+            control.textChanged.connect(do)
 
 
 def _choose(box: QComboBox, value: object) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from PyQt6.QtCore import QDateTime, QLocale, Qt
 from PyQt6.QtWidgets import QDialog, QDialogButtonBox, QListWidget, QListWidgetItem, QWidget
 
-from sketchterrain.ui.dialogs.sheet import button_row, column, heading, note
+from sketchterrain.ui.dialogs.sheet import add_button, button_row, column, heading, note
 from sketchterrain.ui.look.theme import SMALL
 
 if TYPE_CHECKING:
@@ -59,11 +59,8 @@ class RecoveryDialog(QDialog):
         self._said = note()
         rows.addWidget(self._said)
         box, self.recover = button_row(self, "Recover", cancel="Later")
-        discard = box.addButton("Delete it", QDialogButtonBox.ButtonRole.DestructiveRole)
-        if discard is None:
-            raise RuntimeError("expected a button")
-        self.discard = discard
-        self.discard.clicked.connect(self._discard)
+        role = QDialogButtonBox.ButtonRole.DestructiveRole
+        self.discard = add_button(box, "Delete it", role, self._discard)
         rows.addWidget(box)
         self.list.currentRowChanged.connect(self._show)
         self._show()

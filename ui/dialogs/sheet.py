@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QPalette
 from PyQt6.QtWidgets import (
+    QComboBox,
     QDialog,
     QDialogButtonBox,
     QDoubleSpinBox,
@@ -14,6 +15,8 @@ from PyQt6.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
+    QProgressBar,
+    QPushButton,
     QSizePolicy,
     QSpinBox,
     QVBoxLayout,
@@ -24,14 +27,14 @@ from sketchterrain.sketch import SKETCH
 from sketchterrain.ui.look.theme import MARGIN, SPACING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from PyQt6.QtWidgets import QPushButton
+    from collections.abc import Callable, Iterable, Mapping
 
 __all__ = [
+    "add_button",
     "add_rows",
     "beside",
     "button_row",
+    "choice_box",
     "column",
     "extent_box",
     "fix_width",
@@ -39,8 +42,14 @@ __all__ = [
     "heading",
     "name_line",
     "note",
+    "note_to_copy",
+    "only_close",
+    "part",
     "pixel_box",
+    "share_bar",
+    "tell",
     "titled",
+    "with_browse",
 ]
 
 _SIDES = (32, 16384)  # px
@@ -51,6 +60,14 @@ def column(dialog: QDialog, title: str) -> QVBoxLayout:
     dialog.setWindowTitle(title)
     rows = QVBoxLayout(dialog)
     rows.setContentsMargins(2 * MARGIN, 2 * MARGIN, 2 * MARGIN, MARGIN + SPACING)
+    rows.setSpacing(MARGIN)
+    return rows
+
+
+def part(widget: QWidget) -> QVBoxLayout:
+    """Return the column of a part of a dialog: its edge is the dialog's own."""
+    rows = QVBoxLayout(widget)
+    rows.setContentsMargins(0, 0, 0, 0)
     rows.setSpacing(MARGIN)
     return rows
 
@@ -102,6 +119,14 @@ def pixel_box(value: int, low: int = _SIDES[0], high: int = _SIDES[1]) -> QSpinB
     return box
 
 
+def choice_box(titles: Mapping[Any, str]) -> QComboBox:
+    """Return a box of choices: what each means, as its data, and its title."""
+    box = QComboBox()
+    for data, title in titles.items():
+        box.addItem(title, data)
+    return box
+
+
 def beside(*parts: QWidget | str) -> QWidget:
     """Return controls, and words between them, in a row."""
     row = QWidget()
@@ -128,6 +153,23 @@ def titled(title: str, control: QWidget, name: str, *after: QWidget) -> QHBoxLay
     return row
 
 
+def with_browse(title: str, line: QLineEdit, name: str, browse: Callable[[], object]) -> QHBoxLayout:
+    """Return a row for a path: its title, its line with its name, and a button that looks for one."""
+    button = QPushButton("Browse…")
+    button.setAutoDefault(False)
+    button.clicked.connect(browse)
+    return titled(title, line, name, button)
+
+
+def share_bar(name: str, units: int) -> QProgressBar:
+    """Return a bar without words, full at a number of units."""
+    bar = QProgressBar()
+    bar.setRange(0, units)
+    bar.setTextVisible(False)
+    bar.setAccessibleName(name)
+    return bar
+
+
 def heading(text: str) -> QLabel:
     """Return a line that says what a dialog is for."""
     label = QLabel(text)
@@ -147,6 +189,43 @@ def note(text: str = "") -> QLabel:
     return label
 
 
+def note_to_copy() -> QLabel:
+    """Return a note whose text can be selected: messages are looked up elsewhere."""
+    label = note()
+    label.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+    return label
+
+
+def tell(label: QLabel, text: str, *, is_wrong: bool = False) -> None:
+    """Let a note say something; what is wrong is as dark as what is read first."""
+    role = QPalette.ColorRole.WindowText if is_wrong else QPalette.ColorRole.PlaceholderText
+    label.setForegroundRole(role)
+    label.setText(text)
+
+
+def add_button(
+    box: QDialogButtonBox,
+    title: str,
+    role: QDialogButtonBox.ButtonRole,
+    do: Callable[[], object] | None = None,
+) -> QPushButton:
+    """Add a button to those of a dialog, and what it does; None: what its role says."""
+    button = box.addButton(title, role)
+    if button is None:
+        raise RuntimeError("expected a button")
+    if do is not None:
+        button.clicked.connect(do)
+    return button
+
+
+def only_close(button: QPushButton) -> None:
+    """Make closing all that is left to do."""
+    button.setText("Close")
+    button.setEnabled(True)
+    button.setDefault(True)
+    button.setFocus()
+
+
 def button_row(
     dialog: QDialog, accept: str, *, cancel: str = "Cancel", on_accept: Callable[[], object] | None = None
 ) -> tuple[QDialogButtonBox, QPushButton]:
@@ -163,9 +242,7 @@ def button_row(
         In place of accepting the dialog.
     """
     box = QDialogButtonBox(dialog)
-    agree = box.addButton(accept or cancel, QDialogButtonBox.ButtonRole.AcceptRole)
-    if agree is None:
-        raise RuntimeError("expected a button")
+    agree = add_button(box, accept or cancel, QDialogButtonBox.ButtonRole.AcceptRole)
     agree.setDefault(True)
     if accept:
         box.addButton(cancel, QDialogButtonBox.ButtonRole.RejectRole)

@@ -5,27 +5,33 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from PyQt6.QtCore import Qt, QTimer, QUrl, pyqtSignal
-from PyQt6.QtGui import QDesktopServices, QPalette
+from PyQt6.QtCore import QTimer, QUrl, pyqtSignal
+from PyQt6.QtGui import QDesktopServices
 from PyQt6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
     QFileDialog,
     QLabel,
     QLineEdit,
-    QProgressBar,
-    QPushButton,
-    QVBoxLayout,
     QWidget,
 )
 
 from sketchterrain.batch.remaining import duration
 from sketchterrain.disk import amount
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.ui.dialogs.sheet import column, heading, note, titled
+from sketchterrain.ui.dialogs.sheet import (
+    add_button,
+    column,
+    heading,
+    note_to_copy,
+    only_close,
+    part,
+    share_bar,
+    tell,
+    with_browse,
+)
 from sketchterrain.ui.dialogs.world_wishes import ENDINGS, WorldWishes
 from sketchterrain.ui.export_job import ExportJob
-from sketchterrain.ui.look.theme import MARGIN
 from sketchterrain.world.asked import form_of
 
 if TYPE_CHECKING:
@@ -70,15 +76,14 @@ class WorldDialog(QDialog):
         self.asking, self.working = self._ask_page(), self._work_page()
         for page in (self.asking, self.working):
             rows.addWidget(page, 1)
-        self._buttons = QDialogButtonBox()
-        roles = QDialogButtonBox.ButtonRole
-        self.go = self._button("Estimate", roles.AcceptRole, self._begin)
-        self.view = self._button("View", roles.ActionRole, self._view)
-        self.show_folder = self._button("Open folder", roles.ActionRole, self._open_folder)
-        self.close_ = self._button("Cancel", roles.RejectRole, self.reject)
+        buttons, roles = QDialogButtonBox(), QDialogButtonBox.ButtonRole
+        self.go = add_button(buttons, "Estimate", roles.AcceptRole, self._begin)
+        self.view = add_button(buttons, "View", roles.ActionRole, self._view)
+        self.show_folder = add_button(buttons, "Open folder", roles.ActionRole, self._open_folder)
+        self.close_ = add_button(buttons, "Cancel", roles.RejectRole, self.reject)
         self.view.hide()
         self.show_folder.hide()
-        rows.addWidget(self._buttons)
+        rows.addWidget(buttons)
         self.wishes.changed.connect(self._check)
         self.wishes.forms.currentIndexChanged.connect(self._end_as_form)
         self.output.textChanged.connect(self._check)
@@ -101,50 +106,30 @@ class WorldDialog(QDialog):
 
     def closeEvent(self, event: QCloseEvent | None) -> None:
         """Cancel what runs."""
-        if self.job is not None and self.job.is_running:
-            self.job.cancel()
-            self.job.wait()
+        if self.job is not None:
+            self.job.stop()
         super().closeEvent(event)
 
     def _ask_page(self) -> QWidget:
         page = QWidget()
-        rows = QVBoxLayout(page)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
+        rows = part(page)
         rows.addWidget(self.wishes)
-        browse = QPushButton("Browse…")
-        browse.setAutoDefault(False)
-        browse.clicked.connect(self._browse)
-        rows.addLayout(titled("O&utput", self.output, "File or folder of the world", browse))
-        self.told = note()
-        self.told.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        rows.addLayout(with_browse("O&utput", self.output, "File or folder of the world", self._browse))
+        self.told = note_to_copy()
         rows.addWidget(self.told)
         rows.addStretch(1)
         return page
 
     def _work_page(self) -> QWidget:
         page = QWidget()
-        rows = QVBoxLayout(page)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
-        self._head, self.doing, self.noted = heading("Writing the world"), QLabel("Starting"), note()
+        rows = part(page)
+        self._head, self.doing, self.noted = heading("Writing the world"), QLabel("Starting"), note_to_copy()
         self.doing.setWordWrap(True)
-        self.noted.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.bar = QProgressBar()
-        self.bar.setRange(0, _UNITS)
-        self.bar.setTextVisible(False)
-        self.bar.setAccessibleName("How far the world is")
+        self.bar = share_bar("How far the world is", _UNITS)
         for widget in (self._head, self.doing, self.bar, self.noted):
             rows.addWidget(widget)
         rows.addStretch(1)
         return page
-
-    def _button(self, title: str, role: QDialogButtonBox.ButtonRole, do: Any) -> QPushButton:
-        button = self._buttons.addButton(title, role)
-        if button is None:
-            raise RuntimeError("expected a button")
-        button.clicked.connect(do)
-        return button
 
     def _end_as_form(self) -> None:
         """Give the output's name the ending of the form that is chosen."""
@@ -161,7 +146,7 @@ class WorldDialog(QDialog):
         self.go.setText("Estimate")
         self.go.setEnabled(not line)
         self.go.setDefault(True)
-        self._say(line, is_wrong=bool(line))
+        tell(self.told, line, is_wrong=bool(line))
         self._turn_to(self.asking)
 
     def _problem_of_output(self) -> str:
@@ -176,11 +161,6 @@ class WorldDialog(QDialog):
             ending = ENDINGS[self.wishes.form] or "no ending"
             return f"This form's name has {ending}: expected another name, or another form."
         return ""
-
-    def _say(self, text: str, *, is_wrong: bool = False) -> None:
-        role = QPalette.ColorRole.WindowText if is_wrong else QPalette.ColorRole.PlaceholderText
-        self.told.setForegroundRole(role)
-        self.told.setText(text)
 
     def _turn_to(self, page: QWidget) -> None:
         """Show a page, and be as high as it needs."""
@@ -233,15 +213,15 @@ class WorldDialog(QDialog):
         self._is_estimated = not told["problem"]
         self.go.setEnabled(self._is_estimated)
         if told["problem"]:
-            self._say("\n".join([*lines, told["problem"]]), is_wrong=True)
+            tell(self.told, "\n".join([*lines, told["problem"]]), is_wrong=True)
         else:
             done, tasks = told["done"], told["tasks"]
             self.go.setText("Start" if not done else "Go on" if done < tasks else "Verify")
-            self._say("\n".join(lines))
+            tell(self.told, "\n".join(lines))
         self._ask_again()
 
     def _show_not_estimated(self, line: str) -> None:
-        self._say(line, is_wrong=True)
+        tell(self.told, line, is_wrong=True)
         self._ask_again()
 
     def _ask_again(self) -> None:
@@ -268,10 +248,7 @@ class WorldDialog(QDialog):
 
     def _finish(self) -> None:
         self.show_folder.show()
-        self.close_.setText("Close")
-        self.close_.setEnabled(True)
-        self.close_.setDefault(True)
-        self.close_.setFocus()
+        only_close(self.close_)
 
     def _view(self) -> None:
         self.viewed.emit(self.place)

@@ -6,13 +6,12 @@ import math
 from typing import TYPE_CHECKING, Any, Final
 
 from PyQt6.QtCore import pyqtSignal
-from PyQt6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QWidget
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.ui.dialogs.kept_controls import set_values, values_of
-from sketchterrain.ui.dialogs.sheet import add_rows, beside, form, note
+from sketchterrain.ui.dialogs.kept_controls import call_on_change, set_values, values_of
+from sketchterrain.ui.dialogs.sheet import add_rows, beside, choice_box, form, note, part
 from sketchterrain.ui.export_wish import WorldWish
-from sketchterrain.ui.look.theme import MARGIN
 from sketchterrain.ui.panels.number_box import NumberBox
 from sketchterrain.world.asked import Wishes
 from sketchterrain.world.ground import LAYERS
@@ -73,7 +72,7 @@ class WorldWishes(QWidget):
         )
         self.cell = NumberBox(_FINEST, _COARSEST, suffix=" m")
         self.cell.setValue(1.0)
-        self.forms, self.plants, self.steps = _choice(_FORMS), _choice(_PLANTS), _choice(_STEPS)
+        self.forms, self.plants, self.steps = (choice_box(each) for each in (_FORMS, _PLANTS, _STEPS))
         self.normals, self.materials = QCheckBox("Normals"), QCheckBox("Materials")
         for layer in (self.normals, self.materials):
             layer.setChecked(True)
@@ -103,7 +102,7 @@ class WorldWishes(QWidget):
             "workers": self.workers,
         }
         set_values(self._controls, kept or {})
-        self._connect()
+        call_on_change(self._controls, self.check)
         self.check()
 
     @property
@@ -161,9 +160,7 @@ class WorldWishes(QWidget):
         return bool(self.whole.currentData() == "other")
 
     def _lay_out(self) -> None:
-        rows = QVBoxLayout(self)
-        rows.setContentsMargins(0, 0, 0, 0)
-        rows.setSpacing(MARGIN)
+        rows = part(self)
         self._fields = form()
         self._bounds = (
             beside(self.west, "to", self.east, "east"),
@@ -201,27 +198,9 @@ class WorldWishes(QWidget):
         rows.addLayout(self._fields)
         rows.addWidget(self._told)
 
-    def _connect(self) -> None:
-        for control in self._controls.values():
-            if isinstance(control, QComboBox):
-                control.currentIndexChanged.connect(self.check)
-            elif isinstance(control, QCheckBox):
-                control.toggled.connect(self.check)
-            elif isinstance(control, NumberBox):
-                control.valueChanged.connect(self.check)
-            elif isinstance(control, QLineEdit):
-                control.textChanged.connect(self.check)
-
 
 def _metres(value: float) -> NumberBox:
     box = NumberBox(-_FAR, _FAR, suffix=" m")
     box.setFixedWidth(104)
     box.setValue(value)
-    return box
-
-
-def _choice(titles: Mapping[Any, str]) -> QComboBox:
-    box = QComboBox()
-    for data, title in titles.items():
-        box.addItem(title, data)
     return box

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QPointF, QRectF, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QPainter
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.engine.orders import Look, Turn
+from sketchterrain.ui.engine.orders import Look
 from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.chosen_acts import delete_or_reset
 from sketchterrain.ui.view3d.aim import going_to, overview
-from sketchterrain.ui.view3d.bar import Bar
-from sketchterrain.ui.view3d.card import Card, notice_of
-from sketchterrain.ui.view3d.compass import Compass, heading_of
 from sketchterrain.ui.view3d.keyboard import Keyboard
 from sketchterrain.ui.view3d.mouse import Mouse
+from sketchterrain.ui.view3d.over import Over
+from sketchterrain.ui.view3d.picture_size import PictureSize
 from sketchterrain.ui.view3d.scene import Scene
 
 if TYPE_CHECKING:
@@ -37,17 +34,11 @@ if TYPE_CHECKING:
     )
 
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import FrameFacts, Trouble
-    from sketchterrain.ui.engine.orders import ViewState
+    from sketchterrain.ui.engine.messages import Trouble
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 
 __all__ = ["View3D"]
-
-_SETTLE: Final = 120
-"""ms without another size until a picture of the new one is asked for."""
-_REFINES = 0.6  # s without a finished picture until that is said
-_EDGE = 10  # px, around what lies over the picture
 
 
 class View3D(QWidget):
@@ -73,14 +64,8 @@ class View3D(QWidget):
         self._document, self._workspace, self._link = document, workspace, link
         self._scene = Scene(document, workspace, link)
         self._mouse = Mouse(self, self._scene, document, workspace, link)
-        self._trouble: Trouble | None = None
-        self._unsettled: float | None = None
         self._by_key = False
-        self._ratio = self.devicePixelRatioF()
-        self._bar, self._compass, self._card = Bar(self), Compass(self), Card(self)
-        self._sizes = QTimer(self)
-        self._sizes.setSingleShot(True)
-        self._sizes.timeout.connect(self._ask_for_size)
+        self._size, self._over = PictureSize(self, link), Over(self, link)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -100,15 +85,11 @@ class View3D(QWidget):
         }
         self._keyboard = Keyboard(self, link, workspace, self._mouse, commands)
         self._connect()
-        self._show_card()
 
     def _connect(self) -> None:
         link, workspace = self._link, self._workspace
-        link.frame_shown.connect(self._take_frame)
+        link.facts_changed.connect(self._over.show_card)
         link.trouble.connect(self._take_trouble)
-        link.view_changed.connect(self._take_view)
-        for signal in (link.facts_changed, link.working_changed):
-            signal.connect(self._show_card)
         for signal in (
             link.placed_changed,
             link.relief_changed,
@@ -120,13 +101,10 @@ class View3D(QWidget):
             signal.connect(self._refresh)
         self._mouse.ground.connect(self.hovered)
         self._mouse.message.connect(self.message)
-        self._bar.mode_chosen.connect(self._use_mode)
-        self._bar.see_all.connect(self.see_all)
-        self._bar.see_best.connect(self.see_best)
-        self._bar.picture_wanted.connect(self.picture_wanted)
-        self._compass.clicked.connect(self._face_north)
-        self._card.pressed.connect(self._start_again)
-        self._take_view(link.view)
+        bar = self._over.bar
+        bar.see_all.connect(self.see_all)
+        bar.see_best.connect(self.see_best)
+        bar.picture_wanted.connect(self.picture_wanted)
 
     def sizeHint(self) -> QSize:
         """Return a size to begin with."""
@@ -158,91 +136,43 @@ class View3D(QWidget):
         if placed is not None and chosen is not None:
             self.message.emit(delete_or_reset(self._document, self._workspace, placed, chosen))
 
-    def _use_mode(self, mode: str) -> None:
-        self._link.show(replace(self._link.view, mode=mode))
-
-    def _face_north(self) -> None:
-        heading = (self._compass.heading + 180.0) % 360.0 - 180.0
-        self._link.tell(Turn(heading if self._link.view.mode == "orbit" else -heading, 0.0))
-
-    def _start_again(self) -> None:
-        self._trouble = None
-        self._link.start()
-        self._show_card()
-        self.update()
-
     def _open_menu(self) -> None:
         self._mouse.open_menu(QPointF(self.rect().center()), None)
 
-    def _take_frame(self, frame: FrameFacts) -> None:
-        self._trouble = None
-        self._compass.heading = heading_of(frame.pose.eye, frame.pose.target)
-        if frame.settled:
-            self._unsettled = None
-        elif self._unsettled is None:
-            self._unsettled = time.monotonic()
-        self._show_card()
-        self.update()
-
     def _take_trouble(self, trouble: Trouble) -> None:
-        if trouble.what in ("engine", "view"):
-            self._trouble = trouble
-            self._show_card()
-            self.update()
         if trouble.what == "engine":
             self._mouse.forget()
-
-    def _take_view(self, view: ViewState) -> None:
-        self._bar.show_mode(view.mode)
-
-    def _show_card(self, *_: object) -> None:
-        self._card.tell(notice_of(self._link, self._trouble))
-        for each in (self._bar, self._compass):
-            each.setVisible(self._card.notice is None)
 
     def _refresh(self, *_: object) -> None:
         self.update()
 
-    def _ask_for_size(self) -> None:
-        if self.isVisible():
-            ratio = self.devicePixelRatioF()
-            self._ratio = ratio
-            size = [max(round(side * ratio), 16) for side in (self.width(), self.height())]
-            self._link.show(replace(self._link.view, width=size[0], height=size[1]))
-
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         """Put what lies over the picture in its places; ask for another picture a little later."""
-        self._bar.move(_EDGE, _EDGE)
-        self._compass.move(self.width() - self._compass.width() - _EDGE, _EDGE)
-        self._card.place()
-        self._sizes.start(_SETTLE)
+        self._over.place()
+        self._size.change()
 
     def showEvent(self, event: QShowEvent | None) -> None:
         """Ask for pictures."""
-        self._sizes.start(0)
+        self._size.begin()
 
     def hideEvent(self, event: QHideEvent | None) -> None:
         """Ask for none any more."""
-        self._sizes.stop()
         self._mouse.cancel()
         self._mouse.leave()
         self._keyboard.let_go()
-        self._link.show(replace(self._link.view, width=0, height=0))
+        self._size.end()
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
         """Draw the last picture and what lies over it."""
-        if self.devicePixelRatioF() != self._ratio:  # it is on another screen now
-            self._ratio = self.devicePixelRatioF()
-            self._sizes.start(_SETTLE)
-        late = self._unsettled is not None and time.monotonic() - self._unsettled > _REFINES
+        self._size.compare_screen()
         painter = QPainter(self)
         self._scene.paint(
             painter,
             QRectF(self.rect()),
             self.devicePixelRatioF(),
             hovered=self._mouse.hovered,
-            dim=self._card.notice is not None,
-            refines=late and not self._mouse.is_pressed,
+            dim=self._over.card.notice is not None,
+            refines=self._over.refines and not self._mouse.is_pressed,
         )
         if self._by_key and self.hasFocus():
             self._scene.paint_focus(painter, QRectF(self.rect()))

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from PyQt6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QKeyEvent, QPainter
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.engine.orders import MODES, GoTo, Look, Pose, Turn
+from sketchterrain.ui.engine.orders import MODES, GoTo, Look, Pose
 from sketchterrain.ui.look.theme import theme
 from sketchterrain.ui.view3d.aim import overview
-from sketchterrain.ui.view3d.bar import Bar
-from sketchterrain.ui.view3d.card import Card, notice_of
-from sketchterrain.ui.view3d.compass import Compass, heading_of
 from sketchterrain.ui.view3d.motion import FLYING_KEYS, Keys, dragged, zoomed
+from sketchterrain.ui.view3d.over import Over
+from sketchterrain.ui.view3d.picture_size import PictureSize
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import (
@@ -29,14 +26,11 @@ if TYPE_CHECKING:
         QWheelEvent,
     )
 
-    from sketchterrain.ui.engine.messages import FrameFacts, Picked, Trouble
+    from sketchterrain.ui.engine.messages import Picked, Trouble
     from sketchterrain.ui.worlds.link import WorldLink
 
 __all__ = ["WorldView"]
 
-_SETTLE: Final = 120  # ms without another size until a picture of the new one is asked for
-_REFINES: Final = 0.6  # s without a finished picture until that is said
-_EDGE: Final = 10  # px, around what lies over the picture
 _CLICK: Final = 4.0  # px that the mouse may move in a click
 _VEIL: Final = 190
 _Key = Qt.Key
@@ -67,34 +61,23 @@ class WorldView(QWidget):
     def __init__(self, link: WorldLink, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._link = link
-        self._trouble: Trouble | None = None
-        self._unsettled: float | None = None
         self._keys = Keys()
         self._last: QPointF | None = None
         self._asked: int | None = None
-        self.bar, self._compass, self._card = Bar(self), Compass(self), Card(self)
-        self._sizes = QTimer(self)
-        self._sizes.setSingleShot(True)
-        self._sizes.timeout.connect(self._ask_for_size)
+        self._size, self._over = PictureSize(self, link), Over(self, link)
+        self.bar, self._card = self._over.bar, self._over.card
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
         self.setMinimumSize(160, 120)
         self.setAccessibleName("The world")
         self.setAccessibleDescription("Arrow keys move, 1 to 3 choose how, R shows all of it.")
-        link.frame_shown.connect(self._take_frame)
-        link.trouble.connect(self._take_trouble)
-        link.working_changed.connect(self._show_card)
+        link.trouble.connect(self._ask_no_more)
+        link.working_changed.connect(self._refresh)
         link.picked.connect(self._go_to)
-        link.view_changed.connect(lambda view: self.bar.show_mode(view.mode))
-        self.bar.show_mode(link.view.mode)
-        self.bar.mode_chosen.connect(self._use_mode)
         self.bar.see_all.connect(self.see_all)
         self.bar.see_best.connect(self.see_best)
         self.bar.picture_wanted.connect(self.picture_wanted)
-        self._compass.clicked.connect(self._face_north)
-        self._card.pressed.connect(self._start_again)
-        self._show_card()
 
     def sizeHint(self) -> QSize:
         """Return a size to begin with."""
@@ -115,44 +98,12 @@ class WorldView(QWidget):
         """Stand where the world looks best."""
         self._link.tell(Look(None))
 
-    def _use_mode(self, mode: str) -> None:
-        self._link.show(replace(self._link.view, mode=mode))
-
-    def _face_north(self) -> None:
-        heading = (self._compass.heading + 180.0) % 360.0 - 180.0
-        self._link.tell(Turn(heading if self._link.view.mode == "orbit" else -heading, 0.0))
-
-    def _start_again(self) -> None:
-        self._trouble = None
-        self._link.start()
-        self._show_card()
-
-    def _take_frame(self, frame: FrameFacts) -> None:
-        self._trouble = None
-        self._compass.heading = heading_of(frame.pose.eye, frame.pose.target)
-        if frame.settled:
-            self._unsettled = None
-        elif self._unsettled is None:
-            self._unsettled = time.monotonic()
-        self._show_card()
-        self.update()
-
-    def _take_trouble(self, trouble: Trouble) -> None:
+    def _ask_no_more(self, trouble: Trouble) -> None:
         if trouble.what in ("engine", "view"):
-            self._trouble, self._asked = trouble, None
-            self._show_card()
+            self._asked = None
 
-    def _show_card(self, *_: object) -> None:
-        self._card.tell(notice_of(self._link, self._trouble))
-        for each in (self.bar, self._compass):
-            each.setVisible(self._card.notice is None)
+    def _refresh(self, *_: object) -> None:
         self.update()
-
-    def _ask_for_size(self) -> None:
-        if self.isVisible():
-            ratio = self.devicePixelRatioF()
-            width, height = (max(round(side * ratio), 16) for side in (self.width(), self.height()))
-            self._link.show(replace(self._link.view, width=width, height=height))
 
     def _share(self, at: QPointF) -> tuple[float, float]:
         return at.x() / max(self.width(), 1), at.y() / max(self.height(), 1)
@@ -167,20 +118,17 @@ class WorldView(QWidget):
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         """Put what lies over the picture in its places; ask for another picture a little later."""
-        self.bar.move(_EDGE, _EDGE)
-        self._compass.move(self.width() - self._compass.width() - _EDGE, _EDGE)
-        self._card.place()
-        self._sizes.start(_SETTLE)
+        self._over.place()
+        self._size.change()
 
     def showEvent(self, event: QShowEvent | None) -> None:
         """Ask for pictures."""
-        self._sizes.start(0)
+        self._size.begin()
 
     def hideEvent(self, event: QHideEvent | None) -> None:
         """Ask for none any more."""
-        self._sizes.stop()
         self._tell(self._keys.let_go())
-        self._link.show(replace(self._link.view, width=0, height=0))
+        self._size.end()
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
         """Draw the last picture."""
@@ -199,7 +147,7 @@ class WorldView(QWidget):
     @property
     def refines(self) -> bool:
         """Whether a better picture has been on its way for a while."""
-        return self._unsettled is not None and time.monotonic() - self._unsettled > _REFINES
+        return self._over.refines
 
     def mousePressEvent(self, event: QMouseEvent | None) -> None:
         """Take hold of the picture."""
@@ -257,7 +205,7 @@ class WorldView(QWidget):
         elif event.isAutoRepeat():
             return
         elif key in _MODE_KEYS:
-            self._use_mode(_MODE_KEYS[_Key(key)])
+            self._over.use_mode(_MODE_KEYS[_Key(key)])
         elif key in (_Key.Key_R, _Key.Key_Home):
             self.see_all()
         elif key == _Key.Key_C:

@@ -7,21 +7,19 @@ import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
-from PyQt6.QtGui import QImage
+from PyQt6.QtCore import Qt, QTimer, pyqtSignal
 
 from sketchterrain.ui.engine.children import Children
 from sketchterrain.ui.engine.messages import (
     Adherence,
     EngineFacts,
-    FrameFacts,
     Picked,
     Placed,
     Relief,
     Trouble,
     Working,
 )
-from sketchterrain.ui.engine.orders import FrameTaken, Look, Pick, ViewState
+from sketchterrain.ui.engine.orders import Look, ViewState
 from sketchterrain.ui.engine.plan import (
     Coming,
     Followed,
@@ -31,13 +29,13 @@ from sketchterrain.ui.engine.plan import (
     StillRelief,
 )
 from sketchterrain.ui.engine.updates import UpdateMaker
+from sketchterrain.ui.picture_source import PictureSource
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.channel import Channel
-    from sketchterrain.ui.engine.frames import FrameMemory
     from sketchterrain.ui.models.document import Document
 
-__all__ = ["EngineLink", "picture_of"]
+__all__ = ["EngineLink"]
 
 _OFTEN: Final = 0.016
 """s between two sketches that are sent, at least."""
@@ -45,67 +43,44 @@ _CALM: Final = 60.0
 """s after which a crash is no more in a row with the one before."""
 
 
-class EngineLink(QObject):
+class EngineLink(PictureSource):
     """Works out the terrain of a document, and draws it, in processes of its own.
 
-    It says `FrameTaken` by itself. If a process crashes, both are started again: the second time in a row
-    without OpenGL, after the third only by `start`.
+    If a process crashes, both are started again: the second time in a row without OpenGL, after the third only by
+    `start`.
 
     Attributes
     ----------
     device : str or None
         Selector of the OpenCL device, for the next `start`; None: the best one.
-    facts : EngineFacts
-        What it runs on; all empty until it is known.
     placed : Placed or None
         What was placed last.
     relief : Relief or None
         The last terrain at the sketch's pixels.
     adherence : Adherence or None
         As it was measured last.
-    frame : FrameFacts or None
-        Of the last picture.
-    picture : QImage or None
-        The last picture.
-    view : ViewState
-        What the view shall show.
-    working : str
-        What it is busy with; empty: nothing.
     """
 
     facts_changed = pyqtSignal(object)
-    working_changed = pyqtSignal(str)
     placed_changed = pyqtSignal(object)
     relief_changed = pyqtSignal(object)
     adherence_changed = pyqtSignal(object)
-    frame_shown = pyqtSignal(object)
-    """A new picture is there: its `FrameFacts`; see `picture`."""
     sent = pyqtSignal(int, float)
     """A sketch is on its way: its version, and when it was made (s of the system's monotonic clock)."""
     followed = pyqtSignal(object)
     """The view's tiles hold the heights of another version: `Followed`."""
-    picked = pyqtSignal(object)
-    view_changed = pyqtSignal(object)
     picture_written = pyqtSignal(str)
-    trouble = pyqtSignal(object)
-    """`Trouble`."""
 
     _came = pyqtSignal(int, str, object)
     """From a thread that reads: of which start, from which process, and what."""
 
     def __init__(self, document: Document) -> None:
-        super().__init__()
+        super().__init__(ViewState())
         self._document = document
         self.device: str | None = None
-        self.facts = EngineFacts()
         self.placed: Placed | None = None
         self.relief: Relief | None = None
         self.adherence: Adherence | None = None
-        self.frame: FrameFacts | None = None
-        self.picture: QImage | None = None
-        self.view = ViewState()
-        self.working = ""
-        self._token = 0
         self._children: Children | None = None
         self._threads: list[threading.Thread] = []
         self._starts = 0
@@ -137,19 +112,6 @@ class EngineLink(QObject):
         """Send one of the window's messages: a motion, `Look`, `Pick`, `TakePicture` and so on."""
         if self._children is not None:
             self._children.engine.send(message)
-
-    def show(self, view: ViewState) -> None:
-        """Say what the view shall show."""
-        if view != self.view:
-            self.view = view
-            self.view_changed.emit(view)
-            self.tell(view)
-
-    def pick(self, x: float, y: float) -> int:
-        """Ask what ground is seen at a place of the picture; `picked` answers with the token returned."""
-        self._token += 1
-        self.tell(Pick(self._token, x, y))
-        return self._token
 
     def _begin(self, *, draws: bool) -> None:
         self._end()
@@ -205,7 +167,7 @@ class EngineLink(QObject):
         if start != self._starts or self._children is None:
             return  # of one that was stopped
         if isinstance(message, FrameThere):
-            self._take_frame(message)
+            self._take_frame(self._children.frames, message)
         elif isinstance(message, Placed):
             self.placed = message
             self.placed_changed.emit(message)
@@ -238,13 +200,6 @@ class EngineLink(QObject):
         elif isinstance(message, _Gone):
             self._crashed(message.line or f"the {name} closed its connection")
 
-    def _take_frame(self, there: FrameThere) -> None:
-        assert self._children is not None  # noqa: S101 # `_take` looked
-        self.picture = picture_of(self._children.frames, there)
-        self.tell(FrameTaken())
-        self.frame = there.facts
-        self.frame_shown.emit(there.facts)
-
     def _crashed(self, line: str) -> None:
         self._end()
         self._crashes = 1 if time.monotonic() - self._started > _CALM else self._crashes + 1
@@ -266,20 +221,7 @@ class EngineLink(QObject):
 
     def _set_busy(self, name: str, what: str) -> None:
         self._busy[name] = what
-        working = self._busy.get("engine", "") or self._busy.get("placer", "")
-        if working != self.working:
-            self.working = working
-            self.working_changed.emit(working)
-
-
-def picture_of(memory: FrameMemory, there: FrameThere) -> QImage:
-    """Return a copy of a frame in shared memory; its place may be drawn into again."""
-    width, height = there.facts.width, there.facts.height
-    with memory.view(there.start, 4 * width * height, there.capacity) as pixels:
-        shared = QImage(pixels, width, height, 4 * width, QImage.Format.Format_RGBX8888)  # type: ignore[call-overload]
-        picture: QImage = shared.convertToFormat(QImage.Format.Format_RGB32)
-        del shared
-    return picture
+        self._set_working(self._busy.get("engine", "") or self._busy.get("placer", ""))
 
 
 class _Gone:

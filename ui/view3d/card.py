@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QRectF, Qt, QTimer, pyqtSignal
 from PyQt6.QtGui import QPainter
@@ -13,26 +13,14 @@ from sketchterrain.ui.look.icons import draw_icon
 from sketchterrain.ui.look.theme import MARGIN, SPACING, looks, theme
 
 if TYPE_CHECKING:
-    from PyQt6.QtGui import QImage, QPaintEvent
+    from PyQt6.QtGui import QPaintEvent
 
-    from sketchterrain.ui.engine.messages import EngineFacts, Trouble
+    from sketchterrain.ui.engine.messages import Trouble
+    from sketchterrain.ui.picture_source import PictureSource
 
 __all__ = ["Card", "Notice", "notice_of"]
 
 _PATIENCE = 2  # s, after which it says how long it has been
-
-
-class _Drawing(Protocol):
-    """Whoever draws: what it runs on, its last picture, what it is busy with."""
-
-    @property
-    def facts(self) -> EngineFacts: ...
-
-    @property
-    def picture(self) -> QImage | None: ...
-
-    @property
-    def working(self) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -54,7 +42,7 @@ class Notice:
     button: str = ""
 
 
-def notice_of(link: _Drawing, trouble: Trouble | None) -> Notice | None:
+def notice_of(link: PictureSource, trouble: Trouble | None) -> Notice | None:
     """Return why there is no picture, or none that is worth looking at; None if all is well.
 
     Parameters

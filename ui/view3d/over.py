@@ -16,10 +16,9 @@ from sketchterrain.ui.view3d.compass import Compass, heading_of
 if TYPE_CHECKING:
     from PyQt6.QtWidgets import QWidget
 
-    from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.engine.messages import FrameFacts, Trouble
     from sketchterrain.ui.engine.orders import ViewState
-    from sketchterrain.ui.worlds.link import WorldLink
+    from sketchterrain.ui.picture_source import PictureSource
 
 __all__ = ["Over"]
 
@@ -46,7 +45,7 @@ class Over(QObject):
         In the middle, in place of them.
     """
 
-    def __init__(self, view: QWidget, link: EngineLink | WorldLink) -> None:
+    def __init__(self, view: QWidget, link: PictureSource) -> None:
         super().__init__(view)
         self._view, self._link = view, link
         self._trouble: Trouble | None = None

@@ -10,8 +10,7 @@ from PyQt6.QtCore import QObject, QTimer
 if TYPE_CHECKING:
     from PyQt6.QtWidgets import QWidget
 
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.worlds.link import WorldLink
+    from sketchterrain.ui.picture_source import PictureSource
 
 __all__ = ["PictureSize"]
 
@@ -28,7 +27,7 @@ class PictureSize(QObject):
     view, link
     """
 
-    def __init__(self, view: QWidget, link: EngineLink | WorldLink) -> None:
+    def __init__(self, view: QWidget, link: PictureSource) -> None:
         super().__init__(view)
         self._view, self._link = view, link
         self._ratio = view.devicePixelRatioF()

@@ -9,20 +9,18 @@ import sys
 import threading
 from typing import TYPE_CHECKING, Any, Final
 
-from PyQt6.QtCore import QObject, pyqtSignal
+from PyQt6.QtCore import pyqtSignal
 
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.link import picture_of
-from sketchterrain.ui.engine.messages import EngineFacts, FrameFacts, Picked, Trouble, Working
-from sketchterrain.ui.engine.orders import FrameTaken, Look, Pick, Quit, ViewState
+from sketchterrain.ui.engine.messages import EngineFacts, Picked, Trouble, Working
+from sketchterrain.ui.engine.orders import Look, Quit, ViewState
 from sketchterrain.ui.engine.plan import FrameThere
+from sketchterrain.ui.picture_source import PictureSource
 from sketchterrain.ui.worlds.messages import WorldFacts
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from PyQt6.QtGui import QImage
 
 __all__ = ["WorldLink"]
 
@@ -30,8 +28,10 @@ _PATIENCE: Final = 1.0
 """s that the process has to end by itself."""
 
 
-class WorldLink(QObject):
-    """Draws a world in a process of its own. It says `FrameTaken` by itself.
+class WorldLink(PictureSource):
+    """Draws a world in a process of its own.
+
+    Its `trouble` is of the ``engine``, which has ended then, the ``view``, or a part of the ``world``.
 
     Parameters
     ----------
@@ -43,44 +43,22 @@ class WorldLink(QObject):
     Attributes
     ----------
     path : Path
-    facts : EngineFacts
-        What it runs on; all empty until it is known.
     world : WorldFacts or None
         What is shown; None until it is known.
-    frame : FrameFacts or None
-        Of the last picture.
-    picture : QImage or None
-        The last picture.
-    view : ViewState
-        What the view shall show.
-    working : str
-        What it is busy with; empty: nothing.
     """
 
     world_known = pyqtSignal(object)
     """`WorldFacts`."""
-    working_changed = pyqtSignal(str)
-    frame_shown = pyqtSignal(object)
-    """A new picture is there: its `FrameFacts`; see `picture`."""
-    picked = pyqtSignal(object)
-    view_changed = pyqtSignal(object)
-    trouble = pyqtSignal(object)
-    """`Trouble`: of the ``engine``, which has ended then, the ``view``, or a part of the ``world``."""
 
     _came = pyqtSignal(int, object)
     """From a thread that reads: of which start, and what; None: the process is gone."""
 
     def __init__(self, path: Path, *, device: str | None = None) -> None:
-        super().__init__()
+        super().__init__(ViewState(mode="fly"))
         self.path, self._device = path, device
-        self.facts = EngineFacts()
         self.world: WorldFacts | None = None
-        self.frame: FrameFacts | None = None
-        self.picture: QImage | None = None
-        self.view = ViewState(mode="fly")
-        self.working = ""
         self._child: _Child | None = None
-        self._starts = self._token = 0
+        self._starts = 0
         self._failed = False
         self._came.connect(self._take)  # it is emitted by other threads, and taken on this one
 
@@ -101,25 +79,12 @@ class WorldLink(QObject):
         child, self._child = self._child, None
         if child is not None:
             child.end()
-        self._say("")
+        self._set_working("")
 
     def tell(self, message: Any) -> None:
         """Send a motion, `Look` and so on."""
         if self._child is not None:
             self._child.channel.send(message)
-
-    def show(self, view: ViewState) -> None:
-        """Say what the view shall show."""
-        if view != self.view:
-            self.view = view
-            self.view_changed.emit(view)
-            self.tell(view)
-
-    def pick(self, x: float, y: float) -> int:
-        """Ask what ground is seen at a place of the picture; `picked` answers with the token returned."""
-        self._token += 1
-        self.tell(Pick(self._token, x, y))
-        return self._token
 
     def _read(self, start: int, channel: Channel) -> None:
         """Hand over what the process tells; on a thread of its own."""
@@ -139,10 +104,7 @@ class WorldLink(QObject):
         if message is None:
             self._end(child)
         elif isinstance(message, FrameThere):
-            self.picture = picture_of(child.frames, message)
-            self.tell(FrameTaken())
-            self.frame = message.facts
-            self.frame_shown.emit(message.facts)
+            self._take_frame(child.frames, message)
         elif isinstance(message, EngineFacts):
             self.facts = message
         elif isinstance(message, WorldFacts):
@@ -151,7 +113,7 @@ class WorldLink(QObject):
         elif isinstance(message, Picked):
             self.picked.emit(message)
         elif isinstance(message, Working):
-            self._say(message.what)
+            self._set_working(message.what)
         elif isinstance(message, Trouble):
             self._failed = self._failed or message.what == "engine"
             self.trouble.emit(message)
@@ -162,11 +124,6 @@ class WorldLink(QObject):
         if not self._failed:
             self._failed = True
             self.trouble.emit(Trouble("engine", line))
-
-    def _say(self, what: str) -> None:
-        if what != self.working:
-            self.working = what
-            self.working_changed.emit(what)
 
 
 class _Child:

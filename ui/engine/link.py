@@ -46,8 +46,8 @@ _CALM: Final = 60.0
 class EngineLink(PictureSource):
     """Works out the terrain of a document, and draws it, in processes of its own.
 
-    If a process crashes, both are started again: the second time in a row without OpenGL, after the third only by
-    `start`.
+    If a process crashes, both are started again: the second time in a row without
+    OpenGL, after the third only by `start`.
 
     Attributes
     ----------

@@ -37,6 +37,7 @@ def test_every_benchmark_names_surface_seed_and_method() -> None:
         "meshes",
         "batch",
         "world",
+        "packing",
         "trace",
         "accuracy",
     ]

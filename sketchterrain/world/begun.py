@@ -62,8 +62,8 @@ def known(job: Job, store: Store) -> Known | None:
         )
     if ledger.header.fingerprint != fingerprint(job):
         raise InputError(
-            f"{one_line(job.output)}: what is there was made from another sketch, seed, bounds or options; "
-            "take another output"
+            f"{one_line(job.output)}: what is there was made from another sketch, seed, bounds or options, "
+            "or by other code; take another output"
         )
     return Known(ledger, finished)
 

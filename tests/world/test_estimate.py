@@ -12,7 +12,7 @@ from sketchterrain.terrain import build
 from sketchterrain.world import plant_samples
 from sketchterrain.world.estimate import Estimate, estimate
 from sketchterrain.world.grid import World
-from sketchterrain.world.plant_samples import SampledPlants, sample_plants
+from sketchterrain.world.plant_samples import SampledPlants, _seconds, _Timed, _wider, sample_plants
 from sketchterrain.world.run import run_world
 from sketchterrain.world.samples import evenly
 
@@ -106,3 +106,15 @@ def test_places_cover_the_square_evenly() -> None:
     for part in range(4):
         assert 14 <= sum(part <= 4 * x < part + 1 for x, _ in places) <= 18
         assert 14 <= sum(part <= 4 * y < part + 1 for _, y in places) <= 18
+
+
+def test_time_of_plants_is_so_much_for_each_place_and_each_plant() -> None:
+    bare, dense = _Timed(1.0, 10.0, 0.0), _Timed(3.0, 10.0, 4.0)
+    assert _seconds([bare, dense], 100.0, 8.0) == pytest.approx(0.1 * 100.0 + 0.5 * 8.0)
+    assert _seconds([bare, bare], 100.0, 0.0) == pytest.approx(10.0)
+
+
+def test_a_square_that_is_timed_stays_in_the_world() -> None:
+    world, square = World(0.0, 0.0, 100.0, 400.0, 1.0), World(80.0, 180.0, 100.0, 200.0, 20.0)
+    wider = _wider(world, square, 4.0)
+    assert (wider.west, wider.south, wider.east, wider.north) == (50.0, 150.0, 100.0, 230.0)

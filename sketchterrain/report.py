@@ -21,7 +21,17 @@ if TYPE_CHECKING:
     from sketchterrain.progress import Stages
     from sketchterrain.terrain import Raster, Terrain
 
-__all__ = ["REPORT", "peak_memory", "replaced_files", "report_of", "rounded", "said_of", "work_of"]
+__all__ = [
+    "REPORT",
+    "memory_now",
+    "peak_memory",
+    "replaced_files",
+    "report_of",
+    "rounded",
+    "said_of",
+    "told_memory",
+    "work_of",
+]
 
 REPORT = "report.json"
 """The file's name."""
@@ -115,9 +125,24 @@ def rounded(seconds: dict[str, float]) -> dict[str, float]:
 
 def peak_memory() -> int:
     """Return the most memory this process has had at once, bytes."""
-    status = Path("/proc/self/status")
-    if status.exists():  # getrusage also counts what the parent had before it started this program
-        for line in status.read_text(encoding="utf-8").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) * 1024
+    # getrusage also counts what the parent had before it started this program.
+    told = told_memory("self/status", "VmHWM")
+    if told is not None:
+        return told
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def memory_now() -> int:
+    """Return the memory that this process has, or has had at most where the system is silent, bytes."""
+    told = told_memory("self/status", "VmRSS")
+    return peak_memory() if told is None else told
+
+
+def told_memory(file: str, name: str) -> int | None:
+    """Return the bytes of memory under a name in a file of ``/proc``; None where there is none."""
+    path = Path("/proc", file)
+    if path.exists():
+        for line in path.read_text(encoding="utf-8").splitlines():
+            if line.startswith(f"{name}:"):
+                return int(line.split()[1]) * 1024
+    return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import contextmanager
-from pathlib import Path
 from threading import Condition
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -11,6 +10,7 @@ from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import memory_needed as export_memory
 from sketchterrain.exporting import plan_of
+from sketchterrain.report import told_memory
 from sketchterrain.sizes import check_size, machine_memory, memory_needed
 
 if TYPE_CHECKING:
@@ -95,12 +95,8 @@ def refuse_impossible(items: Sequence[Item], output: Output) -> None:
 
 def memory_left() -> int:
     """Return how many bytes of memory this machine can spare; all that it has where it does not tell."""
-    told = Path("/proc/meminfo")
-    if told.exists():
-        for line in told.read_text(encoding="utf-8").splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) * 1024
-    return machine_memory()
+    told = told_memory("meminfo", "MemAvailable")
+    return machine_memory() if told is None else told
 
 
 class Memory:

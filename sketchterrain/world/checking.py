@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING, Final
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.world.ledger import read_journal, read_ledger
 from sketchterrain.world.roots import Roots, plants_folder
+from sketchterrain.world.settled import text_of
+from sketchterrain.world.tile_names import JOURNAL, LEDGER, ledger_file, parts_folder
 from sketchterrain.world.verification import lost_lines, verify
+from sketchterrain.world.zarr_tree import BYTES
+from sketchterrain.world.zarr_tree import LEDGER as ZARR_LEDGER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -19,8 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["check_world"]
 
-_ZARR: Final = ("ledger/c/0", "ledger/journal.jsonl")
-_TILES: Final = ("ledger.jsonl", "journal.jsonl")
+_ZARR: Final = (f"{ZARR_LEDGER}/{BYTES}", f"{ZARR_LEDGER}/{JOURNAL}")
+_TILES: Final = (LEDGER, JOURNAL)
 
 
 def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Iterator[Broken]:
@@ -52,15 +56,10 @@ def _ledger(place: Path) -> Ledger:
     if place.is_dir():
         candidates = [(place / text, place / journal) for text, journal in (_ZARR, _TILES)]
     else:
-        parts = place.with_name(f".{place.name}.parts")
-        candidates = [(place.with_name(f"{place.stem}.ledger.jsonl"), parts / "journal.jsonl")]
+        candidates = [(ledger_file(place), parts_folder(place) / JOURNAL)]
     for path, journal in candidates:
         if read_journal(journal) is not None:
             raise InputError(f"{one_line(place)}: is not finished; world --resume goes on with it")
-        try:
-            return read_ledger(path.read_text("utf-8", "replace"), path)
-        except (FileNotFoundError, NotADirectoryError):
-            continue
-        except OSError as error:
-            raise InputError(f"{one_line(path)}: cannot be read ({error.strerror})") from None
+        if (text := text_of(path)) is not None:
+            return read_ledger(text, path)
     raise InputError(f"{one_line(place)}: no ledger of a world's files is there")

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from threading import Lock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable
 
     import numpy.typing as npt
 
-__all__ = ["ChunkCache"]
+__all__ = ["ROOM", "ChunkCache"]
+
+ROOM: Final = 192 << 20
+"""Bytes of unpacked chunks that a reader keeps, if nothing else is said."""
 
 
 class ChunkCache:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.batch.remaining import duration
@@ -14,7 +13,7 @@ from sketchterrain.compute import ComputeContext, choose_device
 from sketchterrain.disk import amount, check_disk, disk_left
 from sketchterrain.errors import InputError
 from sketchterrain.listings import counted
-from sketchterrain.report import peak_memory
+from sketchterrain.report import memory_now
 from sketchterrain.world.begun import there
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.making import Maker
@@ -216,7 +215,7 @@ def estimate(
     del maker
     gc.collect()  # terrains hold themselves in cycles
     vertices = _largest(job)
-    each = _memory_now() + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
+    each = memory_now() + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
     return Estimate(
         job=job,
         sampled=sampled,
@@ -226,7 +225,7 @@ def estimate(
         done=done,
         there=bytes_there,
         workers=workers,
-        memory=each * max(workers, 1) + (_memory_now() if workers else 0),
+        memory=each * max(workers, 1) + (memory_now() if workers else 0),
         memory_left=memory_left(),
         disk_left=disk_left(job.output),
     )
@@ -245,13 +244,3 @@ def _largest(job: Job) -> int:
     """Return how many vertices the largest shard has."""
     levels = job.world.levels
     return max(math.prod(level.size_of(Shard(level.number, 0, 0))) for level in levels)
-
-
-def _memory_now() -> int:
-    """Return the bytes of memory that this process has, or has had at most where the system is silent."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        for line in status.read_text(encoding="utf-8").splitlines():
-            if line.startswith("VmRSS:"):
-                return int(line.split()[1]) * 1024
-    return peak_memory()

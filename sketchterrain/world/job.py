@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -12,10 +12,12 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.world.grid import World
 
-__all__ = ["Form", "Job", "PlantsForm"]
+__all__ = ["ENDINGS", "Form", "Job", "PlantsForm"]
 
 Form = Literal["zarr", "tiles", "tif"]
 """A Zarr store; a folder of GeoTIFF tiles with VRTs; one GeoTIFF a layer."""
+ENDINGS: Final[dict[str, str]] = {"zarr": ".zarr", "tiles": "", "tif": ".tif"}
+"""Of an output's name."""
 PlantsForm = Literal["none", "parquet", "flatgeobuf"]
 
 

@@ -20,7 +20,7 @@ from sketchterrain.world.tiff_blocks import Sheet, block_grid, block_places
 from sketchterrain.world.tiff_directory import read_directories
 from sketchterrain.world.tiff_layers import TIFF_LAYERS, Georeference
 from sketchterrain.world.tiff_tiles import written_tile
-from sketchterrain.world.tile_names import LEDGER, SKETCH, layer_file, tile_name
+from sketchterrain.world.tile_names import JOURNAL, SKETCH, layer_file, ledger_file, parts_folder, tile_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -54,10 +54,10 @@ class TiffStore:
 
     def __init__(self, job: Job) -> None:
         self.folder = job.output.parent
-        self._parts = self.folder / f".{job.output.name}.parts"
-        self.journal = self._parts / "journal.jsonl"
+        self._parts = parts_folder(job.output)
+        self.journal = self._parts / JOURNAL
         self.mark = self._parts / SKETCH
-        self._ledger = job.output.with_name(f"{job.output.stem}.{LEDGER}")
+        self._ledger = ledger_file(job.output)
         self._job = job
         self._place = Georeference(job)
 

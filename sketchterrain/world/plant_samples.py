@@ -13,6 +13,7 @@ import numpy as np
 
 from sketchterrain.world.forms import plants_of
 from sketchterrain.world.grid import World
+from sketchterrain.world.job import ENDINGS
 from sketchterrain.world.made import Task
 from sketchterrain.world.samples import evenly
 
@@ -144,7 +145,7 @@ def _line(counts: Sequence[int], weights: Sequence[int]) -> tuple[float, float]:
 
 def _weight(job: Job, terrain: Terrain, square: World) -> int:
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
-        output = Path(folder) / f"sample{'.zarr' if job.form == 'zarr' else ''}"
+        output = Path(folder) / f"sample{ENDINGS[job.form]}"
         plants = plants_of(replace(job, world=square, output=output))
         if plants is None:
             return 0

@@ -40,11 +40,6 @@ class Roots:
         plants = plants_of(job)
         return cls(store_of(job).folder, None if plants is None else plants.folder)
 
-    @property
-    def folders(self) -> tuple[Path, ...]:
-        """All of them."""
-        return (self.ground,) if self.plants is None else (self.ground, self.plants)
-
     @staticmethod
     def named_plants(names: Iterable[str]) -> tuple[str, ...]:
         """Return names of a plant store's files as the ledger has them."""

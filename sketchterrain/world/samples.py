@@ -14,6 +14,7 @@ import numpy as np
 from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
 from sketchterrain.world.ground import Ground
+from sketchterrain.world.job import ENDINGS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -34,7 +35,6 @@ _SIDE, _SMALL_SIDE = 2 * CHUNK, CHUNK  # vertices along a patch, and along one o
 _ENOUGH: Final = 4  # patches, to be large: launches of many vertices are what the work consists of
 _PLASTIC: Final = 1.3247179572447460  # x³ = x + 1
 _COARSE: Final = 3  # this level and all coarser ones are weighed together: 1.6 % of all vertices
-_ENDING: Final = {"zarr": ".zarr", "tif": ".tif", "tiles": ""}
 
 
 class Sampled(NamedTuple):
@@ -136,7 +136,7 @@ def _weighed(job: Job, grounds: Sequence[Ground]) -> tuple[dict[str, float], int
     materials = _joined([ground.materials for ground in filled], across)
     rows, columns = height.shape
     with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
-        output = Path(folder) / f"sample{_ENDING[job.form]}"
+        output = Path(folder) / f"sample{ENDINGS[job.form]}"
         world = World(0.0, 0.0, float(columns - 1), float(rows - 1), 1.0)
         store = store_of(replace(job, world=world, output=output))
         fixed = sum((store.folder / name).stat().st_size for name in store.create())

@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 from glob import escape
 from typing import TYPE_CHECKING, Final
 
-from sketchterrain.world.tile_names import layer_file
+from sketchterrain.world.tile_names import layer_file, ledger_file
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator
@@ -66,7 +66,7 @@ def _beside(job: Job) -> Iterator[Path]:
     """Return half-written files in a folder that is not the world's alone."""
     if job.form == "tif":
         for name in (
-            f"{job.output.stem}.ledger.jsonl",
+            ledger_file(job.output).name,
             *(layer_file(job.output, each).name for each in job.layers),
         ):
             yield from job.output.parent.glob(f".{escape(name)}.{_FEW}.tmp")

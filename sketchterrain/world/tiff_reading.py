@@ -16,7 +16,7 @@ from rasterio.errors import RasterioError
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch.files import load_sketch
-from sketchterrain.world.chunk_cache import ChunkCache
+from sketchterrain.world.chunk_cache import ROOM, ChunkCache
 from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
 from sketchterrain.world.ground import LAYERS
 from sketchterrain.world.tiff_blocks import block_grid, block_places, unpacked
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
 
 __all__ = ["StoredTiff", "StoredTiles", "open_tiffs"]
 
-_ROOM: Final = 192 << 20  # bytes of unpacked blocks that are kept
 _DEFLATE: Final = 8  # TIFF's number
 _QUIET: Final = {"GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR"}  # no looking for files beside each
 
@@ -66,8 +65,8 @@ class _Blocks:
     """
 
     def __init__(self) -> None:
-        self._unpacked = ChunkCache(_ROOM)
-        self._places = ChunkCache(_ROOM // 8)
+        self._unpacked = ChunkCache(ROOM)
+        self._places = ChunkCache(ROOM // 8)
 
     def block(self, layer: TiffLayer, image: _Image, row: int, column: int) -> npt.NDArray[Any]:
         """Return a block, (bands, CHUNK, CHUNK); not to be changed.

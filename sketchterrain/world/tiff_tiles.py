@@ -12,7 +12,7 @@ from sketchterrain.world.grid import CHUNK
 from sketchterrain.world.settled import settle, text_of
 from sketchterrain.world.tiff_blocks import means, packed
 from sketchterrain.world.tiff_layers import TIFF_LAYERS, Georeference
-from sketchterrain.world.tile_names import LEDGER, SKETCH, tile_name, vrt_name
+from sketchterrain.world.tile_names import JOURNAL, LEDGER, SKETCH, tile_name, vrt_name
 from sketchterrain.world.vrt import write_vrt
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["TileStore", "layer_values", "written_tile"]
 
-_JOURNAL = "journal.jsonl"
 # What is smaller needs none; one of half the size would take a quarter more of the disk.
 _OVERVIEWS: Final = (4, 8)
 _SMALL: Final = 2 * CHUNK
@@ -92,7 +91,7 @@ class TileStore:
 
     def __init__(self, job: Job) -> None:
         self.folder = job.output
-        self.journal = self.folder / _JOURNAL
+        self.journal = self.folder / JOURNAL
         self.mark = self.folder / SKETCH
         self._job = job
         self._place = Georeference(job)

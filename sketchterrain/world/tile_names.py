@@ -9,12 +9,23 @@ if TYPE_CHECKING:
 
     from sketchterrain.world.grid import Shard
 
-__all__ = ["LEDGER", "SKETCH", "layer_file", "tile_name", "vrt_name"]
+__all__ = [
+    "JOURNAL",
+    "LEDGER",
+    "SKETCH",
+    "layer_file",
+    "ledger_file",
+    "parts_folder",
+    "tile_name",
+    "vrt_name",
+]
 
 SKETCH: Final = "sketch.sketch"
 """The sketch that the world was made from."""
 LEDGER: Final = "ledger.jsonl"
 """All other files, with their hashes."""
+JOURNAL: Final = "journal.jsonl"
+"""The same while they are being written; of a Zarr store, too."""
 
 
 def tile_name(layer: str, shard: Shard) -> str:
@@ -30,3 +41,13 @@ def vrt_name(layer: str, level: int) -> str:
 def layer_file(world: Path, layer: str) -> Path:
     """Return the file of a layer where a world is one file a layer: heights have the world's own name."""
     return world if layer == "height" else world.with_name(f"{world.stem}_{layer}{world.suffix}")
+
+
+def ledger_file(world: Path) -> Path:
+    """Return the ledger of a world that is one file a layer."""
+    return world.with_name(f"{world.stem}.{LEDGER}")
+
+
+def parts_folder(world: Path) -> Path:
+    """Return the hidden folder that such a world's shards lie in until they are joined."""
+    return world.with_name(f".{world.name}.parts")

@@ -11,12 +11,12 @@ import numpy as np
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.libraries import require
 from sketchterrain.sketch import load_sketch
-from sketchterrain.world.chunk_cache import ChunkCache
+from sketchterrain.world.chunk_cache import ROOM, ChunkCache
 from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
 from sketchterrain.world.windows import check_window, fill_from_chunks
 from sketchterrain.world.zarr_layout import LAYERS, METADATA, layer_document, shard_file
 from sketchterrain.world.zarr_shards import INDEX_BYTES, ZARR_LIBRARIES, chunk_place
-from sketchterrain.world.zarr_tree import BYTES, FORMAT, LEDGER, OURS, SKETCH
+from sketchterrain.world.zarr_tree import BYTES, FORMAT, OURS, SKETCH
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 __all__ = ["StoredZarr"]
 
-_ROOM: Final = 192 << 20  # bytes of unpacked chunks
 _READ_BY: Final = ("shape", "data_type", "chunk_grid", "chunk_key_encoding", "codecs")  # of metadata
 _EFFORT: Final = ("typesize", "cname", "clevel", "shuffle", "blocksize")  # that chunks tell of themselves
 _REMEDY: Final = "writing the world again with --resume mends it"
@@ -53,7 +52,7 @@ class StoredZarr:
         If a library that unpacks chunks is missing.
     """
 
-    def __init__(self, folder: Path, *, room: int = _ROOM) -> None:
+    def __init__(self, folder: Path, *, room: int = ROOM) -> None:
         require("A world in a Zarr store", ZARR_LIBRARIES)
         self.folder = folder
         self._chunks = ChunkCache(room)
@@ -110,11 +109,6 @@ class StoredZarr:
         if not path.is_file():
             raise _missing(path)
         return load_sketch(path)
-
-    def ledger_text(self) -> str | None:
-        """Return the list of all files with their SHA-256; None if the world is not finished."""
-        path = self.folder / LEDGER / BYTES
-        return path.read_bytes().decode(errors="replace") if path.is_file() else None
 
     def read(
         self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int

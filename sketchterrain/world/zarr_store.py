@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.export.libraries import require
 from sketchterrain.whole_files import telling_failure, whole_file, write_whole
-from sketchterrain.world.settled import settle
+from sketchterrain.world.settled import settle, text_of
+from sketchterrain.world.tile_names import JOURNAL
 from sketchterrain.world.zarr_layout import LAYERS, METADATA, shard_file
 from sketchterrain.world.zarr_shards import ZARR_LIBRARIES, pack_shard
 from sketchterrain.world.zarr_tree import BYTES, LEDGER, ZarrTree
@@ -47,7 +48,7 @@ class ZarrStore:
     @property
     def journal(self) -> Path:
         """Beside the ledger: what lies in an array's folder is no object of its own to readers of Zarr."""
-        return self.folder / LEDGER / "journal.jsonl"
+        return self.folder / LEDGER / JOURNAL
 
     @property
     def mark(self) -> Path:
@@ -101,10 +102,7 @@ class ZarrStore:
 
     def ledger_text(self) -> str | None:
         """Return the ledger; see `Store.ledger_text`."""
-        try:
-            return (self.folder / LEDGER / BYTES).read_bytes().decode(errors="replace")
-        except (FileNotFoundError, NotADirectoryError):
-            return None
+        return text_of(self.folder / LEDGER / BYTES)
 
     @cached_property
     def _tree(self) -> ZarrTree:

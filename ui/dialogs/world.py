@@ -30,9 +30,10 @@ from sketchterrain.ui.dialogs.sheet import (
     tell,
     with_browse,
 )
-from sketchterrain.ui.dialogs.world_wishes import ENDINGS, WorldWishes
+from sketchterrain.ui.dialogs.world_wishes import WorldWishes
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.world.asked import form_of
+from sketchterrain.world.job import ENDINGS
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import QCloseEvent

@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.ui.dialogs.kept_controls import Kept
 
-__all__ = ["ENDINGS", "WorldWishes"]
+__all__ = ["WorldWishes"]
 
-ENDINGS: Final = {"zarr": ".zarr", "tiles": "", "tif": ".tif"}
 """What the output's name ends in, by form."""
 _FORMS: Final = {
     "zarr": "Zarr store (.zarr)",

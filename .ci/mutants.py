@@ -1,8 +1,8 @@
-"""Mutants of the program: small faults, drawn with a fixed seed, that the tests must notice.
+"""Mutants of the program: small faults, drawn with a fixed seed, that the tests must detect.
 
-``python .ci/mutants.py draw`` writes ``.ci/mutants.json``; ``python .ci/mutants.py run [NUMBER …] -- COMMAND …``
-applies each mutant to this checkout in turn, runs the command (a test run that stops at its first failure) and
-prints whether it failed, that is, whether the mutant was killed. The checkout must have no uncommitted changes.
+``python .ci/mutants.py draw`` writes ``.ci/mutants.json``. ``python .ci/mutants.py run [NUMBER …] -- COMMAND …``
+applies each mutant to this checkout in turn, runs the command (a test run that stops at its first failure)
+and prints whether it failed, that is, whether the mutant was killed. The checkout must be clean.
 """
 
 from __future__ import annotations
@@ -46,9 +46,11 @@ ROOMS: Final = {  # folder or file pattern: mutants drawn from it
 }
 BENCHMARKS_ONLY: Final = re.compile(r"kernels/(bench|spline_(?!arcs)|splines)")
 SWAPS: Final = {
-    "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "+": "-", "-": "+", "*": "/", "/": "*",
-    "&&": "||", "||": "&&", "and": "or", "or": "and", "is": "is not", "in": "not in", "min": "max", "max": "min",
-    "real_min": "real_max", "real_max": "real_min", "True": "False", "False": "True", "<<": ">>", ">>": "<<",
+    "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==",
+    "+": "-", "-": "+", "*": "/", "/": "*", "<<": ">>", ">>": "<<",
+    "&&": "||", "||": "&&", "and": "or", "or": "and", "is": "is not", "in": "not in",
+    "min": "max", "max": "min", "real_min": "real_max", "real_max": "real_min",
+    "True": "False", "False": "True",
 }  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """Mutants of the program: small faults, drawn with a fixed seed, that the tests must detect.
 
-``python .ci/mutants.py draw`` writes ``.ci/mutants.json``. ``run [NUMBER …] -- COMMAND …`` applies each mutant
-to this checkout in turn, runs the command (a test run that stops at its first failure) and prints whether it
-failed, that is, whether the mutant was killed. The checkout must be clean.
+``python .ci/mutants.py draw`` writes ``.ci/mutants.json``. ``run [NUMBER …] -- COMMAND …`` applies each
+mutant to this checkout in turn, runs the command (a test run that stops at its first failure) and prints
+whether it failed, that is, whether the mutant was killed. The checkout must be clean.
 """
 
 from __future__ import annotations

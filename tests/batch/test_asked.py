@@ -28,24 +28,20 @@ PAINTED = Sketch(name="Painted", layers={"river": RIVER}, seed=4)
 SOURCE = Source("valley", "valley", PAINTED)
 
 
-@pytest.mark.parametrize(
-    ("text", "seeds"),
-    [
+def test_seeds_are_parsed() -> None:
+    for text, seeds in [
         ("7", (7,)),
         ("1-4", (1, 2, 3, 4)),
         ("1,5,9-12", (1, 5, 9, 10, 11, 12)),
         (" 3 - 4 , 2", (3, 4, 2)),
         ("2,1-3", (2, 1, 3)),
         ("9223372036854775807", (2**63 - 1,)),
-    ],
-)
-def test_seeds(text: str, seeds: tuple[int, ...]) -> None:
-    assert seeds_of(text) == seeds
+    ]:
+        assert seeds_of(text) == seeds, text
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_malformed_seeds_are_refused_in_one_line() -> None:
+    for text in [
         "",
         "a",
         "1,,2",
@@ -58,23 +54,20 @@ def test_seeds(text: str, seeds: tuple[int, ...]) -> None:
         "1" * 400,
         "1\n2",
         "١",
-    ],
-)
-def test_seeds_that_are_none(text: str) -> None:
-    with pytest.raises(InputError, match=r"^seeds .*expected") as error:
-        seeds_of(text)
-    assert "\n" not in str(error.value)
-    assert len(str(error.value)) < 250
+    ]:
+        with pytest.raises(InputError, match=r"^seeds .*expected") as error:
+            seeds_of(text)
+        assert "\n" not in str(error.value), text
+        assert len(str(error.value)) < 250, text
 
 
 @given(st.lists(st.integers(0, 2**63 - 1), min_size=1, max_size=30, unique=True))
-def test_seeds_come_back(seeds: list[int]) -> None:
+def test_listed_seeds_round_trip(seeds: list[int]) -> None:
     assert seeds_of(",".join(map(str, seeds))) == tuple(seeds)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "values"),
-    [
+def test_settings_are_parsed_with_their_types() -> None:
+    for name, text, values in [
         ("river.1.width", "30", (30.0,)),
         ("river.1.width", "20, 30,20", (20.0, 30.0)),
         ("river.1.width", "10..50..10", (10.0, 20.0, 30.0, 40.0, 50.0)),
@@ -83,17 +76,14 @@ def test_seeds_come_back(seeds: list[int]) -> None:
         ("hill.2.multitude", "3..5", (3, 4, 5)),
         ("material.1.material", "rock,sand", ("rock", "sand")),
         ("density.hill", "1e-1", (0.1,)),
-    ],
-)
-def test_settings(name: str, text: str, values: tuple[object, ...]) -> None:
-    found = setting(name, text)
-    assert found == (name, values)
-    assert [type(value) for value in found.values] == [type(value) for value in values]
+    ]:
+        found = setting(name, text)
+        assert found == (name, values), (name, text)
+        assert [type(value) for value in found.values] == [type(value) for value in values], (name, text)
 
 
-@pytest.mark.parametrize(
-    ("name", "text", "told"),
-    [
+def test_malformed_settings_are_refused_in_one_line() -> None:
+    for name, text, told in [
         (
             "river.1.wdth",
             "3",
@@ -115,12 +105,10 @@ def test_settings(name: str, text: str, values: tuple[object, ...]) -> None:
         ("river.1.width", "1..2..1e-9", "at most 1000 values"),
         ("hill.1.multitude", "2.5", "a whole number"),
         ("", "", "unknown setting"),
-    ],
-)
-def test_settings_that_are_none(name: str, text: str, told: str) -> None:
-    with pytest.raises(InputError, match=re.escape(told)) as error:
-        setting(name, text)
-    assert "\n" not in str(error.value)
+    ]:
+        with pytest.raises(InputError, match=re.escape(told)) as error:
+            setting(name, text)
+        assert "\n" not in str(error.value), (name, text)
 
 
 def test_every_declared_setting_can_be_swept() -> None:
@@ -141,14 +129,12 @@ def test_every_declared_setting_can_be_swept() -> None:
             ) == value
 
 
-def test_a_setting_leaves_the_others() -> None:
+def test_a_setting_changes_only_itself_and_replaces_the_files() -> None:
     sketch = PAINTED.replace(labels={("river", 1): {"depth": 5.0}}, density={"hill": 2.0})
     changed = with_settings(sketch, {"river.1.width": 40.0, "density.dune": 1.0})
     assert changed.properties("river", 1) == {**sketch.properties("river", 1), "width": 40.0}
     assert (changed.density["hill"], changed.density["dune"]) == (2.0, 1.0)
 
-
-def test_settings_of_the_command_line() -> None:
     file = (setting("river.1.width", "10"), setting("fidelity", "0.5"))
     found = settings_given(["river.1.width=20,30"], instead_of=file)
     assert dict(found) == {"fidelity": (0.5,), "river.1.width": (20.0, 30.0)}
@@ -158,7 +144,7 @@ def test_settings_of_the_command_line() -> None:
         settings_given(["fidelity=1", "fidelity=0"])
 
 
-def test_a_plan_has_all_combinations_in_order() -> None:
+def test_a_plan_has_all_combinations_in_order_under_stable_names() -> None:
     other = Source("hills", "hills", PAINTED)
     items = plan((SOURCE, other), (7, 12), (setting("river.1.width", "20,30"), setting("fidelity", "1")))
     assert [item.name for item in items[:4]] == [
@@ -171,18 +157,12 @@ def test_a_plan_has_all_combinations_in_order() -> None:
     assert items[2].sketch.seed == 7
     assert items[2].sketch.properties("river", 1)["width"] == 30.0
 
-
-def test_without_seeds_each_sketch_has_its_own() -> None:
     assert [item.name for item in plan((SOURCE,))] == ["valley/seed-004"]
 
-
-def test_a_name_follows_from_sketch_seed_and_settings_alone() -> None:
     alone = plan((SOURCE,), (7,), (setting("fidelity", "0.5"),))
     many = plan((SOURCE,), tuple(range(2000)), (setting("fidelity", "0.1,0.5"),))
     assert alone[0].name in {item.name for item in many}
 
-
-def test_long_settings_have_short_names() -> None:
     swept = [setting(f"{layer}.1.multitude", "100,200") for layer in ("mountain", "hill", "dune", "forest")]
     swept += [setting(f"{layer}.1.height", "100.125,99.5") for layer in ("mountain", "hill", "dune")]
     sketch = PAINTED.replace(layers=dict.fromkeys(("mountain", "hill", "dune", "forest"), RIVER))
@@ -191,14 +171,14 @@ def test_long_settings_have_short_names() -> None:
     assert max(len(part) for name in names for part in name.split("/")) <= 120
 
 
-def test_plans_that_are_none() -> None:
+def test_plans_without_a_meaning_are_refused() -> None:
     with pytest.raises(InputError, match=f"expected at most {MOST_ITEMS}"):
         plan((SOURCE,), tuple(range(MOST_ITEMS)), (setting("fidelity", "0,1"),))
     with pytest.raises(InputError, match="no sketch of the batch has a label 2 in its layer river"):
         plan((SOURCE,), (1,), (setting("river.2.width", "3"),))
 
 
-def test_sketches_that_cannot_be_read_stop_no_other_one(tmp_path: Path) -> None:
+def test_an_unreadable_sketch_does_not_stop_the_others(tmp_path: Path) -> None:
     (tmp_path / "b").mkdir()
     save_sketch(PAINTED, tmp_path / "a" / "my valley")
     save_sketch(PAINTED, tmp_path / "b" / "my valley.sketch")
@@ -218,17 +198,17 @@ def test_sketches_that_cannot_be_read_stop_no_other_one(tmp_path: Path) -> None:
         read_sources([])
 
 
-@pytest.mark.parametrize("name", ["..", ".hidden", "a/..", "Ümlaut", "con:x", " "])
-def test_folders_of_sketches_are_safe(name: str, tmp_path: Path) -> None:
+def test_output_folders_have_safe_names(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
-    place = tmp_path / name
-    if not place.exists():
-        save_sketch(PAINTED, place)
-    source = read_sources([str(place), "valley_river"])[0]
-    assert re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=+-]*", source.name)
+    for name in ["..", ".hidden", "a/..", "Ümlaut", "con:x", " "]:
+        place = tmp_path / name
+        if not place.exists():
+            save_sketch(PAINTED, place)
+        source = read_sources([str(place), "valley_river"])[0]
+        assert re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=+-]*", source.name), name
 
 
-def test_a_sweep_file_says_what_the_command_line_can(tmp_path: Path) -> None:
+def test_a_sweep_file_holds_all_settings_of_the_command_line(tmp_path: Path) -> None:
     save_sketch(PAINTED, tmp_path / "mine")
     file = tmp_path / "sweep.toml"
     file.write_text(
@@ -261,9 +241,8 @@ def test_a_sweep_file_says_what_the_command_line_can(tmp_path: Path) -> None:
     assert found.export.plants is False
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
+def test_malformed_and_missing_sweep_files_are_refused_in_one_line(tmp_path: Path) -> None:
+    for text, told in [
         ("sizes = 3", "unknown key 'sizes': expected sketches, seeds, size"),
         ("size = 'big'", "expected int | null, got str - at size"),
         ("[export]\ntile = 3", "unknown key 'export.tile'"),
@@ -275,19 +254,15 @@ def test_a_sweep_file_says_what_the_command_line_can(tmp_path: Path) -> None:
         ("[set]\nfidelity = []", "expected a value"),
         ("size = ", "not TOML"),
         ("set = 3", "at set"),
-    ],
-)
-def test_sweep_files_that_are_none(text: str, told: str, tmp_path: Path) -> None:
-    file = tmp_path / "sweep.toml"
-    file.write_text(text)
-    with pytest.raises(InputError) as error:
-        read_sweep(file)
-    assert str(error.value).startswith(f"{file}: ")
-    assert told in str(error.value)
-    assert "\n" not in str(error.value)
+    ]:
+        file = tmp_path / "sweep.toml"
+        file.write_text(text)
+        with pytest.raises(InputError) as error:
+            read_sweep(file)
+        assert str(error.value).startswith(f"{file}: "), text
+        assert told in str(error.value), text
+        assert "\n" not in str(error.value), text
 
-
-def test_a_sweep_file_that_is_not_there(tmp_path: Path) -> None:
     for place in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(InputError, match="cannot be read"):
             read_sweep(place)

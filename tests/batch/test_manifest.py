@@ -1,4 +1,4 @@
-"""What a manifest says is what is there; what is none is refused, and nothing outside is ever touched."""
+"""Manifests of batches: round trip, verification of files, and refusal of broken or hostile ones."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def manifest(tmp_path: Path) -> Manifest:
     return found
 
 
-def test_it_comes_back(manifest: Manifest) -> None:
+def test_a_manifest_round_trips_as_json(manifest: Manifest) -> None:
     again = read_manifest(manifest.folder)
     assert again is not None
     assert again.entries == {DONE.name: DONE, FAILED.name: FAILED}
@@ -52,8 +52,6 @@ def test_it_comes_back(manifest: Manifest) -> None:
     again.write()
     assert manifest.path.read_bytes() == before
 
-
-def test_any_reader_of_json_reads_it(manifest: Manifest) -> None:
     told = json.loads(manifest.path.read_text(encoding="utf-8"))
     assert list(told) == ["format", "version", "output", "items", "sheets"]
     assert told["items"][0]["files"] == [
@@ -61,8 +59,6 @@ def test_any_reader_of_json_reads_it(manifest: Manifest) -> None:
     ]
     assert told["items"][1]["error"] == "no „room“"
 
-
-def test_only_what_changed_is_told_anew(manifest: Manifest) -> None:
     manifest.entries[FAILED.name] = Entry(FAILED.name, "valley", 8)
     manifest.write()
     again = read_manifest(manifest.folder)
@@ -70,7 +66,7 @@ def test_only_what_changed_is_told_anew(manifest: Manifest) -> None:
     assert again.entries[FAILED.name].state == "waiting"
 
 
-def test_an_item_is_whole_only_as_it_was_written(tmp_path: Path) -> None:
+def test_an_item_is_whole_only_with_the_files_and_hashes_it_lists(tmp_path: Path) -> None:
     assert not DONE.whole(tmp_path)
     (tmp_path / "a.bin").write_bytes(b"abc")
     assert DONE.whole(tmp_path)
@@ -82,30 +78,43 @@ def test_an_item_is_whole_only_as_it_was_written(tmp_path: Path) -> None:
     (tmp_path / "a.bin").mkdir()
     assert not DONE.whole(tmp_path)
 
+    content = bytes(range(256)) * 9000  # more than is read at once
+    (tmp_path / "b").write_bytes(content)
+    assert hashed(tmp_path / "b") == File("b", len(content), hashlib.sha256(content).hexdigest())
 
-def test_there_is_none(tmp_path: Path) -> None:
-    assert read_manifest(tmp_path) is None
 
-
-def told_by(manifest: Manifest) -> dict[str, Any]:
+def _parsed(manifest: Manifest) -> dict[str, Any]:
     found: dict[str, Any] = json.loads(manifest.path.read_text(encoding="utf-8"))
     return found
 
 
-@pytest.mark.parametrize(
-    "content",
-    [b"", b"{", b"[]", b"{}", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000, b"null", b'"manifest"'],
-)
-def test_another_file_is_refused(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / MANIFEST).write_bytes(content)
-    with pytest.raises(
-        InputError, match="expected a batch's manifest, this is another file or broken"
-    ) as error:
+def test_files_that_are_no_manifest_are_refused(tmp_path: Path) -> None:
+    assert read_manifest(tmp_path) is None
+    for content in [
+        b"",
+        b"{",
+        b"[]",
+        b"{}",
+        b'{"a": 1}',
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b"null",
+        b'"manifest"',
+    ]:
+        (tmp_path / MANIFEST).write_bytes(content)
+        with pytest.raises(
+            InputError, match="expected a batch's manifest, this is another file or broken"
+        ) as error:
+            read_manifest(tmp_path)
+        assert "\n" not in str(error.value), content[:20]
+
+    (tmp_path / MANIFEST).unlink()
+    (tmp_path / MANIFEST).mkdir()
+    with pytest.raises(InputError, match="cannot be read"):
         read_manifest(tmp_path)
-    assert "\n" not in str(error.value)
 
 
-def test_half_of_one_is_refused(manifest: Manifest) -> None:
+def test_a_truncated_manifest_is_refused(manifest: Manifest) -> None:
     content = manifest.path.read_bytes()
     for end in range(0, len(content) - 2, 37):
         manifest.path.write_bytes(content[:end])
@@ -113,43 +122,29 @@ def test_half_of_one_is_refused(manifest: Manifest) -> None:
             read_manifest(manifest.folder)
 
 
-@pytest.mark.parametrize(
-    "name", ["..", "../../etc", "/etc/passwd", "a//b", "", ".", "a\0b", "a\\b", "a/../../b"]
-)
-def test_a_name_that_leads_outside_is_refused(name: str, manifest: Manifest) -> None:
-    for where in ("item", "file", "sheet"):
-        told = told_by(manifest)
-        if where == "item":
-            told["items"][0]["name"] = name
-        elif where == "file":
-            told["items"][0]["files"][0]["file"] = name
-        else:
-            told["sheets"] = [name]
-        (manifest.folder / MANIFEST).write_text(json.dumps(told), encoding="utf-8")
-        with pytest.raises(InputError, match="this one has the name") as error:
-            read_manifest(manifest.folder)
-        if "\0" not in name:
-            assert repr(name) in str(error.value)
+def test_names_that_lead_outside_the_folder_are_refused(manifest: Manifest) -> None:
+    for name in ["..", "../../etc", "/etc/passwd", "a//b", "", ".", "a\0b", "a\\b", "a/../../b"]:
+        for where in ("item", "file", "sheet"):
+            told = _parsed(manifest)
+            if where == "item":
+                told["items"][0]["name"] = name
+            elif where == "file":
+                told["items"][0]["files"][0]["file"] = name
+            else:
+                told["sheets"] = [name]
+            (manifest.folder / MANIFEST).write_text(json.dumps(told), encoding="utf-8")
+            with pytest.raises(InputError, match="this one has the name") as error:
+                read_manifest(manifest.folder)
+            if "\0" not in name:
+                assert repr(name) in str(error.value), (name, where)
 
 
-def test_an_item_twice_is_refused(manifest: Manifest) -> None:
-    told = told_by(manifest)
+def test_a_repeated_item_is_refused(manifest: Manifest) -> None:
+    told = _parsed(manifest)
     told["items"].append(told["items"][0])
     manifest.path.write_text(json.dumps(told), encoding="utf-8")
     with pytest.raises(InputError, match="an item twice"):
         read_manifest(manifest.folder)
-
-
-def test_a_folder_in_its_place_is_refused(tmp_path: Path) -> None:
-    (tmp_path / MANIFEST).mkdir()
-    with pytest.raises(InputError, match="cannot be read"):
-        read_manifest(tmp_path)
-
-
-def test_hashes_are_those_of_the_whole_file(tmp_path: Path) -> None:
-    content = bytes(range(256)) * 9000  # more than is read at once
-    (tmp_path / "b").write_bytes(content)
-    assert hashed(tmp_path / "b") == File("b", len(content), hashlib.sha256(content).hexdigest())
 
 
 def test_fingerprints_follow_from_all_that_files_follow_from() -> None:

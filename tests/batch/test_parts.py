@@ -1,4 +1,4 @@
-"""Time that is left, room in memory and on the disk, contact sheets."""
+"""Remaining time, budgets of memory and disk, contact sheets."""
 
 from __future__ import annotations
 
@@ -23,15 +23,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_nothing_is_known_before_the_first_is_done() -> None:
+def test_remaining_time_adds_the_medians_of_each_kind() -> None:
     assert Remaining(lambda: 0.0).seconds({"1": "a"}) is None
 
-
-def left(*kinds: str) -> dict[str, str]:
-    return {f"left-{number}": kind for number, kind in enumerate(kinds)}
-
-
-def test_one_after_the_other_takes_the_sum_of_the_medians_of_its_kinds() -> None:
     clock = [0.0]
     remaining = Remaining(lambda: clock[0])
     for kind, seconds in (("small", 1.0), ("small", 1.0), ("small", 40.0), ("large", 10.0)):
@@ -41,6 +35,10 @@ def test_one_after_the_other_takes_the_sum_of_the_medians_of_its_kinds() -> None
     assert remaining.seconds(left("small", "small", "small", "large")) == pytest.approx(13.0)
     assert remaining.seconds(left("unknown")) == pytest.approx(5.5)  # of all
     assert remaining.seconds({}) == 0.0
+
+
+def left(*kinds: str) -> dict[str, str]:
+    return {f"left-{number}": kind for number, kind in enumerate(kinds)}
 
 
 def test_several_at_once_share_the_time() -> None:
@@ -56,7 +54,7 @@ def test_several_at_once_share_the_time() -> None:
     assert remaining.seconds({"3": "a"}) == pytest.approx(6.0 * 14.0 / 28.0)
 
 
-def test_one_that_failed_tells_nothing_of_the_others() -> None:
+def test_remaining_time_ignores_failures_and_follows_recent_items() -> None:
     clock = [0.0]
     remaining = Remaining(lambda: clock[0])
     for seconds in (10.0, 1.0):
@@ -68,8 +66,6 @@ def test_one_that_failed_tells_nothing_of_the_others() -> None:
             remaining.failed("now")
     assert remaining.seconds(left("a", "a")) == pytest.approx(20.0)
 
-
-def test_a_batch_that_slows_down_is_told_so() -> None:
     clock = [0.0]
     remaining = Remaining(lambda: clock[0])
     for seconds in [1.0] * 60 + [3.0] * 30:
@@ -79,12 +75,16 @@ def test_a_batch_that_slows_down_is_told_so() -> None:
     assert remaining.seconds(left("a")) == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize(
-    ("seconds", "told"),
-    [(0.2, "1 s"), (40, "40 s"), (89, "89 s"), (90, "2 min"), (3600, "60 min"), (12000, "3 h 20 min")],
-)
-def test_durations(seconds: float, told: str) -> None:
-    assert duration(seconds) == told
+def test_durations_are_rounded_for_reading() -> None:
+    for seconds, told in [
+        (0.2, "1 s"),
+        (40, "40 s"),
+        (89, "89 s"),
+        (90, "2 min"),
+        (3600, "60 min"),
+        (12000, "3 h 20 min"),
+    ]:
+        assert duration(seconds) == told, seconds
 
 
 def test_terrains_begin_while_there_is_memory() -> None:
@@ -114,8 +114,6 @@ def test_terrains_begin_while_there_is_memory() -> None:
         thread.join(10)
     assert (most[0], within[0]) == (2, 0)
 
-
-def test_one_that_is_alone_may_always_begin() -> None:
     memory = Memory(10.0)
     for _ in range(2):
         with memory.room(1e12):
@@ -179,7 +177,11 @@ def test_one_that_failed_does_not_show_its_older_picture(tmp_path: Path) -> None
         assert page.getpixel((212, 124)) != (0, 200, 0) == page.getpixel((624, 124))
 
 
-def test_sheets_have_pages(tmp_path: Path) -> None:
+def test_sheets_have_pages_and_none_without_previews(tmp_path: Path) -> None:
+    assert sheets(tmp_path, [entry("s/0", preview=False)]) == []
+    assert sheets(tmp_path, []) == []
+    assert list(tmp_path.iterdir()) == []
+
     written(tmp_path, "s/0", (1, 2, 3))
     entries = [entry("s/0") for _ in range(PAGE + 1)]
     assert sheets(tmp_path, entries) == ["sheet.png", "sheet-2.png"]
@@ -187,19 +189,11 @@ def test_sheets_have_pages(tmp_path: Path) -> None:
         assert page.size == (424, 271)
 
 
-def test_without_previews_there_is_no_sheet(tmp_path: Path) -> None:
-    assert sheets(tmp_path, [entry("s/0", preview=False)]) == []
-    assert sheets(tmp_path, []) == []
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_preview_that_is_gone_or_broken_leaves_an_empty_place(tmp_path: Path) -> None:
+def test_a_missing_preview_or_a_long_name_leaves_the_sheet_readable(tmp_path: Path) -> None:
     (tmp_path / "s").mkdir()
     (tmp_path / "s" / "preview.png").write_bytes(b"no picture")
     assert sheets(tmp_path, [entry("s"), entry("gone")]) == ["sheet.png"]
 
-
-def test_long_names_keep_their_ends(tmp_path: Path) -> None:
     written(tmp_path, "s/0", (1, 2, 3))
     assert sheets(tmp_path, [entry("s/0"), entry("x" * 300, preview=False, error="long " * 90)]) == [
         "sheet.png"

@@ -139,7 +139,7 @@ def states(folder: Path) -> dict[int, str]:
     return {entry.seed: entry.state for entry in manifest.entries.values()}
 
 
-def test_all_are_made_in_their_order(works: Works, tmp_path: Path) -> None:
+def test_all_items_are_made_in_order(works: Works, tmp_path: Path) -> None:
     heard = Heard()
     works.before = lambda _: time.sleep(0.02)
     done = run(tmp_path / "new" / "out", heard=heard)
@@ -159,13 +159,13 @@ def test_all_are_made_in_their_order(works: Works, tmp_path: Path) -> None:
     assert not heard.stopped
 
 
-def test_no_more_are_in_work_than_asked_for(works: Works, tmp_path: Path) -> None:
+def test_no_more_jobs_run_at_once_than_asked_for(works: Works, tmp_path: Path) -> None:
     works.before = lambda _: time.sleep(0.01)
     run(tmp_path, jobs=1)
     assert works.most == 1
 
 
-def test_resuming_makes_what_is_not_whole(works: Works, tmp_path: Path) -> None:
+def test_resuming_makes_only_what_is_missing_damaged_or_new(works: Works, tmp_path: Path) -> None:
     run(tmp_path)
     whole = files(tmp_path)
     (tmp_path / "valley" / "seed-001" / "height.bin").unlink()
@@ -179,6 +179,14 @@ def test_resuming_makes_what_is_not_whole(works: Works, tmp_path: Path) -> None:
     assert heard.skipped == 3
     assert [entry.seed for entry in done.skipped] == [0, 2, 5]
     assert files(tmp_path) == whole
+
+    more = tmp_path / "more"
+    run(more, range(3))
+    run(more, range(3, 5), resume=True)
+    assert states(more) == dict.fromkeys([3, 4, 0, 1, 2], "done")
+    works.made.clear()
+    run(more, range(5), resume=True)
+    assert works.made == []
 
 
 def test_resuming_makes_what_changed(works: Works, tmp_path: Path) -> None:
@@ -197,24 +205,13 @@ def test_resuming_makes_what_changed(works: Works, tmp_path: Path) -> None:
     assert works.made == []
 
 
-def test_more_seeds_later_leave_the_first_ones(works: Works, tmp_path: Path) -> None:
-    run(tmp_path, range(3))
-    run(tmp_path, range(3, 5), resume=True)
-    assert states(tmp_path) == dict.fromkeys([3, 4, 0, 1, 2], "done")
-    works.made.clear()
-    run(tmp_path, range(5), resume=True)
-    assert works.made == []
-
-
-def test_a_batch_is_not_begun_anew_unasked(works: Works, tmp_path: Path) -> None:
-    run(tmp_path)
-    before = files(tmp_path)
+def test_a_batch_restarts_only_on_resume_and_keeps_foreign_files(works: Works, tmp_path: Path) -> None:
+    run(tmp_path / "made")
+    before = files(tmp_path / "made")
     with pytest.raises(InputError, match=r"there is a batch in it .*--resume"):
-        run(tmp_path)
-    assert files(tmp_path) == before
+        run(tmp_path / "made")
+    assert files(tmp_path / "made") == before
 
-
-def test_a_folder_without_a_batch_may_hold_other_files(works: Works, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     run(tmp_path, range(1), resume=True)
     assert (tmp_path / "notes.txt").read_text() == "mine"
@@ -229,7 +226,9 @@ def test_a_folder_without_a_batch_may_hold_other_files(works: Works, tmp_path: P
         (RuntimeError("bug"), "unexpected RuntimeError: bug"),
     ],
 )
-def test_one_that_fails_stops_no_other(error: Exception, told: str, works: Works, tmp_path: Path) -> None:
+def test_a_failed_item_stops_no_other_and_is_retried_on_resume(
+    error: Exception, told: str, works: Works, tmp_path: Path
+) -> None:
     def fail(seed: int) -> None:
         if seed in (1, 4):
             raise error
@@ -248,7 +247,7 @@ def test_one_that_fails_stops_no_other(error: Exception, told: str, works: Works
     assert {f"valley/{name}" for name in files(fresh / "valley")} <= set(files(tmp_path))
 
 
-def test_what_was_there_stays_when_making_it_again_fails(works: Works, tmp_path: Path) -> None:
+def test_old_files_stay_when_an_item_fails_again(works: Works, tmp_path: Path) -> None:
     run(tmp_path, range(2))
     whole = files(tmp_path)
 
@@ -262,7 +261,7 @@ def test_what_was_there_stays_when_making_it_again_fails(works: Works, tmp_path:
     assert set(states(tmp_path).values()) == {"failed"}
 
 
-def test_without_a_preview_it_is_partial_and_tried_again(works: Works, tmp_path: Path) -> None:
+def test_an_item_without_its_preview_is_partial_and_retried(works: Works, tmp_path: Path) -> None:
     works.problem = "no OpenGL"
     done = run(tmp_path, range(2))
     assert [entry.error for entry in done.partial] == ["no OpenGL"] * 2
@@ -282,7 +281,7 @@ def test_a_sketch_that_cannot_be_read_stops_no_other(works: Works, tmp_path: Pat
     assert (len(again.failed), len(again.skipped)) == (2, 2)
 
 
-def test_ctrl_c_gives_up_what_is_in_work_and_keeps_what_is_done(works: Works, tmp_path: Path) -> None:
+def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(works: Works, tmp_path: Path) -> None:
     heard = Heard()
     main = threading.main_thread().ident
     assert main is not None
@@ -314,7 +313,7 @@ def test_ctrl_c_gives_up_what_is_in_work_and_keeps_what_is_done(works: Works, tm
     assert set(states(tmp_path).values()) == {"done"}
 
 
-def test_leftovers_of_a_kill_are_swept(works: Works, tmp_path: Path) -> None:
+def test_partial_files_of_a_killed_run_are_removed(works: Works, tmp_path: Path) -> None:
     run(tmp_path, range(2))
     whole = files(tmp_path)
     (tmp_path / "valley" / "seed-001" / ".sketchterrain-abc").mkdir()
@@ -349,7 +348,7 @@ def test_a_manifest_that_cannot_be_written_ends_the_batch(
     assert set(states(tmp_path).values()) == {"done"}
 
 
-def test_two_batches_do_not_work_in_one_folder(works: Works, tmp_path: Path) -> None:
+def test_a_locked_folder_is_refused(works: Works, tmp_path: Path) -> None:
     held = os.open(tmp_path, os.O_RDONLY)
     try:
         fcntl.flock(held, fcntl.LOCK_EX)
@@ -361,14 +360,12 @@ def test_two_batches_do_not_work_in_one_folder(works: Works, tmp_path: Path) -> 
     run(tmp_path, range(1))
 
 
-def test_a_file_in_place_of_the_folder(works: Works, tmp_path: Path) -> None:
+def test_files_in_place_of_folders_are_refused_or_fail_one_item(works: Works, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="this is a file"):
         run(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
-
-def test_a_file_in_place_of_an_items_folder(works: Works, tmp_path: Path) -> None:
     (tmp_path / "valley").mkdir()
     (tmp_path / "valley" / "seed-001").write_text("mine")
     done = run(tmp_path, range(3))
@@ -392,7 +389,7 @@ def test_no_device_stops_it_before_anything_is_written(works: Works, tmp_path: P
     assert not (tmp_path / "out").exists()
 
 
-def test_each_written_manifest_tells_only_what_is_whole(
+def test_every_written_manifest_lists_only_complete_items(
     works: Works, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import sketchterrain.batch.manifest

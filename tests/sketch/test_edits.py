@@ -64,48 +64,50 @@ def test_an_edit_in_the_file_is_what_it_looks_like() -> None:
     assert parse_settings(text).edits == (Edit("move_point", 12, index=3, x=5.0, y=-2.5),)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("edit = 3", "edit = 3: expected tables, each with"),
-        ("edit = [3]", "expected tables"),
-        ("[edit]\nx = 1", "expected tables"),
-        ("[[edit]]", "number 1: no action: expected move, resize"),
-        ("[[edit]]\naction = 'mov'", "number 1: action = 'mov': expected .*did you mean 'move'"),
-        ("[[edit]]\naction = 3", "action = 3: expected move"),
-        ("[[edit]]\naction = ['move']", "action = ..move..: expected move"),
-        ("[[edit]]\naction = 'delete'", "no feature: expected action, feature"),
-        ("[[edit]]\naction = 'delete'\nfeature = -1", "feature = -1: expected a whole number from 0"),
-        ("[[edit]]\naction = 'delete'\nfeature = 1.5", "feature = 1.5: expected a whole number"),
-        ("[[edit]]\naction = 'move'\nfeature = 1\nx = 2", "edit move: expected x, y, no y given"),
-        ("[[edit]]\naction = 'move'\nfeature = 1\nx = nan\ny = 0", "edit move.x = nan: expected a number"),
-        ("[[edit]]\naction = 'move'\nfeature = 1\nx = '2'\ny = 0", "edit move.x = '2': expected a number"),
-        ("[[edit]]\naction = 'move'\nfeature = 1\nwidht = 2", "unknown key 'widht' = 2: expected action"),
-        ("[[edit]]\naction = 'resize'\nfeature = 1\nradius = 0", "resize.radius = 0: expected a number"),
-        ("[[edit]]\naction = 'add'\nfeature = 1", "unknown key 'feature' = 1: expected action, type"),
-        (
-            "[[edit]]\naction='add'\ntype='lake'\nx=0\ny=0\nradius=1\nstrength=1",
-            "add.type = 'lake': expected 'mountain'",
-        ),
-        (
-            "[[edit]]\naction='add'\ntype='forest'\nx=0\ny=0\nradius=1\nstrength=5",
-            "add.strength = 5.0: expected a share",
-        ),
-        ("[[edit]]\naction='delete'\nfeature=1\n[[edit]]\naction='x'", "number 2: action = 'x'"),
-    ],
-)
-def test_what_is_no_edit_is_refused_in_one_line(text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message) as caught:
-        parse_settings(f"format = 1\n{text}\n".encode())
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 300
+_REFUSED = [
+    ("edit = 3", "edit = 3: expected tables, each with"),
+    ("edit = [3]", "expected tables"),
+    ("[edit]\nx = 1", "expected tables"),
+    ("[[edit]]", "number 1: no action: expected move, resize"),
+    ("[[edit]]\naction = 'mov'", "number 1: action = 'mov': expected .*did you mean 'move'"),
+    ("[[edit]]\naction = 3", "action = 3: expected move"),
+    ("[[edit]]\naction = ['move']", "action = ..move..: expected move"),
+    ("[[edit]]\naction = 'delete'", "no feature: expected action, feature"),
+    ("[[edit]]\naction = 'delete'\nfeature = -1", "feature = -1: expected a whole number from 0"),
+    ("[[edit]]\naction = 'delete'\nfeature = 1.5", "feature = 1.5: expected a whole number"),
+    ("[[edit]]\naction = 'move'\nfeature = 1\nx = 2", "edit move: expected x, y, no y given"),
+    ("[[edit]]\naction = 'move'\nfeature = 1\nx = nan\ny = 0", "edit move.x = nan: expected a number"),
+    ("[[edit]]\naction = 'move'\nfeature = 1\nx = '2'\ny = 0", "edit move.x = '2': expected a number"),
+    ("[[edit]]\naction = 'move'\nfeature = 1\nwidht = 2", "unknown key 'widht' = 2: expected action"),
+    ("[[edit]]\naction = 'resize'\nfeature = 1\nradius = 0", "resize.radius = 0: expected a number"),
+    ("[[edit]]\naction = 'add'\nfeature = 1", "unknown key 'feature' = 1: expected action, type"),
+    (
+        "[[edit]]\naction='add'\ntype='lake'\nx=0\ny=0\nradius=1\nstrength=1",
+        "add.type = 'lake': expected 'mountain'",
+    ),
+    (
+        "[[edit]]\naction='add'\ntype='forest'\nx=0\ny=0\nradius=1\nstrength=5",
+        "add.strength = 5.0: expected a share",
+    ),
+    ("[[edit]]\naction='delete'\nfeature=1\n[[edit]]\naction='x'", "number 2: action = 'x'"),
+]
 
 
-def test_only_edits_are_edits_and_not_too_many() -> None:
+def test_refused_edits_name_number_and_key() -> None:
+    for text, message in _REFUSED:
+        with pytest.raises(InputError, match=message) as caught:
+            parse_settings(f"format = 1\n{text}\n".encode())
+        assert "\n" not in str(caught.value), text
+        assert len(str(caught.value)) < 300, text
+
+
+def test_refused_values_of_edits() -> None:
     with pytest.raises(InputError, match="edits: expected Edit values, got 'move'"):
         Sketch(edits=("move",))  # type: ignore[arg-type]
     with pytest.raises(InputError, match=f"expected at most {MOST_EDITS}"):
         Sketch(edits=(HILL,) * (MOST_EDITS + 1))
+    with pytest.raises(InputError, match="from_x and from_y"):
+        Edit("move_point", 4, index=0, x=0.0, y=0.0, from_x=3.0)
 
 
 def test_the_most_edits_fit_the_file() -> None:
@@ -115,7 +117,7 @@ def test_the_most_edits_fit_the_file() -> None:
     assert len(text) < 0.6 * file_limit(SETTINGS)
 
 
-def test_what_was_added_has_a_name_made_from_its_values() -> None:
+def test_added_features_have_an_id_hashed_from_their_values() -> None:
     again = Edit("add", type="hill", x=10, y=20, radius=30, strength=5)
     assert again == HILL
     assert HILL.feature == 8863291655238906495  # for ever
@@ -132,25 +134,19 @@ def test_a_later_edit_replaces_an_earlier_one_of_the_same_target() -> None:
     for index in (0, 1, 0):
         points = points.with_edit(Edit("move_point", 4, index=index, x=0.0, y=0.0))
     assert [edit.index for edit in points.edits] == [1, 0]
+    # A control point that is named by where it was is another target each time.
+    first = Edit("move_point", 4, index=0, x=5.0, y=5.0, from_x=0.0, from_y=0.0)
+    onward = Edit("move_point", 4, index=0, x=9.0, y=9.0, from_x=5.0, from_y=5.0)
+    assert Sketch().with_edit(first).with_edit(onward).edits == (first, onward)
+    # Painting keeps edits.
+    painted = sketch.replace(layers={"hill": np.ones((9, 9), np.uint8)})
+    assert painted.edits == sketch.edits
 
 
-def test_what_is_deleted_needs_no_other_edit() -> None:
+def test_deleting_drops_the_other_edits_of_a_feature() -> None:
     sketch = Sketch().with_edit(Edit("move", 1, x=0.0, y=0.0)).with_edit(Edit("delete", 1))
     assert sketch.edits == (Edit("delete", 1),)
     assert HILL.feature is not None
     added = sketch.with_edit(HILL).with_edit(Edit("resize", HILL.feature, radius=5.0))
     assert added.with_edit(Edit("delete", HILL.feature)).edits == sketch.edits
     assert added.without_edits(HILL.feature).edits == sketch.edits
-
-
-def test_edits_stay_when_something_is_painted() -> None:
-    sketch = Sketch(edits=(HILL,))
-    assert sketch.replace(layers={"hill": np.ones((9, 9), np.uint8)}).edits == (HILL,)
-
-
-def test_where_a_control_point_was_is_told_wholly_or_not() -> None:
-    with pytest.raises(InputError, match="from_x and from_y"):
-        Edit("move_point", 4, index=0, x=0.0, y=0.0, from_x=3.0)
-    first = Edit("move_point", 4, index=0, x=5.0, y=5.0, from_x=0.0, from_y=0.0)
-    onward = Edit("move_point", 4, index=0, x=9.0, y=9.0, from_x=5.0, from_y=5.0)
-    assert Sketch().with_edit(first).with_edit(onward).edits == (first, onward)

@@ -152,7 +152,7 @@ def test_what_a_living_program_keeps_is_not_taken(document, folder) -> None:
     autosave.close()
 
 
-def test_locks_without_a_sketch_and_files_that_are_none_of_ours(document, autosave, folder) -> None:
+def test_stale_locks_are_removed_and_foreign_files_left_alone(document, autosave, folder, tmp_path) -> None:
     folder.mkdir()
     (folder / "1-dead.lock").touch()
     (folder / "2-strange.sketch").write_bytes(b"not a zip")
@@ -161,8 +161,6 @@ def test_locks_without_a_sketch_and_files_that_are_none_of_ours(document, autosa
     assert not (folder / "1-dead.lock").exists()
     assert (folder / "2-strange.sketch").read_bytes() == b"not a zip"
 
-
-def test_a_lock_that_was_removed_meanwhile_is_made_anew(tmp_path) -> None:
     lock = Lock(tmp_path / "a.sketch")
     with pytest.raises(BlockingIOError):
         Lock(tmp_path / "a.sketch")
@@ -174,13 +172,9 @@ def test_a_lock_that_was_removed_meanwhile_is_made_anew(tmp_path) -> None:
     again.remove()
 
 
-def test_a_folder_that_cannot_be_is_told_once(document, tmp_path) -> None:
+def test_an_unwritable_folder_is_reported_once(document, tmp_path) -> None:
     (tmp_path / "recovery").write_text("a file")
-    check_told_once(document, tmp_path / "recovery")
-
-
-def check_told_once(document: Document, folder: Path) -> None:
-    autosave = Autosave(document, folder)
+    autosave = Autosave(document, tmp_path / "recovery")
     told: list[str] = []
     autosave.failed.connect(told.append)
     for number in range(3):

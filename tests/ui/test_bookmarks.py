@@ -71,9 +71,8 @@ def written(**changes) -> bytes:
     return json.dumps({"bookmarks": [good | changes]}).encode()
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
+def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path) -> None:
+    for content in [
         b"",
         b"{",
         b"[]",
@@ -85,20 +84,18 @@ def written(**changes) -> bytes:
         written(mode="swim"),
         written(fov=0),
         written(picture="?"),
-    ],
-)
-def test_a_file_that_cannot_be_read_counts_as_none(document, folder, tmp_path, content) -> None:
-    path = tmp_path / "one.sketch"
-    bookmarks = Bookmarks(document, folder)
-    document.saved(document.sketch, path)
-    bookmarks.add(Bookmark("a", HERE))
-    (file,) = folder.iterdir()
-    assert json.loads(file.read_bytes())["sketch"] == str(path)
-    file.write_bytes(content)
-    document.open(document.sketch, path)
-    assert bookmarks.all == ()
-    bookmarks.add(Bookmark("b", HERE))
-    assert [each.name for each in bookmarks.all] == ["b"]
+    ]:
+        path = tmp_path / "one.sketch"
+        bookmarks = Bookmarks(document, folder)
+        document.saved(document.sketch, path)
+        bookmarks.add(Bookmark("a", HERE))
+        (file,) = folder.iterdir()
+        assert json.loads(file.read_bytes())["sketch"] == str(path), content
+        file.write_bytes(content)
+        document.open(document.sketch, path)
+        assert bookmarks.all == (), content
+        bookmarks.add(Bookmark("b", HERE))
+        assert [each.name for each in bookmarks.all] == ["b"], content
 
 
 def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path) -> None:

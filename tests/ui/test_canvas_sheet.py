@@ -80,7 +80,7 @@ def test_paint_has_the_colour_of_its_label(canvas, workspace) -> None:
         assert own < min(np.abs(seen - rgb(other)).sum() for other in others)
 
 
-def test_a_hidden_layer_shows_nothing(canvas, workspace) -> None:
+def test_visibility_and_opacity_mix_paint_with_paper(canvas, workspace) -> None:
     bare = around(canvas, 32.0, 32.0, reach=3)
     assert np.abs(around(canvas, 18.0, 32.0) - bare).max() > 40.0
     workspace.set_look("mountain", visible=False)
@@ -88,8 +88,6 @@ def test_a_hidden_layer_shows_nothing(canvas, workspace) -> None:
     workspace.set_look("mountain", visible=True)
     assert np.abs(around(canvas, 18.0, 32.0) - bare).max() > 40.0
 
-
-def test_opacity_mixes_paint_with_paper(canvas, workspace) -> None:
     bare = around(canvas, 32.0, 32.0, reach=3)
     far = []
     for opacity in (0.2, 0.5, 0.9):
@@ -147,7 +145,12 @@ def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed) 
         assert np.abs(moved - pixels(canvas)).max() <= 2
 
 
-def test_the_relief_lies_beneath_the_paint(canvas, link, workspace) -> None:
+def test_the_relief_lies_beneath_the_paint_and_is_redrawn_where_it_changed(canvas, link, workspace) -> None:
+    before = pixels(canvas)
+    link.relief = Relief(1, 1, np.zeros((9, 9), np.float32), np.zeros((9, 9), np.uint8))
+    link.relief_changed.emit(link.relief)
+    assert np.array_equal(before, pixels(canvas))
+
     shade = np.full((SIDE, SIDE), 190, np.uint8)
     shade[:, 28:34] = 20
     height = np.zeros((SIDE, SIDE), np.float32)
@@ -157,9 +160,7 @@ def test_the_relief_lies_beneath_the_paint(canvas, link, workspace) -> None:
     assert around(canvas, 31.0, 32.0, reach=3).mean() < before.mean() - 60.0
     workspace.show_overlay("relief", False)
     assert np.abs(around(canvas, 31.0, 32.0, reach=3) - before).max() < 1.0
-
-
-def test_a_relief_that_changed_somewhere_is_redrawn_there(canvas, link) -> None:
+    workspace.show_overlay("relief", True)
     shade = np.full((SIDE, SIDE), 190, np.uint8)
     height = np.zeros((SIDE, SIDE), np.float32)
     link.relief = Relief(1, 1, height, shade)
@@ -172,13 +173,6 @@ def test_a_relief_that_changed_somewhere_is_redrawn_there(canvas, link) -> None:
     kept = pixels(canvas)
     canvas._shown.refresh()
     assert np.abs(kept - pixels(canvas)).max() <= 2
-
-
-def test_a_relief_of_another_document_is_not_shown(canvas, link) -> None:
-    before = pixels(canvas)
-    link.relief = Relief(1, 1, np.zeros((9, 9), np.float32), np.zeros((9, 9), np.uint8))
-    link.relief_changed.emit(link.relief)
-    assert np.array_equal(before, pixels(canvas))
 
 
 def test_adherence_has_the_colours_of_the_report(canvas, link, workspace) -> None:
@@ -230,17 +224,17 @@ def test_another_document_is_shown_whole(canvas, plain) -> None:
     pixels(canvas)
 
 
-@pytest.mark.parametrize("ratio", [1.0, 1.25, 2.0])
-def test_places_of_the_mouse_are_those_of_the_sketch(canvas, monkeypatch, ratio: float) -> None:
-    monkeypatch.setattr(type(canvas), "devicePixelRatioF", lambda self: ratio)
-    canvas._resize(fits=True)
-    for zoom in (1.0, 0.3, 7.0):
-        canvas.zoom(zoom, QPointF(150.0, 120.0))
-        desk = canvas._desk
-        for x, y in ((0.0, 0.0), (31.25, 12.5), (64.0, 64.0)):
-            assert desk.on_sketch(desk.at(x, y)) == pytest.approx((x, y), abs=1e-6)
-            assert desk.pixels(*desk.metres(x, y)) == pytest.approx((x, y), abs=1e-9)
-        pixels(canvas)
+def test_places_of_the_mouse_are_those_of_the_sketch(canvas, monkeypatch) -> None:
+    for ratio in [1.0, 1.25, 2.0]:
+        monkeypatch.setattr(type(canvas), "devicePixelRatioF", lambda _, ratio=ratio: ratio)
+        canvas._resize(fits=True)
+        for zoom in (1.0, 0.3, 7.0):
+            canvas.zoom(zoom, QPointF(150.0, 120.0))
+            desk = canvas._desk
+            for x, y in ((0.0, 0.0), (31.25, 12.5), (64.0, 64.0)):
+                assert desk.on_sketch(desk.at(x, y)) == pytest.approx((x, y), abs=1e-6), ratio
+                assert desk.pixels(*desk.metres(x, y)) == pytest.approx((x, y), abs=1e-9), ratio
+            pixels(canvas)
 
 
 def test_random_zooming_and_moving_never_loses_the_sheet(canvas) -> None:

@@ -75,7 +75,7 @@ def steps(document: Document) -> tuple[str, ...]:
     return document.history.titles[1 : document.history.position + 1]
 
 
-def test_a_stroke_is_one_step(canvas, blank, qtbot) -> None:
+def test_a_stroke_is_one_step_and_a_click_a_disc(canvas, blank, qtbot, workspace) -> None:
     drag(qtbot, canvas, [(30.0, 30.0), (50.0, 34.0), (70.0, 30.0), (90.0, 60.0)])
     assert steps(blank) == ("Paint mountains",)
     image = blank.sketch.layers["mountain"]
@@ -86,8 +86,6 @@ def test_a_stroke_is_one_step(canvas, blank, qtbot) -> None:
     blank.undo()
     assert not blank.sketch.layers["mountain"].any()
 
-
-def test_a_click_paints_a_disc_of_the_brush(canvas, blank, workspace, qtbot) -> None:
     workspace.brush = 8.0
     drag(qtbot, canvas, [(60.0, 60.0)])
     assert (blank.sketch.layers["mountain"] > 0).sum() == pytest.approx(np.pi * 64, rel=0.08)
@@ -104,7 +102,7 @@ def test_eraser_and_right_button_erase(canvas, blank, workspace, qtbot) -> None:
     assert steps(blank) == ("Paint mountains", "Erase mountains", "Erase mountains")
 
 
-def test_escape_cancels_a_stroke(canvas, blank, qtbot) -> None:
+def test_escape_undo_another_tool_and_another_document_end_a_stroke(canvas, blank, qtbot, workspace) -> None:
     qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0))
     move(canvas, at(canvas, 60.0, 60.0), LEFT)
     assert blank.draft is not None
@@ -114,6 +112,23 @@ def test_escape_cancels_a_stroke(canvas, blank, qtbot) -> None:
     qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
     assert steps(blank) == ()
     assert not blank.layer("mountain").any()
+
+    drag(qtbot, canvas, [(30.0, 30.0), (60.0, 30.0)])
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 80.0))
+    blank.undo()
+    move(canvas, at(canvas, 60.0, 80.0), LEFT)
+    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 80.0))
+    assert not blank.layer("mountain").any()
+
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0))
+    workspace.tool = "line"
+    assert steps(blank) == ("Paint mountains",)
+    workspace.tool = "brush"
+    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
+    blank.open(Sketch())
+    move(canvas, at(canvas, 90.0, 60.0), LEFT)
+    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
+    assert steps(blank) == ()
 
 
 def test_losing_the_focus_finishes_a_stroke(canvas, blank, qtbot) -> None:
@@ -130,27 +145,6 @@ def test_losing_the_focus_finishes_a_stroke(canvas, blank, qtbot) -> None:
         assert len(steps(blank)) == before + 1
 
 
-def test_another_tool_or_document_ends_a_stroke(canvas, blank, workspace, qtbot) -> None:
-    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0))
-    workspace.tool = "line"
-    assert steps(blank) == ("Paint mountains",)
-    workspace.tool = "brush"
-    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
-    blank.open(Sketch())
-    move(canvas, at(canvas, 90.0, 60.0), LEFT)
-    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
-    assert steps(blank) == ()
-
-
-def test_an_undo_amid_a_stroke_takes_it_away(canvas, blank, qtbot) -> None:
-    drag(qtbot, canvas, [(30.0, 30.0), (60.0, 30.0)])
-    qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 80.0))
-    blank.undo()
-    move(canvas, at(canvas, 60.0, 80.0), LEFT)
-    qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 80.0))
-    assert not blank.layer("mountain").any()
-
-
 def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace, qtbot) -> None:
     lines: list[str] = []
     canvas.message.connect(lines.append)
@@ -165,7 +159,7 @@ def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace, qtbot) -> No
     assert "Mountains are hidden" in lines[-1]
 
 
-def test_a_line_by_clicks(canvas, blank, workspace, qtbot) -> None:
+def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtbot) -> None:
     workspace.tool = "line"
     workspace.use_label("river", 1)
     for x, y in ((20.0, 20.0), (60.0, 40.0), (110.0, 110.0), (100.0, 30.0)):
@@ -182,9 +176,7 @@ def test_a_line_by_clicks(canvas, blank, workspace, qtbot) -> None:
     assert not image[28:33, 97:104].any()
     # As wide as its label says: 12 m are 1.2 px.
     assert (image > 0).sum() < 400
-
-
-def test_a_double_click_ends_a_line_and_escape_forgets_it(canvas, blank, workspace, qtbot) -> None:
+    blank.undo()
     workspace.tool = "line"
     workspace.use_label("river", 1)
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 20.0))
@@ -195,9 +187,7 @@ def test_a_double_click_ends_a_line_and_escape_forgets_it(canvas, blank, workspa
     qtbot.mouseDClick(canvas, LEFT, pos=at(canvas, 90.0, 60.0))
     assert steps(blank) == ("Draw a line of rivers",)
     assert blank.sketch.layers["river"][60, 22:88].all()
-
-
-def test_a_line_freehand(canvas, blank, workspace, qtbot) -> None:
+    blank.undo()
     workspace.tool = "line"
     workspace.use_label("river", 1)
     drag(qtbot, canvas, [(20.0, 20.0), (40.0, 30.0), (60.0, 28.0), (90.0, 50.0)])
@@ -235,7 +225,7 @@ def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qt
     assert lines[-1] == "Nothing is painted here."
 
 
-def test_the_wheel_zooms_about_the_mouse_or_changes_the_brush(canvas, workspace) -> None:
+def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot) -> None:
     place = at(canvas, 40.0, 90.0)
     before = canvas._desk.on_sketch(QPointF(place))
     scale = canvas.viewport.scale
@@ -246,6 +236,19 @@ def test_the_wheel_zooms_about_the_mouse_or_changes_the_brush(canvas, workspace)
     assert workspace.brush == pytest.approx(5.0 * 1.15)
     wheel(canvas, place, -120, Qt.KeyboardModifier.ShiftModifier)
     assert workspace.brush == pytest.approx(5.0)
+    canvas.fit()
+    qtbot.keyClick(canvas, Qt.Key.Key_BracketRight)
+    assert workspace.brush == pytest.approx(6.0)
+    qtbot.keyClick(canvas, Qt.Key.Key_BracketLeft)
+    assert workspace.brush == pytest.approx(5.0)
+    left = canvas.viewport.left
+    qtbot.keyClick(canvas, Qt.Key.Key_Right)
+    assert canvas.viewport.left == left - 64
+    scale = canvas.viewport.scale
+    qtbot.keyClick(canvas, Qt.Key.Key_Plus)
+    assert canvas.viewport.scale > scale
+    qtbot.keyClick(canvas, Qt.Key.Key_Home)
+    assert canvas.viewport.scale == pytest.approx(scale)
 
 
 def wheel(canvas, place, turn, modifier=Qt.KeyboardModifier.NoModifier) -> None:
@@ -260,21 +263,6 @@ def wheel(canvas, place, turn, modifier=Qt.KeyboardModifier.NoModifier) -> None:
         False,
     )
     QApplication.sendEvent(canvas, event)
-
-
-def test_keys_change_the_brush_and_move_the_sheet(canvas, workspace, qtbot) -> None:
-    qtbot.keyClick(canvas, Qt.Key.Key_BracketRight)
-    assert workspace.brush == pytest.approx(6.0)
-    qtbot.keyClick(canvas, Qt.Key.Key_BracketLeft)
-    assert workspace.brush == pytest.approx(5.0)
-    left = canvas.viewport.left
-    qtbot.keyClick(canvas, Qt.Key.Key_Right)
-    assert canvas.viewport.left == left - 64
-    scale = canvas.viewport.scale
-    qtbot.keyClick(canvas, Qt.Key.Key_Plus)
-    assert canvas.viewport.scale > scale
-    qtbot.keyClick(canvas, Qt.Key.Key_Home)
-    assert canvas.viewport.scale == pytest.approx(scale)
 
 
 def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtbot) -> None:
@@ -406,16 +394,19 @@ def over(canvas: Canvas, x: float, y: float) -> QPoint:
     return QPoint(round(place.x()), round(place.y()))
 
 
-def test_a_click_chooses_and_a_click_beside_chooses_nothing(full, workspace, placed, qtbot) -> None:
+def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(
+    full, document, placed, qtbot, workspace
+) -> None:
     peak = mountain(placed)
-    qtbot.mouseClick(full, LEFT, pos=over(full, peak["x"], peak["y"]))
-    assert workspace.chosen == Chosen("feature", int(peak["id"]))
-    full.grab()
-    qtbot.mouseClick(full, LEFT, pos=QPoint(1, 1))
-    assert workspace.chosen is None
+    start = over(full, peak["x"], peak["y"])
+    qtbot.mousePress(full, LEFT, pos=start)
+    move(full, start + QPoint(40, 20), LEFT)
+    assert document.sketch.edits
+    qtbot.keyClick(full, Qt.Key.Key_Escape)
+    assert document.sketch.edits == ()
+    qtbot.mouseRelease(full, LEFT, pos=start + QPoint(40, 20))
+    assert document.sketch.edits == ()
 
-
-def test_a_drag_moves_a_feature_in_one_step(full, document, workspace, placed, qtbot) -> None:
     peak = mountain(placed)
     start = over(full, peak["x"], peak["y"])
     qtbot.mousePress(full, LEFT, pos=start)
@@ -428,18 +419,6 @@ def test_a_drag_moves_a_feature_in_one_step(full, document, workspace, placed, q
     assert edit.x == pytest.approx(peak["x"] + 40 / full._desk.per_metre, abs=1.5 / full._desk.per_metre)
     assert edit.y == pytest.approx(peak["y"] - 20 / full._desk.per_metre, abs=1.5 / full._desk.per_metre)
     document.undo()
-    assert document.sketch.edits == ()
-
-
-def test_escape_puts_a_dragged_feature_back(full, document, placed, qtbot) -> None:
-    peak = mountain(placed)
-    start = over(full, peak["x"], peak["y"])
-    qtbot.mousePress(full, LEFT, pos=start)
-    move(full, start + QPoint(40, 20), LEFT)
-    assert document.sketch.edits
-    qtbot.keyClick(full, Qt.Key.Key_Escape)
-    assert document.sketch.edits == ()
-    qtbot.mouseRelease(full, LEFT, pos=start + QPoint(40, 20))
     assert document.sketch.edits == ()
 
 
@@ -483,17 +462,9 @@ def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, pl
     assert document.sketch.edits[0].action == "delete"
 
 
-def test_a_double_click_brings_the_view_there(full, link, qtbot) -> None:
-    for tool in ("select", "pan"):
-        full._desk.workspace.tool = tool
-        qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
-        qtbot.mouseRelease(full, LEFT, pos=over(full, 2000.0, 1500.0))
-        told = link.told[-1]
-        assert isinstance(told, GoTo)
-        assert (told.x, told.y) == pytest.approx((2000.0, 1500.0), abs=12.0)
-
-
-def test_hovering_shows_what_a_click_would_choose(full, placed) -> None:
+def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
+    full, placed, workspace, qtbot, link
+) -> None:
     peak = mountain(placed)
     before = full.grab().toImage()
     move(full, over(full, peak["x"], peak["y"]))
@@ -501,6 +472,21 @@ def test_hovering_shows_what_a_click_would_choose(full, placed) -> None:
     assert full.grab().toImage() != before
     full._hands.leave()
     assert full.grab().toImage() == before
+
+    peak = mountain(placed)
+    qtbot.mouseClick(full, LEFT, pos=over(full, peak["x"], peak["y"]))
+    assert workspace.chosen == Chosen("feature", int(peak["id"]))
+    full.grab()
+    qtbot.mouseClick(full, LEFT, pos=QPoint(1, 1))
+    assert workspace.chosen is None
+
+    for tool in ("select", "pan"):
+        full._desk.workspace.tool = tool
+        qtbot.mouseDClick(full, LEFT, pos=over(full, 2000.0, 1500.0))
+        qtbot.mouseRelease(full, LEFT, pos=over(full, 2000.0, 1500.0))
+        told = link.told[-1]
+        assert isinstance(told, GoTo)
+        assert (told.x, told.y) == pytest.approx((2000.0, 1500.0), abs=12.0)
 
 
 def test_the_menu_of_a_feature(full, document, workspace, placed) -> None:

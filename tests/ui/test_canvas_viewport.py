@@ -36,7 +36,7 @@ def test_places_go_there_and_back(scale: float, left: int, top: int, x: float, y
     assert viewport.to_sketch(*viewport.to_screen(x, y)) == pytest.approx((x, y), abs=1e-6)
 
 
-def test_zooming_keeps_what_is_under_the_mouse() -> None:
+def test_zooming_and_resizing_keep_the_place_they_are_about() -> None:
     viewport = Viewport(1000, 800, 512, 512).fitted(margin=20)
     for factor in (1.2, 1.2, 3.0, 1 / 1.2, 1 / 3.0):
         before = viewport.to_sketch(431.0, 377.0)
@@ -44,6 +44,12 @@ def test_zooming_keeps_what_is_under_the_mouse() -> None:
         after = viewport.to_screen(*before)
         # The sheet's corner lies on whole pixels of the screen.
         assert after == pytest.approx((431.0, 377.0), abs=0.5 + 1e-9)
+
+    viewport = Viewport(800, 600, 512, 512).fitted(margin=20).zoomed(4.0, 400.0, 300.0)
+    middle = viewport.to_sketch(400.0, 300.0)
+    wider = viewport.resized(1200, 700)
+    assert wider.to_sketch(600.0, 350.0) == pytest.approx(middle, abs=0.5)
+    assert wider.scale == viewport.scale
 
 
 def test_the_sheet_is_never_lost() -> None:
@@ -64,11 +70,3 @@ def test_the_sheet_is_never_lost() -> None:
             seen_y = min(viewport.top + height, viewport.height) - max(viewport.top, 0)
             assert seen_x >= min(40, width - 1)
             assert seen_y >= min(40, height - 1)
-
-
-def test_resizing_keeps_the_middle() -> None:
-    viewport = Viewport(800, 600, 512, 512).fitted(margin=20).zoomed(4.0, 400.0, 300.0)
-    middle = viewport.to_sketch(400.0, 300.0)
-    wider = viewport.resized(1200, 700)
-    assert wider.to_sketch(600.0, 350.0) == pytest.approx(middle, abs=0.5)
-    assert wider.scale == viewport.scale

@@ -49,7 +49,7 @@ def made(qtbot, tmp_path, small, exporting_into):
     assert window is not None  # it holds the actions that are found
 
 
-def test_every_dialog_has_a_title_and_every_control_a_name(made) -> None:
+def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(made, qtbot) -> None:
     for name, dialog in made.items():
         assert dialog.windowTitle(), name
         for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit, QAbstractButton)):
@@ -57,8 +57,6 @@ def test_every_dialog_has_a_title_and_every_control_a_name(made) -> None:
             words = control.accessibleName() or (isinstance(control, QAbstractButton) and control.text())
             assert words or inner, f"{name}: {type(control).__name__}"
 
-
-def test_every_dialog_goes_away_by_escape(made, qtbot) -> None:
     for dialog in made.values():
         dialog.show()
         qtbot.keyClick(dialog, Qt.Key.Key_Escape)
@@ -96,7 +94,7 @@ def test_the_gallery_shows_every_preset_with_its_picture(made) -> None:
         assert gallery.item(row).toolTip()
 
 
-def test_all_keys_are_told(made) -> None:
+def test_keys_and_about_list_shortcuts_licences_and_device(made) -> None:
     from PyQt6.QtWidgets import QTextBrowser
 
     text = made["keys"].findChild(QTextBrowser).toPlainText()
@@ -104,14 +102,12 @@ def test_all_keys_are_told(made) -> None:
         for key in command.keys:
             assert key.replace("Ctrl+/", "/") in text
 
-
-def test_about_tells_licences_and_device(made) -> None:
     said = " ".join(label.text() for label in made["about"].findChildren(QLabel))
     for word in ("A device", "GNU General Public License", "PyQt (GPL 3)", "Zaaijer", "Bruneton"):
         assert word in said
 
 
-def test_finding_a_command_by_words(made, qtbot) -> None:
+def test_find_matches_words_and_recovery_discards(made, qtbot) -> None:
     dialog = made["find"]
     qtbot.keyClicks(dialog.text, "export")
     assert dialog.chosen.objectName() == "export"
@@ -122,8 +118,6 @@ def test_finding_a_command_by_words(made, qtbot) -> None:
     dialog.text.setText("no such thing")
     assert dialog.chosen is None
 
-
-def test_recovering_or_deleting(made, qtbot) -> None:
     dialog = made["recovery"]
     assert dialog.chosen.name == "Mine"
     assert not dialog.discarded

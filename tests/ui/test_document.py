@@ -73,7 +73,7 @@ def test_undo_and_redo_tell_the_box_that_changed(document, told) -> None:
     assert names == ["sketch_changed", "history_changed", "saved_changed", "live_changed"]
 
 
-def test_a_cancelled_stroke_leaves_nothing(document, told) -> None:
+def test_cancelled_and_ineffective_strokes_are_no_steps(document, told) -> None:
     _, boxes = told
     before = document.sketch
     paint(document, "lake", (0, 0, 9, 9), title=None)
@@ -83,8 +83,6 @@ def test_a_cancelled_stroke_leaves_nothing(document, told) -> None:
     assert boxes == [("lake", (0, 0, 9, 9))] * 2
     assert document.history.titles == ("Open",)
 
-
-def test_paint_over_the_same_paint_is_no_step(document) -> None:
     paint(document, "lake", (0, 0, 9, 9))
     sketch = document.sketch
     paint(document, "lake", (2, 2, 7, 7))
@@ -138,7 +136,7 @@ def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told) 
     assert not document.sketch.layers["hill"].flags.writeable
 
 
-def test_what_is_to_be_saved_follows_undo_and_late_savers(document) -> None:
+def test_modified_follows_undo_late_saves_and_recovery(document, told) -> None:
     path = Path("valley.sketch")
     assert not document.is_modified
     paint(document, "lake", (0, 0, 9, 9))
@@ -157,8 +155,6 @@ def test_what_is_to_be_saved_follows_undo_and_late_savers(document) -> None:
     document.undo()
     assert not document.is_modified
 
-
-def test_what_was_recovered_is_to_be_saved(document, told) -> None:
     names, _ = told
     paint(document, "lake", (0, 0, 9, 9))
     sketch = document.sketch

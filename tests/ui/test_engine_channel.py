@@ -23,7 +23,7 @@ def ends():
         each.close()
 
 
-def test_messages_arrive_in_order_and_whole(ends):
+def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends) -> None:
     one, other = ends
     one.send(Turn(1.0, 2.0))
     one.send(LayerPatch(3, 4, np.arange(12, dtype=np.uint8).reshape(3, 4)))
@@ -32,8 +32,6 @@ def test_messages_arrive_in_order_and_whole(ends):
     assert (patch.row, patch.column) == (3, 4)
     assert np.array_equal(patch.pixels, np.arange(12).reshape(3, 4))
 
-
-def test_read_only_mappings_and_parts_of_arrays_travel(ends):
     one, other = ends
     whole = np.arange(100, dtype=np.float32).reshape(10, 10)
     one.send({"settings": MappingProxyType({"a": 1.0}), "part": whole[2:5, ::3]})
@@ -114,7 +112,7 @@ def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
     assert got["more"][1:] == [1, None]
 
 
-def test_frames_lie_where_both_see_them_and_grow():
+def test_frames_are_shared_grow_and_do_not_overlap() -> None:
     import os
 
     memory = FrameMemory()
@@ -128,8 +126,6 @@ def test_frames_lie_where_both_see_them_and_grow():
     memory.close()
     other.close()
 
-
-def test_places_do_not_overlap():
     memory = FrameMemory()
     size = 3_333_333
     first, second = memory.place(0, size)[0], memory.place(1, size)[0]

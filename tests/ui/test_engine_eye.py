@@ -32,11 +32,15 @@ def ground():
     return Hills()
 
 
+def begun(ground):
+    eye = Eye(ground, aspect=ASPECT)
+    eye.advance(0.016)
+    return eye
+
+
 @pytest.fixture
 def eye(ground):
-    made = Eye(ground, aspect=ASPECT)
-    made.advance(0.016)
-    return made
+    return begun(ground)
 
 
 def rest(eye, seconds=20.0):
@@ -53,27 +57,25 @@ def distance(eye):
     return float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
 
 
-@pytest.mark.parametrize("aspect", [0.7, 1.0, 1.6, 2.4])
-def test_it_begins_where_most_of_the_sketch_and_the_horizon_are_seen(ground, aspect):
-    eye = Eye(ground, aspect=aspect)
-    eye.advance(0.016)
-    camera = eye.camera()
-    to_clip = camera.to_clip(aspect)
-    assert eye.seen(0.5, 0.01, aspect=aspect) is None
-    for place in ((200, 1500), (3800, 1500), (2000, 600), (2000, 3000), (2000, 1500)):
-        clip = to_clip @ [*np.subtract((*place, 0.0), camera.eye), 1.0]
-        assert abs(clip[0]) < clip[3]
-        assert abs(clip[1]) < clip[3]
+def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground) -> None:
+    for aspect in [0.7, 1.0, 1.6, 2.4]:
+        eye = Eye(ground, aspect=aspect)
+        eye.advance(0.016)
+        camera = eye.camera()
+        to_clip = camera.to_clip(aspect)
+        assert eye.seen(0.5, 0.01, aspect=aspect) is None, aspect
+        for place in ((200, 1500), (3800, 1500), (2000, 600), (2000, 3000), (2000, 1500)):
+            clip = to_clip @ [*np.subtract((*place, 0.0), camera.eye), 1.0]
+            assert abs(clip[0]) < clip[3], aspect
+            assert abs(clip[1]) < clip[3], aspect
 
 
-def test_without_motion_it_rests_and_says_so(eye):
+def test_the_eye_rests_without_motion_and_after_a_turn_at_equal_distance(eye) -> None:
     rest(eye)
     camera = eye.camera()
     assert not eye.advance(1.0)
     assert eye.camera() is camera
 
-
-def test_a_turn_keeps_the_distance_and_comes_to_rest(eye):
     before = distance(eye)
     eye.take(Turn(90.0, 5.0), aspect=ASPECT)
     assert eye.restless
@@ -107,19 +109,18 @@ def test_pan_and_keys_move_the_pivot_over_the_ground(eye):
     rest(eye)
 
 
-@pytest.mark.parametrize(
-    "modes", [("fly",), ("fly", "orbit"), ("fly", "orbit", "fly"), ("orbit", "fly", "orbit")]
-)
-def test_another_mode_leaves_the_eye_where_it_is(eye, modes):
-    eye.take(Turn(35.0, -10.0), aspect=ASPECT)
-    rest(eye)
-    before = eye.camera()
-    for mode in modes:
-        eye.use(mode)
-        eye.advance(0.016)
-        camera = eye.camera()
-        assert np.allclose(camera.eye, before.eye, atol=0.5)
-        assert np.allclose(camera.forward, before.forward, atol=1e-3)
+def test_another_mode_leaves_the_eye_where_it_is(ground) -> None:
+    for modes in [("fly",), ("fly", "orbit"), ("fly", "orbit", "fly"), ("orbit", "fly", "orbit")]:
+        eye = begun(ground)
+        eye.take(Turn(35.0, -10.0), aspect=ASPECT)
+        rest(eye)
+        before = eye.camera()
+        for mode in modes:
+            eye.use(mode)
+            eye.advance(0.016)
+            camera = eye.camera()
+            assert np.allclose(camera.eye, before.eye, atol=0.5), modes
+            assert np.allclose(camera.forward, before.forward, atol=1e-3), modes
 
 
 def test_on_foot_it_comes_down_to_the_ground_and_stays_there(eye, ground):
@@ -144,19 +145,20 @@ def test_flying_goes_where_it_looks(eye):
     assert way @ forward > 0.99 * np.linalg.norm(way) > 1.0
 
 
-@pytest.mark.parametrize("mode", ["orbit", "fly"])
-def test_it_glides_to_a_place_and_looks_at_it(eye, ground, mode):
-    eye.use(mode)
-    eye.advance(0.016)
-    eye.take(GoTo(1200.0, 2000.0, 900.0), aspect=ASPECT)
-    eye.advance(0.05)
-    on_its_way = np.array(eye.camera().eye)
-    rest(eye)
-    camera = eye.camera()
-    place = np.array([1200.0, 2000.0, float(ground.heights(1200.0, 2000.0))])
-    assert np.linalg.norm(np.subtract(camera.eye, place)) == pytest.approx(900.0, rel=0.01)
-    assert camera.forward @ (place - camera.eye) / np.linalg.norm(place - camera.eye) > 0.9999
-    assert np.linalg.norm(on_its_way - camera.eye) > 10.0
+def test_it_glides_to_a_place_and_looks_at_it(ground) -> None:
+    for mode in ["orbit", "fly"]:
+        eye = begun(ground)
+        eye.use(mode)
+        eye.advance(0.016)
+        eye.take(GoTo(1200.0, 2000.0, 900.0), aspect=ASPECT)
+        eye.advance(0.05)
+        on_its_way = np.array(eye.camera().eye)
+        rest(eye)
+        camera = eye.camera()
+        place = np.array([1200.0, 2000.0, float(ground.heights(1200.0, 2000.0))])
+        assert np.linalg.norm(np.subtract(camera.eye, place)) == pytest.approx(900.0, rel=0.01), mode
+        assert camera.forward @ (place - camera.eye) / np.linalg.norm(place - camera.eye) > 0.9999, mode
+        assert np.linalg.norm(on_its_way - camera.eye) > 10.0, mode
 
 
 def test_flying_a_wheel_goes_towards_what_is_under_the_mouse(eye):
@@ -169,26 +171,28 @@ def test_flying_a_wheel_goes_towards_what_is_under_the_mouse(eye):
     assert np.linalg.norm(place - eye.camera().eye) == pytest.approx(0.5 * before, rel=0.02)
 
 
-@pytest.mark.parametrize("mode", ["orbit", "fly"])
-def test_it_is_at_once_where_one_puts_it(eye, mode):
-    eye.use(mode)
-    wanted = Camera((500.0, 300.0, 700.0), (2000.0, 1500.0, 0.0), fov=50.0)
-    eye.be_at(wanted)
-    eye.advance(0.0)
-    assert np.allclose(eye.camera().eye, wanted.eye, atol=0.5)
-    assert np.allclose(eye.camera().forward, wanted.forward, atol=1e-3)
+def test_it_is_at_once_where_one_puts_it(ground) -> None:
+    for mode in ["orbit", "fly"]:
+        eye = begun(ground)
+        eye.use(mode)
+        wanted = Camera((500.0, 300.0, 700.0), (2000.0, 1500.0, 0.0), fov=50.0)
+        eye.be_at(wanted)
+        eye.advance(0.0)
+        assert np.allclose(eye.camera().eye, wanted.eye, atol=0.5), mode
+        assert np.allclose(eye.camera().forward, wanted.forward, atol=1e-3), mode
 
 
-@pytest.mark.parametrize("mode", ["orbit", "fly", "walk"])
-def test_ground_that_rises_lifts_it_out(eye, mode):
-    eye.use(mode)
-    rest(eye)
-    x, y, z = eye.camera().eye
-    higher = Hills(lift=z + 500.0)
-    eye.follow(higher)
-    rest(eye)
-    x, y, z = eye.camera().eye
-    assert z > higher.heights(x, y)
+def test_ground_that_rises_lifts_it_out(ground) -> None:
+    for mode in ["orbit", "fly", "walk"]:
+        eye = begun(ground)
+        eye.use(mode)
+        rest(eye)
+        x, y, z = eye.camera().eye
+        higher = Hills(lift=z + 500.0)
+        eye.follow(higher)
+        rest(eye)
+        x, y, z = eye.camera().eye
+        assert z > higher.heights(x, y), mode
 
 
 def test_the_sky_is_no_place(eye):

@@ -49,23 +49,19 @@ def attempt(patience, clock, seconds) -> bool:
     return True
 
 
-def test_nothing_newer_nothing_given_up(clock):
+def test_short_work_and_work_that_nothing_supersedes_is_finished(clock) -> None:
     patience = Patience(lambda: False)
     assert all(attempt(patience, clock, 0.5) for _ in range(3))
 
-
-def test_long_work_is_given_up_for_something_newer_but_never_twice_in_a_row(clock):
-    patience = Patience(lambda: True)
-    done = [attempt(patience, clock, 0.5) for _ in range(9)]
-    assert done == [True, False, True, False, True, False, True, False, True]
-
-
-def test_short_work_is_finished(clock):
     patience = Patience(lambda: True)
     assert all(attempt(patience, clock, 0.09) for _ in range(5))
 
 
-def test_what_is_half_done_is_finished(clock):
+def test_superseded_work_is_abandoned_unless_half_done_and_never_twice_in_a_row(clock) -> None:
+    patience = Patience(lambda: True)
+    done = [attempt(patience, clock, 0.5) for _ in range(9)]
+    assert done == [True, False, True, False, True, False, True, False, True]
+
     newer = []
     patience = Patience(lambda: bool(newer))
     assert attempt(patience, clock, 0.5)
@@ -155,7 +151,9 @@ def test_looks_change_nothing_that_is_placed(around):
     assert isinstance(around.answer(), Placed)
 
 
-def test_what_cannot_be_placed_is_said_and_the_next_is_placed(around):
+def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_placed(
+    around, monkeypatch, capsys
+) -> None:
     around.thread.start()
     layers = {"mountain": painted(10, 20)}
     settings = settings_of(Sketch())
@@ -168,8 +166,6 @@ def test_what_cannot_be_placed_is_said_and_the_next_is_placed(around):
     around.send(Sketch(), layers)
     assert around.answer().version == 2
 
-
-def test_a_defect_is_a_message_and_not_the_end(around, monkeypatch, capsys):
     from sketchterrain.terrain import from_sketch
 
     def broken(*_, **__):
@@ -177,8 +173,7 @@ def test_a_defect_is_a_message_and_not_the_end(around, monkeypatch, capsys):
 
     with monkeypatch.context() as patched:
         patched.setattr(from_sketch, "make_recipe", broken)
-        around.thread.start()
-        around.send(Sketch(), {"mountain": painted(10, 20)})
+        around.send(Sketch(), {"mountain": painted(11, 20)})
         trouble = around.answer()
     assert isinstance(trouble, Trouble)
     assert "oops" in trouble.line

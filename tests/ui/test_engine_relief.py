@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.engine.relief import LARGEST, ReliefMaker, hill_shade
@@ -43,7 +42,7 @@ def expected(ground):
     return ground.heights(x[None], y[:, None])
 
 
-def test_heights_stand_at_the_pixels_middles():
+def test_heights_stand_at_pixel_centres_and_another_size_restarts() -> None:
     maker, ground = ReliefMaker(), Ground()
     maker.follow(ground, 3, [EVERYWHERE])
     made = finish(maker)
@@ -51,6 +50,14 @@ def test_heights_stand_at_the_pixels_middles():
     assert np.array_equal(made.height, expected(ground))
     assert made.shade.shape == made.height.shape
     assert not maker.busy
+
+    maker = ReliefMaker()
+    maker.follow(Ground(), 1, [EVERYWHERE])
+    maker.work(0.0)
+    other = Ground(shape=(30, 40))
+    maker.follow(other, 2, [EVERYWHERE])
+    made = finish(maker)
+    assert np.array_equal(made.height, expected(other))
 
 
 def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
@@ -95,24 +102,18 @@ def test_each_relief_is_of_one_version_even_if_others_come_meanwhile():
         assert np.array_equal(each.height, expected(grounds[each.version]))
 
 
-def test_a_sketch_of_another_size_begins_anew():
-    maker = ReliefMaker()
-    maker.follow(Ground(), 1, [EVERYWHERE])
-    maker.work(0.0)
-    other = Ground(shape=(30, 40))
-    maker.follow(other, 2, [EVERYWHERE])
-    made = finish(maker)
-    assert np.array_equal(made.height, expected(other))
+def test_large_sketches_are_sampled_less_often_and_one_row_is_a_relief() -> None:
+    for shape, step in [((1024, 10), 1), ((10, 1025), 2), ((4096, 2048), 4)]:
+        maker = ReliefMaker()
+        maker.follow(Ground(shape=shape), 1, [EVERYWHERE])
+        made = finish(maker)
+        assert made.step == step, (shape, step)
+        assert max(made.height.shape) <= LARGEST, (shape, step)
+        assert made.height.shape == tuple(-(-side // step) for side in shape), (shape, step)
 
-
-@pytest.mark.parametrize(("shape", "step"), [((1024, 10), 1), ((10, 1025), 2), ((4096, 2048), 4)])
-def test_large_sketches_are_sampled_less_often(shape, step):
     maker = ReliefMaker()
-    maker.follow(Ground(shape=shape), 1, [EVERYWHERE])
-    made = finish(maker)
-    assert made.step == step
-    assert max(made.height.shape) <= LARGEST
-    assert made.height.shape == tuple(-(-side // step) for side in shape)
+    maker.follow(Ground(shape=(1, 8)), 1, [EVERYWHERE])
+    assert finish(maker).shade.shape == (1, 8)
 
 
 def test_light_comes_from_the_north_west():
@@ -122,9 +123,3 @@ def test_light_comes_from_the_north_west():
     to_light = int(hill_shade(down + across, 1.0)[2, 2])  # rises to the south-east: faces the light
     away = int(hill_shade(-down - across, 1.0)[2, 2])
     assert away < plain < to_light
-
-
-def test_one_row_is_a_relief_too():
-    maker = ReliefMaker()
-    maker.follow(Ground(shape=(1, 8)), 1, [EVERYWHERE])
-    assert finish(maker).shade.shape == (1, 8)

@@ -39,14 +39,12 @@ def paint(document, layer, rng, *, commit=True):
         draft.commit("Paint")
 
 
-def test_the_first_update_holds_everything(document, maker):
+def test_the_first_update_holds_everything_and_a_stroke_its_box_only(document, maker) -> None:
     update, fresh = maker.next()
     assert fresh
     assert set(update.layers) == set(LAYERS)
     assert update.shape == (40, 60)
 
-
-def test_an_update_of_a_stroke_holds_its_box_only(document, maker):
     maker.next()
     draft = document.begin_draft("mountain")
     draft.image[10:12, 20:25] = 1

@@ -46,7 +46,7 @@ def told(dialog) -> str:
     return dialog.target_wishes._told.text()
 
 
-def test_every_target_is_offered_with_the_controls_that_it_heeds(opened, small) -> None:
+def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, small) -> None:
     dialog = opened()
     assert [dialog.targets.itemData(row) for row in range(dialog.targets.count())] == ["", *TARGET_NAMES]
     assert dialog.wishes.isVisible()
@@ -69,9 +69,16 @@ def test_every_target_is_offered_with_the_controls_that_it_heeds(opened, small) 
         assert (asked.grid, asked.tiling) == (usual.grid, usual.tiling), name
         assert asked.options == usual.options, name
 
-
-def test_every_option_of_an_export_can_be_asked_for(opened) -> None:
     assert set(opened().target_wishes.controls._rows) == {each.name for each in fields(ExportOptions)}
+
+    dialog = opened()
+    for name in ("", *TARGET_NAMES):
+        dialog.targets.setCurrentIndex(dialog.targets.findData(name))
+        dialog.target_wishes.controls.columns.setValue(2)
+        texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton)) if each.isVisible()]
+        letters = [QKeySequence.mnemonic(text).toString() for text in texts]
+        twice = {letter for letter in letters if letter and letters.count(letter) > 1}
+        assert not twice, name
 
 
 def test_what_an_export_will_be_is_told_at_once(opened) -> None:
@@ -89,7 +96,7 @@ def test_what_an_export_will_be_is_told_at_once(opened) -> None:
     assert "MiB of memory" in told(dialog)
 
 
-def test_what_cannot_be_is_said_and_not_begun(opened) -> None:
+def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begins(opened, tmp_path) -> None:
     dialog = opened("raw")
     controls = dialog.target_wishes.controls
     controls.sizes.setEditText("1024")
@@ -108,6 +115,26 @@ def test_what_cannot_be_is_said_and_not_begun(opened) -> None:
     assert dialog._go.isEnabled()
     controls.crs.setText("EPSG:4326")
     assert "EPSG:4326" in dialog._refused.text()
+    assert not dialog._go.isEnabled()
+
+    dialog = opened("png16")
+    controls = dialog.target_wishes.controls
+    assert controls.options().heights is None
+    assert not controls.low.isEnabled()
+    controls.ranged.setChecked(True)
+    controls.low.setValue(3000.0)
+    assert "expected the lowest and the highest" in dialog._refused.text()
+    controls.low.setValue(-100.0)
+    assert controls.options().heights == (-100.0, 2000.0)
+    assert dialog._go.isEnabled()
+
+    dialog = opened()
+    (tmp_path / "file").write_text("")
+    assert dialog._go.isEnabled()
+    dialog.folder.setText(str(tmp_path / "file"))
+    assert not dialog._go.isEnabled()
+    assert "is a file: expected a folder" in dialog._refused.text()
+    dialog.folder.setText("")
     assert not dialog._go.isEnabled()
 
 
@@ -130,30 +157,6 @@ def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened) -> None:
     assert dialog._refused.text() == "tiles of 1009 vertices cannot share 2000"
 
 
-def test_each_letter_leads_to_one_control(opened) -> None:
-    dialog = opened()
-    for name in ("", *TARGET_NAMES):
-        dialog.targets.setCurrentIndex(dialog.targets.findData(name))
-        dialog.target_wishes.controls.columns.setValue(2)
-        texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton)) if each.isVisible()]
-        letters = [QKeySequence.mnemonic(text).toString() for text in texts]
-        twice = {letter for letter in letters if letter and letters.count(letter) > 1}
-        assert not twice, name
-
-
-def test_a_range_that_is_none_is_refused(opened) -> None:
-    dialog = opened("png16")
-    controls = dialog.target_wishes.controls
-    assert controls.options().heights is None
-    assert not controls.low.isEnabled()
-    controls.ranged.setChecked(True)
-    controls.low.setValue(3000.0)
-    assert "expected the lowest and the highest" in dialog._refused.text()
-    controls.low.setValue(-100.0)
-    assert controls.options().heights == (-100.0, 2000.0)
-    assert dialog._go.isEnabled()
-
-
 def test_a_library_that_lacks_is_said_with_what_brings_it(opened, monkeypatch) -> None:
     monkeypatch.setattr(libraries, "find_spec", lambda _: None)
     dialog = opened("exr")
@@ -163,7 +166,7 @@ def test_a_library_that_lacks_is_said_with_what_brings_it(opened, monkeypatch) -
     assert dialog._go.isEnabled()
 
 
-def test_what_was_asked_for_is_there_again(opened, tmp_path) -> None:
+def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path) -> None:
     dialog = opened("unity")
     controls = dialog.target_wishes.controls
     controls.sizes.setCurrentIndex(controls.sizes.findData(129))
@@ -272,17 +275,6 @@ def test_the_dialog_loads_no_driver() -> None:
     )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == ""
-
-
-def test_export_refuses_what_cannot_be_before_it_begins(opened, tmp_path) -> None:
-    dialog = opened()
-    (tmp_path / "file").write_text("")
-    assert dialog._go.isEnabled()
-    dialog.folder.setText(str(tmp_path / "file"))
-    assert not dialog._go.isEnabled()
-    assert "is a file: expected a folder" in dialog._refused.text()
-    dialog.folder.setText("")
-    assert not dialog._go.isEnabled()
 
 
 def test_export_asks_for_what_the_command_line_can(opened) -> None:

@@ -97,7 +97,7 @@ def middle(placed: Placed) -> Handle:
     return handles_of(placed, Chosen("feature", int(painted["id"][0])))[0]
 
 
-def test_a_drag_is_one_step_and_keeps_its_distance_to_the_mouse(document, placed) -> None:
+def test_drags_are_one_step_each_and_keep_the_distance_to_the_mouse(document, placed) -> None:
     before, handle = document.sketch, middle(placed)
     drag = FeatureDrag(document, placed, handle, grab=(handle.x - 4.0, handle.y + 3.0))
     for step in range(1, 9):
@@ -110,17 +110,15 @@ def test_a_drag_is_one_step_and_keeps_its_distance_to_the_mouse(document, placed
     document.undo()
     assert document.sketch.edits == before.edits
 
-
-def test_two_drags_are_two_steps(document, placed) -> None:
     handle = middle(placed)
     for away in (10.0, 20.0):
         drag = FeatureDrag(document, placed, handle)
         drag.to(handle.x + away, handle.y)
         drag.finish()
-    assert len(document.history.titles) == 3
+    assert len(document.history.titles) == 3, "the undone one is gone"
 
 
-def test_a_cancelled_drag_leaves_everything_as_it_was(document, placed) -> None:
+def test_a_cancelled_drag_restores_and_one_overtaken_by_the_document_yields(document, placed) -> None:
     before, handle = document.sketch, middle(placed)
     drag = FeatureDrag(document, placed, handle)
     drag.cancel()
@@ -134,8 +132,6 @@ def test_a_cancelled_drag_leaves_everything_as_it_was(document, placed) -> None:
     drag.to(50.0, 50.0)
     assert document.sketch is before, "it has ended"
 
-
-def test_a_drag_gives_way_when_the_document_changes_meanwhile(document, placed) -> None:
     handle = middle(placed)
     drag = FeatureDrag(document, placed, handle)
     drag.to(100.0, 100.0)

@@ -40,7 +40,7 @@ def sketch():
     return Sketch(layers={"mountain": mountain}, labels={("mountain", 2): {"height": 900.0}})
 
 
-def test_areas_count_every_painted_pixel_once(sketch):
+def test_areas_count_every_painted_pixel_and_labels_are_painted_or_declared(sketch) -> None:
     assert label_areas(sketch.layers["mountain"]) == {1: 6, 3: 9}
     assert label_areas(sketch.layers["hill"]) == {}
     image = np.random.default_rng(3).integers(
@@ -48,13 +48,11 @@ def test_areas_count_every_painted_pixel_once(sketch):
     )  # more than one block of rows
     assert label_areas(image) == {label: int((image == label).sum()) for label in range(1, 9)}
 
-
-def test_labels_are_those_painted_or_declared(sketch):
     assert labels_of(sketch, "mountain") == (1, 2, 3)
     assert labels_of(sketch, "hill") == ()
 
 
-def test_a_new_label_is_the_smallest_free_one(sketch):
+def test_a_new_label_is_the_smallest_free_one_and_survives_a_file(sketch, tmp_path) -> None:
     assert free_label(sketch, "hill") == 1
     label = free_label(sketch, "mountain")
     assert label == 4
@@ -64,45 +62,21 @@ def test_a_new_label_is_the_smallest_free_one(sketch):
     assert new_label(more, "mountain", label) is more
     assert free_label(delete_label(more, "mountain", 2), "mountain") == 2
 
+    save_sketch(new_label(sketch, "mountain", 4), tmp_path / "a.sketch")
+    assert ("mountain", 4) in load_sketch(tmp_path / "a.sketch").labels
 
-def test_a_layer_takes_sixteen_labels_and_no_more(sketch):
     for _ in range(13):
         sketch = new_label(sketch, "mountain", free_label(sketch, "mountain"))
     with pytest.raises(InputError, match="at most 16 labels"):
         free_label(sketch, "mountain")
 
 
-def test_new_labels_survive_a_file(sketch, tmp_path):
-    save_sketch(new_label(sketch, "mountain", 4), tmp_path / "a.sketch")
-    assert ("mountain", 4) in load_sketch(tmp_path / "a.sketch").labels
-
-
-def test_a_copied_label_has_the_same_properties(sketch):
+def test_a_copied_label_has_the_same_properties_which_are_set_and_reset(sketch) -> None:
     copied = copy_label(sketch, "mountain", 4, source=2)
     assert copied.properties("mountain", 4) == sketch.properties("mountain", 2)
     again = set_property(copied, "mountain", 4, "height", 10.0)
     assert again.properties("mountain", 2)["height"] == 900.0
 
-
-def test_deleting_a_label_takes_its_paint_and_properties_only(sketch):
-    before = sketch.layers["mountain"].copy()
-    gone = delete_label(sketch, "mountain", 3)
-    assert label_areas(gone.layers["mountain"]) == {1: 6}
-    assert gone.labels == sketch.labels
-    assert gone.layers["hill"] is sketch.layers["hill"]
-    np.testing.assert_array_equal(sketch.layers["mountain"], before)
-    assert labels_of(delete_label(sketch, "mountain", 2), "mountain") == (1, 3)
-    assert delete_label(sketch, "mountain", 9) is sketch
-
-
-def test_clearing_a_layer_keeps_properties(sketch):
-    clear = clear_layer(sketch, "mountain")
-    assert not clear.layers["mountain"].any()
-    assert clear.labels == sketch.labels
-    assert clear_layer(clear, "mountain") is clear
-
-
-def test_a_property_is_set_and_reset(sketch):
     high = set_property(sketch, "mountain", 1, "height", 1200.0)
     assert high.properties("mountain", 1)["height"] == 1200.0
     assert high.layers["mountain"] is sketch.layers["mountain"]
@@ -114,29 +88,27 @@ def test_a_property_is_set_and_reset(sketch):
     assert reset_label(sketch, "mountain", 1) is sketch
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("height", 0.0), ("height", float("nan")), ("hight", 5.0), ("height", "high")]
-)
-def test_a_wrong_property_is_refused(sketch, name, value):
-    with pytest.raises(InputError):
-        set_property(sketch, "mountain", 1, name, value)
+def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(sketch) -> None:
+    before = sketch.layers["mountain"].copy()
+    gone = delete_label(sketch, "mountain", 3)
+    assert label_areas(gone.layers["mountain"]) == {1: 6}
+    assert gone.labels == sketch.labels
+    assert gone.layers["hill"] is sketch.layers["hill"]
+    np.testing.assert_array_equal(sketch.layers["mountain"], before)
+    assert labels_of(delete_label(sketch, "mountain", 2), "mountain") == (1, 3)
+    assert delete_label(sketch, "mountain", 9) is sketch
+
+    clear = clear_layer(sketch, "mountain")
+    assert not clear.layers["mountain"].any()
+    assert clear.labels == sketch.labels
+    assert clear_layer(clear, "mountain") is clear
 
 
-@pytest.mark.parametrize("table", [WORLD, *TABLES])
-def test_every_setting_can_be_set_and_reset(sketch, table):
-    for name, parameter in declared(table).items():
-        value = "other" if parameter.kind is str else parameter.kind(parameter.high)
-        if value == parameter.default:
-            value = parameter.kind(parameter.low)
-        changed = set_setting(sketch, table, name, value)
-        assert setting(changed, table, name) == value
-        others = {key: each for key, each in settings(changed, table).items() if key != name}
-        assert others == {key: each for key, each in settings(sketch, table).items() if key != name}
-        assert set_setting(changed, table, name, value) is changed
-        assert setting(reset_setting(changed, table, name), table, name) == parameter.default
+def test_wrong_properties_and_settings_are_refused(sketch) -> None:
+    for name, value in [("height", 0.0), ("height", float("nan")), ("hight", 5.0), ("height", "high")]:
+        with pytest.raises(InputError):
+            set_property(sketch, "mountain", 1, name, value)
 
-
-def test_a_wrong_setting_is_refused(sketch):
     with pytest.raises(InputError, match="no table"):
         set_setting(sketch, "sea", "level", 1.0)
     with pytest.raises(InputError, match="no setting"):
@@ -147,7 +119,21 @@ def test_a_wrong_setting_is_refused(sketch):
         set_setting(sketch, WORLD, "seed", -1)
 
 
-def test_every_key_has_a_table():
+def test_every_setting_can_be_set_and_reset(sketch) -> None:
+    for table in [WORLD, *TABLES]:
+        for name, parameter in declared(table).items():
+            value = "other" if parameter.kind is str else parameter.kind(parameter.high)
+            if value == parameter.default:
+                value = parameter.kind(parameter.low)
+            changed = set_setting(sketch, table, name, value)
+            assert setting(changed, table, name) == value, table
+            others = {key: each for key, each in settings(changed, table).items() if key != name}
+            assert others == {key: each for key, each in settings(sketch, table).items() if key != name}, (
+                table
+            )
+            assert set_setting(changed, table, name, value) is changed, table
+            assert setting(reset_setting(changed, table, name), table, name) == parameter.default, table
+
     assert list(declared(WORLD)) == list(SKETCH)
     assert all(
         set_property(Sketch(), name, 1, key, parameter.default)

@@ -13,27 +13,6 @@ from sketchterrain.ui.look.icon_shapes import GRID, ICONS
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import CHOICES, DARK, LIGHT, apply_theme, looks, theme
 
-PLANNED = {
-    *(
-        "new",
-        "open",
-        "save",
-        "undo",
-        "redo",
-        "brush",
-        "eraser",
-        "line",
-        "fill",
-        "pick",
-        "select",
-        "pan",
-        "eye",
-    ),
-    *("eye-off", "lock", "unlock", "add", "delete", "reset", "dice", "camera", "export", "screenshot", "sun"),
-    *("quality", "gallery", "fit", "zoom-in", "zoom-out", "full-screen", "orbit", "fly", "walk", "target"),
-    *("warning", "check", "bookmark", "close", "play", "pause"),
-}
-
 
 @pytest.fixture(autouse=True)
 def light_after(qapp):
@@ -48,30 +27,28 @@ def coverage(image: QImage) -> np.ndarray:
     return pixels.reshape(plain.height(), plain.bytesPerLine() // 4, 4)[:, : plain.width(), 3] / 255.0
 
 
-def test_every_icon_of_the_plan_is_there() -> None:
-    assert set(ICONS) >= PLANNED
+def test_icons_fill_their_square_and_unreadable_drawings_are_refused(qapp) -> None:
+    for name in ICONS:
+        around = path_of(ICONS[name].line).boundingRect().united(path_of(ICONS[name].fill).boundingRect())
+        assert around.left() + 0.0001 >= 0.75, name
+        assert around.top() + 0.0001 >= 0.75, name
+        assert around.right() <= GRID - 0.75, name
+        assert around.bottom() <= GRID - 0.75, name
+        assert max(around.width(), around.height()) >= 10.0, name
+
+    for bad in ("M1", "X 1 2", "Z 3", "L", "R1 2 3"):
+        with pytest.raises(ValueError, match="expected"):
+            path_of(bad)
 
 
-@pytest.mark.parametrize("name", ICONS)
-def test_an_icon_fills_its_square_and_stays_within(qapp, name: str) -> None:
-    around = path_of(ICONS[name].line).boundingRect().united(path_of(ICONS[name].fill).boundingRect())
-    assert around.left() + 0.0001 >= 0.75
-    assert around.top() + 0.0001 >= 0.75
-    assert around.right() <= GRID - 0.75
-    assert around.bottom() <= GRID - 0.75
-    assert max(around.width(), around.height()) >= 10.0
+def test_an_icon_is_drawn_at_the_screens_own_pixels_in_the_palettes_colour(qapp) -> None:
+    for size, dpr in [(16, 1.0), (20, 1.25), (20, 2.0), (32, 1.5)]:
+        picture = icon("brush").pixmap(QSize(size, size), dpr)
+        assert (picture.width(), picture.height()) == (round(size * dpr), round(size * dpr)), (size, dpr)
+        cover = coverage(picture.toImage())
+        assert cover.max() > 0.95, (size, dpr)
+        assert 0.05 < cover.mean() < 0.6, (size, dpr)
 
-
-@pytest.mark.parametrize(("size", "dpr"), [(16, 1.0), (20, 1.25), (20, 2.0), (32, 1.5)])
-def test_an_icon_is_drawn_at_the_screens_own_pixels(qapp, size: int, dpr: float) -> None:
-    picture = icon("brush").pixmap(QSize(size, size), dpr)
-    assert (picture.width(), picture.height()) == (round(size * dpr), round(size * dpr))
-    cover = coverage(picture.toImage())
-    assert cover.max() > 0.95
-    assert 0.05 < cover.mean() < 0.6
-
-
-def test_an_icon_follows_the_palette(qapp) -> None:
     made = icon("add")
     for choice in ("light", "dark"):
         apply_theme(qapp, choice)
@@ -79,12 +56,6 @@ def test_an_icon_follows_the_palette(qapp) -> None:
         assert image.pixelColor(10, 10).rgb() == theme().text.rgb()
         off = made.pixmap(QSize(20, 20), QIcon.Mode.Disabled).toImage().pixelColor(10, 10)
         assert off.alpha() < 200
-
-
-def test_a_drawing_that_is_none_is_refused() -> None:
-    for bad in ("M1", "X 1 2", "Z 3", "L", "R1 2 3"):
-        with pytest.raises(ValueError, match="expected"):
-            path_of(bad)
 
 
 def luminance(colour: QColor) -> float:
@@ -99,44 +70,42 @@ def contrast(one: QColor, other: QColor) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
-@pytest.mark.parametrize("each", [LIGHT, DARK], ids=lambda each: each.name)
-def test_text_can_be_read(each) -> None:
-    for behind in (each.window, each.base, each.raised):
-        assert contrast(each.text, behind) >= 7.0
-        assert contrast(each.faint, behind) >= 4.5
-        assert contrast(each.warning, behind) >= 4.5
-        assert contrast(each.error, behind) >= 4.5
-        assert contrast(each.accent, behind) >= 3.0
-    assert contrast(each.on_accent, each.accent) >= 4.5
+def test_text_has_the_contrast_that_wcag_asks_for() -> None:
+    for each in [LIGHT, DARK]:
+        for behind in (each.window, each.base, each.raised):
+            assert contrast(each.text, behind) >= 7.0, each
+            assert contrast(each.faint, behind) >= 4.5, each
+            assert contrast(each.warning, behind) >= 4.5, each
+            assert contrast(each.error, behind) >= 4.5, each
+            assert contrast(each.accent, behind) >= 3.0, each
+        assert contrast(each.on_accent, each.accent) >= 4.5, each
 
 
-def test_choosing_a_theme_tells_and_changes_the_palette(qapp, qtbot) -> None:
+def test_choosing_a_theme_changes_the_palette_and_others_are_refused(qapp, qtbot) -> None:
     for choice, wanted in (("light", LIGHT), ("dark", DARK)):
         with qtbot.waitSignal(looks.changed):
             apply_theme(qapp, choice)
         assert theme() is wanted
         assert qapp.palette().color(QPalette.ColorRole.Window) == wanted.window
 
-
-def test_there_is_no_other_theme(qapp) -> None:
     with pytest.raises(ValueError, match="expected a theme, one of system, light, dark, got 'pink'"):
         apply_theme(qapp, "pink")
     assert set(CHOICES) == {"system", "light", "dark"}
 
 
-@pytest.mark.parametrize("choice", ["light", "dark"])
-def test_boxes_are_drawn_in_the_themes_colours(qapp, qtbot, choice: str) -> None:
-    apply_theme(qapp, choice)
-    holder = QWidget()
-    qtbot.addWidget(holder)
-    ticked, names, number = QCheckBox("On", holder), QComboBox(holder), QDoubleSpinBox(holder)
-    ticked.setChecked(True)
-    names.addItem("one")
-    for place, widget in enumerate((ticked, names, number)):
-        widget.setGeometry(10, 10 + 40 * place, 120, 30)
-    holder.resize(200, 140)
-    image = holder.grab().toImage()
-    seen = {image.pixelColor(x, y).name() for x in range(200) for y in range(10, 40)}
-    assert theme().accent.name() in seen
-    assert image.pixelColor(60, 65).name() == theme().base.name()
-    assert image.pixelColor(60, 105).name() == theme().base.name()
+def test_boxes_are_drawn_in_the_themes_colours(qapp, qtbot) -> None:
+    for choice in ["light", "dark"]:
+        apply_theme(qapp, choice)
+        holder = QWidget()
+        qtbot.addWidget(holder)
+        ticked, names, number = QCheckBox("On", holder), QComboBox(holder), QDoubleSpinBox(holder)
+        ticked.setChecked(True)
+        names.addItem("one")
+        for place, widget in enumerate((ticked, names, number)):
+            widget.setGeometry(10, 10 + 40 * place, 120, 30)
+        holder.resize(200, 140)
+        image = holder.grab().toImage()
+        seen = {image.pixelColor(x, y).name() for x in range(200) for y in range(10, 40)}
+        assert theme().accent.name() in seen, choice
+        assert image.pixelColor(60, 65).name() == theme().base.name(), choice
+        assert image.pixelColor(60, 105).name() == theme().base.name(), choice

@@ -61,69 +61,79 @@ def scribble(seed: int, *, radius: float | None = None, count: int = 12, reach: 
     return [(*map(float, place), float(r)) for place, r in zip(x, radii, strict=True)]
 
 
-@pytest.mark.parametrize("radius", [0.5, 0.75, 1.0, 1.5, 2.25, 5.0, 16.125, 40.0, 64.5])
-@pytest.mark.parametrize("centre", [(48.5, 48.5), (48.0, 48.0), (31.25, 60.875), (0.0, 95.5), (-20.0, 110.0)])
-def test_a_dab_is_the_disc(radius: float, centre: tuple[float, float]) -> None:
-    image = drawn([(*centre, radius)])
-    x, y = centres(image)
-    wanted = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2
-    wanted |= np.maximum(np.abs(x - centre[0]), np.abs(y - centre[1])) <= 0.5  # never less than a pixel
-    np.testing.assert_array_equal(image == 1, wanted)
+def test_a_dab_is_the_disc() -> None:
+    for centre in [(48.5, 48.5), (48.0, 48.0), (31.25, 60.875), (0.0, 95.5), (-20.0, 110.0)]:
+        for radius in [0.5, 0.75, 1.0, 1.5, 2.25, 5.0, 16.125, 40.0, 64.5]:
+            image = drawn([(*centre, radius)])
+            x, y = centres(image)
+            wanted = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2
+            wanted |= (
+                np.maximum(np.abs(x - centre[0]), np.abs(y - centre[1])) <= 0.5
+            )  # never less than a pixel
+            np.testing.assert_array_equal(image == 1, wanted)
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_a_sweep_is_every_disc_on_its_way(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    a, b = (
-        tuple(np.round([*rng.uniform(-10, SIDE + 10, 2), rng.uniform(0.5, 30)], 2).tolist()) for _ in "ab"
-    )
-    image = empty()
-    box = paint_sweep(image, a, b, 3)
-    inside = depth(image, a, b)
-    np.testing.assert_array_equal((image == 3)[np.abs(inside) > 1e-6], (inside > 0)[np.abs(inside) > 1e-6])
-    assert box == box_of(image)
+def test_a_sweep_is_every_disc_on_its_way() -> None:
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        a, b = (
+            tuple(np.round([*rng.uniform(-10, SIDE + 10, 2), rng.uniform(0.5, 30)], 2).tolist()) for _ in "ab"
+        )
+        image = empty()
+        box = paint_sweep(image, a, b, 3)
+        inside = depth(image, a, b)
+        np.testing.assert_array_equal(
+            (image == 3)[np.abs(inside) > 1e-6], (inside > 0)[np.abs(inside) > 1e-6]
+        )
+        assert box == box_of(image), seed
 
 
-@pytest.mark.parametrize("step", [(8.0, 0.0), (0.0, 8.0), (8.0, 8.0), (6.0, 8.0), (12.0, 5.0), (-8.0, 0.0)])
-@pytest.mark.parametrize("radius", [0.5, 1.0, 5.0, 13.0])
-def test_edges_through_centres_of_pixels_are_painted(step: tuple[float, float], radius: float) -> None:
-    start = (40.5, 40.5, radius)
-    end = (40.5 + step[0], 40.5 + step[1], radius)
-    image = empty()
-    paint_sweep(image, start, end, 1)
-    inside = depth(image, start, end)
-    assert (image[inside > -1e-9] == 1).all()
-    beyond = (inside < -1e-6) & (depth(image, (*start[:2], 0.7072), (*end[:2], 0.7072)) < 0.0)
-    assert not image[beyond].any()
+def test_edges_through_centres_of_pixels_are_painted() -> None:
+    for radius in [0.5, 1.0, 5.0, 13.0]:
+        for step in [(8.0, 0.0), (0.0, 8.0), (8.0, 8.0), (6.0, 8.0), (12.0, 5.0), (-8.0, 0.0)]:
+            start = (40.5, 40.5, radius)
+            end = (40.5 + step[0], 40.5 + step[1], radius)
+            image = empty()
+            paint_sweep(image, start, end, 1)
+            inside = depth(image, start, end)
+            assert (image[inside > -1e-9] == 1).all(), (radius, step)
+            beyond = (inside < -1e-6) & (depth(image, (*start[:2], 0.7072), (*end[:2], 0.7072)) < 0.0)
+            assert not image[beyond].any(), (radius, step)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel(seed: int) -> None:
-    radius = [0.5, 1.0, 3.0, 8.5, 20.0][seed % 5]
-    places = scribble(seed, radius=radius)
-    image = drawn(places)
-    path, _ = sample_catmull_rom(np.array(places)[:, :2], 0.02)
-    x, y = centres(image)
-    far, _ = cKDTree(path).query(np.dstack([x, y]))
-    assert (image[far <= radius - 0.5] == 1).all()
-    assert not image[far > radius + 0.5].any()
+def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel() -> None:
+    for seed in range(20):
+        radius = [0.5, 1.0, 3.0, 8.5, 20.0][seed % 5]
+        places = scribble(seed, radius=radius)
+        image = drawn(places)
+        path, _ = sample_catmull_rom(np.array(places)[:, :2], 0.02)
+        x, y = centres(image)
+        far, _ = cKDTree(path).query(np.dstack([x, y]))
+        assert (image[far <= radius - 0.5] == 1).all(), seed
+        assert not image[far > radius + 0.5].any(), seed
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_no_corner_shows_where_the_pen_was(seed: int) -> None:
-    """A circle told by twelve places is as round as its own spline: its edge turns evenly."""
-    turn = seed / 12 * math.tau / 12
-    places = [
-        (300 + 200 * math.cos(k * math.tau / 12 + turn), 300 + 200 * math.sin(k * math.tau / 12 + turn), 10.0)
-        for k in range(25)
-    ]
-    image = drawn(places, image=empty(600, 600))
-    x, y = centres(image)
-    far = np.hypot(x - 300, y - 300)
-    # Beside the places where it begins and ends, which are guesses.
-    apart = np.abs((np.arctan2(y - 300, x - 300) - turn + math.pi) % math.tau - math.pi) > 0.8
-    assert (image[apart & (np.abs(far - 200) < 9.0)] == 1).all()
-    assert not image[apart & (np.abs(far - 200) > 11.0)].any()  # a polygon would be 7 px nearer to the middle
+def test_no_corner_shows_where_the_pen_was() -> None:
+    for seed in range(12):
+        """A circle told by twelve places is as round as its own spline: its edge turns evenly."""
+        turn = seed / 12 * math.tau / 12
+        places = [
+            (
+                300 + 200 * math.cos(k * math.tau / 12 + turn),
+                300 + 200 * math.sin(k * math.tau / 12 + turn),
+                10.0,
+            )
+            for k in range(25)
+        ]
+        image = drawn(places, image=empty(600, 600))
+        x, y = centres(image)
+        far = np.hypot(x - 300, y - 300)
+        # Beside the places where it begins and ends, which are guesses.
+        apart = np.abs((np.arctan2(y - 300, x - 300) - turn + math.pi) % math.tau - math.pi) > 0.8
+        assert (image[apart & (np.abs(far - 200) < 9.0)] == 1).all(), seed
+        assert not image[apart & (np.abs(far - 200) > 11.0)].any(), (
+            seed
+        )  # a polygon would be 7 px nearer to the middle
 
 
 def test_more_places_on_a_straight_line_paint_the_same() -> None:
@@ -138,24 +148,22 @@ def test_more_places_on_a_straight_line_paint_the_same() -> None:
             np.testing.assert_array_equal(drawn(many), few)
 
 
-@pytest.mark.parametrize("grain", [0.25, 1.0, 4.0])
-def test_a_hand_in_whole_pixels_of_a_screen_trembles_less_than_half_as_much(grain: float) -> None:
-    raw, calm = [], []
-    for angle in np.linspace(0.05, 1.5, 20):
-        way = np.arange(0.0, 150.0 * grain, 0.9 * grain)[:, None] * (math.cos(angle), math.sin(angle))
-        told = np.round(way / grain) * grain
-        told = told[np.append(True, (np.diff(told, axis=0) != 0.0).any(axis=1))]
-        hand = SteadyHand(grain)
-        nodes = [node for x, y in told if (node := hand.to((x, y, 1.0)))] + hand.finish()
-        assert nodes[0][:2] == tuple(told[0])
-        assert nodes[-1][:2] == tuple(told[-1])
-        aside = (-math.sin(angle), math.cos(angle))
-        raw += list((told @ aside) / grain)
-        calm += list((np.array(nodes)[1:-1, :2] @ aside) / grain)
-    assert np.std(calm) < 0.5 * np.std(raw)
+def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel() -> None:
+    for grain in [0.25, 1.0, 4.0]:
+        raw, calm = [], []
+        for angle in np.linspace(0.05, 1.5, 20):
+            way = np.arange(0.0, 150.0 * grain, 0.9 * grain)[:, None] * (math.cos(angle), math.sin(angle))
+            told = np.round(way / grain) * grain
+            told = told[np.append(True, (np.diff(told, axis=0) != 0.0).any(axis=1))]
+            hand = SteadyHand(grain)
+            nodes = [node for x, y in told if (node := hand.to((x, y, 1.0)))] + hand.finish()
+            assert nodes[0][:2] == tuple(told[0]), grain
+            assert nodes[-1][:2] == tuple(told[-1]), grain
+            aside = (-math.sin(angle), math.cos(angle))
+            raw += list((told @ aside) / grain)
+            calm += list((np.array(nodes)[1:-1, :2] @ aside) / grain)
+        assert np.std(calm) < 0.5 * np.std(raw), grain
 
-
-def test_a_quick_hand_is_followed_but_for_a_pixel_of_the_screen() -> None:
     rng = np.random.default_rng(0)
     places = [(*map(float, place), 2.0) for place in rng.integers(0, 90, (40, 2))]
     hand = SteadyHand(1.0)
@@ -164,19 +172,19 @@ def test_a_quick_hand_is_followed_but_for_a_pixel_of_the_screen() -> None:
     assert far.max() <= 1.0 + 1e-3
 
 
-@pytest.mark.parametrize("grain", [0.0, 1.0, 4.0])
-def test_a_straight_line_is_one_whatever_the_grain_and_a_still_pen_paints_a_disc(grain: float) -> None:
-    few = drawn([(16.5, 20.5, 3.0), (80.5, 20.5, 3.0)])
-    many = [(16.5 + k, 20.5, 3.0) for k in range(65)]
-    np.testing.assert_array_equal(drawn(many, grain=grain), few)
-    np.testing.assert_array_equal(drawn([many[0], *many, many[-1]], grain=grain), few)
-    still = [(40.5, 40.5, 6.0)] * 4
-    np.testing.assert_array_equal(drawn(still, grain=grain), drawn(still[:1]))
-    there_and_back = [(40.5, 40.5, 6.0), (41.5, 40.5, 6.0), (40.5, 40.5, 6.0)]
-    assert drawn(there_and_back, grain=grain).sum() >= drawn(still).sum()
+def test_a_straight_line_is_one_whatever_the_grain_and_a_still_pen_paints_a_disc() -> None:
+    for grain in [0.0, 1.0, 4.0]:
+        few = drawn([(16.5, 20.5, 3.0), (80.5, 20.5, 3.0)])
+        many = [(16.5 + k, 20.5, 3.0) for k in range(65)]
+        np.testing.assert_array_equal(drawn(many, grain=grain), few)
+        np.testing.assert_array_equal(drawn([many[0], *many, many[-1]], grain=grain), few)
+        still = [(40.5, 40.5, 6.0)] * 4
+        np.testing.assert_array_equal(drawn(still, grain=grain), drawn(still[:1]))
+        there_and_back = [(40.5, 40.5, 6.0), (41.5, 40.5, 6.0), (40.5, 40.5, 6.0)]
+        assert drawn(there_and_back, grain=grain).sum() >= drawn(still).sum(), grain
 
 
-def test_pressure_changes_the_width_evenly() -> None:
+def test_pressure_changes_the_width_and_zero_erases_beside_other_labels() -> None:
     image = drawn([(10.5, 48.5, 1.0), (80.5, 48.5, 15.0)])
     widths = image[:, 20:70].sum(axis=0).astype(float)
     assert (np.diff(widths) >= 0).all()
@@ -184,42 +192,38 @@ def test_pressure_changes_the_width_evenly() -> None:
     grown = drawn([(48.5, 48.5, 2.0), (48.5, 48.5, 9.0)])
     np.testing.assert_array_equal(grown, drawn([(48.5, 48.5, 9.0)]))
 
-
-@pytest.mark.parametrize("seed", range(8))
-def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture(seed: int) -> None:
-    places = scribble(seed)
-    image = drawn(places)
-    np.testing.assert_array_equal(drawn([(SIDE - x, y, r) for x, y, r in places]), image[:, ::-1])
-    np.testing.assert_array_equal(drawn([(x, SIDE - y, r) for x, y, r in places]), image[::-1])
-    np.testing.assert_array_equal(drawn([(y, x, r) for x, y, r in places]), image.T)
-    np.testing.assert_array_equal(drawn([(y, SIDE - x, r) for x, y, r in places]), np.rot90(image))
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide(seed: int) -> None:
-    image = drawn(scribble(seed, radius=0.01, count=5))
-    _, pieces = ndimage.label(image, np.ones((3, 3)))
-    assert pieces == 1
-    assert not ndimage.binary_erosion(image, np.ones((4, 4))).any()
-    straight = drawn([(10.5, 30.5, 0.5), (70.5, 30.5, 0.5)])
-    assert (straight.sum(), straight[30, 10:71].sum()) == (61, 61)
-
-
-def test_zero_erases_and_other_labels_stay_beside_it() -> None:
     image = np.full((SIDE, SIDE), 4, dtype=np.uint8)
     drawn([(20.5, 20.5, 6.0), (70.5, 50.5, 6.0)], label=0, image=image)
     np.testing.assert_array_equal(image == 0, drawn([(20.5, 20.5, 6.0), (70.5, 50.5, 6.0)]) == 1)
     assert set(np.unique(image)) == {0, 4}
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_what_crosses_the_edge_is_cut_and_nothing_else(seed: int) -> None:
-    places = [(2 * x - 48, 2 * y - 48, r) for x, y, r in scribble(seed)]
-    wide = drawn([(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200))
-    np.testing.assert_array_equal(drawn(places), wide[100:-100, 100:-100])
+def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture() -> None:
+    for seed in range(8):
+        places = scribble(seed)
+        image = drawn(places)
+        np.testing.assert_array_equal(drawn([(SIDE - x, y, r) for x, y, r in places]), image[:, ::-1])
+        np.testing.assert_array_equal(drawn([(x, SIDE - y, r) for x, y, r in places]), image[::-1])
+        np.testing.assert_array_equal(drawn([(y, x, r) for x, y, r in places]), image.T)
+        np.testing.assert_array_equal(drawn([(y, SIDE - x, r) for x, y, r in places]), np.rot90(image))
 
 
-def test_outside_of_the_image_nothing_is_painted_and_no_box_told() -> None:
+def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide() -> None:
+    for seed in range(8):
+        image = drawn(scribble(seed, radius=0.01, count=5))
+        _, pieces = ndimage.label(image, np.ones((3, 3)))
+        assert pieces == 1, seed
+        assert not ndimage.binary_erosion(image, np.ones((4, 4))).any(), seed
+        straight = drawn([(10.5, 30.5, 0.5), (70.5, 30.5, 0.5)])
+        assert (straight.sum(), straight[30, 10:71].sum()) == (61, 61), seed
+
+
+def test_what_crosses_the_edge_is_cut_and_beyond_it_nothing_is_painted() -> None:
+    for seed in range(6):
+        places = [(2 * x - 48, 2 * y - 48, r) for x, y, r in scribble(seed)]
+        wide = drawn([(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200))
+        np.testing.assert_array_equal(drawn(places), wide[100:-100, 100:-100])
+
     image = empty()
     stroke = Stroke(image, 1)
     boxes = [stroke.to(x, y, 5.0) for x, y in [(-50, 20), (-60, 300), (40, 400), (500, 40), (1e6, -1e6)]]
@@ -232,24 +236,24 @@ def box_of(image: np.ndarray) -> tuple | None:
     return (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1) if len(rows) else None
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_each_box_holds_all_that_changed_and_together_they_are_tight(seed: int) -> None:
-    image = empty()
-    stroke = Stroke(image, 1)
-    together = None
-    for place in [*scribble(seed), None]:
-        before = image.copy()
-        box = stroke.to(*place) if place else stroke.finish()
-        together = around(together, box)
-        if box is None:
-            assert (image == before).all()
-            continue
-        top, left, bottom, right = box
-        assert 0 <= top < bottom <= SIDE
-        assert 0 <= left < right <= SIDE
-        before[top:bottom, left:right] = image[top:bottom, left:right]
-        assert (image == before).all()
-    assert together == box_of(image)
+def test_each_box_holds_all_that_changed_and_together_they_are_tight() -> None:
+    for seed in range(10):
+        image = empty()
+        stroke = Stroke(image, 1)
+        together = None
+        for place in [*scribble(seed), None]:
+            before = image.copy()
+            box = stroke.to(*place) if place else stroke.finish()
+            together = around(together, box)
+            if box is None:
+                assert (image == before).all(), seed
+                continue
+            top, left, bottom, right = box
+            assert 0 <= top < bottom <= SIDE, seed
+            assert 0 <= left < right <= SIDE, seed
+            before[top:bottom, left:right] = image[top:bottom, left:right]
+            assert (image == before).all(), seed
+        assert together == box_of(image), seed
 
 
 def test_a_place_takes_less_than_two_milliseconds() -> None:

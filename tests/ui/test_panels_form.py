@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from PyQt6.QtCore import QPoint, Qt
+from PyQt6.QtCore import QPoint, QPointF, Qt
+from PyQt6.QtGui import QWheelEvent
 from PyQt6.QtTest import QTest
+from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES
 from sketchterrain.ui.panels import gesture as gesture_module
@@ -40,48 +42,42 @@ NUMBERS = {name: each for name, each in EVERY.items() if each.kind is not str}
 SCALES = [Scale(0.0, 1.0), Scale(1.0, 9000.0, "ratio"), Scale(0.0, 2000.0, "cube"), Scale(-90.0, 90.0)]
 
 
-@pytest.mark.parametrize("scale", [*SCALES, Scale(1, 500, "ratio", whole=True)])
-def test_a_scale_goes_from_end_to_end_and_never_back(scale):
-    values = [scale.at(n / 500) for n in range(501)]
-    assert values[0] == scale.low
-    assert values[-1] == scale.high
-    assert values == sorted(values)
-    assert all(float(value).is_integer() for value in values) or not scale.whole
+def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share() -> None:
+    for scale in [*SCALES, Scale(1, 500, "ratio", whole=True)]:
+        values = [scale.at(n / 500) for n in range(501)]
+        assert values[0] == scale.low, scale
+        assert values[-1] == scale.high, scale
+        assert values == sorted(values), scale
+        assert all(float(value).is_integer() for value in values) or not scale.whole, scale
+
+    for scale in SCALES:
+        for n in range(11):
+            value = scale.at(n / 10)
+            assert scale.share(value) == pytest.approx(n / 10, abs=0.004), scale  # values are rounded
+            assert scale.at(scale.share(value)) == pytest.approx(value, rel=1e-9, abs=1e-9), scale
 
 
-@pytest.mark.parametrize("scale", SCALES)
-def test_share_and_value_belong_together(scale):
-    for n in range(11):
-        value = scale.at(n / 10)
-        assert scale.share(value) == pytest.approx(n / 10, abs=0.004)  # values are rounded
-        assert scale.at(scale.share(value)) == pytest.approx(value, rel=1e-9, abs=1e-9)
+def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios() -> None:
+    for name in NUMBERS:
+        parameter = NUMBERS[name]
+        low, high = comfortable_range(parameter)
+        assert parameter.low <= low < high <= parameter.high, name
+        scale = scale_of(parameter, low, high)
+        for n in range(21):
+            parameter.check(int(scale.at(n / 20)) if parameter.kind is int else scale.at(n / 20))
 
+    assert scale_of(HEIGHT, 1.0, 9000.0).kind == "ratio"
+    assert scale_of(TABLES["ground"]["relief"], 0.0, 2000.0).kind == "cube"
+    assert scale_of(LAYERS["dune"].parameters["wind"], 0.0, 360.0).kind == "even"
+    assert scale_of(LAYERS["forest"].parameters["density"], 0.0, 1.0).kind == "even"
 
-def test_values_are_what_a_person_would_type():
     assert Scale(1.0, 9000.0, "ratio").at(0.7) == 585.0
     assert Scale(0.0, 1.0).at(0.3337) == 0.33
     assert Scale(0.0, 1.0).step == 0.05
     assert Scale(0.0, 360.0).step == 10.0
 
 
-@pytest.mark.parametrize("name", NUMBERS)
-def test_every_number_has_a_scale_within_its_range(name):
-    parameter = NUMBERS[name]
-    low, high = comfortable_range(parameter)
-    assert parameter.low <= low < high <= parameter.high
-    scale = scale_of(parameter, low, high)
-    for n in range(21):
-        parameter.check(int(scale.at(n / 20)) if parameter.kind is int else scale.at(n / 20))
-
-
-def test_wide_ranges_go_by_ratios():
-    assert scale_of(HEIGHT, 1.0, 9000.0).kind == "ratio"
-    assert scale_of(TABLES["ground"]["relief"], 0.0, 2000.0).kind == "cube"
-    assert scale_of(LAYERS["dune"].parameters["wind"], 0.0, 360.0).kind == "even"
-    assert scale_of(LAYERS["forest"].parameters["density"], 0.0, 1.0).kind == "even"
-
-
-def test_words():
+def test_titles_units_numbers_and_sizes_are_worded() -> None:
     assert title_of("snow_line") == "Snow line"
     assert suffix_of(HEIGHT) == " m"
     assert suffix_of(FLOW) == "°"
@@ -104,16 +100,14 @@ def test_words():
     assert "600 m" in tool_tip(HEIGHT)
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_help_says_nothing_of_values_that_have_a_box(name):
-    parameter = EVERY[name]
-    assert help_of(parameter)[0] == help_of(parameter)[0].upper()
-    if special_of(parameter) is not None and parameter.help.count(";"):
-        assert help_of(parameter).lower() != parameter.help.lower()
-    assert "-1" not in help_of(parameter)
+def test_help_and_special_values() -> None:
+    for name in EVERY:
+        parameter = EVERY[name]
+        assert help_of(parameter)[0] == help_of(parameter)[0].upper(), name
+        if special_of(parameter) is not None and parameter.help.count(";"):
+            assert help_of(parameter).lower() != parameter.help.lower(), name
+        assert "-1" not in help_of(parameter), name
 
-
-def test_special_values_are_those_at_an_end_of_the_range():
     special = {name for name, each in EVERY.items() if special_of(each)}
     expected = {"river.flow", "river.width", "forest.conifers", "weather.hour"}
     assert special == expected | {"climate.snow_line", "climate.tree_line"}
@@ -161,22 +155,26 @@ def listened(qtbot, told):
     held.clear()
 
 
-@pytest.mark.parametrize("name", EVERY)
-def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told, name):
-    row = listened(row_of(EVERY[name]))
-    kind = EVERY[name].kind
-    value = (
-        EVERY[name].choices[-1] if EVERY[name].choices else "words" if kind is str else kind(EVERY[name].high)
-    )
-    row.show_value(value)
-    assert not told
-    assert row.reset.isVisible() == (value != EVERY[name].default)
-    row.show_value(EVERY[name].default)
-    assert not row.reset.isVisible()
-    assert not told
+def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told) -> None:
+    for name in EVERY:
+        row = listened(row_of(EVERY[name]))
+        kind = EVERY[name].kind
+        value = (
+            EVERY[name].choices[-1]
+            if EVERY[name].choices
+            else "words"
+            if kind is str
+            else kind(EVERY[name].high)
+        )
+        row.show_value(value)
+        assert not told, name
+        assert row.reset.isVisible() == (value != EVERY[name].default), name
+        row.show_value(EVERY[name].default)
+        assert not row.reset.isVisible(), name
+        assert not told, name
 
 
-def test_a_dragged_slider_tells_values_with_one_key(listened, told):
+def test_a_dragged_slider_tells_values_with_one_key_and_keeps_its_place(listened, told) -> None:
     row = listened(NumberRow(HEIGHT))
     row.slider.setSliderDown(True)
     for value in (500, 600, 700):
@@ -188,9 +186,7 @@ def test_a_dragged_slider_tells_values_with_one_key(listened, told):
     assert len(told) == 4
     assert keys[0] is keys[1] is keys[2]
     assert keys[3] is not keys[2]
-
-
-def test_a_slider_stays_where_it_is_while_its_value_is_shown(listened, told):
+    told.clear()
     row = listened(NumberRow(HEIGHT))
     row.edited.connect(lambda value, _: row.show_value(value))
     for place in (501, 502, 503, 650, 1000, 0):
@@ -205,16 +201,7 @@ def test_a_slider_stays_where_it_is_while_its_value_is_shown(listened, told):
     assert row.slider.maximum() == WAY
 
 
-def test_a_typed_number_is_told_once_when_typing_has_ended(listened, told):
-    row = listened(NumberRow(HEIGHT))
-    row.box.selectAll()
-    QTest.keyClicks(row.box, "1234,5")
-    assert not told
-    QTest.keyClick(row.box, Qt.Key.Key_Return)
-    assert [value for value, _ in told] == [1234.5]
-
-
-def test_a_number_beyond_the_slider_is_kept(listened, told):
+def test_a_number_is_told_once_typed_and_never_rounded_by_being_shown(listened, told) -> None:
     row = listened(NumberRow(TABLES["climate"]["snow_line"]))
     row.show_value(-250.0)
     assert row.box.value() == -250.0
@@ -224,14 +211,19 @@ def test_a_number_beyond_the_slider_is_kept(listened, told):
     assert row.box.value() == 1e6
     assert not told
 
-
-def test_a_number_is_not_rounded_by_being_shown(listened, told):
     row = listened(NumberRow(HEIGHT, decimals=1))
     row.show_value(123.456789)
     row.box.setFocus()
     row.slider.setFocus()
     assert row.number == 123.456789
     assert not told
+
+    row = listened(NumberRow(HEIGHT))
+    row.box.selectAll()
+    QTest.keyClicks(row.box, "1234,5")
+    assert not told
+    QTest.keyClick(row.box, Qt.Key.Key_Return)
+    assert [value for value, _ in told] == [1234.5]
 
 
 def test_a_special_value_is_a_box_to_check(listened, told):
@@ -251,49 +243,36 @@ def test_a_special_value_is_a_box_to_check(listened, told):
     assert told[-1][0] == 90.0, "the number that stood there comes back"
 
 
-@pytest.mark.parametrize(
-    ("typed", "hours", "shown"),
-    [
+def test_hours_are_typed_and_shown_as_a_clock_does(listened, told, qtbot) -> None:
+    for typed, hours, shown in [
         ("18:30", 18.5, "18:30"),
         ("6.25", 6.25, "6:15"),
         ("24", 24.0, "24:00"),
         ("7:", None, ""),
         ("25:00", None, ""),
-    ],
-)
-def test_hours_are_typed_as_a_clock_shows_them(listened, told, typed, hours, shown):
-    row = listened(NumberRow(TABLES["weather"]["hour"]))
-    row.show_value(12.0)
-    assert row.box.text() == "12:00"
-    row.box.selectAll()
-    QTest.keyClicks(row.box, typed)
-    QTest.keyClick(row.box, Qt.Key.Key_Return)
-    if hours is None:
-        assert not told or told[-1][0] <= 24.0
-    else:
-        assert told[-1][0] == hours
-        assert row.box.text() == shown
+    ]:
+        row = listened(NumberRow(TABLES["weather"]["hour"]))
+        row.show_value(12.0)
+        assert row.box.text() == "12:00", (typed, hours, shown)
+        row.box.selectAll()
+        QTest.keyClicks(row.box, typed)
+        QTest.keyClick(row.box, Qt.Key.Key_Return)
+        if hours is None:
+            assert not told or told[-1][0] <= 24.0, (typed, hours, shown)
+        else:
+            assert told[-1][0] == hours, (typed, hours, shown)
+            assert row.box.text() == shown, (typed, hours, shown)
+
+    for minute in range(0, 60, 7):
+        box = ClockBox(0.0, 24.0)
+        qtbot.addWidget(box)
+        text = f"18:{minute:02}"
+        box.setValue(box.valueFromText(text))
+        assert box.text() == text, minute
 
 
-@pytest.mark.parametrize("minute", range(0, 60, 7))
-def test_every_minute_stays_what_it_is(qtbot, minute):
-    box = ClockBox(0.0, 24.0)
-    qtbot.addWidget(box)
-    text = f"18:{minute:02}"
-    box.setValue(box.valueFromText(text))
-    assert box.text() == text
-
-
-@pytest.mark.parametrize("widget", ["box", "slider"])
-def test_a_wheel_that_scrolls_past_changes_nothing(listened, told, widget):
-    from PyQt6.QtCore import QPointF
-    from PyQt6.QtGui import QWheelEvent
-    from PyQt6.QtWidgets import QApplication
-
-    row = listened(NumberRow(HEIGHT))
-    control = getattr(row, widget)
-
-    def turn():
+def test_a_wheel_that_scrolls_past_changes_nothing(listened, told):
+    def turn(control):
         event = QWheelEvent(
             QPointF(5, 5),
             QPointF(5, 5),
@@ -306,39 +285,41 @@ def test_a_wheel_that_scrolls_past_changes_nothing(listened, told, widget):
         )
         QApplication.sendEvent(control, event)
 
-    row.setFocus()
-    turn()
-    assert not told
-    row.activateWindow()
-    control.setFocus()
-    if control.hasFocus():
-        turn()
-        assert told
+    for widget in ("box", "slider"):
+        row = listened(NumberRow(HEIGHT))
+        control = getattr(row, widget)
+        told.clear()
+        row.setFocus()
+        turn(control)
+        assert not told, widget
+        row.activateWindow()
+        control.setFocus()
+        if control.hasFocus():
+            turn(control)
+            assert told, widget
 
 
-@pytest.mark.parametrize("parameter", [HEIGHT, FLOW], ids=["height", "flow"])
-def test_tab_goes_through_a_row_in_reading_order(listened, parameter):
-    row = listened(NumberRow(parameter))
-    row.show_value(100.0)
-    row.show()
-    controls = [each for each in (row.box, row.slider, row.check, row.reset) if each is not None]
-    chain, each = [], row
-    for _ in range(40):
-        each = each.nextInFocusChain()
-        if each in controls and each not in chain:
-            chain.append(each)
-    assert chain == controls
+def test_tab_goes_through_a_row_in_reading_order(listened) -> None:
+    for parameter in [HEIGHT, FLOW]:
+        row = listened(NumberRow(parameter))
+        row.show_value(100.0)
+        row.show()
+        controls = [each for each in (row.box, row.slider, row.check, row.reset) if each is not None]
+        chain, each = [], row
+        for _ in range(40):
+            each = each.nextInFocusChain()
+            if each in controls and each not in chain:
+                chain.append(each)
+        assert chain == controls, parameter
 
 
-def test_a_choice_tells_what_is_chosen(listened, told):
+def test_choices_and_texts_are_told_once_chosen_or_typed(listened, told) -> None:
     parameter = LAYERS["material"].parameters["material"]
     row = listened(ChoiceRow(parameter))
     assert row.box.currentData() == "rock"
     QTest.keyClick(row.box, Qt.Key.Key_Down)
     assert told[-1][0] == parameter.choices[parameter.choices.index("rock") + 1]
 
-
-def test_a_text_is_told_when_it_was_typed(listened, told):
     row = listened(TextRow(SKETCH["name"]))
     row.field.selectAll()
     QTest.keyClicks(row.field, "Alps")

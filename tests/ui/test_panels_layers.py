@@ -35,7 +35,7 @@ def click(panel, place, column):
     QTest.mouseClick(view, Qt.MouseButton.LeftButton, pos=QPoint(x, at.y()))
 
 
-def test_every_layer_has_a_row_in_the_order_of_the_declaration(panel, document):
+def test_rows_are_the_declared_layers_in_order_with_details_of_their_labels(panel, document) -> None:
     assert list(dict.fromkeys(layer for layer, _ in places(panel))) == list(LAYERS)
     for name in LAYERS:
         used = set(label_areas(document.sketch.layers[name])) | {
@@ -43,8 +43,11 @@ def test_every_layer_has_a_row_in_the_order_of_the_declaration(panel, document):
         }
         assert {label for layer, label in places(panel) if layer == name} == (used or {1})
 
+    seen = set()
+    for row in panel.list.rows:
+        assert (row.visible is not None) == (row.layer not in seen)
+        seen.add(row.layer)
 
-def test_a_row_says_what_its_label_is_like(panel, document):
     row = next(row for row in panel.list.rows if (row.layer, row.label) == ("mountain", 1))
     assert row.detail.startswith(f"{document.sketch.properties('mountain', 1)['height']:.0f} m · ")
     assert "km²" in row.detail
@@ -53,7 +56,7 @@ def test_a_row_says_what_its_label_is_like(panel, document):
     assert row.detail.startswith("1234 m")
 
 
-def test_a_click_uses_a_label_and_the_label_in_use_is_marked(panel, workspace):
+def test_a_click_uses_a_label_which_is_marked_and_remembered(panel, workspace) -> None:
     click(panel, ("hill", 1), NAME)
     assert (workspace.layer, workspace.label) == ("hill", 1)
     workspace.use_label("forest", 1)
@@ -63,6 +66,11 @@ def test_a_click_uses_a_label_and_the_label_in_use_is_marked(panel, workspace):
     assert ("dune", 1) not in places(panel)
     workspace.use_label("hill", 1)
     assert ("dune", 5) not in places(panel)
+
+    workspace.use_label("hill", 2)
+    workspace.use_label("mountain", 1)
+    panel.choose_layer("hill")
+    assert (workspace.layer, workspace.label) == ("hill", 2)
 
 
 def test_eyes_and_locks_are_turned_and_the_label_stays(panel, workspace):
@@ -79,27 +87,7 @@ def test_eyes_and_locks_are_turned_and_the_label_stays(panel, workspace):
     assert workspace.look("hill").visible
 
 
-def test_only_the_first_row_of_a_layer_has_an_eye(panel):
-    seen = set()
-    for row in panel.list.rows:
-        assert (row.visible is not None) == (row.layer not in seen)
-        seen.add(row.layer)
-
-
-def test_keys_choose(panel, workspace):
-    panel.list.setFocus()
-    QTest.keyClick(panel.list, Qt.Key.Key_3)
-    assert workspace.layer == "river"
-    QTest.keyClick(panel.list, Qt.Key.Key_Down)
-    assert (workspace.layer, workspace.label) == places(panel)[places(panel).index(("river", 1)) + 1]
-    QTest.keyClick(panel.list, Qt.Key.Key_Up)
-    QTest.keyClick(panel.list, Qt.Key.Key_Space)
-    assert not workspace.look("river").visible
-    QTest.keyClick(panel.list, Qt.Key.Key_7)
-    assert workspace.layer == "material"
-
-
-def test_own_keys_are_kept_from_the_windows_shortcuts(qtbot, panel):
+def test_keys_choose_and_are_kept_from_the_windows_shortcuts(qtbot, panel, workspace) -> None:
     from PyQt6.QtCore import QEvent
     from PyQt6.QtGui import QKeyEvent
     from PyQt6.QtWidgets import QApplication
@@ -116,15 +104,19 @@ def test_own_keys_are_kept_from_the_windows_shortcuts(qtbot, panel):
     assert not is_kept(Qt.Key.Key_1, Qt.KeyboardModifier.ControlModifier)
     assert not is_kept(Qt.Key.Key_B)
 
+    panel.list.setFocus()
+    QTest.keyClick(panel.list, Qt.Key.Key_3)
+    assert workspace.layer == "river"
+    QTest.keyClick(panel.list, Qt.Key.Key_Down)
+    assert (workspace.layer, workspace.label) == places(panel)[places(panel).index(("river", 1)) + 1]
+    QTest.keyClick(panel.list, Qt.Key.Key_Up)
+    QTest.keyClick(panel.list, Qt.Key.Key_Space)
+    assert not workspace.look("river").visible
+    QTest.keyClick(panel.list, Qt.Key.Key_7)
+    assert workspace.layer == "material"
 
-def test_a_layer_remembers_its_label(panel, workspace):
-    workspace.use_label("hill", 2)
-    workspace.use_label("mountain", 1)
-    panel.choose_layer("hill")
-    assert (workspace.layer, workspace.label) == ("hill", 2)
 
-
-def test_a_new_label_is_used_and_undone(panel, document, workspace):
+def test_new_and_copied_labels_are_used_and_undone(panel, document, workspace) -> None:
     workspace.use_label("mountain", 1)
     labels = [label for layer, label in places(panel) if layer == "mountain"]
     panel.add.click()
@@ -138,8 +130,6 @@ def test_a_new_label_is_used_and_undone(panel, document, workspace):
     workspace.use_label("mountain", 1)
     assert ("mountain", new) not in places(panel)
 
-
-def test_a_copied_label_has_the_same_properties(panel, document, workspace):
     workspace.use_label("mountain", 1)
     panel.copy_label()
     assert workspace.label != 1
@@ -148,7 +138,7 @@ def test_a_copied_label_has_the_same_properties(panel, document, workspace):
     )
 
 
-def test_a_deleted_label_takes_its_paint_in_one_step(panel, document, workspace):
+def test_a_deleted_label_and_a_cleared_layer_lose_their_paint_in_one_step(panel, document, workspace) -> None:
     workspace.use_label("hill", 2)
     before = document.sketch
     panel.remove.click()
@@ -158,8 +148,6 @@ def test_a_deleted_label_takes_its_paint_in_one_step(panel, document, workspace)
     assert np.array_equal(document.sketch.layers["hill"], before.layers["hill"])
     assert document.history.position == 0
 
-
-def test_a_cleared_layer_is_empty(panel, document, workspace):
     workspace.use_label("forest", 1)
     panel.clear.click()
     assert not document.sketch.layers["forest"].any()
@@ -181,7 +169,7 @@ def test_a_locked_layer_is_kept(panel, document, workspace):
     assert said == ["Forests are locked"] * 2
 
 
-def test_opacity_is_that_of_the_layer_in_use(panel, workspace):
+def test_opacity_and_the_menu_are_those_of_the_layer_in_use(panel, workspace) -> None:
     workspace.set_look("hill", opacity=0.2)
     assert panel.opacity.share == 0.75
     workspace.use_label("hill", 1)
@@ -190,15 +178,11 @@ def test_opacity_is_that_of_the_layer_in_use(panel, workspace):
     assert workspace.look("hill").opacity == 0.5
     assert workspace.look("mountain").opacity == 0.75
 
-
-def test_one_layer_alone_and_all_again(panel, workspace):
     panel.show_only("river")
     assert [name for name in LAYERS if workspace.look(name).visible] == ["river"]
     panel.show_only("river")
     assert all(workspace.look(name).visible for name in LAYERS)
 
-
-def test_the_menu_does_what_it_says(panel, workspace):
     workspace.use_label("hill", 1)
     texts = [action.text().replace("&", "") for action in panel.menu().actions() if action.text()]
     assert texts[:4] == ["New label", "Copy label", "Delete label", "Clear hills"]

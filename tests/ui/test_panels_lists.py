@@ -55,7 +55,7 @@ def texts(panel):
     return [model.index(row, 0).data() for row in range(model.rowCount())]
 
 
-def test_history_lists_steps_and_marks_the_last_one(shown, document):
+def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, document) -> None:
     panel = shown(HistoryPanel(document))
     steps(document, 5)
     assert texts(panel) == ["Open", *(f"Step {n}" for n in range(1, 6))]
@@ -66,9 +66,8 @@ def test_history_lists_steps_and_marks_the_last_one(shown, document):
     assert panel.list.selectionModel().selectedIndexes()[0].row() == 3
     model = panel.list.model()
     assert [bool(model.index(row, 0).data(PALE)) for row in range(6)] == [False] * 4 + [True] * 2
-
-
-def test_a_click_and_the_arrows_go_to_a_step(shown, document):
+    document.redo()
+    document.redo()
     panel = shown(HistoryPanel(document))
     steps(document, 5)
     place = panel.list.visualRect(panel.list.model().index(2, 0)).center()
@@ -88,19 +87,6 @@ def test_a_thousand_steps_are_shown_at_once(shown, document):
     assert panel.list.model().rowCount() == len(document.history.titles)
     bottom = panel.list.visualRect(panel.list.currentIndex())
     assert panel.list.viewport().rect().intersects(bottom), "the last step is in sight"
-
-
-def test_adherence_is_measured_on_demand(shown, workspace, link):
-    panel = shown(AdherencePanel(workspace, link))
-    assert not any(bar.isVisible() for bar in panel.bars.values())
-    panel.measure.click()
-    assert link.told == [MeasureAdherence()]
-    link.adherence = Adherence(1, FIGURES)
-    link.adherence_changed.emit(link.adherence)
-    assert [name for name, bar in panel.bars.items() if bar.isVisible()] == ["mountain"]
-    assert panel.bars["mountain"].text == (
-        f"{LAYERS['mountain'].title}, 91 % overlap. 3 shapes · 1 lost · spills over by 5 %"
-    )
 
 
 def test_adherence_of_nothing_painted(shown, workspace, link):
@@ -132,16 +118,25 @@ def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace
     qtbot.waitUntil(lambda: len(link.told) == 2, timeout=3000)
 
 
-def test_a_measure_that_failed_can_be_asked_again(shown, workspace, link):
+def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, workspace, link) -> None:
     panel = shown(AdherencePanel(workspace, link))
     panel.measure.click()
     link.trouble.emit(Trouble("engine", "it ended"))
     assert panel.measure.isEnabled()
     panel.measure.click()
     assert len(link.told) == 2
+    link.told.clear()
+    panel = shown(AdherencePanel(workspace, link))
+    assert not any(bar.isVisible() for bar in panel.bars.values())
+    panel.measure.click()
+    assert link.told == [MeasureAdherence()]
+    link.adherence = Adherence(1, FIGURES)
+    link.adherence_changed.emit(link.adherence)
+    assert [name for name, bar in panel.bars.items() if bar.isVisible()] == ["mountain"]
+    assert panel.bars["mountain"].text == (
+        f"{LAYERS['mountain'].title}, 91 % overlap. 3 shapes · 1 lost · spills over by 5 %"
+    )
 
-
-def test_the_overlay_of_adherence_is_switched_both_ways(shown, workspace, link):
     panel = shown(AdherencePanel(workspace, link))
     panel.overlay.click()
     assert "adherence" in workspace.overlays
@@ -149,7 +144,16 @@ def test_the_overlay_of_adherence_is_switched_both_ways(shown, workspace, link):
     assert not panel.overlay.isChecked()
 
 
-def test_contradictions_are_listed_and_lead_to_their_places(shown, workspace, link, placed):
+def test_contradictions_lead_to_their_places_and_their_marks_are_switched(
+    shown, workspace, link, placed
+) -> None:
+    panel = shown(ContradictionsPanel(workspace, link))
+    assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
+    panel.mark.click()
+    assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
+    workspace.show_overlay("contradictions", not panel.mark.isChecked())
+    assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
+
     panel = shown(ContradictionsPanel(workspace, link))
     assert not panel.list.isVisible()
     lines = (("river 1 crosses mountain 2: valley cut 84 m", 100.0, 200.0), ("lake 1 lies high", 5.0, 6.0))
@@ -171,15 +175,6 @@ def test_contradictions_are_listed_and_lead_to_their_places(shown, workspace, li
     assert panel.list.isVisible() == bool(placed.resolutions)
 
 
-def test_marks_of_contradictions_are_switched_both_ways(shown, workspace, link):
-    panel = shown(ContradictionsPanel(workspace, link))
-    assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
-    panel.mark.click()
-    assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
-    workspace.show_overlay("contradictions", not panel.mark.isChecked())
-    assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
-
-
 @pytest.fixture
 def line(qtbot, document, workspace, link):
     line = StatusLine(document, workspace, link)
@@ -194,7 +189,7 @@ def frame(seconds):
     return FrameFacts(800, 600, 1, pose, (0.0,) * 16, seconds, 0.021, 120, 400_000, True, 500_000_000)
 
 
-def test_the_line_tells_what_is_worked_on(line, link):
+def test_the_status_line_reports_work_device_pointer_and_memory(line, link) -> None:
     assert line.work.text == "Ready"
     assert not line.busy.busy
     link.working = "Placing features"
@@ -205,18 +200,6 @@ def test_the_line_tells_what_is_worked_on(line, link):
     link.working_changed.emit("")
     assert not line.busy.busy
 
-
-def test_the_line_tells_how_long_things_take(qtbot, line, link, placed):
-    link.placed, link.frame = dataclasses.replace(placed, seconds=0.12), frame(0.08)
-    link.placed_changed.emit(link.placed)
-    link.frame_shown.emit(link.frame)
-    qtbot.waitUntil(lambda: line.frame.text == "Frame 80 ms, 12/s", timeout=2000)
-    assert line.placing.text == "Placing 120 ms"
-    assert line.tiles.text == "Tiles 21 ms"
-    assert line.memory.text.endswith((" MB", " GB"))
-
-
-def test_the_line_tells_the_device(line, link):
     link.facts = EngineFacts(device="EPYC", platform="PoCL", renderer="llvmpipe", sharing="mapped")
     link.facts_changed.emit(link.facts)
     assert line.device.text == "EPYC · mapped memory"
@@ -228,14 +211,24 @@ def test_the_line_tells_the_device(line, link):
     assert "install one" in line.device.toolTip()
     assert "no OpenGL" in line.device.toolTip()
 
-
-def test_the_line_tells_where_the_pointer_is(line):
     line.hover((1234.5, 3456.7, 512.3))
     assert line.place.text == "1234 E  3457 N   512 m high"
     line.hover((1234.0, 3456.0, None))
     assert line.place.text == "1234 E  3456 N"
     line.hover(None)
     assert line.place.text == ""
+
+    assert 10e6 < own_memory() < 1e11
+
+
+def test_the_line_tells_how_long_things_take(qtbot, line, link, placed):
+    link.placed, link.frame = dataclasses.replace(placed, seconds=0.12), frame(0.08)
+    link.placed_changed.emit(link.placed)
+    link.frame_shown.emit(link.frame)
+    qtbot.waitUntil(lambda: line.frame.text == "Frame 80 ms, 12/s", timeout=2000)
+    assert line.placing.text == "Placing 120 ms"
+    assert line.tiles.text == "Tiles 21 ms"
+    assert line.memory.text.endswith((" MB", " GB"))
 
 
 def test_figures_keep_their_places(qtbot, line, link, placed):
@@ -264,7 +257,3 @@ def test_the_line_names_the_paint_under_the_pointer(line, workspace, document):
     assert "mountains" not in line.paint.text.lower()
     line.hover((-5.0, 1e9, None))
     assert line.paint.text == ""
-
-
-def test_memory_is_that_of_a_process():
-    assert 10e6 < own_memory() < 1e11

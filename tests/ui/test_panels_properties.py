@@ -41,19 +41,21 @@ def river(panel, workspace, placed):
     return each
 
 
-@pytest.mark.parametrize("layer", LAYERS)
-def test_a_form_has_a_row_for_every_declared_property(panel, document, workspace, layer):
-    workspace.use_label(layer, 1)
-    form = panel.label_page.forms[layer]
-    assert form.isVisible()
-    assert list(form.rows) == list(LAYERS[layer].parameters)
-    assert not any(other.isVisible() for name, other in panel.label_page.forms.items() if name != layer)
-    for name, value in document.sketch.properties(layer, 1).items():
-        row = form.rows[name]
-        assert row.reset.isVisible() == (value != LAYERS[layer].parameters[name].default)
+def test_a_form_has_a_row_for_every_declared_property(panel, document, workspace) -> None:
+    for layer in LAYERS:
+        workspace.use_label(layer, 1)
+        form = panel.label_page.forms[layer]
+        assert form.isVisible(), layer
+        assert list(form.rows) == list(LAYERS[layer].parameters), layer
+        assert not any(
+            other.isVisible() for name, other in panel.label_page.forms.items() if name != layer
+        ), layer
+        for name, value in document.sketch.properties(layer, 1).items():
+            row = form.rows[name]
+            assert row.reset.isVisible() == (value != LAYERS[layer].parameters[name].default), layer
 
 
-def test_an_edit_is_a_step_of_the_label_in_use(panel, document, workspace):
+def test_an_edit_is_a_step_and_reset_takes_it_out_of_the_file(panel, document, workspace) -> None:
     workspace.use_label("mountain", 2)
     row = panel.label_page.forms["mountain"].rows["height"]
     row.box.setValue(777.0)
@@ -63,8 +65,16 @@ def test_an_edit_is_a_step_of_the_label_in_use(panel, document, workspace):
     assert row.box.value() == document.sketch.properties("mountain", 2)["height"]
     assert document.history.position == 0
 
+    workspace.use_label("mountain", 1)
+    row = panel.label_page.forms["mountain"].rows["height"]
+    assert row.reset.isVisible()
+    row.reset.click()
+    assert "height" not in document.sketch.labels["mountain", 1]
+    assert row.box.value() == 600.0
+    assert not row.reset.isVisible()
 
-def test_a_dragged_slider_is_one_step_and_live(panel, document, workspace):
+
+def test_a_dragged_slider_is_one_live_step_even_over_its_first_value(panel, document, workspace) -> None:
     workspace.use_label("mountain", 1)
     row = panel.label_page.forms["mountain"].rows["height"]
     live = []
@@ -78,8 +88,6 @@ def test_a_dragged_slider_is_one_step_and_live(panel, document, workspace):
     assert row.box.value() == document.sketch.properties("mountain", 1)["height"]
     assert row.slider.value() == 490
 
-
-def test_a_drag_over_the_value_that_was_there_goes_on(panel, document, workspace):
     """The sketch is the same one again in the middle of the drag; the slider goes on."""
     workspace.use_label("mountain", 1)
     row = panel.label_page.forms["mountain"].rows["peakiness"]
@@ -89,16 +97,6 @@ def test_a_drag_over_the_value_that_was_there_goes_on(panel, document, workspace
         assert row.slider.value() == value
         assert document.sketch.properties("mountain", 1)["peakiness"] == round(value / 1000, 2)
     row.slider.setSliderDown(False)
-
-
-def test_reset_takes_the_property_out_of_the_file(panel, document, workspace):
-    workspace.use_label("mountain", 1)
-    row = panel.label_page.forms["mountain"].rows["height"]
-    assert row.reset.isVisible()
-    row.reset.click()
-    assert "height" not in document.sketch.labels["mountain", 1]
-    assert row.box.value() == 600.0
-    assert not row.reset.isVisible()
 
 
 def test_a_river_flows_downhill_or_where_one_says(panel, document, workspace):
@@ -139,22 +137,22 @@ def test_what_is_being_typed_belongs_to_the_feature_that_was_shown(
     assert row.number == float(point["radius"])
 
 
-def test_what_is_selected_takes_the_place_of_the_label(panel, workspace, mountain):
-    assert panel.chosen_page.isVisible()
-    assert not panel.label_page.isVisible()
-    panel.back.click()
-    assert workspace.chosen is None
-    assert panel.label_page.isVisible()
-    assert not panel.chosen_page.isVisible()
-
-
-def test_a_feature_shows_its_numbers(panel, mountain):
+def test_a_selected_feature_replaces_the_label_and_shows_its_numbers(panel, mountain, workspace) -> None:
     rows = panel.chosen_page.forms["feature"].rows
     for name in ("x", "y", "radius"):
         assert rows[name].number == float(mountain[name])
     assert rows["height"].number == pytest.approx(float(mountain["strength"]))
     assert rows["height"].isVisible()
     assert not rows["density"].isVisible()
+
+    assert all(isinstance(row, NumberRow) for row in panel.chosen_page.forms["feature"].rows.values())
+
+    assert panel.chosen_page.isVisible()
+    assert not panel.label_page.isVisible()
+    panel.back.click()
+    assert workspace.chosen is None
+    assert panel.label_page.isVisible()
+    assert not panel.chosen_page.isVisible()
 
 
 @pytest.mark.parametrize(("name", "action"), [("x", "move"), ("radius", "resize"), ("height", "strength")])
@@ -185,7 +183,12 @@ def test_a_forest_has_a_density(panel, document, workspace, placed):
     assert document.sketch.edits[0].strength == 0.33
 
 
-def test_lock_reset_and_delete(panel, document, workspace, mountain):
+def test_lock_reset_and_delete_are_steps_that_undo_shows(panel, document, mountain, workspace) -> None:
+    panel.chosen_page.lock.click()
+    document.undo()
+    assert not panel.chosen_page.lock.isChecked()
+    assert document.history.position == 0
+
     page = panel.chosen_page
     chosen = workspace.chosen
     assert not page.reset.isEnabled()
@@ -211,13 +214,6 @@ def test_lock_reset_and_delete(panel, document, workspace, mountain):
     assert list(document.history.titles[1:]) == titles
 
 
-def test_undo_shows_that_a_feature_is_unlocked(panel, document, mountain):
-    panel.chosen_page.lock.click()
-    document.undo()
-    assert not panel.chosen_page.lock.isChecked()
-    assert document.history.position == 0
-
-
 def test_what_is_gone_is_said(panel, workspace, link, placed, mountain):
     link.placed = dataclasses.replace(placed, points=placed.points[:0])
     link.placed_changed.emit(link.placed)
@@ -237,7 +233,9 @@ def test_a_rivers_width_is_set(panel, document, workspace, link, placed, river):
     assert form.width_row.number == 40.0
 
 
-def test_a_control_point_is_chosen_and_moved(panel, document, workspace, placed, river):
+def test_control_points_of_a_river_are_chosen_moved_and_checked(
+    panel, document, workspace, placed, river
+) -> None:
     form = panel.chosen_page.forms["river"]
     assert not form.east.isEnabled()
     form.points.setFocus()
@@ -254,9 +252,7 @@ def test_a_control_point_is_chosen_and_moved(panel, document, workspace, placed,
     assert edit.y == pytest.approx(river.points[1, 1], abs=0.001)
     form.points.setValue(0)
     assert workspace.chosen == Chosen("river", river.id, None)
-
-
-def test_a_river_that_became_shorter_has_no_such_point(panel, document, workspace, river):
+    document.undo()
     workspace.chosen = Chosen("river", river.id, len(river.points))
     form = panel.chosen_page.forms["river"]
     assert form.isVisible()
@@ -266,21 +262,15 @@ def test_a_river_that_became_shorter_has_no_such_point(panel, document, workspac
     assert [edit.action for edit in document.sketch.edits] == ["delete"]
 
 
-def test_where_a_river_joins_another_one_nothing_moves(panel, workspace, placed):
-    joining = [each for each in placed.rivers if parent_of(placed, each) is not None]
-    if not joining:
-        pytest.skip("no river joins another one")
-    workspace.chosen = Chosen("river", joining[0].id, len(joining[0].points) - 1)
-    assert not panel.chosen_page.forms["river"].east.isEnabled()
-
-
-def test_a_lake_tells_its_level(panel, workspace, placed):
+def test_confluences_stay_and_lakes_can_be_deleted(panel, workspace, placed) -> None:
     lake = placed.lakes[0]
     workspace.chosen = Chosen("lake", lake.id)
     assert panel.chosen_page.forms["lake"].isVisible()
     assert not panel.chosen_page.lock.isVisible()
     assert panel.chosen_page.delete.isEnabled()
 
-
-def test_every_row_of_a_feature_is_a_number(panel):
-    assert all(isinstance(row, NumberRow) for row in panel.chosen_page.forms["feature"].rows.values())
+    joining = [each for each in placed.rivers if parent_of(placed, each) is not None]
+    if not joining:
+        pytest.skip("no river joins another one")
+    workspace.chosen = Chosen("river", joining[0].id, len(joining[0].points) - 1)
+    assert not panel.chosen_page.forms["river"].east.isEnabled()

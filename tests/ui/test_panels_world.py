@@ -31,24 +31,15 @@ def view(qtbot, document, link):
     return panel
 
 
-def test_everything_that_can_be_set_has_a_row(world, view):
+def test_every_setting_and_overlay_has_a_control(world, view) -> None:
     shown = {(table, name) for table, form in world.forms.items() for name in form.rows}
     shown |= {("weather", name) for name in view.weather.rows}
     assert shown == {(table, name) for table, parameters in TABLES.items() for name in parameters}
     assert {*world.top.rows, "seed", "fidelity"} == set(SKETCH)
 
+    from sketchterrain.render import OVERLAYS
 
-def test_fidelity_is_set_while_it_is_dragged_and_is_one_step(world, document):
-    seen = []
-    document.live_changed.connect(lambda: seen.append(document.sketch.fidelity))
-    world.fidelity.slider.setSliderDown(True)
-    for value in (900, 500, 123):
-        world.fidelity.slider.setValue(value)
-    world.fidelity.slider.setSliderDown(False)
-    assert seen == [0.9, 0.5, 0.12]
-    assert document.history.titles == ("Open", "Set fidelity")
-    document.undo()
-    assert world.fidelity.slider.value() == round(1000 * document.sketch.fidelity)
+    assert set(OVERLAY_TITLES) == set(OVERLAYS)
 
 
 def test_dice_give_another_seed_and_earlier_ones_come_back(world, document):
@@ -66,7 +57,7 @@ def test_dice_give_another_seed_and_earlier_ones_come_back(world, document):
     assert len(world.seed.used) == 4
 
 
-def test_dice_never_show_the_same_seed(monkeypatch, world, document):
+def test_dice_give_another_seed_and_earlier_ones_return(monkeypatch, world, document) -> None:
     from sketchterrain.ui.panels import seed_row
 
     monkeypatch.setattr(seed_row.random, "randrange", lambda _: document.sketch.seed)
@@ -74,8 +65,13 @@ def test_dice_never_show_the_same_seed(monkeypatch, world, document):
     world.seed.dice.click()
     assert document.sketch.seed == before + 1
 
+    world.seed.dice.click()
+    document.open(load_sketch("alpine_range"))
+    assert world.seed.used == (document.sketch.seed,)
+    assert not world.seed.earlier.isEnabled()
 
-def test_a_seed_is_typed(world, document):
+
+def test_seed_and_name_are_typed(world, document) -> None:
     world.seed.field.selectAll()
     QTest.keyClicks(world.seed.field, "9223372036854775807")
     QTest.keyClick(world.seed.field, Qt.Key.Key_Return)
@@ -88,26 +84,6 @@ def test_a_seed_is_typed(world, document):
     QTest.keyClick(world.seed.field, Qt.Key.Key_Return)
     assert document.sketch.seed == 0
 
-
-def test_another_sketch_has_other_seeds(world, document):
-    world.seed.dice.click()
-    document.open(load_sketch("alpine_range"))
-    assert world.seed.used == (document.sketch.seed,)
-    assert not world.seed.earlier.isEnabled()
-
-
-@pytest.mark.parametrize("table", ["ground", "climate", "density"])
-def test_a_setting_is_set_and_reset(world, document, table):
-    for name, row in world.forms[table].rows.items():
-        default = TABLES[table][name].default
-        row.edited.emit(TABLES[table][name].low, object())
-        assert setting(document.sketch, table, name) == TABLES[table][name].low
-        if setting(document.sketch, table, name) != default:
-            row.reset.click()
-        assert setting(document.sketch, table, name) == default
-
-
-def test_a_name_is_typed(world, document):
     field = world.top.rows["name"].field
     field.selectAll()
     QTest.keyClicks(field, "Alps")
@@ -117,11 +93,33 @@ def test_a_name_is_typed(world, document):
     assert field.text() == document.sketch.name
 
 
-def test_titles_of_steps_are_words(world, document):
+def test_a_setting_is_set_and_reset(world, document) -> None:
+    for table in ["ground", "climate", "density"]:
+        for name, row in world.forms[table].rows.items():
+            default = TABLES[table][name].default
+            row.edited.emit(TABLES[table][name].low, object())
+            assert setting(document.sketch, table, name) == TABLES[table][name].low, table
+            if setting(document.sketch, table, name) != default:
+                row.reset.click()
+            assert setting(document.sketch, table, name) == default, table
+
+
+def test_fidelity_is_one_live_step_and_steps_are_titled(world, document) -> None:
     world.forms["climate"].rows["snow_line"].check.click()
     world.forms["density"].rows["forest"].box.setValue(3.0)
     world.top.rows["extent"].box.setValue(8000.0)
     assert document.history.titles[1:] == ("Set snow line", "Set density of groves", "Set extent")
+    document.go_to(0)
+    seen = []
+    document.live_changed.connect(lambda: seen.append(document.sketch.fidelity))
+    world.fidelity.slider.setSliderDown(True)
+    for value in (900, 500, 123):
+        world.fidelity.slider.setValue(value)
+    world.fidelity.slider.setSliderDown(False)
+    assert seen == [0.9, 0.5, 0.12]
+    assert document.history.titles == ("Open", "Set fidelity")
+    document.undo()
+    assert world.fidelity.slider.value() == round(1000 * document.sketch.fidelity)
 
 
 def test_a_group_folds(qtbot, world):
@@ -134,12 +132,6 @@ def test_a_group_folds(qtbot, world):
     assert group.content.isVisible()
     QTest.mouseClick(group.header, Qt.MouseButton.LeftButton)
     assert not group.content.isVisible()
-
-
-def test_overlays_are_those_of_the_renderer():
-    from sketchterrain.render import OVERLAYS
-
-    assert set(OVERLAY_TITLES) == set(OVERLAYS)
 
 
 def test_weather_is_the_sketchs(view, document, link):

@@ -70,26 +70,25 @@ def by_role(placed: Placed, chosen: Chosen, role: str):
     return next(each for each in handles_of(placed, chosen) if each.role == role)
 
 
-@pytest.mark.parametrize("painted", [True, False])
-def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, placed, painted) -> None:
-    chosen = first(placed, painted=painted)
-    before = point_of(placed, chosen)
-    after = point_of(
-        placed_of(edits.dragged(sketch, placed, by_role(placed, chosen, "move"), 2000.0, 2345.6789)), chosen
-    )
-    assert (after["x"], after["y"]) == (2000.0, 2345.679)
-    for key in ("type", "radius", "peakiness", "erosion", "gullies"):
-        assert after[key] == before[key]
+def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, placed) -> None:
+    for painted in [True, False]:
+        chosen = first(placed, painted=painted)
+        before = point_of(placed, chosen)
+        after = point_of(
+            placed_of(edits.dragged(sketch, placed, by_role(placed, chosen, "move"), 2000.0, 2345.6789)),
+            chosen,
+        )
+        assert (after["x"], after["y"]) == (2000.0, 2345.679), painted
+        for key in ("type", "radius", "peakiness", "erosion", "gullies"):
+            assert after[key] == before[key], painted
 
 
-def test_the_radius_follows_its_handle(sketch, placed) -> None:
+def test_radius_and_height_of_a_feature_are_reached(sketch, placed) -> None:
     chosen = first(placed)
     handle = by_role(placed, chosen, "radius")
     after = placed_of(edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0))
     assert point_of(after, chosen)["radius"] == np.float32(321.0)
 
-
-def test_a_height_that_is_set_is_reached(sketch, placed) -> None:
     chosen = first(placed)
     changed = edits.strengthened(sketch, placed, chosen, 777.0)
     assert edits.strength_of(changed, placed, chosen) == 777.0
@@ -130,14 +129,6 @@ def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, p
     assert [(each.x, each.y) for each in twice.edits] == [(round(handle.x, 3), round(handle.y + 25.0, 3))]
 
 
-def test_a_confluence_follows_the_river_that_is_joined(sketch, placed) -> None:
-    child = next(each for each in placed.rivers if parent_of(placed, each) is not None)
-    chosen = Chosen("river", child.id)
-    last = len(child.points) - 1
-    assert last not in [each.chosen.index for each in handles_of(placed, chosen)]
-    assert edits.point_moved(sketch, placed, Chosen("river", child.id, last), 0.0, 0.0) is sketch
-
-
 def test_the_width_follows_its_handle(sketch, placed) -> None:
     chosen = lone(placed)
     changed, now = sketch, placed
@@ -160,26 +151,24 @@ def test_the_width_follows_its_handle(sketch, placed) -> None:
     assert edits.width_of(sketch, placed, chosen) > 0.0
 
 
-@pytest.mark.parametrize("painted", [True, False])
-def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(
-    sketch, placed, painted
-) -> None:
-    chosen = first(placed, painted=painted)
-    lock = edits.locked(sketch, placed, chosen)
-    assert edits.is_locked(lock, chosen)
-    assert edits.locked(lock, placed, chosen) is lock
-    held = placed_of(lock)
-    assert point_of(held, chosen) == point_of(placed, chosen)
-    changed = edits.dragged(lock, held, by_role(held, chosen, "move"), 2100.0, 2300.0)
-    changed = edits.dragged(changed, held, by_role(held, chosen, "move"), 2200.0, 2400.0)
-    assert [each.action for each in changed.edits] == ["move", "lock"]
-    now = placed_of(changed)
-    assert (point_of(now, chosen)["x"], point_of(now, chosen)["y"]) == (2200.0, 2400.0)
-    assert point_of(now, chosen)["strength"] == point_of(placed, chosen)["strength"]
-    free = edits.unlocked(changed, chosen)
-    assert not edits.is_locked(free, chosen)
-    assert point_of(placed_of(free), chosen)["x"] == 2200.0
-    assert edits.unlocked(free, chosen) is free
+def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(sketch, placed) -> None:
+    for painted in [True, False]:
+        chosen = first(placed, painted=painted)
+        lock = edits.locked(sketch, placed, chosen)
+        assert edits.is_locked(lock, chosen), painted
+        assert edits.locked(lock, placed, chosen) is lock, painted
+        held = placed_of(lock)
+        assert point_of(held, chosen) == point_of(placed, chosen), painted
+        changed = edits.dragged(lock, held, by_role(held, chosen, "move"), 2100.0, 2300.0)
+        changed = edits.dragged(changed, held, by_role(held, chosen, "move"), 2200.0, 2400.0)
+        assert [each.action for each in changed.edits] == ["move", "lock"], painted
+        now = placed_of(changed)
+        assert (point_of(now, chosen)["x"], point_of(now, chosen)["y"]) == (2200.0, 2400.0), painted
+        assert point_of(now, chosen)["strength"] == point_of(placed, chosen)["strength"], painted
+        free = edits.unlocked(changed, chosen)
+        assert not edits.is_locked(free, chosen), painted
+        assert point_of(placed_of(free), chosen)["x"] == 2200.0, painted
+        assert edits.unlocked(free, chosen) is free, painted
 
 
 def test_a_locked_feature_whose_paint_is_gone_can_still_be_dragged(sketch, placed) -> None:
@@ -220,7 +209,7 @@ def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed) -> None
         edits.added(sketch, "castle", 0.0, 0.0, 100.0, 300.0)
 
 
-def test_values_stay_in_their_ranges(sketch, placed) -> None:
+def test_values_stay_in_their_ranges_and_confluences_stay_in_place(sketch, placed) -> None:
     chosen = first(placed)
     assert edits.resized(sketch, placed, chosen, 0.0).edits[0].radius == 0.1
     assert edits.strengthened(sketch, placed, chosen, 1e9).edits[0].strength == 9000.0
@@ -229,8 +218,20 @@ def test_values_stay_in_their_ranges(sketch, placed) -> None:
     with pytest.raises(InputError, match="number"):
         edits.resized(sketch, placed, chosen, float("nan"))
 
+    child = next(each for each in placed.rivers if parent_of(placed, each) is not None)
+    chosen = Chosen("river", child.id)
+    last = len(child.points) - 1
+    assert last not in [each.chosen.index for each in handles_of(placed, chosen)]
+    assert edits.point_moved(sketch, placed, Chosen("river", child.id, last), 0.0, 0.0) is sketch
 
-def test_what_is_gone_changes_nothing(sketch, placed) -> None:
+
+def test_names_are_those_of_contradictions_and_missing_things_change_nothing(placed, sketch) -> None:
+    assert name_of(placed, first(placed)) == "mountain"
+    assert name_of(placed, Chosen("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
+    lake = Chosen("lake", placed.lakes[0].id)
+    assert name_of(placed, lake) == "lake 1"
+    assert lake_of(placed, lake) is placed.lakes[0]
+
     for chosen in (Chosen("feature", 7), Chosen("river", 7), Chosen("lake", 7)):
         assert handles_of(placed, chosen) == ()
         assert not is_there(placed, chosen)
@@ -246,14 +247,6 @@ def test_what_is_gone_changes_nothing(sketch, placed) -> None:
     short = Chosen("river", placed.rivers[0].id, 100_000)
     assert not edits.is_edited(sketch, placed, short)
     assert edits.point_moved(sketch, placed, short, 0.0, 0.0) is sketch
-
-
-def test_names_are_those_of_contradictions(placed) -> None:
-    assert name_of(placed, first(placed)) == "mountain"
-    assert name_of(placed, Chosen("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
-    lake = Chosen("lake", placed.lakes[0].id)
-    assert name_of(placed, lake) == "lake 1"
-    assert lake_of(placed, lake) is placed.lakes[0]
 
 
 def test_a_hundred_random_drags_stay_valid() -> None:

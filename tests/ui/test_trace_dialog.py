@@ -36,7 +36,7 @@ def ready(qtbot, dialog: TraceDialog) -> None:
     qtbot.waitUntil(dialog.agree.isEnabled, timeout=20_000)
 
 
-def test_colours_are_found_and_named(qtbot, picture) -> None:
+def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, picture) -> None:
     dialog = opened(qtbot, picture)
     assert not dialog.agree.isEnabled()
     ready(qtbot, dialog)
@@ -49,23 +49,11 @@ def test_colours_are_found_and_named(qtbot, picture) -> None:
     assert not dialog.before.pixmap().isNull()
     assert not dialog.after.pixmap().isNull()
 
-
-def test_a_colour_becomes_something_else_by_keys_alone(qtbot, picture) -> None:
     dialog = opened(qtbot, picture)
     ready(qtbot, dialog)
-    box = dialog.colours.boxes[1]
-    box.setFocus()
-    while box.currentText() != "Lakes":
-        before = box.currentIndex()
-        qtbot.keyClick(box, Qt.Key.Key_Down)
-        assert box.currentIndex() > before
-    assert not dialog.agree.isEnabled()
-    ready(qtbot, dialog)
-    assert not dialog.sketch().layers["forest"].any()
-    assert dialog.sketch().layers["lake"][20:70, 80:115].all()
+    for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit)):
+        assert control.accessibleName() or control.objectName().startswith("qt_")
 
-
-def test_size_extent_and_name_are_the_sketchs(qtbot, picture) -> None:
     dialog = opened(qtbot, picture)
     ready(qtbot, dialog)
     dialog.name.selectAll()
@@ -79,6 +67,30 @@ def test_size_extent_and_name_are_the_sketchs(qtbot, picture) -> None:
     assert "60 × 40 px, 9 km × 6 km" in dialog.told.text()
 
 
+def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qtbot, picture) -> None:
+    dialog = opened(qtbot, picture)
+    ready(qtbot, dialog)
+    box = dialog.colours.boxes[1]
+    box.setFocus()
+    while box.currentText() != "Lakes":
+        before = box.currentIndex()
+        qtbot.keyClick(box, Qt.Key.Key_Down)
+        assert box.currentIndex() > before
+    assert not dialog.agree.isEnabled()
+    ready(qtbot, dialog)
+    assert not dialog.sketch().layers["forest"].any()
+    assert dialog.sketch().layers["lake"][20:70, 80:115].all()
+
+    dialog = opened(qtbot, picture)
+    ready(qtbot, dialog)
+    for box in dialog.colours.boxes:
+        box.setCurrentIndex(0)
+    qtbot.waitUntil(lambda: "Say what at least one" in dialog.told.text(), timeout=20_000)
+    assert not dialog.agree.isEnabled()
+    dialog.colours.boxes[1].setCurrentIndex(3)
+    ready(qtbot, dialog)
+
+
 def test_water_by_its_width(qtbot, tmp_path) -> None:
     pixels = np.full((80, 120, 3), 255, np.uint8)
     pixels[40:44] = (170, 211, 223)
@@ -90,17 +102,6 @@ def test_water_by_its_width(qtbot, tmp_path) -> None:
     ready(qtbot, dialog)
     assert not dialog.sketch().layers["lake"].any()
     assert dialog.sketch().layers["river"][40:44].all()
-
-
-def test_nothing_at_all_cannot_be_created(qtbot, picture) -> None:
-    dialog = opened(qtbot, picture)
-    ready(qtbot, dialog)
-    for box in dialog.colours.boxes:
-        box.setCurrentIndex(0)
-    qtbot.waitUntil(lambda: "Say what at least one" in dialog.told.text(), timeout=20_000)
-    assert not dialog.agree.isEnabled()
-    dialog.colours.boxes[1].setCurrentIndex(3)
-    ready(qtbot, dialog)
 
 
 def test_a_grey_picture_asks_for_its_layer(qtbot, tmp_path) -> None:
@@ -128,7 +129,7 @@ def test_vectors_have_their_own_scale(qtbot, tmp_path) -> None:
     assert dialog.sketch().layers["river"].any()
 
 
-def test_what_cannot_be_traced_is_told(qtbot, tmp_path) -> None:
+def test_unreadable_pictures_are_reported_and_reading_is_cancelled(qtbot, tmp_path, picture) -> None:
     (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
     dialog = opened(qtbot, tmp_path / "a.png")
     qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.told.text(), timeout=20_000)
@@ -136,20 +137,11 @@ def test_what_cannot_be_traced_is_told(qtbot, tmp_path) -> None:
     qtbot.keyClick(dialog, Qt.Key.Key_Escape)
     assert dialog.isHidden()
 
-
-def test_it_is_closed_while_it_reads(qtbot, picture) -> None:
     dialog = opened(qtbot, picture)
     dialog.reject()
     qtbot.wait(300)
     assert dialog.isHidden()
     assert not dialog.agree.isEnabled()
-
-
-def test_every_control_has_a_name(qtbot, picture) -> None:
-    dialog = opened(qtbot, picture)
-    ready(qtbot, dialog)
-    for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit)):
-        assert control.accessibleName() or control.objectName().startswith("qt_")
 
 
 def test_from_the_menu_to_an_unsaved_sketch(window, document, picture, monkeypatch, qtbot) -> None:

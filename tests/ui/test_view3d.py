@@ -104,28 +104,24 @@ def key(
     QApplication.sendEvent(view, QKeyEvent(kind, code, modifiers or none, text, repeat))
 
 
-def test_left_drag_turns_and_the_ground_follows_the_mouse(view, link) -> None:
+def test_drags_turn_move_and_look_around(view, link) -> None:
     drag(view, (300, 200), (310, 200), (330, 230))
     turns = motions(link)
     assert all(isinstance(each, Turn) for each in turns)
     assert sum(each.right for each in turns) == pytest.approx(-9.0)
     assert sum(each.up for each in turns) == pytest.approx(9.0)
 
-
-@pytest.mark.parametrize(("button", "modifiers"), [(RIGHT, None), (MIDDLE, None), (LEFT, SHIFT)])
-def test_right_middle_and_shift_drag_move_over_the_ground(view, link, button, modifiers) -> None:
-    drag(
-        view,
-        (300, 200),
-        (348, 200),
-        (348, 248),
-        button=button,
-        modifiers=modifiers or Qt.KeyboardModifier.NoModifier,
-    )
-    assert motions(link) == [Pan(-0.1, 0.0), Pan(0.0, 0.1)]
-
-
-def test_in_flight_and_on_foot_the_look_follows_the_mouse(view, link) -> None:
+    for button, modifiers in [(RIGHT, None), (MIDDLE, None), (LEFT, SHIFT)]:
+        drag(
+            view,
+            (300, 200),
+            (348, 200),
+            (348, 248),
+            button=button,
+            modifiers=modifiers or Qt.KeyboardModifier.NoModifier,
+        )
+        assert motions(link) == [Pan(-0.1, 0.0), Pan(0.0, 0.1)], (button, modifiers)
+    link.told.clear()
     link.view = replace(link.view, mode="fly")
     drag(view, (300, 200), (400, 200), (400, 160))
     assert motions(link) == [Turn(15.0, 0.0), Turn(0.0, 6.0)]
@@ -149,20 +145,16 @@ def wheel(view, x: float, y: float, notches: float) -> None:
     )
 
 
-def test_the_wheel_zooms_about_the_mouse(view, link) -> None:
+def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link) -> None:
     wheel(view, 160, 120, 1)
     wheel(view, 480, 360, -2)
     nearer, farther = link.told
     assert nearer == Zoom(pytest.approx(0.85), 0.25, 0.25)
     assert farther == Zoom(pytest.approx(0.85**-2), 0.75, 0.75)
-
-
-def test_a_click_that_trembles_turns_nothing_and_picks(view, link) -> None:
+    link.told.clear()
     drag(view, (300, 200), (302, 201))
     assert [type(each) for each in link.told] == [Pick]
 
-
-def test_a_double_click_goes_to_the_ground_that_is_seen(view, link) -> None:
     click(view, 320, 240)
     link.told.clear()
     mouse(view, QEvent.Type.MouseButtonDblClick, 320, 240)
@@ -177,7 +169,9 @@ def test_a_double_click_goes_to_the_ground_that_is_seen(view, link) -> None:
     assert isinstance(link.told[-1], Pick), "there is no way into the sky"
 
 
-def test_a_click_selects_what_stands_there_and_the_sky_nothing(view, link, workspace, placed) -> None:
+def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(
+    view, link, workspace, placed
+) -> None:
     point = placed.points[placed.points["painted"]][0]
     click(view, 320, 240)
     link.picked.emit(Picked(link.told[-1].token, (float(point["x"]), float(point["y"]), 0.0)))
@@ -186,8 +180,6 @@ def test_a_click_selects_what_stands_there_and_the_sky_nothing(view, link, works
     link.picked.emit(Picked(link.told[-1].token, None))
     assert workspace.chosen is None
 
-
-def test_only_the_newest_click_counts(view, link, workspace, placed) -> None:
     points = placed.points[placed.points["painted"]][:2]
     click(view, 320, 240)
     old = link.told[-1].token
@@ -209,34 +201,6 @@ def chosen(view, workspace, placed):
     return workspace.chosen
 
 
-def test_a_handle_that_is_dragged_stays_under_the_mouse_and_is_one_step(view, link, document, chosen) -> None:
-    grip = grips(view)["move"]
-    drag(view, (grip.x + 3, grip.y), *[(grip.x + 3 + 8 * step, grip.y + 4 * step) for step in range(1, 11)])
-    assert document.history.titles == ("Open", "Move mountain")
-    assert motions(link) == [], "the eye stands still"
-    edit = document.sketch.edits[-1]
-    projection = view._scene.projection(view.width(), view.height())
-    at = projection.see([[edit.x, edit.y, 0.0]]).at[0]
-    assert at == pytest.approx([grip.x + 80, grip.y + 40], abs=1.5)
-    document.undo()
-    assert document.sketch.edits == ()
-
-
-def test_a_handle_is_where_it_was_left_until_it_was_placed_there(
-    view, link, document, chosen, placed
-) -> None:
-    grip = grips(view)["move"]
-    drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
-    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
-    points = placed.points.copy()
-    at = points["id"] == chosen.id
-    points["x"][at], points["y"][at] = document.sketch.edits[-1].x, document.sketch.edits[-1].y
-    link.placed = replace(placed, points=points)
-    link.placed_changed.emit(link.placed)
-    assert view._scene.dragged is None
-    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
-
-
 def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, chosen) -> None:
     grip = grips(view)["move"]
     mouse(view, QEvent.Type.MouseButtonPress, grip.x, grip.y)
@@ -256,12 +220,36 @@ def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, 
     assert not override.isAccepted()
 
 
-def test_the_radius_is_drawn_out(view, document, chosen) -> None:
+def test_handles_stay_under_the_mouse_until_placed_and_a_drag_is_one_step(
+    view, document, chosen, link, placed
+) -> None:
     grip = grips(view)["radius"]
     drag(view, (grip.x, grip.y), (grip.x + 30, grip.y))
     assert document.history.titles == ("Open", "Resize mountain")
     before = np.hypot(grip.handle.x - grip.handle.base_x, grip.handle.y - grip.handle.base_y)
     assert document.sketch.edits[-1].radius > before
+    document.undo()
+    grip = grips(view)["move"]
+    drag(view, (grip.x + 3, grip.y), *[(grip.x + 3 + 8 * step, grip.y + 4 * step) for step in range(1, 11)])
+    assert document.history.titles == ("Open", "Move mountain")
+    assert motions(link) == [], "the eye stands still"
+    edit = document.sketch.edits[-1]
+    projection = view._scene.projection(view.width(), view.height())
+    at = projection.see([[edit.x, edit.y, 0.0]]).at[0]
+    assert at == pytest.approx([grip.x + 80, grip.y + 40], abs=1.5)
+    document.undo()
+    assert document.sketch.edits == ()
+
+    grip = grips(view)["move"]
+    drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
+    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
+    points = placed.points.copy()
+    at = points["id"] == chosen.id
+    points["x"][at], points["y"][at] = document.sketch.edits[-1].x, document.sketch.edits[-1].y
+    link.placed = replace(placed, points=points)
+    link.placed_changed.emit(link.placed)
+    assert view._scene.dragged is None
+    assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
 
 
 def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, placed) -> None:
@@ -320,7 +308,7 @@ def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed
     assert link.told == []
 
 
-def test_keys_move_the_eye_until_they_are_let_go(view, link) -> None:
+def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link) -> None:
     key(view, Qt.Key.Key_W)
     key(view, Qt.Key.Key_W, repeat=True)
     key(view, Qt.Key.Key_D)
@@ -335,16 +323,12 @@ def test_keys_move_the_eye_until_they_are_let_go(view, link) -> None:
         Fly(right=1.0, boost=4.0),
         Fly(),
     ]
-
-
-def test_keys_are_let_go_when_the_view_is_left(view, link) -> None:
+    link.told.clear()
     key(view, Qt.Key.Key_Up)
     key(view, Qt.Key.Key_Q)
     QApplication.sendEvent(view, QFocusEvent(QEvent.Type.FocusOut))
     assert motions(link) == [Fly(forward=1.0), Fly(forward=1.0, up=-1.0), Fly()]
-
-
-def test_opposite_keys_stand_still(view, link) -> None:
+    link.told.clear()
     key(view, Qt.Key.Key_A)
     key(view, Qt.Key.Key_D)
     assert motions(link) == [Fly(right=-1.0), Fly()]
@@ -365,19 +349,6 @@ def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view) -> Non
     assert not accepted(Qt.Key.Key_V)
 
 
-def test_figures_and_buttons_choose_the_mode(view, link) -> None:
-    bar = view.findChildren(Bar)[0]
-    buttons = {each.accessibleName(): each for each in bar.findChildren(QToolButton)}
-    for code, mode in ((Qt.Key.Key_2, "fly"), (Qt.Key.Key_3, "walk"), (Qt.Key.Key_1, "orbit")):
-        key(view, code)
-        assert link.view.mode == mode
-        assert buttons[mode.capitalize()].isChecked()
-    buttons["Walk"].click()
-    assert link.view.mode == "walk"
-    link.show(replace(link.view, mode="fly"))
-    assert buttons["Fly"].isChecked()
-
-
 def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, chosen, placed) -> None:
     key(view, Qt.Key.Key_Home)
     key(view, Qt.Key.Key_F)
@@ -394,7 +365,7 @@ def test_home_sees_everything_and_f_the_selection(view, link, document, workspac
     assert link.told[3:] == [link.told[0], Look(None)]
 
 
-def test_the_compass_shows_the_heading_and_turns_north(view, link, document, placed) -> None:
+def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document, placed) -> None:
     compass = view.findChildren(Compass)[0]
     show_picture(link, document, placed, eye=(0.0, 0.0, 100.0), target=(500.0, 500.0, 0.0))
     assert compass.heading == pytest.approx(45.0)
@@ -403,6 +374,17 @@ def test_the_compass_shows_the_heading_and_turns_north(view, link, document, pla
     link.view = replace(link.view, mode="walk")
     compass.click()
     assert link.told[-1] == Turn(pytest.approx(-45.0), 0.0)
+
+    bar = view.findChildren(Bar)[0]
+    buttons = {each.accessibleName(): each for each in bar.findChildren(QToolButton)}
+    for code, mode in ((Qt.Key.Key_2, "fly"), (Qt.Key.Key_3, "walk"), (Qt.Key.Key_1, "orbit")):
+        key(view, code)
+        assert link.view.mode == mode
+        assert buttons[mode.capitalize()].isChecked()
+    buttons["Walk"].click()
+    assert link.view.mode == "walk"
+    link.show(replace(link.view, mode="fly"))
+    assert buttons["Fly"].isChecked()
 
 
 # ── sizes, pictures, cards ───────────────────────────────────────────────────────────────────────────────
@@ -427,7 +409,7 @@ def test_a_hidden_view_asks_for_no_pictures(qtbot, view, link) -> None:
     qtbot.waitUntil(lambda: link.view.width == WIDTH)
 
 
-def test_the_picture_fills_the_view_and_stays_sharp(qtbot, view, link) -> None:
+def test_pictures_fill_the_view_sharp_and_undistorted(qtbot, view, link) -> None:
     pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
     pixels[::2, ::2, :3] = 255
     link.picture = QImage(pixels.tobytes(), WIDTH, HEIGHT, QImage.Format.Format_RGB32).copy()
@@ -438,8 +420,6 @@ def test_the_picture_fills_the_view_and_stays_sharp(qtbot, view, link) -> None:
     part = [shown.pixelColor(x, 240).lightness() for x in range(300, 308)]
     assert part == [255, 0] * 4
 
-
-def test_a_picture_of_another_shape_covers_the_view_undistorted(view, link) -> None:
     view.resize(800, 480)
     place = view._scene.place(800, 480)
     assert place.width() / place.height() == pytest.approx(WIDTH / HEIGHT)
@@ -464,7 +444,7 @@ def bare(qtbot, document, workspace, link):
     return widget
 
 
-def test_before_the_first_picture_a_card_says_what_is_done(bare, link, document, placed) -> None:
+def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, document, placed) -> None:
     assert "Preparing" in texts(bare)
     link.working = "Placing features"
     link.working_changed.emit(link.working)
@@ -474,7 +454,7 @@ def test_before_the_first_picture_a_card_says_what_is_done(bare, link, document,
     assert not bare.findChildren(Card)[0]._clock.isActive()
 
 
-def test_without_opengl_the_card_says_what_to_do(bare, link) -> None:
+def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link) -> None:
     link.facts = EngineFacts(device="cpu", no_picture="no OpenGL 4.3: install mesa's drivers")
     link.facts_changed.emit(link.facts)
     assert "install mesa" in texts(bare)
@@ -484,11 +464,18 @@ def test_without_opengl_the_card_says_what_to_do(bare, link) -> None:
     button.click()
     assert link.running
 
-
-def test_without_a_device_the_card_says_what_to_do(bare, link) -> None:
     link.facts = EngineFacts(no_device="no OpenCL device: install pocl")
     link.facts_changed.emit(link.facts)
     assert "install pocl" in texts(bare)
+
+    link.facts = EngineFacts(
+        no_picture="a rather long reason that needs some lines in such a small view " * 2
+    )
+    link.facts_changed.emit(link.facts)
+    for size in ((160, 120), (300, 200), (900, 700)):
+        bare.resize(*size)
+        card = bare.findChildren(Card)[0].geometry()
+        assert bare.rect().contains(card)
 
 
 def test_a_stopped_engine_can_be_started_again(view, link, document, placed) -> None:
@@ -505,21 +492,22 @@ def test_a_stopped_engine_can_be_started_again(view, link, document, placed) -> 
     assert texts(view) == ""
 
 
-def test_a_card_fits_into_a_small_view(bare, link) -> None:
-    link.facts = EngineFacts(
-        no_picture="a rather long reason that needs some lines in such a small view " * 2
-    )
-    link.facts_changed.emit(link.facts)
-    for size in ((160, 120), (300, 200), (900, 700)):
-        bare.resize(*size)
-        card = bare.findChildren(Card)[0].geometry()
-        assert bare.rect().contains(card)
-
-
 # ── what it costs ────────────────────────────────────────────────────────────────────────────────────────
 
 
-def test_every_state_can_be_painted(view, link, workspace, placed) -> None:
+def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, document, workspace, placed) -> None:
+    workspace.tool = "select"
+    workspace.chosen = Chosen("river", placed.rivers[0].id)
+    x, y, z = placed.rivers[0].centreline[40]
+    for eye, target in (
+        ((x, y, z + 2.0), (x + 10.0, y, z)),
+        ((x, y, z - 50.0), (x, y + 500.0, z + 10)),
+        ((-9e4, 0.0, 10.0), (-1e5, 0.0, 10.0)),
+        ((x, y, 5000.0), (x, y + 0.1, 0.0)),
+    ):
+        show_picture(link, document, placed, eye=eye, target=target)
+        assert not view.grab().isNull()
+    show_picture(link, document, placed)
     workspace.tool = "select"
     things = [
         None,
@@ -537,20 +525,6 @@ def test_every_state_can_be_painted(view, link, workspace, placed) -> None:
     assert not view.grab().isNull()
     link.placed = None
     assert not view.grab().isNull()
-
-
-def test_inside_the_terrain_and_beside_it_nothing_fails(view, link, document, workspace, placed) -> None:
-    workspace.tool = "select"
-    workspace.chosen = Chosen("river", placed.rivers[0].id)
-    x, y, z = placed.rivers[0].centreline[40]
-    for eye, target in (
-        ((x, y, z + 2.0), (x + 10.0, y, z)),
-        ((x, y, z - 50.0), (x, y + 500.0, z + 10)),
-        ((-9e4, 0.0, 10.0), (-1e5, 0.0, 10.0)),
-        ((x, y, 5000.0), (x, y + 0.1, 0.0)),
-    ):
-        show_picture(link, document, placed, eye=eye, target=target)
-        assert not view.grab().isNull()
 
 
 def test_views_that_are_deleted_leave_nothing_behind(qtbot, document, workspace, link, placed) -> None:

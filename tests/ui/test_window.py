@@ -53,20 +53,16 @@ def answer(monkeypatch, button) -> list[str]:
     return asked
 
 
-def test_every_action_has_words_and_help(window) -> None:
+def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window) -> None:
     for action in actions(window):
         assert action.text(), action.objectName()
         assert action.statusTip(), action.objectName()
         assert action.toolTip().startswith("<p>")
 
-
-def test_no_two_actions_have_the_same_key(window) -> None:
     keys = [key.toString() for action in actions(window) for key in action.shortcuts()]
     assert sorted(keys) == sorted(set(keys))
     assert all(QKeySequence(key).toString() for key in keys)
 
-
-def test_every_action_stands_in_a_menu(window) -> None:
     def inside(menu: QMenu) -> set[str]:
         names = {action.objectName() for action in menu.actions()}
         return names.union(*(inside(action.menu()) for action in menu.actions() if action.menu()))
@@ -76,8 +72,6 @@ def test_every_action_stands_in_a_menu(window) -> None:
     assert {action.objectName() for action in actions(window)} - there == {"leave"}
     assert [action.text() for action in bar.actions()] == list(MENUS)
 
-
-def test_letters_of_a_menu_are_each_for_one_entry(window) -> None:
     for bar_action in window.menuBar().actions():
         entries = [action for action in bar_action.menu().actions() if action.isVisible() and action.text()]
         letters = [QKeySequence.mnemonic(action.text()).toString() for action in entries]
@@ -85,7 +79,7 @@ def test_letters_of_a_menu_are_each_for_one_entry(window) -> None:
         assert not twice, f"{bar_action.text()}: {twice}"
 
 
-def test_undo_and_redo_by_the_menu_say_what(window, document) -> None:
+def test_undo_redo_and_a_new_seed_are_steps(window, document) -> None:
     before = document.sketch
     paint(document)
     assert "paint mountains" in window.actions_by_name["undo"].text()
@@ -95,8 +89,14 @@ def test_undo_and_redo_by_the_menu_say_what(window, document) -> None:
     do(window, "redo")
     assert document.sketch.layers["mountain"][:40, :40].all()
 
+    before = document.sketch.seed
+    do(window, "random-seed")
+    assert document.sketch.seed != before
+    do(window, "undo")
+    assert document.sketch.seed == before
 
-def test_tools_and_layers_by_their_keys(window, workspace, qtbot) -> None:
+
+def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, workspace, qtbot, link) -> None:
     window.activateWindow()
     for key, tool in {
         "E": "eraser",
@@ -113,8 +113,6 @@ def test_tools_and_layers_by_their_keys(window, workspace, qtbot) -> None:
         do(window, f"layer-{name}")
         assert workspace.layer == name
 
-
-def test_hiding_and_locking_the_layer(window, workspace) -> None:
     do(window, "show-layer")
     assert not workspace.look(workspace.layer).visible
     do(window, "only-layer")
@@ -124,20 +122,13 @@ def test_hiding_and_locking_the_layer(window, workspace) -> None:
     do(window, "lock-layer")
     assert workspace.look(workspace.layer).locked
 
-
-def test_a_new_seed_is_a_step(window, document) -> None:
-    before = document.sketch.seed
-    do(window, "random-seed")
-    assert document.sketch.seed != before
-    do(window, "undo")
-    assert document.sketch.seed == before
-
-
-def test_measuring_shows_the_overlay(window, workspace, link) -> None:
     do(window, "measure")
     assert MeasureAdherence() in link.told
     assert "adherence" in workspace.overlays
     assert window.actions_by_name["overlay-adherence"].isChecked()
+
+    do(window, "restart")
+    assert link.running
 
 
 def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypatch, qtbot) -> None:
@@ -163,16 +154,36 @@ def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypa
     assert document.sketch.layers["mountain"][:40, :40].all()
 
 
-def test_a_recent_sketch_that_is_gone_is_told_and_forgotten(window, tmp_path, qtbot) -> None:
+def test_missing_and_broken_sketches_are_one_line_and_change_nothing(
+    window, tmp_path, qtbot, document
+) -> None:
     gone = tmp_path / "gone.sketch"
     window.files.recent.add(gone)
     window.files.open(gone)
     qtbot.waitUntil(lambda: window.banner.message is not None)
     assert "gone.sketch" in window.banner.message.line
     assert gone not in window.files.recent.paths
+    window.banner.dismiss()
+    bad = tmp_path / "bad.sketch"
+    bad.write_bytes(b"no zip")
+    before = document.sketch
+    window.files.open(bad)
+    qtbot.waitUntil(lambda: window.banner.message is not None)
+    assert "bad.sketch" in window.banner.message.line
+    assert "\n" not in window.banner.message.line
+    assert document.sketch is before
 
 
-def test_what_takes_long_to_read_is_told_and_can_be_cancelled(window, document, qtbot) -> None:
+def test_the_newest_of_two_sketches_is_opened_and_reading_can_be_cancelled(
+    window, document, tmp_path, qtbot
+) -> None:
+    for name in ("one", "two"):
+        save_sketch(Sketch(name=name), tmp_path / f"{name}.sketch")
+        window.files.open(tmp_path / f"{name}.sketch")
+    qtbot.waitUntil(lambda: document.sketch.name == "two")
+    qtbot.wait(100)
+    assert document.sketch.name == "two"
+
     done, before = threading.Event(), document.sketch
     window.files.reading.read(lambda: done.wait(20) and Sketch(), document.open)
     qtbot.waitUntil(lambda: window.banner.message is not None)
@@ -185,16 +196,31 @@ def test_what_takes_long_to_read_is_told_and_can_be_cancelled(window, document, 
     assert document.sketch is before
 
 
-def test_the_newest_of_two_sketches_asked_for_is_opened(window, document, tmp_path, qtbot) -> None:
-    for name in ("one", "two"):
-        save_sketch(Sketch(name=name), tmp_path / f"{name}.sketch")
-        window.files.open(tmp_path / f"{name}.sketch")
-    qtbot.waitUntil(lambda: document.sketch.name == "two")
-    qtbot.wait(100)
-    assert document.sketch.name == "two"
+def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
+    from sketchterrain.ui.dialogs.export import ExportDialog
+
+    do(window, "export")
+    do(window, "export")
+    (dialog,) = window.findChildren(ExportDialog)
+    assert dialog.isVisible()
+    assert not dialog.isModal()
+    do(window, "undo")
+    assert window.close()
+    assert dialog.isHidden()
 
 
-def test_the_picture_is_saved_as_it_is_shown(window, link, tmp_path, monkeypatch, qtbot) -> None:
+def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
+    window, link, tmp_path, monkeypatch, qtbot
+) -> None:
+    from sketchterrain.ui.dialogs.picture import PictureDialog
+    from sketchterrain.ui.engine.orders import TakePicture
+
+    path = tmp_path / "best.png"
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+    monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
+    do(window, "save-picture")
+    assert TakePicture(str(path), 1280, 720) in link.told
+
     from PyQt6.QtGui import QImage
 
     from sketchterrain.ui.dialogs.picture import PictureDialog
@@ -213,43 +239,6 @@ def test_the_picture_is_saved_as_it_is_shown(window, link, tmp_path, monkeypatch
     do(window, "save-picture")
     qtbot.waitUntil(lambda: window.banner.message.kind == "error")
     assert "cannot be written" in window.banner.message.line
-
-
-def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
-    from sketchterrain.ui.dialogs.export import ExportDialog
-
-    do(window, "export")
-    do(window, "export")
-    (dialog,) = window.findChildren(ExportDialog)
-    assert dialog.isVisible()
-    assert not dialog.isModal()
-    do(window, "undo")
-    assert window.close()
-    assert dialog.isHidden()
-
-
-def test_a_better_picture_is_asked_of_the_engine(window, link, tmp_path, monkeypatch) -> None:
-    from sketchterrain.ui.dialogs.picture import PictureDialog
-    from sketchterrain.ui.engine.orders import TakePicture
-
-    path = tmp_path / "best.png"
-    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
-    monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
-    do(window, "save-picture")
-    assert TakePicture(str(path), 1280, 720) in link.told
-
-
-def test_a_sketch_that_is_none_is_one_line_and_nothing_else_changes(
-    window, document, tmp_path, qtbot
-) -> None:
-    bad = tmp_path / "bad.sketch"
-    bad.write_bytes(b"no zip")
-    before = document.sketch
-    window.files.open(bad)
-    qtbot.waitUntil(lambda: window.banner.message is not None)
-    assert "bad.sketch" in window.banner.message.line
-    assert "\n" not in window.banner.message.line
-    assert document.sketch is before
 
 
 @pytest.mark.parametrize(
@@ -283,19 +272,18 @@ def drop(window, *paths: Path) -> None:
     window.dropEvent(QDropEvent(QPointF(5, 5), copy, data, left, none))
 
 
-def test_a_dropped_sketch_is_opened(window, document, tmp_path, qtbot) -> None:
+def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(
+    window, document, tmp_path, qtbot
+) -> None:
     save_sketch(Sketch(name="Dropped"), tmp_path / "dropped")
     drop(window, tmp_path / "dropped" / "sketch.toml")
     qtbot.waitUntil(lambda: document.sketch.name == "Dropped")
     assert document.path == tmp_path / "dropped"
 
-
-def test_dropped_images_become_layers_in_one_step(window, document, tmp_path, qtbot) -> None:
     shape = document.sketch.layers["hill"].shape
     hill, lake = np.zeros(shape, np.uint8), np.zeros(shape, np.uint8)
     hill[3:9, 4:8], lake[100:120] = 2, 1
-    painted = Sketch(layers={"hill": hill, "lake": lake})
-    save_sketch(painted, tmp_path / "images")
+    save_sketch(Sketch(layers={"hill": hill, "lake": lake}), tmp_path / "images")
     steps = len(document.history.titles)
     drop(window, tmp_path / "images" / "hill.png", tmp_path / "images" / "lake.png")
     qtbot.waitUntil(lambda: len(document.history.titles) > steps)
@@ -303,10 +291,8 @@ def test_dropped_images_become_layers_in_one_step(window, document, tmp_path, qt
     assert np.array_equal(document.sketch.layers["hill"], hill)
     assert np.array_equal(document.sketch.layers["lake"], lake)
 
-
-def test_an_image_of_another_size_is_refused_in_one_line(window, document, tmp_path, qtbot) -> None:
-    save_sketch(Sketch(layers={"hill": np.zeros((8, 9), np.uint8)}), tmp_path / "images")
-    drop(window, tmp_path / "images" / "hill.png")
+    save_sketch(Sketch(layers={"hill": np.zeros((8, 9), np.uint8)}), tmp_path / "small")
+    drop(window, tmp_path / "small" / "hill.png")
     qtbot.waitUntil(lambda: window.banner.message is not None)
     assert "9×8 px: expected 512×512 px" in window.banner.message.line
 
@@ -351,28 +337,7 @@ def test_closing_while_one_part_is_alone_remembers_the_whole(window, tmp_path) -
     assert not window.layout_of_parts.docks["view"].isHidden()
 
 
-def test_the_engines_trouble_is_a_message_with_a_way_out(window, link) -> None:
-    link.trouble.emit(Trouble("engine", "The engine ended (signal 9)."))
-    message = window.banner.message
-    assert message.line == "The engine ended (signal 9)."
-    assert not window.banner.isHidden()
-    message.buttons[0][1]()
-    assert link.running
-    link.facts_changed.emit(link.facts)
-    assert window.banner.message is None
-
-
-def test_an_error_nobody_foresaw_is_a_message_and_the_window_stays(window, capsys) -> None:
-    with pytest.raises(ZeroDivisionError) as raised:
-        1 / 0  # noqa: B018
-    window.surprises.catch(raised.type, raised.value, raised.tb)
-    assert "division by zero" in window.banner.message.line
-    assert window.isVisible()
-    assert "Traceback" in capsys.readouterr().err
-    assert window.banner.message.buttons[0][0] == "Details…"
-
-
-def test_messages_wait_for_each_other(window) -> None:
+def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, link, capsys) -> None:
     banner = window.banner
     banner.tell(Message("error", "one", "a"))
     banner.tell(Message("warning", "two", "b"))
@@ -384,10 +349,22 @@ def test_messages_wait_for_each_other(window) -> None:
     assert banner.message is None
     assert banner.isHidden()
 
-
-def test_the_engine_can_be_started_again(window, link) -> None:
-    do(window, "restart")
+    link.trouble.emit(Trouble("engine", "The engine ended (signal 9)."))
+    message = window.banner.message
+    assert message.line == "The engine ended (signal 9)."
+    assert not window.banner.isHidden()
+    message.buttons[0][1]()
     assert link.running
+    link.facts_changed.emit(link.facts)
+    assert window.banner.message is None
+
+    with pytest.raises(ZeroDivisionError) as raised:
+        1 / 0  # noqa: B018
+    window.surprises.catch(raised.type, raised.value, raised.tb)
+    assert "division by zero" in window.banner.message.line
+    assert window.isVisible()
+    assert "Traceback" in capsys.readouterr().err
+    assert window.banner.message.buttons[0][0] == "Details…"
 
 
 def test_the_windows_process_loads_no_driver() -> None:

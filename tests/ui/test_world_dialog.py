@@ -49,15 +49,13 @@ def begun(qtbot, dialog):
     return done.args[0]
 
 
-def test_what_is_asked_for_first_is_what_the_command_line_takes(opened) -> None:
+def test_every_wish_can_be_asked_for_and_the_first_are_the_command_lines(opened) -> None:
     dialog = opened()
     assert dialog.wishes.wishes() == Wishes()
     assert dialog.go.isEnabled()
     assert dialog.go.text() == "Estimate"
 
-
-def test_every_wish_can_be_asked_for(opened) -> None:
-    wishes = opened().wishes
+    wishes = dialog.wishes
     choose(wishes.whole, "other")
     wishes.west.setValue(-100.0)
     wishes.east.setValue(900.5)
@@ -106,7 +104,7 @@ def test_what_it_is_and_what_cannot_be_is_told_at_once(opened) -> None:
     assert not dialog.go.isEnabled()
 
 
-def test_the_name_ends_as_the_form_wants_it(opened, tmp_path) -> None:
+def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(opened, tmp_path) -> None:
     dialog = opened()
     for form, name in (("tif", "world.tif"), ("tiles", "world"), ("zarr", "world.zarr")):
         choose(dialog.wishes.forms, form)
@@ -119,8 +117,6 @@ def test_the_name_ends_as_the_form_wants_it(opened, tmp_path) -> None:
     choose(dialog.wishes.forms, "tif")
     assert dialog.output.text() == str(tmp_path / "v1.5.tif")
 
-
-def test_each_letter_leads_to_one_control(opened) -> None:
     dialog = opened()
     texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton))]
     letters = [letter for text in texts if (letter := QKeySequence.mnemonic(text).toString())]

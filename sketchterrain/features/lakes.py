@@ -15,6 +15,7 @@ from sketchterrain.features.hashing import smooth_noise
 from sketchterrain.features.recent import Same
 from sketchterrain.features.river_path import arc_length
 from sketchterrain.features.river_water import StillWater, falling_levels, joined_levels
+from sketchterrain.features.rounding import rounded
 from sketchterrain.features.rules import LAYER_CODES
 from sketchterrain.features.shape_fields import shape_field
 from sketchterrain.features.shapes import label_shapes
@@ -77,11 +78,16 @@ def painted_lakes(
             id=each.id,
             label=each.label,
             shape=each.field,
-            level=float(np.percentile(heights[end - len(each.shore) : end], _LOW_SHORE)) - _FREEBOARD,
+            level=_rim_level(heights[end - len(each.shore) : end]),
             depth=float(sketch.properties("lake", each.label)["depth"]),
         )
         for each, end in zip(outlines, ends, strict=True)
     ]
+
+
+def _rim_level(shore: Floats) -> float:
+    """Return the level (m) that the heights along a shore can hold."""
+    return float(rounded(np.percentile(shore, _LOW_SHORE))) - _FREEBOARD
 
 
 class _Outline(NamedTuple):

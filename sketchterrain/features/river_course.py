@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from sketchterrain.features.hashing import unit
 from sketchterrain.features.river_network import exit_normal
 from sketchterrain.features.river_path import BEYOND, arc_length, run_on, smoothed, spaced
 from sketchterrain.features.river_sizes import painted_sizes
+from sketchterrain.features.rounding import STEP, rounded
 from sketchterrain.features.splines import sample_catmull_rom, without_repeats
 from sketchterrain.features.user_features import pixel_id
 
@@ -112,6 +114,9 @@ def reach_course(
             points[::-1], out, length=beyond, interval=interval, seed=seed, name=2 * name + 1
         )
         points, taper = upstream[::-1], beyond
+    # Where a river joins another, its end is a point of the other's curve.
+    own = len(points) - (parent is not None)
+    points[:own, :2] = rounded(points[:own, :2], _step(sketch))
     course = drawn_course(points, name, label, parent=parent, joint=joint, taper=taper)
     return replace(course, grows=sketch.properties("river", label)["width"] > 0.0)
 
@@ -129,8 +134,14 @@ def dab_course(sketch: Sketch, skeleton: Skeleton, pixels: Ints, *, seed: int) -
     half = max(0.5 * float(skeleton.depth[pixels].max()), 1.0) * sketch.pixel_size
     half += 0.5 * float(arc_length(path)[-1])
     positions = 0.5 * (path[0] + path[-1]) + np.array([[-half], [0.0], [half]]) * heading
+    positions = rounded(positions, _step(sketch))
     sizes = np.broadcast_to([widths.mean(), depths.mean()], (3, 2))
     return drawn_course(np.column_stack([positions, sizes]), name, label, parent=None, joint=-1, taper=half)
+
+
+def _step(sketch: Sketch) -> float:
+    """Return what control points are rounded to (m): finer where a pixel is less than a quarter metre."""
+    return min(STEP, math.ldexp(1.0, math.frexp(sketch.pixel_size)[1] - 9))
 
 
 def turned(course: Course) -> Course:

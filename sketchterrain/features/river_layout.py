@@ -23,6 +23,7 @@ from sketchterrain.features.river_course import (
 )
 from sketchterrain.features.river_gaps import without_gaps
 from sketchterrain.features.river_network import exit_normal, longest_path, reaches_to, river_ends
+from sketchterrain.features.rounding import rounded
 from sketchterrain.features.shapes import regions_of
 from sketchterrain.features.skeleton import in_order, skeleton_of
 
@@ -78,7 +79,7 @@ def laid_out(sketch: Sketch, *, seed: int, ground: Ground, memory: WaterMemory) 
 
 
 def heights_at(ground: Ground, groups: Sequence[Floats]) -> list[Floats]:
-    """Ask for the ground at groups of positions, all at once.
+    """Ask for the ground at groups of positions, all at once; heights are rounded to 1/1024 m.
 
     Raises
     ------
@@ -89,7 +90,7 @@ def heights_at(ground: Ground, groups: Sequence[Floats]) -> list[Floats]:
     heights = np.asarray(ground(at[:, 0].copy(), at[:, 1].copy()), dtype=np.float64)
     if heights.shape != (len(at),) or not np.isfinite(heights).all():
         raise InputError(f"expected {len(at)} finite ground heights, got shape {heights.shape} or not finite")
-    return np.split(heights, np.cumsum([len(group) for group in groups])[:-1])
+    return np.split(rounded(heights), np.cumsum([len(group) for group in groups])[:-1])
 
 
 def _settings(sketch: Sketch, seed: int) -> tuple[object, ...]:

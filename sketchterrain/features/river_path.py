@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from sketchterrain.features.hashing import smooth_noise
+from sketchterrain.features.rounding import gaussian_filter
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,11 +29,9 @@ def smoothed(path: Floats, sigma: float) -> Floats:
         return path
     front, back = 2.0 * path[0] - path[pad:0:-1], 2.0 * path[-1] - path[-2 : -2 - pad : -1]
     whole = np.concatenate([front, path, back])
-    smooth = ndimage.gaussian_filter1d(whole, sigma, axis=0, mode="nearest", truncate=3.0)[
-        pad : pad + len(path)
-    ]
+    smooth = gaussian_filter(whole, sigma, axes=(0,), truncate=3.0)[pad : pad + len(path)]
     smooth[[0, -1]] = path[[0, -1]]
-    return np.asarray(smooth, dtype=np.float64)
+    return smooth
 
 
 def arc_length(path: Floats) -> Floats:

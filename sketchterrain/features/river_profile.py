@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.features.river_path import smoothed
+from sketchterrain.features.rounding import rounded
 
 Floats = npt.NDArray[np.float64]
 
@@ -76,7 +77,7 @@ def surface_along(
     for index, level in ceilings:
         wanted[index:] = np.minimum(wanted[index:], level)
     falling = np.minimum.accumulate(wanted)
-    falling = _blurred(falling, 0.5 * sigma)
+    falling = rounded(_blurred(falling, 0.5 * sigma))
     for index, level in ceilings:  # once more: the blur rounds their steps
         falling[index:] = np.minimum(falling[index:], level + LEAST_FALL * arc[index])
     falling = np.minimum.accumulate(falling)

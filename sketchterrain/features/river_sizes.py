@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from sketchterrain.features.river_path import arc_length, smoothed
+from sketchterrain.features.rounding import RATIO_STEP, gaussian_filter, rounded
 
 if TYPE_CHECKING:
     from sketchterrain.features.skeleton import Skeleton
@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-DEPTH_POWER = 0.6
-"""How depth follows width along a river."""
-
+_DEPTH_POWER = 0.6  # how depth follows width along a river
 _SMOOTH = 6.0  # px along the course
 _MOST_MORE = 1.5  # px that a stroke is wider than twice the distance to its border
 _NARROWEST, _WIDEST = 0.5, 2000.0  # m
@@ -65,13 +63,16 @@ def painted_sizes(
         wide = stroke_widths(sketch, skeleton, pixels)
         wide[own:] = wide[own - 1]
         wide = np.clip(smoothed(wide[:, None], _SMOOTH)[:, 0], _NARROWEST, _WIDEST)
-        follows = (wide / wide[as_painted].mean()) ** DEPTH_POWER
+        follows = depth_ratio(wide / wide[as_painted].mean())
         widths, depths = np.where(as_painted, wide, widths), np.where(as_painted, depths * follows, depths)
     if labels.min() != labels.max():
-        widths, depths = (
-            ndimage.gaussian_filter1d(each, _SMOOTH, mode="nearest") for each in (widths, depths)
-        )
+        widths, depths = (gaussian_filter(each, _SMOOTH) for each in (widths, depths))
     return widths, depths, main
+
+
+def depth_ratio(width_ratio: Floats) -> Floats:
+    """Return how many times deeper a river is that is so many times wider."""
+    return rounded(width_ratio**_DEPTH_POWER, RATIO_STEP)
 
 
 def stroke_widths(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> Floats:
@@ -89,7 +90,5 @@ def stroke_widths(sketch: Sketch, skeleton: Skeleton, pixels: Ints) -> Floats:
     arc = arc_length(at.astype(np.float64))
     step = np.gradient(arc) if len(arc) > 1 else np.ones(1)
     count = np.minimum(count, most * step)
-    area_of, length = (
-        ndimage.gaussian_filter1d(each, _SMOOTH / 3.0, mode="nearest") for each in (count, step)
-    )
+    area_of, length = (gaussian_filter(each, _SMOOTH / 3.0) for each in (count, step))
     return np.asarray(np.clip(area_of / length, np.maximum(least, 1.0), most) * sketch.pixel_size)

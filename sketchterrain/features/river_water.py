@@ -18,7 +18,7 @@ from sketchterrain.features.river_profile import (
     smoothstep,
     surface_along,
 )
-from sketchterrain.features.river_sizes import DEPTH_POWER
+from sketchterrain.features.river_sizes import depth_ratio
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -152,7 +152,7 @@ def rivers_of(network: Network, levels: Sequence[Floats]) -> list[River]:
     for number, (course, width, level) in enumerate(
         zip(network.courses, network.widths, levels, strict=True)
     ):
-        depth = course.depth * np.minimum(width / course.width, _MOST_GROWTH) ** DEPTH_POWER
+        depth = course.depth * depth_ratio(np.minimum(width / course.width, _MOST_GROWTH))
         bed = np.minimum.accumulate(level - depth)
         parent, meeting = network.parents[number], network.meetings[number]
         if parent >= 0 and meeting is not None:

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import ndimage
 
 from sketchterrain.features.catalogue import ShapeField
+from sketchterrain.features.rounding import gaussian_filter
 from sketchterrain.features.shapes import EDGE_OVERHANG
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def _rounded(distance: Floats, mask: npt.NDArray[np.bool_], blur: float) -> Floa
     sigma = min(blur, _BLUR_SHARE * float(distance.max()))
     if sigma <= 0:
         return distance
-    smooth = ndimage.gaussian_filter(distance, sigma, mode="nearest")
+    smooth = gaussian_filter(distance, sigma, axes=(0, 1))
     rank = mask.size - int(np.count_nonzero(mask))
     below, above = np.partition(smooth.ravel(), [rank - 1, rank])[[rank - 1, rank]]
     return np.asarray(smooth - 0.5 * (below + above))

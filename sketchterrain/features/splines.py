@@ -84,7 +84,8 @@ def cubics(points: Floats) -> Floats:
     ends = 2.0 * points[..., [0, -1], :] - points[..., [1, -2], :]
     p = np.concatenate([ends[..., :1, :], points, ends[..., 1:, :]], axis=-2)
     step = np.diff(p, axis=-2)
-    knots = (step**2).sum(axis=-1, keepdims=True) ** 0.25
+    # Not a power of ¼: its last bits depend on the CPU.
+    knots = np.sqrt(np.sqrt((step**2).sum(axis=-1, keepdims=True)))
     # The slope at a control point: the derivative there of Barry & Goldman's pyramid.
     before, after = step[..., :-1, :] / knots[..., :-1, :], step[..., 1:, :] / knots[..., 1:, :]
     across = (p[..., 2:, :] - p[..., :-2, :]) / (knots[..., :-1, :] + knots[..., 1:, :])
@@ -137,4 +138,4 @@ def sample_catmull_rom(
 
 def _root_chord(a: Floats, b: Floats) -> Floats:
     squares: Floats = ((b - a) ** 2).sum(axis=1)[:, None]
-    return squares**0.25
+    return np.sqrt(np.sqrt(squares))

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import maximum_filter1d
 
+from sketchterrain.features.rounding import gaussian_filter, rounded
 from sketchterrain.features.splines import catmull_rom, cubics
 from sketchterrain.terrain.arcs import flattened, position
 from sketchterrain.terrain.recipe import FINEST_CELL
@@ -66,7 +67,8 @@ def valley_reach(river: River, ground: npt.NDArray[np.float64]) -> npt.NDArray[n
     width = river.centreline_width.astype(np.float64)
     reach = np.maximum(_FLOODPLAIN_WIDTHS * width, _SMALLEST_REACH) + _VALLEY_RUN_PER_DEPTH * cut
     step = float(np.median(np.hypot(*np.diff(river.centreline[:, :2], axis=0).T)))
-    smooth = gaussian_filter1d(reach, sigma=max(float(np.median(reach)) / max(step, 1e-3) / 2, 1.0))
+    sigma = max(float(np.median(reach)) / max(step, 1e-3) / 2, 1.0)
+    smooth = rounded(gaussian_filter(reach, sigma, mode="reflect"))
     return np.maximum(np.minimum(smooth, _LARGEST_REACH), _LEAST_WIDTHS * width)
 
 

@@ -1,4 +1,4 @@
-"""What the docs say is what the program does."""
+"""Links of the documentation, and its generated tables."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md")
 DOCS = [*(ROOT / name for name in PAGES), *(ROOT / "docs").rglob("*.md")]
 
 
-def test_the_table_of_parameters_is_made_from_their_declaration() -> None:
-    """Write it anew with: python -c 'from sketchterrain.sketch import *; print(reference_table())'."""
+def test_tables_of_parameters_and_rules_are_generated() -> None:
+    """`sketchterrain.sketch.reference_table` and `rule_table` return them."""
     text = (ROOT / "docs/parameters.md").read_text(encoding="utf-8")
     assert reference_table().strip() in text
+    assert rule_table() in (ROOT / "docs/kernels/materials.md").read_text(encoding="utf-8")
 
 
-def test_links_and_pictures_lead_somewhere() -> None:
+def test_links_and_pictures_exist() -> None:
     for page in DOCS:
         for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
             if "://" not in target:
@@ -33,8 +34,3 @@ def test_readme_names_every_command() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for name in get_command(app).commands:  # type: ignore[attr-defined]
         assert f"`{name}" in readme, name
-
-
-def test_the_table_of_rules_is_the_programs() -> None:
-    """Write it anew with: python -c 'from sketchterrain.sketch import *; print(rule_table())'."""
-    assert rule_table() in (ROOT / "docs/kernels/materials.md").read_text(encoding="utf-8")

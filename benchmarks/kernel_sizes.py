@@ -9,7 +9,7 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import BARE, open_ground
 from sketchterrain.benchmarks.outcome import Column, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, alternate, spread
-from sketchterrain.compute import list_devices
+from sketchterrain.compute import is_usable, list_devices
 from sketchterrain.terrain.kernel_arguments import KernelArguments
 from sketchterrain.terrain.lattice import QUADS, level_step, metres_per_unit
 from sketchterrain.terrain.patch_places import Patches
@@ -49,7 +49,7 @@ _COLUMNS = (
 def table(context: TimedContext, effort: Effort) -> Table:
     """Measure squares of the same ground cut into tiles of each size, on every device there is."""
     rows: list[Row] = []
-    for device in list_devices():
+    for device in filter(is_usable, list_devices()):
         same = device.index == context.device.index
         opened = context if same else TimedContext(str(device.index), fast=context.fast)
         rows += _rows(opened, effort)

@@ -15,7 +15,7 @@ from sketchterrain.benchmarks.baselines.problem import Absent, Rival
 from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
-from sketchterrain.compute import list_devices
+from sketchterrain.compute import is_usable, list_devices
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -147,7 +147,7 @@ def _noise(context: TimedContext, effort: Effort) -> Table:
 
 def _kernels(context: TimedContext, side: int) -> Iterator[_Method]:
     """Yield the chosen device, then every other CPU device."""
-    others = [d for d in list_devices() if d.type == "CPU" and d != context.device]
+    others = [d for d in list_devices() if d.type == "CPU" and d != context.device and is_usable(d)]
     for opened in (context, *(TimedContext(str(device.index)) for device in others)):
         grid = NoiseGrid(opened, side)
         device = opened.device

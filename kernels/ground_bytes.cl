@@ -9,7 +9,9 @@
 // Whether a value is no number or infinite: by its bits, for compilers that may take all values for finite.
 inline int is_odd(REAL x)
 {
+#ifdef cl_khr_fp64
     if (sizeof(REAL) == 8) return (as_int2((double)x).y & 0x7FF00000) == 0x7FF00000;
+#endif
     return (as_int((float)x) & 0x7F800000) == 0x7F800000;
 }
 

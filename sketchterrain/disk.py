@@ -1,17 +1,29 @@
-"""How much room a disk has, found out before the work, and bytes as a person reads them."""
+"""Free disk space, bytes as text, and the user's cache folder."""
 
 from __future__ import annotations
 
+import os
 import shutil
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.whole_files import telling_failure
 
-if TYPE_CHECKING:
-    from pathlib import Path
+__all__ = ["amount", "cache_folder", "check_disk", "disk_left", "gibibytes"]
 
-__all__ = ["amount", "check_disk", "disk_left", "gibibytes"]
+
+def cache_folder() -> Path:
+    """Return the folder for what the program can compute again: ``$XDG_CACHE_HOME/sketchterrain``.
+
+    Without that variable, or if it is no absolute path, ``~/.cache/sketchterrain``.
+
+    Raises
+    ------
+    RuntimeError
+        If the user has no home folder.
+    """
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (given if given.is_absolute() else Path("~/.cache").expanduser()) / "sketchterrain"
 
 
 def disk_left(path: Path) -> int:

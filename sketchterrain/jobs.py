@@ -87,9 +87,9 @@ class Devices:
             chosen = self._chosen
             try:
                 with stages.stage("device", "Opening the device"):
+                    if not self.fast:
+                        self._tell_other_bits(chosen)
                     context = ComputeContext(chosen, fast=self.fast)
-                if not self.fast:
-                    self._tell_other_bits(chosen)
                 return work(context, tuple(told))
             except DeviceFailedError as error:
                 spare = self._after(chosen, error)
@@ -111,11 +111,12 @@ class Devices:
     def _tell_other_bits(self, device: Device) -> None:
         # A driver whose bits the tests hold is spared the terrain, which takes it longer than opening.
         with self._lock:
-            if device in self._told:
-                return
-            self._told.add(device)
             verdict = self_test(device, compare=not device.known)
-        if verdict.bits != "same":
+            told = device in self._told
+            self._told.add(device)
+        if verdict.bits == "failed":
+            raise DeviceFailedError(f"{device.name} ({device.platform}) failed: {verdict.detail}")
+        if verdict.bits != "same" and not told:
             _note(f"self-test of {device.name} ({device.platform}): {verdict.line}")
 
 

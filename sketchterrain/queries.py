@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -53,14 +54,22 @@ def bench(
 def devices(as_json: AsJson = False) -> None:
     """List the OpenCL devices, test whether each computes the same bits and how it reaches OpenGL."""
     from sketchterrain.compute import choose_device, list_devices
-    from sketchterrain.render.sharing_probe import probe_sharing
+    from sketchterrain.compute.device_check import forget_checks
+    from sketchterrain.errors import DeviceFailedError
+    from sketchterrain.render.sharing_probe import Sharing, probe_sharing
     from sketchterrain.terrain import self_test
 
-    chosen, tested = choose_device(), []
+    forget_checks()  # what a cached failure asked for may be installed by now
+    chosen, tested = None, []
+    with suppress(DeviceFailedError):  # the list has the reason
+        chosen = choose_device()
     with Stages() as stages:
         for device in list_devices():
             with stages.stage(str(device.index), f"Testing {device.name} ({device.platform})"):
-                tested.append((device, self_test(device), probe_sharing(device)))
+                verdict = self_test(device)
+                failed = verdict.bits == "failed"
+                sharing = Sharing("none", "it runs no kernel") if failed else probe_sharing(device)
+                tested.append((device, verdict, sharing))
     if as_json:
         say_json([tested_entry(*each) | {"default": each[0] == chosen} for each in tested])
         return

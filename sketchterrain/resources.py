@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from hashlib import sha256
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from sketchterrain.errors import InputError
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
-__all__ = ["preset", "preset_names", "preset_picture", "source"]
+__all__ = ["kernels_digest", "preset", "preset_names", "preset_picture", "source"]
 
 _BASELINES = "baselines/"
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
@@ -41,6 +42,17 @@ def source(name: str) -> str:
         If the file, or one that it includes, does not exist.
     """
     return _inline(name, set())
+
+
+@cache
+def kernels_digest() -> str:
+    """Return the SHA-256 of all OpenCL sources of ``kernels/``."""
+    digest = sha256()
+    for file in sorted(files("sketchterrain.kernels").iterdir(), key=lambda file: file.name):
+        if file.name.endswith((".cl", ".clh")):
+            digest.update(f"{file.name}\n".encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _inline(name: str, seen: set[str]) -> str:

@@ -2,5 +2,14 @@
 
 from sketchterrain.compute.context import ComputeContext, KernelTime
 from sketchterrain.compute.device import Device, choose_device, list_devices, spare_device
+from sketchterrain.compute.device_check import is_usable
 
-__all__ = ["ComputeContext", "Device", "KernelTime", "choose_device", "list_devices", "spare_device"]
+__all__ = [
+    "ComputeContext",
+    "Device",
+    "KernelTime",
+    "choose_device",
+    "is_usable",
+    "list_devices",
+    "spare_device",
+]

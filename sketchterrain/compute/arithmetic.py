@@ -1,13 +1,19 @@
 """Whether a device adds and multiplies as IEEE 754 says, step by step, and shifts and hashes right.
 
-What it must compute needs no stored constant: NumPy does the same steps in 32 bits.
+What it must compute needs no stored constant: NumPy does the same steps in 32 bits. As a program it tests the
+device with the given index and writes the names of wrong operations into a file, as JSON.
 """
 
 from __future__ import annotations
 
+import json
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from sketchterrain.errors import SketchterrainError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -140,3 +146,17 @@ def _mixed(h: Words) -> Words:
 def _scrambled(h: Words) -> Words:
     h = (h ^ (h >> np.uint32(15))) * np.uint32(0x735A2D97)
     return h ^ (h >> np.uint32(15))
+
+
+def _main(index: str, file: str) -> None:
+    from sketchterrain.compute import ComputeContext, list_devices
+
+    wrong = wrong_arithmetic(ComputeContext(list_devices()[int(index)]))
+    Path(file).write_text(json.dumps(wrong), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    try:
+        _main(*sys.argv[1:])
+    except SketchterrainError as error:
+        sys.exit(str(error))

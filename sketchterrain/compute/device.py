@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+from sketchterrain.compute.device_check import check_device, is_usable
 from sketchterrain.compute.drivers import all_drivers_visible
-from sketchterrain.errors import DeviceError
+from sketchterrain.errors import DeviceError, DeviceFailedError
 
 with all_drivers_visible():
     import pyopencl as cl
@@ -26,6 +27,7 @@ __all__ = ["Device", "choose_device", "list_devices", "spare_device"]
 _TYPES = {cl.device_type.GPU: "GPU", cl.device_type.CPU: "CPU", cl.device_type.ACCELERATOR: "accelerator"}
 _INTEL, _POCL = "Intel", "Portable Computing Language"
 _KNOWN = (_INTEL, _POCL)
+_ALIASES = {"pocl": _POCL.lower()}  # selectors that no platform's name contains
 _INSTALL_HINT = (
     "no OpenCL device found: install a GPU driver, or a CPU driver with "
     "pip install 'sketchterrain[cpu]' or apt install pocl-opencl-icd"
@@ -40,7 +42,7 @@ class Device:
     ----------
     index : int
         Position in the list, 0 for the preferred device.
-    name, platform, driver, version : str
+    name, platform, vendor, driver, version : str
         As the driver reports them.
     type : {'GPU', 'CPU', 'accelerator'}
     memory_bytes : int
@@ -57,6 +59,7 @@ class Device:
     index: int
     name: str
     platform: str
+    vendor: str
     driver: str
     version: str
     type: str
@@ -81,40 +84,51 @@ def list_devices() -> tuple[Device, ...]:
 
 
 def choose_device(selector: str | None = None) -> Device:
-    """Return the device to work on.
+    """Return the device to work on: the first that fits and passed its check (:mod:`.device_check`).
 
     Parameters
     ----------
     selector
-        An index of :func:`list_devices`, or a part of a device's or platform's name. ``None`` takes
+        An index of :func:`list_devices`; ``gpu``, ``cpu`` or ``accelerator``; or a part of a platform's,
+        vendor's or device's name, in any case, ``pocl`` too. A platform's name goes before a vendor's, and
+        that before a device's: ``intel`` is Intel's runtime, not PoCL on an Intel processor. ``None`` takes
         ``PYOPENCL_CTX`` (``"platform"`` or ``"platform:device"``, each a number or a part of a name) if that
-        is set, else the preferred device.
+        is set, else the preferred device. A device that fails its check is skipped, with a logged warning.
 
     Raises
     ------
     DeviceError
         If there is no device, or none that fits the selector.
+    DeviceFailedError
+        If all that fit failed their check.
     """
     devices = list_devices()
     if not devices:
         raise DeviceError(_INSTALL_HINT)
     if selector is not None:
-        fitting = [d for d in devices if _fits(d, selector)]
+        fitting = _fitting(devices, selector)
         origin = f"--device {selector}"
     elif os.environ.get("PYOPENCL_CTX"):
         fitting = _by_pyopencl_ctx(os.environ["PYOPENCL_CTX"], devices)
         origin = f"PYOPENCL_CTX={os.environ['PYOPENCL_CTX']}"
     else:
-        return devices[0]
+        fitting, origin = list(devices), ""
     if not fitting:
-        names = "; ".join(f"{d.index}: {d.name} ({d.platform})" for d in devices)
+        names = "; ".join(f"{d.index}: {d.name} ({d.platform}, {d.type})" for d in devices)
         raise DeviceError(f"no OpenCL device fits {origin}; there are {names}")
-    return fitting[0]
+    usable = next(filter(is_usable, fitting), None)
+    if usable is None:
+        failures = "; ".join(f"{d.name} ({d.platform}): {check_device(d).failure}" for d in fitting)
+        raise DeviceFailedError(
+            f"no OpenCL device {f'that fits {origin} ' if origin else ''}works: {failures}"
+        )
+    return usable
 
 
 def spare_device(failed: Collection[Device]) -> Device | None:
     """Return the CPU device that work starts again on after others failed, None if none is left."""
-    return next((d for d in list_devices() if d.type == "CPU" and d not in failed), None)
+    spares = (d for d in list_devices() if d.type == "CPU" and d not in failed)
+    return next(filter(is_usable, spares), None)
 
 
 def _devices_of(platform: Any) -> list[Any]:
@@ -141,6 +155,7 @@ def _describe(index: int, handle: Any) -> Device:
         index=index,
         name=handle.name.strip(),
         platform=handle.platform.name.strip(),
+        vendor=handle.vendor.strip(),
         driver=handle.driver_version.strip(),
         version=handle.version.strip(),
         type=kind,
@@ -152,10 +167,18 @@ def _describe(index: int, handle: Any) -> Device:
     )
 
 
-def _fits(device: Device, selector: str) -> bool:
+def _fitting(devices: tuple[Device, ...], selector: str) -> list[Device]:
     if selector.isdigit():
-        return device.index == int(selector)
-    return selector.lower() in f"{device.name} {device.platform}".lower()
+        return [device for device in devices if device.index == int(selector)]
+    wanted = selector.lower()
+    if wanted in {name.lower() for name in _TYPES.values()}:
+        return [device for device in devices if device.type.lower() == wanted]
+    wanted = _ALIASES.get(wanted, wanted)
+    for name in ("platform", "vendor", "name"):
+        fitting = [device for device in devices if wanted in getattr(device, name).lower()]
+        if fitting:
+            return fitting
+    return []
 
 
 def _by_pyopencl_ctx(setting: str, devices: tuple[Device, ...]) -> list[Device]:

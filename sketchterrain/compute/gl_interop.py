@@ -145,9 +145,12 @@ def _library() -> ctypes.CDLL:
 
 
 def _address(library: str, function: str) -> int:
-    """Return what a function without arguments returns, 0 where there is none."""
+    """Return what a function without arguments returns, 0 where there is none.
+
+    Loaded with RTLD_GLOBAL: Mesa's rusticl looks EGL and GLX up by ``dlsym`` among global symbols.
+    """
     try:
-        found = getattr(ctypes.CDLL(library), function)
+        found = getattr(ctypes.CDLL(library, ctypes.RTLD_GLOBAL), function)
     except (OSError, AttributeError):
         return 0
     found.restype = ctypes.c_void_p

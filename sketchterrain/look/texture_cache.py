@@ -3,30 +3,21 @@
 from __future__ import annotations
 
 import hashlib
-import os
-from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from sketchterrain.disk import cache_folder
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
-__all__ = ["cache_folder", "kept"]
+__all__ = ["kept"]
 
 _SUFFIX: Final = ".textures"
 _DIGEST: Final = hashlib.sha256().digest_size
 """Bytes of the checksum in front of what is kept."""
-
-
-def cache_folder() -> Path:
-    """Return where the program keeps what it can make anew: ``$XDG_CACHE_HOME/sketchterrain``.
-
-    Without that variable, or if it is no absolute path, ``~/.cache/sketchterrain``.
-    """
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (given if given.is_absolute() else Path("~/.cache").expanduser()) / "sketchterrain"
 
 
 def kept(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
 import sys
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +9,8 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
-from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.child_process import ChildFailedError, run_child
+from sketchterrain.errors import SketchterrainError
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device
@@ -24,7 +23,6 @@ _MODULE: Final = "sketchterrain.render.sharing_probe"
 _WORDS: Final = 1 << 18
 _ROUNDS: Final = 3
 _TIMEOUT: Final = 60.0  # s: the first build of a kernel may take a while
-_LONGEST: Final = 200
 
 
 @dataclass(frozen=True)
@@ -108,30 +106,14 @@ def on_context(terrain: T, context: ComputeContext) -> T:
 def _tried(device: Device, kind: str, timeout: float) -> str | None:
     """Return what went wrong with a kind, in one line; None where it works."""
     try:
-        child = subprocess.run(  # noqa: S603
-            _command(device, kind), capture_output=True, text=True, timeout=timeout, check=False
-        )
-    except subprocess.TimeoutExpired:
-        return f"the probe did not answer within {timeout:g} s"
-    except OSError as error:
-        return f"the probe did not start: {error}"
-    if child.returncode == 0:
-        return None
-    if child.returncode < 0:
-        return f"the probe crashed ({_signal(-child.returncode)})"
-    lines = child.stderr.strip().splitlines()
-    return one_line(lines[-1][:_LONGEST]) if lines else f"the probe failed with code {child.returncode}"
+        run_child(_command(device, kind), name="the probe", timeout=timeout)
+    except ChildFailedError as error:
+        return str(error)
+    return None
 
 
 def _command(device: Device, kind: str) -> list[str]:
     return [sys.executable, "-m", _MODULE, str(device.index), kind]
-
-
-def _signal(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return f"signal {number}"
 
 
 def _probe(index: int, kind: str) -> None:

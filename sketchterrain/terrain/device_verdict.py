@@ -1,15 +1,24 @@
-"""Whether a device computes the program's bits, found out on a terrain with something of everything."""
+"""Whether a device computes the program's bits, tested on a small terrain with every kind of feature.
+
+As a program it evaluates that terrain on the device with the given index, and writes it into a file.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import sys
+from contextlib import suppress
+from dataclasses import asdict, dataclass
 from functools import cache
+from io import BytesIO
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sketchterrain import resources
+from sketchterrain.child_process import ChildFailedError, module_result
 from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.compute.arithmetic import wrong_arithmetic
+from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain.from_sketch import make_recipe
@@ -29,6 +38,7 @@ _PIXELS = 32
 _VERTICES = 33
 _PLANTS = (300.0, 100.0, 620.0, 420.0)  # m: west, south, east, north
 _POINTS = 256
+_TIMEOUT = 180.0  # s: a driver may compile all kernels
 _CLOSE = 10.0  # mm: float32 heights of this terrain are far nearer to float64
 # Rows from the north and columns of what each layer paints.
 _PAINTED = {
@@ -73,11 +83,11 @@ class _Probe:
 
 @cache
 def self_test(device: Device, *, compare: bool = True) -> Verdict:
-    """Decide whether a device computes the program's bits; kept for the process.
+    """Decide whether a device computes the program's bits; cached on disk by the drivers' versions.
 
     Its arithmetic must be that of IEEE 754, step by step. With `compare` a small terrain must also come out
     as on a CPU driver whose bits the program's tests hold, or where there is no other one, near the float64
-    reference.
+    reference. All of it runs in child processes, which a driver may crash.
 
     Parameters
     ----------
@@ -85,14 +95,23 @@ def self_test(device: Device, *, compare: bool = True) -> Verdict:
     compare
         Whether to evaluate the terrain too.
     """
-    try:
-        wrong = wrong_arithmetic(ComputeContext(device))
-        if not compare:
-            return Verdict("other", _off_in(wrong)) if wrong else Verdict("same", "its arithmetic is right")
-        own = _probe(device)
-    except SketchterrainError as error:
-        return Verdict("failed", str(error))
-    return _compared(device, own, wrong)
+    check = check_device(device)
+    if check.failure:
+        return Verdict("failed", check.failure)
+    if not compare:
+        if check.wrong:
+            return Verdict("other", _off_in(check.wrong))
+        return Verdict("same", "its arithmetic is right")
+    others = tuple(
+        other
+        for other in list_devices()
+        if other != device and other.known and check_device(other) == DeviceCheck("")
+    )
+    sources = (resources.kernels_digest(), Path(__file__).read_text(encoding="utf-8"))
+    found = cached_on_disk(
+        "terrain", (device, *others), sources, lambda: asdict(_compared(device, others, check.wrong))
+    )
+    return Verdict(**found)
 
 
 @cache
@@ -128,17 +147,24 @@ def _places() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     return east, (east * 7.3) % _EXTENT
 
 
-def _compared(device: Device, own: _Probe, wrong: tuple[str, ...]) -> Verdict:
-    for other in list_devices():
-        if other == device or not other.known:
-            continue
-        try:
-            expected = None if wrong_arithmetic(ComputeContext(other)) else _probe(other)
-        except SketchterrainError:  # one that fails is nothing to compare with
-            continue
-        if expected is not None:
-            return _against(expected, other.platform, own, wrong)
+def _compared(device: Device, others: tuple[Device, ...], wrong: tuple[str, ...]) -> Verdict:
+    try:
+        own = _probe_in_child(device)
+    except ChildFailedError as error:
+        return Verdict("failed", str(error))
+    for other in others:
+        with suppress(ChildFailedError):  # one that fails is nothing to compare with
+            return _against(_probe_in_child(other), other.platform, own, wrong)
     return _against_float64(own, wrong)
+
+
+@cache
+def _probe_in_child(device: Device) -> _Probe:
+    result = module_result(
+        "sketchterrain.terrain.device_verdict", str(device.index), name="the self-test", timeout=_TIMEOUT
+    )
+    with np.load(BytesIO(result)) as arrays:
+        return _Probe(arrays["height"], {name: arrays[name] for name in ("normals", "materials", "plants")})
 
 
 def _against(expected: _Probe, name: str, own: _Probe, wrong: tuple[str, ...]) -> Verdict:
@@ -169,3 +195,16 @@ def _named(wrong: tuple[str, ...]) -> list[str]:
 
 def _off_in(wrong: tuple[str, ...]) -> str:
     return f"wrong in {', '.join(wrong)}"
+
+
+def _main(index: str, file: str) -> None:
+    probe = _probe(list_devices()[int(index)])
+    with Path(file).open("wb") as stream:
+        np.savez(stream, allow_pickle=False, height=probe.height, **probe.rest)
+
+
+if __name__ == "__main__":
+    try:
+        _main(*sys.argv[1:])
+    except SketchterrainError as failure:
+        sys.exit(str(failure))

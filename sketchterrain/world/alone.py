@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from typing import TYPE_CHECKING, Self
 
 from sketchterrain.compute import ComputeContext, choose_device, spare_device
@@ -51,7 +52,11 @@ class AloneCrew:
         self._job, self._note = job, note
         self._device = choose_device(device)
         self._failed: list[Device] = []
-        self.own_bits = own_bits(self._device, fast=job.fast)
+        self.own_bits = ""
+        try:
+            self.own_bits = own_bits(self._device, fast=job.fast)
+        except DeviceFailedError as error:
+            self._device = self._spare(error)
         if begun_on is not None and begun_on != self.own_bits:
             raise InputError(
                 f"{job.output}: was begun on {begun_on or 'a device that passes the self-test'}, and "
@@ -109,10 +114,11 @@ class AloneCrew:
             raise DeviceFailedError(f"{error}; another device has other bits, so none can go on") from error
         self._failed.append(self._device)
         while (spare := spare_device(self._failed)) is not None:
-            if not own_bits(spare, fast=False):
-                self._note(f"{error}; {spare.name} ({spare.platform}) goes on")
-                self._device = spare
-                return spare
+            with suppress(DeviceFailedError):
+                if not own_bits(spare, fast=False):
+                    self._note(f"{error}; {spare.name} ({spare.platform}) goes on")
+                    self._device = spare
+                    return spare
             self._failed.append(spare)
         raise DeviceFailedError(f"{error}; there is no other device to go on") from error
 
@@ -125,10 +131,14 @@ def own_bits(device: Device, *, fast: bool) -> str:
 
     Raises
     ------
-    DeviceError
+    DeviceFailedError
         If the device fails the self-test altogether.
     """
-    # A driver whose bits the tests hold is spared the terrain, which takes it longer than opening.
-    if not fast and self_test(device, compare=not device.known).bits == "same":
-        return ""
+    if not fast:
+        # A driver whose bits the tests hold is spared the terrain, which takes it longer than opening.
+        verdict = self_test(device, compare=not device.known)
+        if verdict.bits == "failed":
+            raise DeviceFailedError(f"{device.name} ({device.platform}) failed: {verdict.detail}")
+        if verdict.bits == "same":
+            return ""
     return f"{device.name} ({device.platform}, {device.driver}){' with --fast' if fast else ''}"

@@ -134,12 +134,12 @@ class ClusterCrew:
 
     def _bits(self) -> str | None:
         """Return the bits of some of the ground on this machine; None where the first worker's count."""
-        from sketchterrain.compute import ComputeContext, choose_device, list_devices
+        from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
         from sketchterrain.world.making import Maker
         from sketchterrain.world.worker_checks import bits_of
 
         try:
-            known = (device for device in list_devices() if device.known)
+            known = (device for device in list_devices() if device.known and is_usable(device))
             device = next(known, None) or choose_device(self._device)
             return bits_of(Maker(self._job, ComputeContext(device)))
         except DeviceError as error:

@@ -83,9 +83,9 @@ def own_device(selector: str | None, turn: int) -> Device:
     DeviceError
         If there is none.
     """
-    from sketchterrain.compute import choose_device, list_devices
+    from sketchterrain.compute import choose_device, is_usable, list_devices
 
-    graphics = [device for device in list_devices() if device.type == "GPU"]
+    graphics = [device for device in list_devices() if device.type == "GPU" and is_usable(device)]
     if selector is not None or os.environ.get("PYOPENCL_CTX") or not graphics:
         return choose_device(selector)
     return graphics[turn % len(graphics)]

@@ -1,0 +1,140 @@
+"""Whether a device's driver survives its first kernel and computes IEEE 754 arithmetic, cached on disk.
+
+The check runs in a child process: a driver that aborts, hangs or exits there cannot end the program.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import shutil
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from hashlib import sha256
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, Final
+
+from sketchterrain import resources
+from sketchterrain.child_process import ChildFailedError, module_result
+from sketchterrain.disk import cache_folder
+from sketchterrain.errors import SketchterrainError
+from sketchterrain.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from sketchterrain.compute.device import Device
+
+__all__ = ["DeviceCheck", "cached_on_disk", "check_device", "forget_checks", "is_usable"]
+
+_MODULE: Final = "sketchterrain.compute.arithmetic"
+_TIMEOUT: Final = 60.0  # s
+_LOG = logging.getLogger("sketchterrain")
+
+
+@dataclass(frozen=True)
+class DeviceCheck:
+    """What the check found.
+
+    Attributes
+    ----------
+    failure : str
+        One line: why the device can't be used, and what to install; empty where it can.
+    wrong : tuple of str
+        Operations with other bits than IEEE 754 gives them.
+    """
+
+    failure: str
+    wrong: tuple[str, ...] = ()
+
+
+@cache
+def check_device(device: Device) -> DeviceCheck:
+    """Compute the self-test's arithmetic on a device, in a child process the first time."""
+
+    def check() -> dict[str, Any]:
+        # PoCL's cache would give back a kernel without the linker that the next kernel needs.
+        environment = os.environ | {"POCL_KERNEL_CACHE": "0"}
+        try:
+            result = module_result(
+                _MODULE, str(device.index), name="the self-test", timeout=_TIMEOUT, environment=environment
+            )
+        except ChildFailedError as error:
+            return {"failure": str(error), "wrong": []}
+        return {"failure": "", "wrong": json.loads(result)}
+
+    test = (
+        resources.source("self_test.cl"),
+        files("sketchterrain.compute").joinpath("arithmetic.py").read_text(),
+    )
+    found = cached_on_disk("arithmetic", (device,), test, check)
+    return DeviceCheck(found["failure"], tuple(found["wrong"]))
+
+
+def is_usable(device: Device) -> bool:
+    """Return whether a device passed its check; log one line, once a process, where it did not."""
+    failure = check_device(device).failure
+    if failure:
+        _log_once(f"{device.name} ({device.platform}) is not used: {failure}")
+    return not failure
+
+
+@cache
+def _log_once(line: str) -> None:
+    _LOG.warning("%s", line)
+
+
+def cached_on_disk(
+    test: str, devices: tuple[Device, ...], sources: tuple[str, ...], run: Callable[[], dict[str, Any]]
+) -> dict[str, Any]:
+    """Return a test's result for a device from the user's cache folder, or run the test and store it there.
+
+    Parameters
+    ----------
+    test
+        Name of the test.
+    devices
+        The device under test, then those that it is compared with.
+    sources
+        The test's source code. A change of it, of a driver's version or of the linker in the PATH makes the
+        stored result stale.
+    run
+        Runs the test; returns what JSON can hold.
+    """
+    drivers = [(device.platform, device.name, device.driver, device.version) for device in devices]
+    key = _digest([drivers, shutil.which("ld"), *sources])
+    try:
+        path = cache_folder() / f"device-{test}-{_digest(drivers[0])[:16]}.json"
+    except RuntimeError:  # there is no home folder
+        return run()
+    stored = _read(path)
+    if stored.get("key") != key:
+        stored = {"key": key, "result": run()}
+        with suppress(OSError, SketchterrainError):  # without a cache the next start takes longer, no more
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, json.dumps(stored).encode())
+    result: dict[str, Any] = stored["result"]
+    return result
+
+
+def forget_checks() -> None:
+    """Delete all cached results, so that each device is tested again."""
+    check_device.cache_clear()
+    with suppress(OSError, RuntimeError):
+        for path in cache_folder().glob("device-*.json"):
+            path.unlink(missing_ok=True)
+
+
+def _digest(value: object) -> str:
+    return sha256(json.dumps(value).encode()).hexdigest()
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        stored = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return stored if isinstance(stored, dict) else {}

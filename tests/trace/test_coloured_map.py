@@ -1,4 +1,4 @@
-"""A map that is drawn from known labels gives them back, however it was saved."""
+"""Coloured maps drawn from known labels: the labels are recovered, however the map was saved."""
 
 from __future__ import annotations
 
@@ -36,54 +36,51 @@ LARGE = {
     "antialiased JPEG 75": (lambda large: large.resize((256, 256), SMOOTH), {"quality": 75}, 0.975),
     "larger JPEG 40": (lambda large: large.resize((700, 700), SMOOTH), {"quality": 40}, 0.985),
 }
+QUICK = ["as it is", "blown up", "JPEG 50", "WebP 60", "antialiased", "larger", "smaller"]
+REST = [way for way in [*SMALL, *LARGE] if way not in QUICK]
 
 
-@pytest.mark.parametrize("way", [*SMALL, *LARGE])
-def test_labels_come_back(known, labels_of, away, parts, saved, way: str) -> None:
-    change, options, least = (SMALL | LARGE)[way]
-    ending = "webp" if "WebP" in way else "jpg" if options else "png"
-    picture, truth = (known.picture, known.labels) if way in SMALL else (known.large, known.large_labels)
-    path = saved(change(picture), f"map.{ending}", **options)
-    traced = read_map(path).traced(SHEET)
-    labels = labels_of(traced.sketch)
-    assert (labels == truth).mean() >= least
-    assert (labels == truth)[away(truth)].mean() >= 0.999
-    assert set(np.unique(labels)) == set(np.unique(truth))
-    river = traced.sketch.layers["river"] > 0
-    assert parts(river) == 1
-    assert river[:, 0].any()
-    assert river[:, -1].any()
-    assert traced.sure + traced.taken + traced.unknown == pytest.approx(1.0)
-    if way == "as it is":
-        assert traced.sure == 1.0
+@pytest.mark.parametrize("ways", [QUICK, pytest.param(REST, marks=pytest.mark.slow)], ids=["quick", "rest"])
+def test_labels_are_recovered_from_any_saved_form(
+    known, labels_of, away, parts, saved, ways: list[str]
+) -> None:
+    for way in ways:
+        change, options, least = (SMALL | LARGE)[way]
+        ending = "webp" if "WebP" in way else "jpg" if options else "png"
+        picture, truth = (known.picture, known.labels) if way in SMALL else (known.large, known.large_labels)
+        path = saved(change(picture), f"map.{ending}", **options)
+        traced = read_map(path).traced(SHEET)
+        labels = labels_of(traced.sketch)
+        assert (labels == truth).mean() >= least, way
+        assert (labels == truth)[away(truth)].mean() >= 0.999, way
+        assert set(np.unique(labels)) == set(np.unique(truth)), way
+        river = traced.sketch.layers["river"] > 0
+        assert parts(river) == 1, way
+        assert river[:, 0].any(), way
+        assert river[:, -1].any(), way
+        assert traced.sure + traced.taken + traced.unknown == pytest.approx(1.0), way
+        if way == "as it is":
+            assert traced.sure == 1.0, way
 
 
-@pytest.mark.parametrize("size", [40, 100, 250, 600])
-def test_a_thin_river_stays_whole_at_any_size(parts, saved, size: int) -> None:
-    pixels = np.full((500, 500, 3), 255, np.uint8)
-    pixels[100:400, 50:200] = (38, 104, 58)
-    columns = np.arange(500)
-    rows = np.rint(250 + 120 * np.sin(columns / 40.0)).astype(int)
-    for column, (row, following) in enumerate(zip(rows, np.append(rows[1:], rows[-1]), strict=True)):
-        low, high = sorted((row, following))
-        pixels[low : high + 1, column] = (56, 116, 196)
-    traced = read_map(saved(pixels)).traced(Sheet(size_px=size))
-    river = traced.sketch.layers["river"] > 0
-    assert parts(river) == 1
-    assert river[:, 0].any()
-    assert river[:, -1].any()
-    assert traced.sketch.layers["forest"].any()
+def test_a_thin_river_stays_whole_at_any_size(parts, saved) -> None:
+    for size in [40, 100, 250, 600]:
+        pixels = np.full((500, 500, 3), 255, np.uint8)
+        pixels[100:400, 50:200] = (38, 104, 58)
+        columns = np.arange(500)
+        rows = np.rint(250 + 120 * np.sin(columns / 40.0)).astype(int)
+        for column, (row, following) in enumerate(zip(rows, np.append(rows[1:], rows[-1]), strict=True)):
+            low, high = sorted((row, following))
+            pixels[low : high + 1, column] = (56, 116, 196)
+        traced = read_map(saved(pixels)).traced(Sheet(size_px=size))
+        river = traced.sketch.layers["river"] > 0
+        assert parts(river) == 1, size
+        assert river[:, 0].any(), size
+        assert river[:, -1].any(), size
+        assert traced.sketch.layers["forest"].any(), size
 
 
-def test_two_rivers_far_apart_are_not_joined(parts, saved) -> None:
-    pixels = np.full((120, 120, 3), 255, np.uint8)
-    pixels[20:23] = pixels[60:63] = (56, 116, 196)
-    river = read_map(saved(pixels)).traced(Sheet()).sketch.layers["river"]
-    assert parts(river > 0) == 2
-    assert np.array_equal(np.flatnonzero(river.any(axis=1)), [20, 21, 22, 60, 61, 62])
-
-
-def test_lettering_leaves_no_hole_and_a_broken_river_is_joined(parts, saved) -> None:
+def test_lettering_leaves_no_hole_and_only_near_ends_of_rivers_are_joined(parts, saved) -> None:
     pixels = np.full((160, 160, 3), 255, np.uint8)
     pixels[20:120, 20:120] = (140, 92, 70)
     pixels[130:134] = (56, 116, 196)
@@ -93,28 +90,34 @@ def test_lettering_leaves_no_hole_and_a_broken_river_is_joined(parts, saved) -> 
     assert traced.sketch.layers["mountain"][20:120, 20:120].all()
     assert parts(traced.sketch.layers["river"] > 0) == 1
 
-
-@pytest.mark.parametrize("quality", [None, 70, 40])
-def test_a_lettered_map_in_common_colours(parts, saved, quality: int | None) -> None:
-    map_ = draw_map()
-    path = saved(map_) if quality is None else saved(map_, "map.jpg", quality=quality)
-    layers = read_map(path).traced(Sheet()).sketch.layers
-    painted = [name for name, image in layers.items() if image.any()]
-    assert painted == ["mountain", "hill", "river", "dune", "forest", "lake"]
-    for name in painted:
-        assert parts(layers[name] > 0) == (3 if name == "river" else 1), name
-    # No hole where the names are.
-    for name, (top, left, bottom, right) in {
-        "mountain": (80, 150, 100, 285),
-        "hill": (90, 395, 125, 490),
-        "forest": (255, 60, 290, 190),
-        "lake": (275, 262, 296, 325),
-        "dune": (325, 450, 355, 540),
-    }.items():
-        assert (layers[name][top:bottom, left:right] == 1).all(), name
+    pixels = np.full((120, 120, 3), 255, np.uint8)
+    pixels[20:23] = pixels[60:63] = (56, 116, 196)
+    river = read_map(saved(pixels)).traced(Sheet()).sketch.layers["river"]
+    assert parts(river > 0) == 2
+    assert np.array_equal(np.flatnonzero(river.any(axis=1)), [20, 21, 22, 60, 61, 62])
 
 
-def test_rivers_and_lakes_of_one_blue_are_told_apart_by_their_width(parts, saved) -> None:
+def test_a_lettered_map_in_common_colours_is_read(parts, saved) -> None:
+    for quality in [None, 70, 40]:
+        map_ = draw_map()
+        path = saved(map_) if quality is None else saved(map_, "map.jpg", quality=quality)
+        layers = read_map(path).traced(Sheet()).sketch.layers
+        painted = [name for name, image in layers.items() if image.any()]
+        assert painted == ["mountain", "hill", "river", "dune", "forest", "lake"], quality
+        for name in painted:
+            assert parts(layers[name] > 0) == (3 if name == "river" else 1), (quality, name)
+        # No hole where the names are.
+        for name, (top, left, bottom, right) in {
+            "mountain": (80, 150, 100, 285),
+            "hill": (90, 395, 125, 490),
+            "forest": (255, 60, 290, 190),
+            "lake": (275, 262, 296, 325),
+            "dune": (325, 450, 355, 540),
+        }.items():
+            assert (layers[name][top:bottom, left:right] == 1).all(), (quality, name)
+
+
+def test_rivers_and_lakes_of_one_blue_are_separated_by_width(parts, saved) -> None:
     pixels = np.full((120, 160, 3), 255, np.uint8)
     rows, columns = np.ogrid[:120, :160]
     lake = (rows - 60) ** 2 + (columns - 70) ** 2 < 30**2
@@ -135,7 +138,7 @@ def test_rivers_and_lakes_of_one_blue_are_told_apart_by_their_width(parts, saved
     assert not read.traced(Sheet(), narrow=100).sketch.layers["river"][20:26, 140:146].any()
 
 
-def test_specks_vanish(saved) -> None:
+def test_specks_vanish_and_transparent_pixels_are_empty(saved) -> None:
     pixels = np.full((64, 64, 3), 255, np.uint8)
     pixels[10:40, 10:40] = (140, 92, 70)
     pixels[20:22, 20:23] = (38, 104, 58)  # 6 px
@@ -146,8 +149,6 @@ def test_specks_vanish(saved) -> None:
     assert read.traced(Sheet()).sketch.layers["mountain"][10:40, 10:40].all()
     assert np.count_nonzero(read.traced(Sheet(), specks=0).sketch.layers["forest"]) == 22
 
-
-def test_transparent_is_nothing(saved) -> None:
     pixels = np.zeros((64, 64, 4), np.uint8)
     pixels[..., :3] = (140, 92, 70)  # also where nobody sees it
     pixels[10:40, 10:40, 3] = 255
@@ -157,7 +158,7 @@ def test_transparent_is_nothing(saved) -> None:
     assert np.count_nonzero(sketch.layers["forest"]) == 100
 
 
-def test_a_legend_of_ones_own(saved) -> None:
+def test_a_given_legend_replaces_the_own_one(saved) -> None:
     pixels = np.full((64, 64, 3), (200, 30, 200), np.uint8)
     pixels[:20] = (255, 120, 0)
     pixels[20:40] = (255, 160, 0)
@@ -172,8 +173,6 @@ def test_a_legend_of_ones_own(saved) -> None:
     assert ("mountain", 7) in traced.sketch.labels
     assert any("left empty: #8c5c46" in line for line in traced.notes)
 
-
-def test_colours_nearly_alike_are_told_apart_if_the_legend_has_both(saved) -> None:
     pixels = np.full((64, 64, 3), 255, np.uint8)
     pixels[:30], pixels[30:50] = (140, 92, 70), (132, 88, 70)
     legend = Legend.given(["hill=#8c5c46", "forest=#845846", "nothing=#ffffff"])
@@ -182,24 +181,26 @@ def test_colours_nearly_alike_are_told_apart_if_the_legend_has_both(saved) -> No
     assert np.count_nonzero(sketch.layers["forest"]) == 20 * 64
 
 
-@pytest.mark.parametrize("form", ["P", "16 bits", "CMYK", "turned"])
-def test_other_forms_of_pictures(known, labels_of, away, tmp_path, form: str) -> None:
-    if form == "P":
-        path = tmp_path / "map.png"
-        known.picture.quantize(16).save(path)
-    elif form == "16 bits":
-        path = tmp_path / "map.png"
-        path.write_bytes(_deep_png(np.asarray(known.picture)))
-    elif form == "CMYK":
-        path = tmp_path / "map.tif"
-        known.picture.convert("CMYK").save(path)
-    else:
-        path = tmp_path / "map.jpg"
-        exif = Image.Exif()
-        exif[0x0112] = 6  # shown turned by 90° clockwise
-        known.picture.transpose(Image.Transpose.ROTATE_90).save(path, exif=exif, quality=95, subsampling=0)
-    labels = labels_of(read_map(path).traced(SHEET).sketch)
-    assert (labels == known.labels)[away(known.labels)].mean() >= 0.999
+def test_paletted_deep_cmyk_and_turned_pictures_are_read(known, labels_of, away, tmp_path) -> None:
+    for form in ["P", "16 bits", "CMYK", "turned"]:
+        if form == "P":
+            path = tmp_path / "map.png"
+            known.picture.quantize(16).save(path)
+        elif form == "16 bits":
+            path = tmp_path / "map.png"
+            path.write_bytes(_deep_png(np.asarray(known.picture)))
+        elif form == "CMYK":
+            path = tmp_path / "map.tif"
+            known.picture.convert("CMYK").save(path)
+        else:
+            path = tmp_path / "map.jpg"
+            exif = Image.Exif()
+            exif[0x0112] = 6  # shown turned by 90° clockwise
+            known.picture.transpose(Image.Transpose.ROTATE_90).save(
+                path, exif=exif, quality=95, subsampling=0
+            )
+        labels = labels_of(read_map(path).traced(SHEET).sketch)
+        assert (labels == known.labels)[away(known.labels)].mean() >= 0.999, form
 
 
 def _deep_png(rgb: np.ndarray) -> bytes:
@@ -222,7 +223,7 @@ def test_the_same_picture_gives_the_same_sketch(known, saved) -> None:
         assert np.array_equal(image, other.sketch.layers[name])
 
 
-def test_what_is_no_coloured_map_is_refused(saved) -> None:
+def test_pictures_without_colours_and_impossible_sheets_are_refused(saved) -> None:
     grey = np.zeros((40, 40, 3), np.uint8)
     grey[10:30] = 200
     with pytest.raises(InputError, match="black, white and grey: expected a coloured map, or the layer"):
@@ -232,8 +233,6 @@ def test_what_is_no_coloured_map_is_refused(saved) -> None:
     with pytest.raises(InputError, match="no colour of the legend in it, but #ff0000"):
         read_map(saved(red)).traced(Sheet())
 
-
-def test_a_sheet_that_cannot_be_is_refused() -> None:
     for wish in (
         {"size_px": 0},
         {"size_px": 20_000},

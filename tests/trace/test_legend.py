@@ -1,4 +1,4 @@
-"""Legends: what a colour stands for, and what is wrong with one, in a line."""
+"""Legends: the meaning of colours and of layer names, and refusals."""
 
 from __future__ import annotations
 
@@ -10,26 +10,22 @@ from sketchterrain.trace.layer_names import meant_by
 from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND, Legend, Meaning, read_legend
 
 
-@pytest.mark.parametrize("layer", LAYERS)
-def test_the_programs_own_colours_stand_for_its_layers(layer: str) -> None:
-    assert OWN_LEGEND.meaning(LAYERS[layer].colour) == Meaning(layer, 1)
+def test_colours_stand_for_layers_within_the_tolerance() -> None:
+    for layer in LAYERS:
+        assert OWN_LEGEND.meaning(LAYERS[layer].colour) == Meaning(layer, 1), layer
 
-
-def test_common_colours() -> None:
     assert OWN_LEGEND.meaning((255, 255, 255)) == NOTHING
     assert OWN_LEGEND.meaning((9, 1, 1)) == INK
     assert OWN_LEGEND.meaning((0xAA, 0xD3, 0xDF)) == Meaning("lake", 1)
     assert OWN_LEGEND.meaning((255, 0, 0)) is None
 
-
-def test_tolerance_is_how_far_a_colour_may_be() -> None:
     for tolerance, meaning in ((0.0, None), (0.2, Meaning("river", 3))):
         legend = Legend.given(["river.3=#00f"], tolerance=tolerance)
         assert legend.meaning((0, 0, 255)) == Meaning("river", 3)
         assert legend.meaning((20, 40, 235)) == meaning
 
 
-def test_a_file(tmp_path) -> None:
+def test_a_legend_file_is_read(tmp_path) -> None:
     path = tmp_path / "legend.toml"
     path.write_text(
         '[[colour]]\nrgb = "#8b5a2b"\nlayer = "mountain"\n'
@@ -44,9 +40,8 @@ def test_a_file(tmp_path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "told"),
-    [
+def test_malformed_legends_are_refused_in_one_line(tmp_path) -> None:
+    for text, told in [
         ("", r"expected tables \[\[colour\]\]"),
         ("colour = 3", r"expected tables \[\[colour\]\]"),
         ("x = 3", "unknown key 'x'"),
@@ -64,17 +59,13 @@ def test_a_file(tmp_path) -> None:
             "[[colour]]\nrgb='#123'\nlayer='hill'\n[[colour]]\nrgb='#112233'\nlayer='lake'",
             "#112233 stands for hill 1 and for lake 1",
         ),
-    ],
-)
-def test_a_file_that_is_none(tmp_path, text: str, told: str) -> None:
-    path = tmp_path / "legend.toml"
-    path.write_text(text)
-    with pytest.raises(InputError, match=f"legend.toml: .*{told}") as error:
-        read_legend(path)
-    assert "\n" not in str(error.value)
+    ]:
+        path = tmp_path / "legend.toml"
+        path.write_text(text)
+        with pytest.raises(InputError, match=f"legend.toml: .*{told}") as error:
+            read_legend(path)
+        assert "\n" not in str(error.value), text[:80]
 
-
-def test_a_file_that_is_not_there_or_too_large(tmp_path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         read_legend(tmp_path / "none.toml")
     with pytest.raises(InputError, match="cannot be read"):
@@ -83,18 +74,13 @@ def test_a_file_that_is_not_there_or_too_large(tmp_path) -> None:
     with pytest.raises(InputError, match="too large for a legend"):
         read_legend(tmp_path / "large.toml")
 
-
-@pytest.mark.parametrize(
-    "text", ["", "mountain", "=#123456", "mountain.=#123456", "mountain=red", "no.1=#123456"]
-)
-def test_a_colour_that_is_none(text: str) -> None:
-    with pytest.raises(InputError, match="colour "):
-        Legend.given([text])
+    for text in ["", "mountain", "=#123456", "mountain.=#123456", "mountain=red", "no.1=#123456"]:
+        with pytest.raises(InputError, match="colour "):
+            Legend.given([text])
 
 
-@pytest.mark.parametrize(
-    ("name", "meant"),
-    [
+def test_layer_names_mean_layers_and_labels() -> None:
+    for name, meant in [
         ("mountain", Meaning("mountain", 1)),
         ("Mountains", Meaning("mountain", 1)),
         (" river 2 ", Meaning("river", 2)),
@@ -109,7 +95,5 @@ def test_a_colour_that_is_none(text: str) -> None:
         ("mountain copy", None),
         ("", None),
         ("rivers of gold", None),
-    ],
-)
-def test_what_a_layers_name_means(name: str, meant: Meaning | None) -> None:
-    assert meant_by(name) == meant
+    ]:
+        assert meant_by(name) == meant, name

@@ -1,9 +1,8 @@
-"""Labels in another size, lines, gaps and specks: what must hold of any of them."""
+"""Labels in another size, thinned lines, gaps, specks and mixed colours."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from sketchterrain.trace.gaps import fill_gaps, without_specks, without_threads
 from sketchterrain.trace.lines import joined, thinned
@@ -11,12 +10,19 @@ from sketchterrain.trace.majority import NO_VOTE, majority, scaled_size
 from sketchterrain.trace.mixtures import mixtures
 
 
-def test_blocks_come_back_from_any_whole_factor() -> None:
+def test_scaling_by_majority_inverts_whole_factors_and_keeps_uniform_images() -> None:
     small = np.random.default_rng(3).integers(0, 5, (17, 23), dtype=np.uint8)
     for factor in (1, 2, 3, 7):
         large = np.kron(small, np.ones((factor, factor), np.uint8))
         assert np.array_equal(majority(large, (23, 17)), small)
         assert np.array_equal(majority(small, (23 * factor, 17 * factor)), large)
+
+    for size in [(100, 50), (33, 17), (1, 1), (7, 300)]:
+        assert (majority(np.full((40, 80), 7, np.uint8), size, thin=(7,)) == 7).all(), size
+
+    assert scaled_size(800, 600, 400) == (400, 300)
+    assert scaled_size(600, 800, 400) == (300, 400)
+    assert scaled_size(10_000, 1, 100) == (100, 1)
 
 
 def test_each_pixel_is_what_covers_most_of_it() -> None:
@@ -30,32 +36,19 @@ def test_each_pixel_is_what_covers_most_of_it() -> None:
             counts = np.bincount(block.ravel(), minlength=3)
             assert counts[scaled[row, column]] == counts.max()
 
+    values = np.full((4, 4), NO_VOTE, np.uint8)
+    values[0, 0] = 3
+    assert majority(values, (2, 2)).tolist() == [[3, NO_VOTE], [NO_VOTE, NO_VOTE]]
 
-def test_the_same_in_bands(monkeypatch) -> None:
+
+def test_scaling_in_bands_changes_no_pixel(monkeypatch) -> None:
     values = np.random.default_rng(5).integers(0, 4, (97, 61), dtype=np.uint8)
     whole = majority(values, (40, 63), thin=(2,))
     monkeypatch.setattr("sketchterrain.trace.majority._PIXELS", 1)
     assert np.array_equal(majority(values, (40, 63), thin=(2,)), whole)
 
 
-def test_what_is_not_known_does_not_vote() -> None:
-    values = np.full((4, 4), NO_VOTE, np.uint8)
-    values[0, 0] = 3
-    assert majority(values, (2, 2)).tolist() == [[3, NO_VOTE], [NO_VOTE, NO_VOTE]]
-
-
-@pytest.mark.parametrize("size", [(100, 50), (33, 17), (1, 1), (7, 300)])
-def test_a_uniform_image_stays_so(size) -> None:
-    assert (majority(np.full((40, 80), 7, np.uint8), size, thin=(7,)) == 7).all()
-
-
-def test_sizes_keep_their_shape() -> None:
-    assert scaled_size(800, 600, 400) == (400, 300)
-    assert scaled_size(600, 800, 400) == (300, 400)
-    assert scaled_size(10_000, 1, 100) == (100, 1)
-
-
-def test_a_gap_is_bridged_and_nothing_else_changes(parts) -> None:
+def test_a_gap_is_bridged_and_connected_parts_get_no_bridge(parts) -> None:
     line = np.zeros((40, 60), bool)
     line[20, :28] = line[20, 32:] = True
     line[5:9, 5:9] = True  # a pond far away
@@ -66,8 +59,6 @@ def test_a_gap_is_bridged_and_nothing_else_changes(parts) -> None:
     wide[20, 26:34] = False
     assert np.array_equal(joined(wide, 4), wide)
 
-
-def test_what_hangs_together_gets_no_bridge() -> None:
     bend = np.zeros((40, 40), bool)
     bend[10, 5:30] = bend[13, 5:30] = bend[10:14, 29] = True
     assert np.array_equal(joined(bend, 4), bend)

@@ -1,4 +1,4 @@
-"""Rivers and areas of a map as a sketch: where they come to lie, how wide, with which labels."""
+"""Vector maps as sketches: place, width, labels and coordinate reference system of features."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_the_sketch_can_be_saved_and_read(written, tmp_path) -> None:
     assert read.properties("river", 1)["width"] == 3.0
 
 
-def test_a_river_is_as_wide_as_it_is_and_at_least_a_pixel(written) -> None:
+def test_rivers_are_painted_by_width_and_tributaries_do_not_cut_the_stem(written) -> None:
     path = written(
         feature("LineString", [[100, 900], [900, 900]], waterway="river", width="40 m"),
         feature("LineString", [[100, 500], [900, 500]], waterway="river", width=1),
@@ -122,8 +122,6 @@ def test_a_river_is_as_wide_as_it_is_and_at_least_a_pixel(written) -> None:
     assert river[24:26, 125].all()
     assert river[74:76, 125].sum() == 0
 
-
-def test_a_narrow_tributary_does_not_cut_the_stem(written) -> None:
     path = written(
         feature("LineString", [[500, 1000], [500, 0]], waterway="river", width=60),
         feature("LineString", [[0, 500], [1000, 503]], waterway="stream"),
@@ -141,8 +139,6 @@ def test_a_river_drawn_as_an_area_is_as_wide_as_painted(written) -> None:
     assert sketch.properties("river", 1)["width"] == 0.0
     assert not sketch.layers["lake"].any()
 
-
-def test_the_line_in_the_middle_of_a_river_drawn_as_an_area_does_not_make_it_narrow(written) -> None:
     path = written(
         feature("LineString", [[0, 500], [1000, 500]], waterway="river"),
         feature("Polygon", [box(200, 400, 700, 600)], natural="water", water="river"),
@@ -154,7 +150,7 @@ def test_the_line_in_the_middle_of_a_river_drawn_as_an_area_does_not_make_it_nar
     assert river[50, [5, 95]].tolist() == [1, 1]
 
 
-def test_many_widths_become_sixteen_labels_that_nearly_agree(written) -> None:
+def test_at_most_sixteen_labels_approximate_the_properties(written) -> None:
     widths = np.geomspace(2, 200, 100)
     path = written(
         *(
@@ -172,8 +168,6 @@ def test_many_widths_become_sixteen_labels_that_nearly_agree(written) -> None:
     assert nearest.max() < 0.35
     assert any("share one" in note and "%" in note for note in traced.notes)
 
-
-def test_properties_that_no_sixteen_labels_can_hold_are_told(written) -> None:
     combined = [
         {key: value for bit, (key, value) in enumerate(extra) if number >> bit & 1}
         for extra in [
@@ -196,7 +190,7 @@ def test_properties_that_no_sixteen_labels_can_hold_are_told(written) -> None:
     assert len({label for _, label in sketch_from_vectors(rivers).sketch.labels}) <= 16
 
 
-def test_degrees_become_the_metres_of_the_utm_zone(written) -> None:
+def test_degrees_become_metres_of_the_utm_zone(written) -> None:
     path = written(feature("LineString", [[LON, LAT + 0.1], [LON + 0.1, LAT]], waterway="river"), crs=None)
     traced = sketch_from_vectors(path, size_px=200)
     (x,), (y,) = rasterio.warp.transform("EPSG:4326", "EPSG:32632", [LON + 0.05], [LAT + 0.05])
@@ -211,24 +205,19 @@ def test_degrees_become_the_metres_of_the_utm_zone(written) -> None:
     assert sketch.weather["latitude"] == pytest.approx(47.05, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("places", "code"),
-    [
+def test_the_utm_zone_follows_from_the_middle_also_over_the_antimeridian(written) -> None:
+    for places, code in [
         ([[11, 47], [11.1, 47.1]], "EPSG:32632"),
         ([[-70.1, -33.0], [-70, -33.1]], "EPSG:32719"),
         ([[179.9, -17.0], [-179.9, -17.2]], "EPSG:32701"),
         ([[179.8, -17.0], [-179.9, -17.2]], "EPSG:32760"),
         ([[10, 85.0], [11, 85.1]], "EPSG:5041"),
         ([[10, -85.0], [11, -85.1]], "EPSG:5042"),
-    ],
-)
-def test_the_zone_follows_from_the_middle_also_over_the_antimeridian(written, places, code: str) -> None:
-    traced = sketch_from_vectors(written(feature("LineString", places, waterway="river"), crs=None))
-    assert any(f"in {code};" in note for note in traced.notes)
-    assert traced.sketch.extent < 40_000
+    ]:
+        traced = sketch_from_vectors(written(feature("LineString", places, waterway="river"), crs=None))
+        assert any(f"in {code};" in note for note in traced.notes), places
+        assert traced.sketch.extent < 40_000, places
 
-
-def test_bounds_may_lie_beyond_the_antimeridian(written) -> None:
     path = written(
         feature("LineString", [[179.9, -17], [180, -17]], waterway="river"),
         feature("LineString", [[-180, -17], [-179.9, -17]], waterway="river"),
@@ -240,28 +229,23 @@ def test_bounds_may_lie_beyond_the_antimeridian(written) -> None:
     assert any("1 outside" in note for note in traced.notes)
 
 
-@pytest.mark.parametrize(
-    ("given", "kept"),
-    [
+def test_a_metric_crs_is_kept_and_another_can_be_asked_for(written) -> None:
+    for given, kept in [
         ("EPSG:25832", "EPSG:25832"),
         ("EPSG:3857", "EPSG:326"),
         ("EPSG:2263", "EPSG:326"),
         ("EPSG:2056", "EPSG:2056"),
         ("EPSG:2048", "EPSG:327"),
-    ],
-)
-def test_metres_are_kept_if_they_are_such_on_the_ground(written, given: str, kept: str) -> None:
-    lon, lat = {"EPSG:2263": (-74.0, 40.7), "EPSG:2056": (8.0, 47.0), "EPSG:2048": (19.0, -33.0)}.get(
-        given, (LON, LAT)
-    )
-    x, y = rasterio.warp.transform("EPSG:4326", given, [lon, lon + 0.01], [lat, lat + 0.01])
-    path = written(feature("LineString", np.stack([x, y], axis=-1).tolist(), waterway="river"), crs=given)
-    traced = sketch_from_vectors(path)
-    assert any(f"in {kept}" in note for note in traced.notes)
-    assert traced.sketch.extent == pytest.approx(1112, rel=0.03)
+    ]:
+        lon, lat = {"EPSG:2263": (-74.0, 40.7), "EPSG:2056": (8.0, 47.0), "EPSG:2048": (19.0, -33.0)}.get(
+            given, (LON, LAT)
+        )
+        x, y = rasterio.warp.transform("EPSG:4326", given, [lon, lon + 0.01], [lat, lat + 0.01])
+        path = written(feature("LineString", np.stack([x, y], axis=-1).tolist(), waterway="river"), crs=given)
+        traced = sketch_from_vectors(path)
+        assert any(f"in {kept}" in note for note in traced.notes), given
+        assert traced.sketch.extent == pytest.approx(1112, rel=0.03), given
 
-
-def test_a_crs_can_be_asked_for(written) -> None:
     path = written(feature("LineString", [[LON, LAT], [LON + 0.1, LAT]], waterway="river"), crs=None)
     assert any("EPSG:3035" in note for note in sketch_from_vectors(path, crs="EPSG:3035").notes)
     with pytest.raises(InputError, match="in degrees"):
@@ -296,7 +280,7 @@ def test_a_summit_is_a_disc_and_a_ridge_a_band(written) -> None:
     assert sketch.properties("mountain", 1)["height"] == 600  # an elevation is no height above the foot
 
 
-def test_what_is_left_out_is_told_by_why(written) -> None:
+def test_skipped_features_are_reported_by_reason(written) -> None:
     path = written(
         feature("LineString", [[0, 0], [1000, 0]], waterway="river"),
         feature("Point", [5, 5], amenity="bench"),
@@ -321,14 +305,8 @@ def test_what_is_left_out_is_told_by_why(written) -> None:
     assert traced.notes[0] == "taken: 1 line as river"
 
 
-def test_a_closed_line_around_a_wood_is_its_area(written) -> None:
-    path = written(feature("LineString", box(0, 0, 1000, 1000), natural="wood"))
-    assert sketch_from_vectors(path, size_px=50).sketch.layers["forest"].all()
-
-
-@pytest.mark.parametrize(
-    ("properties", "layer", "said"),
-    [
+def test_properties_and_tags_choose_the_layer_and_its_parameters(written) -> None:
+    for properties, layer, said in [
         ({"layer": "Lakes", "waterway": "river"}, "lake", {}),
         ({"layer": -1, "waterway": "canal"}, "river", {"width": 10.0}),
         ({"tags": {"waterway": "stream", "width": "2"}}, "river", {"width": 2.0, "depth": 0.5}),
@@ -341,18 +319,16 @@ def test_a_closed_line_around_a_wood_is_its_area(written) -> None:
         ({"natural": "wood", "density": 7}, "forest", {"density": 1.0}),
         ({"natural": "wood", "density": "thick"}, "forest", {"density": 0.8}),
         ({}, "dune", {}),
-    ],
-)
-def test_what_a_feature_says_of_itself(written, properties, layer: str, said: dict) -> None:
-    kind = "LineString" if layer == "river" else "Polygon"
-    ring = box(0, 0, 1000, 1000)
-    path = written(feature(kind, ring if kind == "LineString" else [ring], **properties))
-    sketch = sketch_from_vectors(path, layer="dune", size_px=40).sketch
-    assert [name for name, image in sketch.layers.items() if image.any()] == [layer]
-    assert {key: sketch.properties(layer, 1)[key] for key in said} == said
+    ]:
+        kind = "LineString" if layer == "river" else "Polygon"
+        ring = box(0, 0, 1000, 1000)
+        path = written(feature(kind, ring if kind == "LineString" else [ring], **properties))
+        sketch = sketch_from_vectors(path, layer="dune", size_px=40).sketch
+        assert [name for name, image in sketch.layers.items() if image.any()] == [layer], properties
+        assert {key: sketch.properties(layer, 1)[key] for key in said} == said, properties
 
 
-def test_a_collection_in_a_collection_and_a_bare_geometry_are_read(tmp_path) -> None:
+def test_geometries_in_collections_and_closed_lines_are_read(tmp_path, written) -> None:
     path = tmp_path / "lakes.json"
     nested: dict = {"type": "Polygon", "coordinates": [box(11, 47, 11.1, 47.1)]}
     for _ in range(100):
@@ -360,6 +336,9 @@ def test_a_collection_in_a_collection_and_a_bare_geometry_are_read(tmp_path) -> 
     path.write_bytes(b"\xef\xbb\xbf \n" + json.dumps(nested).encode())
     assert is_vectors(path)
     assert sketch_from_vectors(path, size_px=20).sketch.layers["lake"].any()  # by the file's name
+
+    path = written(feature("LineString", box(0, 0, 1000, 1000), natural="wood"))
+    assert sketch_from_vectors(path, size_px=50).sketch.layers["forest"].all()
 
 
 def test_layers_of_a_geopackage_are_brought_together(packed) -> None:

@@ -144,42 +144,6 @@ def test_a_dry_run_writes_nothing(call: Callable[..., Any], sketch: Path, tmp_pa
     assert (there.code, "is a file" in there.error) == (3, True)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "told"),
-    [
-        ((), 3, "expected a sketch, got none"),
-        (("nothing",), 3, "no sketch 'nothing'"),
-        (("SKETCH", "--seeds", "x"), 3, "seeds 'x': expected"),
-        (("SKETCH", "--set", "river"), 3, "expected NAME=VALUES"),
-        (("SKETCH", "--set", "river.1.wdth=3"), 3, "did you mean 'river.1.width'"),
-        (("SKETCH", "--set", "lake.1.depth=3"), 3, "no sketch of the batch has a label 1"),
-        (("SKETCH", "--size", "99999"), 3, "expected 2 to 16385 vertices"),
-        (("SKETCH", "--to", "nowhere"), 3, "nowhere"),
-        (("SKETCH", "--to", "raw", "--map", "png"), 2, "map and a target"),
-        (("SKETCH", "--tiles", "2x2"), 2, "expected --to TARGET"),
-        (("SKETCH", "--no-preview", "--view", "air"), 2, "it is the preview's"),
-        (("SKETCH", "--jobs", "0"), 2, "--jobs"),
-        (("SKETCH", "--foliage", "odd"), 3, "expected foliage as one of"),
-        (("SKETCH", "--grass"), 3, "expected ply or both for grass"),
-        (("SKETCH", "--sweep", "none.toml"), 3, "none.toml: cannot be read"),
-        (("SKETCH", "--device", "no such"), 4, "no such"),
-    ],
-)
-def test_what_cannot_be_meant_is_one_line(
-    arguments: tuple[str, ...],
-    code: int,
-    told: str,
-    call: Callable[..., Any],
-    sketch: Path,
-    tmp_path: Path,
-) -> None:
-    words = [str(sketch) if word == "SKETCH" else word for word in arguments]
-    done = call("batch", *words, "-o", tmp_path / "out")
-    assert (done.code, done.out) == (code, "")
-    assert told in done.error
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_folder_with_a_batch_is_refused_without_resume(
     call: Callable[..., Any], sketch: Path, tmp_path: Path
 ) -> None:

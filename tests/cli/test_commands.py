@@ -144,15 +144,6 @@ def test_overlays_are_drawn_and_their_colours_told(
     assert shots[0]["overlays"] == ("levels", "features")
 
 
-def test_another_overlay_is_refused_before_any_work(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, shots: list[dict[str, Any]]
-) -> None:
-    done = call("render", sketch, "-o", tmp_path / "a.png", "--overlay", "contours")
-    assert done.code == 3
-    assert "no overlay 'contours'; there are: wireframe, levels" in done.err
-    assert not shots
-
-
 def test_help_names_every_overlay(call: Callable[..., Any]) -> None:
     told = " ".join(call("render", "--help").out.split())
     assert all(name in told for name in sketchterrain.render.OVERLAYS)
@@ -169,47 +160,6 @@ def test_render_passes_on_what_a_picture_shall_be(
     assert (shot["view"], shot["weather"].hour, shot["weather"].clouds) == ("hill", 9.5, 0.2)
     assert shot["quality"] == Quality.of(0.5, without=("trees", "haze"))
     assert (shot["textures"], shot["camera"]) == (tmp_path, None)
-
-
-BAD_PICTURES = {
-    "another view": (["--view", "moon"], 3, "expected a view, one of auto, ground, hill, air, got 'moon'"),
-    "another part": (["--without", "people"], 3, "expected a part of a picture"),
-    "no time": (["--time", "9:75"], 2, "expected a time of day HH or HH:MM, up to 24, got '9:75'"),
-    "a time beyond the day": (["--time", "24:01"], 2, "up to 24, got '24:01'"),
-    "the night": (["--time", "1"], 3, "expected an hour from"),
-    "too many clouds": (["--clouds", "1.5"], 2, "'--clouds'"),
-    "no folder of textures": (["--textures", "nowhere"], 2, "expected a folder of textures, got 'nowhere'"),
-    "two ways to stand": (["--eye", "1,2,3", "--view", "air"], 2, "--view with --eye"),
-    "a map from an eye": (["--map", "--eye", "1,2,3"], 2, "--eye with --map"),
-    "a map in the evening": (["--map", "--time", "18"], 2, "--time with --map"),
-    "a map without trees": (["--map", "--without", "trees"], 2, "--without with --map"),
-}
-
-
-@pytest.mark.parametrize(("options", "code", "line"), BAD_PICTURES.values(), ids=BAD_PICTURES.keys())
-def test_a_picture_that_cannot_be_meant_is_refused_before_any_work(
-    call: Callable[..., Any],
-    sketch: Path,
-    tmp_path: Path,
-    shots: list[dict[str, Any]],
-    options: list[str],
-    code: int,
-    line: str,
-) -> None:
-    done = call("render", sketch, "-o", tmp_path / "a.png", *options)
-    assert done.code == code, done.err
-    assert line in done.error
-    assert not shots
-    assert not (tmp_path / "a.png").exists()
-
-
-def test_vectors_are_for_maps_and_have_no_pixels(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
-    done = call("render", sketch, "-o", tmp_path / "a.svg")
-    assert (done.code, "expected the name of a .png file, or --map" in done.error) == (2, True)
-    done = call("render", sketch, "-o", tmp_path / "a.svg", "--map", "--size", "640x480")
-    assert (done.code, "--size with --map" in done.error) == (2, True)
 
 
 def test_render_draws_a_map_by_the_files_name(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,9 +24,6 @@ if TYPE_CHECKING:
 DEVICES = [device for device in list_devices() if device.known]
 two_devices = pytest.mark.skipif(len(DEVICES) < 2, reason="there is no other device to start again on")
 pytestmark = pytest.mark.skipif(not DEVICES, reason="no OpenCL device")
-
-# SKETCHTERRAIN_SOAK=1 fails at every call; without it at the first of each kind, and at some of the rest.
-SHARE = 1 if os.environ.get("SKETCHTERRAIN_SOAK") else 9
 
 
 def status(code: int) -> cl.Error:
@@ -87,9 +83,15 @@ def report(folder: Path) -> dict[str, Any]:
 
 
 @two_devices
-@pytest.mark.slow
+@pytest.mark.parametrize(
+    "every",
+    [
+        pytest.param(0, marks=pytest.mark.slow, id="the first call of each kind"),
+        pytest.param(1, marks=pytest.mark.soak, id="every call"),
+    ],
+)
 def test_a_failure_at_any_call_starts_all_again_elsewhere(
-    call: Callable[..., Any], tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    call: Callable[..., Any], tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
 ) -> None:
     first, spare = DEVICES[0], next(device for device in DEVICES if device != DEVICES[0])
     assert self_test(first, compare=False).bits == "same"
@@ -100,9 +102,7 @@ def test_a_failure_at_any_call_starts_all_again_elsewhere(
     assert {"opening", "uploading", "downloading", "launching patches", "launching accept_graded"} <= set(
         calls
     )
-    chosen = [
-        number for number, doing in enumerate(calls) if number % SHARE == 0 or calls[:number].count(doing) < 2
-    ]
+    chosen = [number for number, doing in enumerate(calls) if every or doing not in calls[:number]]
     out = tmp_path / "out"
     for number in chosen:
         failing.at_call(number)
@@ -118,7 +118,7 @@ def test_a_failure_at_any_call_starts_all_again_elsewhere(
         assert told["device"]["platform"] == spare.platform
 
 
-@pytest.mark.parametrize("number", [0, 5, 60, -1])
+@pytest.mark.parametrize("number", [0, 60])
 def test_without_another_device_nothing_is_written(
     call: Callable[..., Any], tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:

@@ -31,6 +31,16 @@ if TYPE_CHECKING:
     from sketchterrain.export.sampled import Sampled
 
 
+# The plainest target and a GIS library's in the default tier, all others in the slow one.
+EACH_TARGET = pytest.mark.parametrize(
+    "target",
+    [
+        name if name in {"raw", "geotiff"} else pytest.param(name, marks=pytest.mark.slow)
+        for name in TARGET_NAMES
+    ],
+)
+
+
 def smallest(target: str) -> list[str]:
     """Return the options of a small export."""
     known = target_named(target)
@@ -50,7 +60,7 @@ def test_the_docs_tell_of_each_target() -> None:
     assert set(TARGET_NAMES) <= named
 
 
-@pytest.mark.parametrize("target", TARGET_NAMES)
+@EACH_TARGET
 def test_a_target_from_the_command_line(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str
 ) -> None:
@@ -113,77 +123,6 @@ def test_a_missing_library_is_named_with_its_extra(
     assert done.error == ("exr needs OpenEXR: not installed, get it with pip install 'sketchterrain[exr]'")
     assert not (tmp_path / "out").exists()
     assert "OpenEXR is not installed: pip install 'sketchterrain[exr]'" in call("targets").out
-
-
-@pytest.mark.parametrize(
-    ("target", "options", "line"),
-    [
-        ("raw", ["--size", "66", "--tiles", "2x2"], "66 vertices .* nearest: 65 or 67"),
-        ("raw", ["--size", "9", "--tiles", "9x1"], "nearest: 10$"),
-        ("raw", ["--tiles", "300x300"], "expected 1 to 65536 tiles"),
-        ("raw", ["--tiles", "2x2", "--tile-name", "{x}/{y}"], "file's name"),
-        ("raw", ["--tiles", "2x2", "--tile-name", "..{x}{y}"], "file's name"),
-        ("raw", ["--tiles", "2x2", "--tile-name", "{x}{z}"], "expected only"),
-        ("raw", ["--tiles", "2x2", "--tile-name", "{x}"], "same name"),
-        ("raw", ["--tiles", "12x12", "--tile-name", "{x}{y}"], "same name"),
-        ("raw", ["--format", "r64"], "expected r16 or r32 or r16be as format, got 'r64'"),
-        ("raw", ["--crs", "EPSG:25832"], "raw has no option crs, only size, tiles"),
-        ("raw", ["--error", "1"], "raw has no option error"),
-        ("raw", ["--grass", "--no-plants"], "grass without plants"),
-        ("raw", ["--heights", "5,4"], "expected the lowest and the highest"),
-        ("raw", ["--heights=-1e30,1e30"], "expected them within"),
-        ("raw", ["--size", "33", "--heights", "0,10"], "the terrain goes from"),
-        ("raw", ["--format", "r32", "--heights", "0,900"], "only 16-bit numbers have a range"),
-        ("exr", ["--heights", "0,900"], "exr has no option heights"),
-        ("unity", ["--tiles", "2x2", "--overlap", "1"], "no overlap can be chosen, tiles share an edge"),
-        ("png16", ["--size", "1000000"], "of memory, this machine has"),
-        ("raw", ["--size", "1000000000000"], "of memory, this machine has"),
-        ("unity", ["--size", "1000"], r"1000 vertices is no size it takes; the nearest: 513 or 1025"),
-        ("unity", ["--size", "1000", "--tiles", "2x2"], r"in 2 tiles is no size .* nearest: 513 or 1025"),
-        ("unity", ["--size", "32"], "the nearest: 33 "),
-        ("unity", ["--size", "9000"], "the nearest: 4097 "),
-        ("unreal", ["--size", "1024"], "the nearest: 1009 or 2017"),
-        ("godot", ["--size", "1025"], "no size can be chosen, vertices are 1 m apart"),
-        ("geotiff", ["--crs", "EPSG:0"], "no coordinate reference system"),
-        ("geotiff", ["--crs", "nonsense"], "no coordinate reference system"),
-        ("geotiff", ["--crs", "EPSG:4326"], "metres"),
-    ],
-)
-def test_what_a_target_does_not_take_is_one_line(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str, options: list[str], line: str
-) -> None:
-    done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *options)
-    assert (done.code, done.out) == (3, ""), done.err
-    with pytest.raises(AssertionError, match=line):
-        raise AssertionError(done.error)
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        ["--to", "nothing"],
-        ["--to", "RAW"],
-        ["--to", "raw", "--size", "1"],
-        ["--to", "raw", "--size", "big"],
-        ["--to", "raw", "--tiles", "4"],
-        ["--to", "raw", "--tiles", "0x4"],
-        ["--to", "raw", "--tiles", "4x4x4"],
-        ["--to", "raw", "--tiles", "2x2", "--overlap", "-1"],
-        ["--to", "raw", "--overlap", "1"],
-        ["--to", "raw", "--tile-name", "{x}{y}"],
-        ["--to", "raw", "--tiles-from-south"],
-        ["--to", "raw", "--heights", "5"],
-        ["--to", "raw", "--heights", "5,nan"],
-        ["--to", "raw", "--origin", "5"],
-    ],
-    ids=" ".join,
-)
-def test_a_wrong_use(call: Callable[..., Any], sketch: Path, tmp_path: Path, options: list[str]) -> None:
-    done = call("export", sketch, "-o", tmp_path / "out", *options)
-    assert (done.code, done.out) == (2, "")
-    assert done.error
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_file_where_the_folder_should_be(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
@@ -252,7 +191,7 @@ def test_an_export_replaces_the_one_before_and_nothing_else(
     assert call(*common, "--to", "exr").code == 0
 
 
-@pytest.mark.parametrize("target", TARGET_NAMES)
+@EACH_TARGET
 def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
 ) -> None:
@@ -264,7 +203,9 @@ def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(
     nothing_is_left(call("export", sketch, "--to", target, "-o", tmp_path, *smallest(target)), tmp_path)
 
 
-@pytest.mark.parametrize("target", ["raw", "exr", "geotiff"])
+@pytest.mark.parametrize(
+    "target", ["raw", *(pytest.param(name, marks=pytest.mark.slow) for name in ("exr", "geotiff"))]
+)
 def test_a_disk_that_is_really_full(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
 ) -> None:
@@ -287,7 +228,7 @@ def test_a_disk_that_is_really_full(
     nothing_is_left(done, tmp_path)
 
 
-@pytest.mark.parametrize("target", TARGET_NAMES)
+@EACH_TARGET
 def test_an_interrupted_export_leaves_nothing(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
 ) -> None:

@@ -178,26 +178,6 @@ def test_a_device_that_fails_amid_a_flight_starts_it_again(
             assert image.getpixel((0, 0)) == (100, 100, 100)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["-o", "film.avi"],
-        ["--fps", "0"],
-        ["--fps", "2.5"],
-        ["--seconds", "0"],
-        ["--seconds", "nan"],
-        ["--seconds", "1e9"],
-        ["--quality", "1.5"],
-        ["--size", "big"],
-    ],
-    ids=" ".join,
-)
-def test_a_wrong_use(call: Callable[..., Any], sketch: Path, arguments: list[str]) -> None:
-    done = call("fly", sketch, *arguments)
-    assert (done.code, done.out) == (2, "")
-    assert done.error
-
-
 @pytest.mark.parametrize("text", ["format = 1", "format = 1\nspeed = 2", "= ="])
 def test_a_wrong_path_is_told_before_any_work(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, asked: list[dict[str, Any]], text: str
@@ -208,13 +188,6 @@ def test_a_wrong_path_is_told_before_any_work(
     assert done.error.startswith(f"{tmp_path / 'way.toml'}: ")
     assert not (tmp_path / "frames").exists()
     assert asked == []
-
-
-def test_without_a_device_there_is_no_folder(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
-    done = call("fly", sketch, "-o", tmp_path / "frames", "--device", "nonsense")
-    assert done.code == 4
-    assert "--device nonsense" in done.error
-    assert not (tmp_path / "frames").exists()
 
 
 def test_frames_of_a_longer_film_are_not_mixed_with(
@@ -229,14 +202,8 @@ def test_frames_of_a_longer_film_are_not_mixed_with(
     assert len(asked) == 2
 
 
-def test_endings_are_those_that_films_have() -> None:
-    from sketchterrain import arguments
-    from sketchterrain.export.film import ANIMATED, VIDEO
-
-    assert set(arguments._FILMS) == {*ANIMATED, VIDEO}
-
-
 @pytest.mark.gl
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["--real-time"]], ids=["complete", "real time"])
 def test_it_really_flies(
     call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, more: list[str]

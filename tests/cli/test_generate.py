@@ -219,7 +219,7 @@ def cloud(folder: Path) -> NDArray[np.void]:
     return np.frombuffer(content.split(b"end_header\n", 1)[1], VERTEX)
 
 
-@pytest.mark.parametrize("kind", ["ply", "both", "none"])
+@pytest.mark.parametrize("kind", [pytest.param("ply", marks=pytest.mark.slow), "both", "none"])
 def test_plants_come_as_what_is_asked_for(
     call: Callable[..., Any], generated: Path, sketch: Path, tmp_path: Path, kind: str
 ) -> None:
@@ -331,6 +331,7 @@ def test_more_plants_than_the_disk_has_room_for_are_refused_before_they_are_look
 
 
 @pytest.mark.gl
+@pytest.mark.slow
 def test_the_preview_is_a_picture(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
     done = call("generate", sketch, "-o", tmp_path, "--size", 9)
     assert done.code == 0, done.err
@@ -361,25 +362,3 @@ def test_generate_draws_a_map_and_the_view_that_is_asked_for(
     assert names(tmp_path) == FILES | {"preview.png", "map.svg"}
     assert "map.svg" in report(tmp_path)["files"]
     assert (tmp_path / "map.svg").read_text().rstrip().endswith("</svg>")
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "line"),
-    [
-        (["--foliage", "obj"], 2, "expected csv, ply, both or none, got 'obj'"),
-        (["--grass"], 2, "--grass with --foliage csv: only foliage.ply holds it, take ply or both"),
-        (["--foliage", "none", "--grass"], 2, "--grass with --foliage none"),
-        (["--map", "pdf"], 2, "expected png or svg, got 'pdf'"),
-        (["--no-preview", "--time", "12"], 2, "--time with --no-preview: it is the preview's"),
-        (["--no-preview", "--view", "air"], 2, "--view with --no-preview"),
-        (["--view", "moon"], 3, "expected a view, one of auto, ground, hill, air"),
-        (["--time", "0"], 3, "expected an hour from"),
-    ],
-)
-def test_what_cannot_be_meant_is_refused_before_any_work(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, options: list[str], code: int, line: str
-) -> None:
-    done = call("generate", sketch, "-o", tmp_path / "out", "--size", 9, *options)
-    assert done.code == code, done.err
-    assert line in done.error
-    assert not (tmp_path / "out").exists()

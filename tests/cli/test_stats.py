@@ -55,22 +55,3 @@ def test_a_person_gets_bars(call: Callable[..., Any], written: Path) -> None:
     ]
     assert max(line.count("█") for line in lines) == 40
     assert all(len(line) <= 110 for line in lines[1:])
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "told"),
-    [
-        (("nowhere.zarr",), 3, "nowhere.zarr: no such file or folder"),
-        (("WORLD", "--level", 9), 3, "no level 9: expected 0 to 2"),
-        (("WORLD", "--level", 1, "--check"), 2, "--level with --check"),
-        (("SKETCH",), 3, "no world"),
-        (("SKETCH", "--check"), 3, "no ledger"),
-    ],
-)
-def test_what_is_no_world_is_one_line(
-    words: tuple[object, ...], code: int, told: str, call: Callable[..., Any], written: Path, sketch: Path
-) -> None:
-    given = [{"WORLD": written, "SKETCH": sketch}.get(str(word), word) for word in words]
-    done = call("stats", *given)
-    assert (done.code, done.out) == (code, "")
-    assert told in done.error

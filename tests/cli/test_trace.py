@@ -85,36 +85,6 @@ def test_a_mask_and_a_folder(call, tmp_path) -> None:
         assert np.array_equal(load_sketch(tmp_path / name).layers["lake"] == 2, pixels > 0)
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "told"),
-    [
-        (("--colour", "sea=#0000ff"), 3, "unknown layer 'sea'"),
-        (("--colour", "hill=#123456"), 3, "no colour of the legend in it"),
-        (("--colour", "hill=#123456", "--colours", "x.toml"), 2, "one legend"),
-        (("--colours", "none.toml"), 3, "none.toml: cannot be read"),
-        (("--layer", "sea"), 3, "layer 'sea'"),
-        (("--layer", "hill", "--specks", "3"), 2, "--specks: not with --layer"),
-        (("--bounds", "1,2,3,4"), 2, "--bounds: not with a picture, only with GeoJSON or a GeoPackage"),
-        (("--bounds", "1,2,3"), 2, "WEST,SOUTH,EAST,NORTH"),
-        (("--extent", "0"), 3, "extent"),
-        (("--extent", "nan"), 3, "extent"),
-        (("--size", "0"), 3, "size: expected 1 to 16384 px"),
-        (("--seed", "-1"), 3, "seed"),
-        (("--tolerance", "2"), 2, "--tolerance"),
-        (("--preview", "p.jpg"), 2, "expected the name of a .png file"),
-        (("--preview", "no/such/p.png"), 3, "expected a file in a folder that is there"),
-    ],
-)
-def test_what_cannot_be_meant_is_one_line_and_writes_nothing(
-    call, island, tmp_path, options, code, told
-) -> None:
-    before = sorted(tmp_path.iterdir())
-    done = call("trace", island, "-o", tmp_path / "a", *options)
-    assert done.code == code, done.err
-    assert told in done.error
-    assert sorted(tmp_path.iterdir()) == before
-
-
 def test_a_preview_takes_no_place_of_the_source_or_the_sketch(call, island, tmp_path) -> None:
     picture, folder, new = island.read_bytes(), tmp_path / "layers", tmp_path / "new"
     folder.mkdir()

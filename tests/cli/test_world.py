@@ -125,50 +125,6 @@ def test_geotiffs_are_the_same_world(
     assert call("stats", whole[1], "--check").code == 0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code", "told"),
-    [
-        (("--bounds", "1,2,3"), 2, "expected WEST,SOUTH,EAST,NORTH in metres, got '1,2,3'"),
-        (("--bounds", "a,b,c,d"), 2, "expected WEST,SOUTH,EAST,NORTH"),
-        (("--bounds", "0,0,inf,1"), 2, "expected WEST,SOUTH,EAST,NORTH"),
-        (("--bounds", "5,0,5,1"), 3, "west < east"),
-        (("--cell", "0"), 3, "cell of more than 0 m"),
-        (("--cell", "1e-7"), 3, "expected at least"),
-        (("--bounds", "0,0,1e13,1e13", "--cell", "1e7"), 3, "coordinates must be finite and within"),
-        (("-o", ""), 3, "expected a path to write to"),
-        (("-o", "world.png"), 3, "expected a name that ends in .zarr or .tif"),
-        (("--layers", "height,colour"), 3, "expected some of height, normal, materials"),
-        (("--layers", "normal"), 3, "expected height among them"),
-        (("--step", "0.3"), 3, "expected a power of two"),
-        (("--plants", "csv"), 3, "expected plants as none, parquet or flatgeobuf"),
-        (("--grass",), 3, "grass without plants"),
-        (("--crs", "EPSG:4326"), 3, "in degrees"),
-        (("--origin", "x"), 2, "expected two numbers"),
-        (("--workers", "0"), 2, "--workers"),
-        (("--workers", "2", "--scheduler", "tcp://127.0.0.1:1"), 2, "--workers with --scheduler"),
-        (("--fast", "--workers", "2"), 2, "--fast with workers"),
-        (("--scheduler", "127.0.0.1"), 3, "tcp://"),
-        (("--scheduler", "tcp://127.0.0.1:1"), 1, "tcp://127.0.0.1:1"),
-        (("--device", "no such"), 4, "no such"),
-    ],
-)
-def test_what_cannot_be_meant_is_one_line(
-    arguments: tuple[str, ...],
-    code: int,
-    told: str,
-    call: Callable[..., Any],
-    sketch: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    place = () if "-o" in arguments else ("-o", "world.zarr")
-    done = call("world", sketch, *place, *arguments)
-    assert (done.code, done.out) == (code, "")
-    assert told in done.error
-    assert not list(tmp_path.iterdir())
-
-
 def test_no_room_is_told_before_anything_is_written(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

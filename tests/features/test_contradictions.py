@@ -50,13 +50,11 @@ def test_a_river_crosses_springs_or_ends_in_a_mountain() -> None:
     assert told(sketch((0, 10))) == ("river 1 begins in mountain 1: springs there at 10 m",)
     assert told(sketch((30, 40))) == ("river 1 ends in mountain 1: valley cut 54 m",)
     assert told(sketch()) == ()
-
-
-def test_a_river_above_the_ground_cuts_nothing() -> None:
+    # Above the ground it cuts nothing.
     assert told(sketch((10, 20)), ground=-5.0) == ("river 1 crosses mountain 1: valley cut 0 m",)
 
 
-def test_each_is_told_where_it_is() -> None:
+def test_resolutions_have_positions() -> None:
     (crosses,) = resolved(sketch((10, 20)))
     assert (crosses.x, crosses.y) == (145.0, 200.0)
     (begins,) = resolved(sketch((0, 10)))

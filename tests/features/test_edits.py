@@ -57,15 +57,7 @@ def painted(sketch: Sketch) -> np.ndarray:
     return place(sketch, seed=sketch.seed)
 
 
-def test_without_edits_nothing_changes(painted: np.ndarray) -> None:
-    edited = edited_painted(painted, ())
-    assert edited.points.tobytes() == edited.asked.tobytes() == painted.tobytes()
-    assert not edited.locked.any()
-    assert edited.hidden.size == 0
-    assert edited.orphans == ()
-
-
-def test_each_edit_does_what_it_says_and_nothing_else(painted: np.ndarray) -> None:
+def test_each_edit_changes_its_feature_alone(painted: np.ndarray) -> None:
     first, second, third, fourth = (int(name) for name in painted["id"][:4])
     edits = [
         Edit("move", first, x=-50.0, y=9000.0),
@@ -81,15 +73,18 @@ def test_each_edit_does_what_it_says_and_nothing_else(painted: np.ndarray) -> No
     assert fourth not in points["id"]
     assert points[3:].tobytes() == painted[4:].tobytes()
     assert (np.diff(points["id"].astype(object)) > 0).all()
+    # A forest is never denser than full.
+    forest = int(painted[painted["type"] == FEATURE_TYPES.index("forest")]["id"][0])
+    points = edited_painted(painted, [Edit("strength", forest, strength=40.0)]).points
+    assert _of(points, forest)["strength"] == 1.0
+    unedited = edited_painted(painted, ())
+    assert unedited.points.tobytes() == unedited.asked.tobytes() == painted.tobytes()
+    assert not unedited.locked.any()
+    assert unedited.hidden.size == 0
+    assert unedited.orphans == ()
 
 
-def test_a_forest_is_never_denser_than_full(painted: np.ndarray) -> None:
-    forest = painted[painted["type"] == FEATURE_TYPES.index("forest")][0]
-    points = edited_painted(painted, [Edit("strength", int(forest["id"]), strength=40.0)]).points
-    assert _of(points, int(forest["id"]))["strength"] == 1.0
-
-
-def test_what_is_added_can_be_changed_too(painted: np.ndarray) -> None:
+def test_added_features_can_be_edited(painted: np.ndarray) -> None:
     dune = Edit("add", type="dune", x=5.0, y=6.0, radius=70.0, strength=3.0, wavelength=20.0)
     points = edited_painted(painted, [dune, Edit("move", dune.feature, x=1.0, y=2.0)]).points
     added = _of(points, dune.feature)
@@ -99,7 +94,7 @@ def test_what_is_added_can_be_changed_too(painted: np.ndarray) -> None:
     assert points["id"][-1] == dune.feature
 
 
-def test_a_lock_stores_everything_there_is_to_a_feature(painted: np.ndarray) -> None:
+def test_a_lock_stores_all_values_of_a_feature(painted: np.ndarray) -> None:
     locks = [lock_of(point) for point in painted]
     assert edited_painted(painted[:0], locks).points.tobytes() == painted.tobytes()
     grove = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5)
@@ -109,7 +104,7 @@ def test_a_lock_stores_everything_there_is_to_a_feature(painted: np.ndarray) -> 
     assert _of(points, pines.feature)["peakiness"] == 1.75
 
 
-def test_what_is_gone_is_told_in_one_line(painted: np.ndarray) -> None:
+def test_edits_of_missing_features_are_orphans(painted: np.ndarray) -> None:
     edited = edited_painted(painted, [Edit("move", 5, x=1.0, y=2.0), Edit("delete", int(painted["id"][0]))])
     assert edited.orphans == ("move of feature 5: there is no such feature any more",)
     again = edited_painted(painted[1:], [Edit("delete", int(painted["id"][0]))])
@@ -127,7 +122,7 @@ def test_a_lock_keeps_a_feature_whatever_is_painted(sketch: Sketch) -> None:
         assert repainted.orphans == ()
 
 
-def test_edits_survive_painting_elsewhere_and_another_seed_tells_what_is_gone(sketch: Sketch) -> None:
+def test_edits_survive_painting_elsewhere_and_are_orphans_when_erased(sketch: Sketch) -> None:
     recipe = make_recipe(sketch)
     name = int(recipe.painted["id"][0])
     edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
@@ -257,20 +252,13 @@ def test_without_the_stem_a_tributary_is_a_river_of_its_own(sketch: Sketch) -> N
     assert _rivers(both) == ({}, ())
 
 
-@pytest.mark.parametrize(
-    ("edit", "problem"),
-    [
-        (Edit("width", (4 << 48) + 1, width=5.0), "there is no such river any more"),
-        (Edit("delete", (4 << 48) + 1), "there is no such river any more"),
-        (Edit("width", 7, width=5.0), "there is no such river any more"),
-    ],
-)
-def test_an_edit_of_no_river_is_told(sketch: Sketch, edit: Edit, problem: str) -> None:
-    recipe = make_recipe(sketch.with_edit(edit))
-    assert recipe.orphans == (f"{edit.action} of river {edit.feature}: {problem}",)
-
-
-def test_an_edit_that_a_river_cannot_have_is_told(sketch: Sketch) -> None:
+def test_edits_without_their_river_are_orphans(sketch: Sketch) -> None:
+    lost = (4 << 48) + 1
+    edits = [Edit("width", lost, width=5.0), Edit("delete", lost), Edit("width", 7, width=5.0)]
+    orphans = make_recipe(sketch.replace(edits=tuple(edits))).orphans
+    assert set(orphans) == {
+        f"{edit.action} of river {edit.feature}: there is no such river any more" for edit in edits
+    }
     stem, _ = _stem_and_tributary(_rivers(sketch)[0])
     edited = sketch.with_edit(Edit("resize", stem.id, radius=5.0))
     edited = edited.with_edit(Edit("move_point", stem.id, index=99_999, x=0.0, y=0.0))

@@ -19,7 +19,7 @@ def fill(density: dict[str, float] | None = None, *, seed: int = 5, **layers: np
     return Fill(sketch, place(sketch, seed=seed), seed=seed)
 
 
-@pytest.mark.parametrize("origin", [(0.0, 0.0), (-7000.0, 3000.0), (1e9, -1e9), (-1e9 - 0.3, 1e9 + 0.7)])
+@pytest.mark.parametrize("origin", [(0.0, 0.0), (-1e9 - 0.3, 1e9 + 0.7)])
 def test_a_rectangle_and_its_pieces_hold_the_same_features(origin: tuple[float, float]) -> None:
     west, south = origin
     ground = fill()
@@ -35,26 +35,24 @@ def test_a_rectangle_and_its_pieces_hold_the_same_features(origin: tuple[float, 
     ]
     together = np.concatenate(pieces)
     np.testing.assert_array_equal(together[np.argsort(together["id"])], whole)
+    # Ids are unique, sorted and marked.
+    assert np.all(np.diff(whole["id"].astype(object)) > 0)
+    assert np.all(whole["id"] >= 2**63)
+    assert not whole["painted"].any()
 
 
-def test_ids_are_unique_sorted_and_marked() -> None:
-    found = fill().within(-20_000, -20_000, 20_000, 20_000)
-    assert np.all(np.diff(found["id"].astype(object)) > 0)
-    assert np.all(found["id"] >= 2**63)
-    assert not found["painted"].any()
-
-
-@pytest.mark.parametrize(
-    ("name", "density"),
-    [("mountain", 0.02), ("hill", 0.2), ("dune", 0.1), ("forest", 2.0), ("hill", 5.0), ("forest", 100.0)],
-)
-def test_the_density_is_reached(name: str, density: float) -> None:
-    side = float(np.sqrt(3000 / density)) * 1000
-    found = fill({name: density}).within(1e5, 1e5, 1e5 + side, 1e5 + side)
-    assert len(found) == pytest.approx(3000, rel=0.15)
-
-
-def test_the_density_of_each_type_is_reached_beside_the_others() -> None:
+def test_the_density_is_reached() -> None:
+    for name, density in (
+        ("mountain", 0.02),
+        ("hill", 0.2),
+        ("dune", 0.1),
+        ("forest", 2.0),
+        ("hill", 5.0),
+        ("forest", 100.0),
+    ):
+        side = float(np.sqrt(3000 / density)) * 1000
+        found = fill({name: density}).within(1e5, 1e5, 1e5 + side, 1e5 + side)
+        assert len(found) == pytest.approx(3000, rel=0.15), (name, density)
     found = fill().within(1e5, 0.0, 2e5, 1e5)
     for code, name in enumerate(FEATURE_TYPES):
         assert (found["type"] == code).sum() == pytest.approx(DENSITY[name] * 1e4, rel=0.15), name
@@ -72,7 +70,7 @@ def test_features_keep_the_spacing_of_the_rules() -> None:
         assert np.all(distance[pair] >= factor * radii[pair] * (1 - 1e-9)), (first, second)
 
 
-def test_painted_ground_and_rivers_are_left_alone() -> None:
+def test_the_fill_keeps_clear_of_painted_shapes_and_rivers() -> None:
     row, column = np.mgrid[:64, :64]
     layers = {
         "mountain": (np.hypot(row - 20, column - 20) < 10).astype(np.uint8),
@@ -87,18 +85,23 @@ def test_painted_ground_and_rivers_are_left_alone() -> None:
             assert np.all(distance[of_type] > CLEARANCE[name, layer] * found["radius"][of_type])
 
 
-def test_a_river_distance_of_ones_own() -> None:
+def test_the_river_distance_can_be_given() -> None:
     sketch = Sketch(density={"hill": 2.0})
     shy = Fill(sketch, place(sketch, seed=1), seed=1, river_distance=lambda x, _: np.abs(x - 9000.0))
     found = shy.within(0, 0, 20_000, 20_000)
     assert np.all(np.abs(found["x"] - 9000.0) > 0.9 * found["radius"])
 
 
-def test_no_density_no_features() -> None:
+def test_no_density_and_large_least_radii_give_no_features() -> None:
     sketch = Sketch()
     nothing = Fill(sketch, place(sketch, seed=1), seed=1)
     assert nothing.max_radius == 0.0
     assert len(nothing.within(-1e6, -1e6, 1e6, 1e6)) == 0
+    ground = fill()
+    assert len(ground.within(-1e12, -1e12, 1e12, 1e12, min_radius=ground.max_radius * 1.01)) == 0
+    for box in ((0, 0, np.nan, 1), (0, 0, np.inf, 1), (1, 0, 0, 1), (0, 1, 1, 0)):
+        with pytest.raises(InputError, match="expected finite bounds"):
+            ground.within(*box)
 
 
 def test_small_features_can_be_left_out() -> None:
@@ -110,29 +113,6 @@ def test_small_features_can_be_left_out() -> None:
     assert everything["radius"].max() <= ground.max_radius
 
 
-def test_what_is_too_small_to_matter_costs_nothing() -> None:
-    ground = fill()
-    assert len(ground.within(-1e12, -1e12, 1e12, 1e12, min_radius=ground.max_radius * 1.01)) == 0
-
-
-def test_the_seed_matters() -> None:
+def test_the_seed_changes_every_feature() -> None:
     first, second = (fill(seed=seed).within(0, 0, 20_000, 20_000) for seed in (1, 2))
     assert not np.isin(first["x"], second["x"]).any()
-
-
-@pytest.mark.parametrize("box", [(0, 0, np.nan, 1), (0, 0, np.inf, 1), (1, 0, 0, 1), (0, 1, 1, 0)])
-def test_a_rectangle_without_an_inside_is_refused(box: tuple[float, float, float, float]) -> None:
-    with pytest.raises(InputError, match="expected finite bounds"):
-        fill().within(*box)
-
-
-def test_distance_to_what_was_painted() -> None:
-    painted = np.zeros((10, 20), bool)
-    painted[2, 3] = True
-    distance = PaintedDistance(painted, 10.0)
-    x, y = np.array([35.0, 75.0, 35.0, -100.0, 35.0]), np.array([75.0, 75.0, 15.0, 75.0, 200.0])
-    np.testing.assert_allclose(distance(x, y)[:3], [0.0, 40.0, 60.0])
-    true = np.hypot(x - 35, y - 75)
-    assert np.all(distance(x, y) <= true + 5.0)
-    assert np.all(distance(x, y)[3:] > 100)
-    assert np.isinf(PaintedDistance(~np.ones((4, 4), bool), 1.0)(x, y)).all()

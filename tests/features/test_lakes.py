@@ -29,9 +29,6 @@ def disc(x: float, y: float, radius: float, *, margin: float = 50.0) -> Lake:
 def test_the_distance_inside_a_disc_is_that_to_its_circle() -> None:
     at = np.array([[100.0, 100.0], [110.0, 100.0], [100.0, 65.0], [100.0, 160.0]])
     np.testing.assert_allclose(within(disc(100, 100, 40).shape, at), [40, 30, 5, -20], atol=0.6)
-
-
-def test_a_lakes_centre_is_the_discs() -> None:
     np.testing.assert_allclose(lake_centre(disc(130, 70, 20)), [130, 70])
 
 
@@ -44,7 +41,7 @@ def test_a_line_through_two_lakes_has_a_run_in_each() -> None:
     assert (later, end) == pytest.approx((270, 330), abs=1.5)
 
 
-def test_the_rim_begins_before_the_shore_and_counts_for_who_passes_by() -> None:
+def test_still_runs_begin_before_the_shore_and_include_the_rim() -> None:
     lake = disc(200, 100, 40, margin=50.0)  # its rim: 0.2 of 50 m
     x = np.arange(0.0, 400.0, 1.0)
     ((shore, first, last, _),) = still_runs([lake], np.column_stack([x, np.full(400, 100.0)]))
@@ -65,7 +62,7 @@ def test_a_lake_stands_below_the_low_parts_of_its_shore() -> None:
     assert 0.1 * 200 < slope.level < 0.1 * 250  # the western shore, at 205 m
 
 
-def test_pixels_of_lakes() -> None:
+def test_lake_pixels_are_those_painted() -> None:
     layer = np.zeros((SIZE, SIZE), np.uint8)
     assert lake_pixels(Sketch(layers={"lake": layer})) is None
     layer[10, 20] = 1

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext, Device, list_devices
+from sketchterrain.compute import ComputeContext, Device, gl_interop, list_devices
 from sketchterrain.compute.gl_interop import GLHandles, current_handles
 from sketchterrain.errors import DeviceError
 from sketchterrain.render import sharing_probe
@@ -24,7 +24,15 @@ pytestmark = pytest.mark.gl
 
 DEVICES = list_devices()
 CPUS = [device for device in DEVICES if device.type == "CPU"]
-SHARING = [device for device in DEVICES if device.gl_sharing == "extension"]
+MAPPED = replace(CPUS[0], gl_sharing="mapped")  # which it is unless its driver has cl_khr_gl_sharing
+
+PROBE_FOR_EXTENSION = """
+import sys
+from sketchterrain.compute import gl_interop
+from sketchterrain.render import sharing_probe
+gl_interop._EXTENSION = sys.argv[3]
+sharing_probe._probe(int(sys.argv[1]), sys.argv[2])
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -34,25 +42,30 @@ def forgotten() -> Iterator[None]:
     probe_sharing.cache_clear()
 
 
-@pytest.mark.parametrize("device", CPUS, ids=lambda device: device.platform)
-def test_a_cpu_device_maps(gl: object, device: Device) -> None:
-    assert probe_sharing(device) == Sharing("mapped")
-    assert open_device(device).gl is None
+def probe_for_extension(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Share through an extension of this name, here and in the probe's child."""
+
+    def command(device: Device, kind: str) -> list[str]:
+        return [sys.executable, "-c", PROBE_FOR_EXTENSION, str(device.index), kind, name]
+
+    monkeypatch.setattr(gl_interop, "_EXTENSION", name)
+    monkeypatch.setattr(sharing_probe, "_command", command)
 
 
-@pytest.mark.skipif(not SHARING, reason="no device with cl_khr_gl_sharing")
-def test_a_device_with_the_extension_shares(gl: object) -> None:
-    """Or is told why it does not, and copies."""
-    for device in SHARING:
-        found = probe_sharing(device)
+@pytest.mark.parametrize("device", DEVICES, ids=lambda device: device.platform)
+def test_the_best_kind_that_works_is_chosen(gl: object, device: Device) -> None:
+    found = probe_sharing(device)
+    if device.gl_sharing == "extension":
         assert (found.kind == "extension") == (found.reason == "")
-        assert (open_device(device).gl is not None) == (found.kind == "extension")
+    else:
+        assert found == Sharing(device.gl_sharing)
+    assert (open_device(device).gl is not None) == (found.kind == "extension")
 
 
 FAILURES = {
     "a crash": (
         "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
-        "extension: the probe crashed (SIGSEGV)",
+        "extension: the probe crashed (SIGSEGV); update or reinstall the driver",
     ),
     "a hang": ("import time; time.sleep(60)", "extension: the probe did not answer within 2 s"),
     "a refusal": ("raise SystemExit('the driver refuses')", "extension: the driver refuses"),
@@ -77,47 +90,43 @@ def test_no_opengl_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         sharing_probe, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit('no OpenGL 4.3')"]
     )
-    assert probe_sharing(CPUS[0]) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
+    assert probe_sharing(MAPPED) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
 
 
 @pytest.mark.parametrize("device", CPUS, ids=lambda device: device.platform)
-def test_a_driver_without_the_extension_is_not_asked(gl: object, device: Device) -> None:
+def test_a_driver_without_the_extension_is_not_asked(
+    gl: object, device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """PoCL's would end the process."""
     handles = current_handles()
     assert handles is not None
     assert handles.window_system == "EGL"
-    with pytest.raises(DeviceError, match="shares no buffers with OpenGL: no cl_khr_gl_sharing"):
-        ComputeContext(device, gl=handles)
+    probe_for_extension("cl_none_sharing", monkeypatch)
+    with pytest.raises(DeviceError, match="shares no buffers with OpenGL: no cl_none_sharing"):
+        gl_interop.context_beside(device, handles)
     found = probe_sharing(replace(device, gl_sharing="extension"))
     assert found.kind == "mapped"
-    assert "no cl_khr_gl_sharing" in found.reason
+    assert "no cl_none_sharing" in found.reason
 
 
 def test_a_driver_that_ends_the_process(gl: object, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Asked all the same, in a child: it says no, or it crashes, and vertices are mapped."""
-    code = (
-        "import sys; from sketchterrain.compute import gl_interop;"
-        "from sketchterrain.render import sharing_probe;"
-        "gl_interop._EXTENSION = 'cl_khr_global_int32_base_atomics';"
-        "sharing_probe._probe(int(sys.argv[1]), sys.argv[2])"
-    )
-
-    def command(device: Device, kind: str) -> list[str]:
-        return [sys.executable, "-c", code, str(device.index), kind]
-
-    monkeypatch.setattr(sharing_probe, "_command", command)
+    """Asked without the extension, in a child: it says no, or it crashes, and vertices are mapped."""
+    probe_for_extension("cl_khr_global_int32_base_atomics", monkeypatch)
     for device in CPUS:
         found = probe_sharing(replace(device, gl_sharing="extension"))
-        assert found.kind == "mapped"
-        assert found.reason.startswith("extension: ")
         assert "\n" not in found.reason
+        if device.gl_sharing == "extension":
+            assert (found.kind == "extension") == (found.reason == "")
+        else:
+            assert found.kind == "mapped"
+            assert found.reason.startswith("extension: ")
 
 
 def test_a_terrain_moves_beside_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     """To a device that shares buffers; elsewhere it stays where it is."""
-    terrain = build(load_sketch("rolling_hills"), device=ComputeContext(CPUS[0]))
+    terrain = build(load_sketch("rolling_hills"), device=ComputeContext(MAPPED))
     assert beside_gl(terrain) is terrain
-    other = ComputeContext(CPUS[0])
+    other = ComputeContext(MAPPED)
     monkeypatch.setattr(sharing_probe, "open_device", lambda *_, **__: other)
     assert beside_gl(terrain) is terrain
     other.gl = GLHandles("EGL", 5, 7)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.sharing import kinds_for
 from sketchterrain.errors import DeviceError, InputError
+from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import Terrain, build
@@ -44,8 +46,9 @@ void main() { pixel = vec4(told, 1.0); }
 
 
 @pytest.fixture(scope="module", params=[d for d in DEVICES if d.type == "CPU"], ids=lambda d: d.platform)
-def terrain(request: pytest.FixtureRequest) -> Terrain:
-    return build(load_sketch("valley_river"), device=ComputeContext(request.param))
+def terrain(request: pytest.FixtureRequest, gl: moderngl.Context) -> Terrain:
+    """A terrain on a device that shares buffers with OpenGL, where its driver has cl_khr_gl_sharing."""
+    return build(load_sketch("valley_river"), device=open_device(request.param))
 
 
 def write(terrain: Terrain, gl: moderngl.Context, kind: str | None) -> tuple[Any, bytes]:
@@ -62,12 +65,12 @@ def slots_of(data: bytes) -> dict[int, bytes]:
     return {slot: data[slot * size : (slot + 1) * size] for slot in SLOTS}
 
 
-def test_mapped_and_copied_memory_hold_the_same_bytes(terrain: Terrain, gl: moderngl.Context) -> None:
+def test_all_kinds_of_memory_hold_the_same_bytes(terrain: Terrain, gl: moderngl.Context) -> None:
     """Those of a store without OpenGL, read back through OpenGL."""
     plain = terrain.vertex_store(COUNT)
     terrain.write_tiles(KEYS, SLOTS, PARENTS, plain)
     expected = slots_of(plain.download().tobytes())
-    for kind in ("mapped", "copy"):
+    for kind in kinds_for(terrain.context):
         memory, found = write(terrain, gl, kind)
         assert memory.kind == kind
         assert memory.reason == ""
@@ -75,14 +78,18 @@ def test_mapped_and_copied_memory_hold_the_same_bytes(terrain: Terrain, gl: mode
         memory.close()
 
 
-def test_a_cpu_maps_by_itself(terrain: Terrain, gl: moderngl.Context) -> None:
+def test_the_best_kind_is_the_default(terrain: Terrain, gl: moderngl.Context) -> None:
     memory, _ = write(terrain, gl, None)
-    assert memory.kind == "mapped"
+    assert memory.kind == ("mapped" if terrain.context.gl is None else "extension")
 
 
-@pytest.mark.parametrize("kind", ["mapped", "copy"])
-def test_pixels_drawn_from_it_are_right(terrain: Terrain, gl: moderngl.Context, kind: str) -> None:
+def test_pixels_drawn_from_it_are_right(terrain: Terrain, gl: moderngl.Context) -> None:
     """Each vertex drawn as a pixel: what is read back is the tile; and again after it was overwritten."""
+    for kind in kinds_for(terrain.context):
+        check_pixels(terrain, gl, kind)
+
+
+def check_pixels(terrain: Terrain, gl: moderngl.Context, kind: str) -> None:
     memory, _ = write(terrain, gl, kind)
     store = terrain.vertex_store(COUNT, memory=memory)
     target = gl.simple_framebuffer((65, 65), components=4, dtype="f4")
@@ -100,11 +107,12 @@ def test_pixels_drawn_from_it_are_right(terrain: Terrain, gl: moderngl.Context, 
 
 
 def test_what_does_not_work_says_why(terrain: Terrain, gl: moderngl.Context, monkeypatch: Any) -> None:
+    context = ComputeContext(terrain.context.device)
     with pytest.raises(DeviceError, match="not opened beside an OpenGL context"):
-        open_vertex_memory(gl, terrain.context, 1024, kind="extension")
+        open_vertex_memory(gl, context, 1024, kind="extension")
     monkeypatch.setattr("sketchterrain.render.vertex_memory._STORAGE_VERSION", 10_000)
     monkeypatch.setattr("sketchterrain.render.vertex_memory._STORAGE_EXTENSION", "GL_none")
-    memory = open_vertex_memory(gl, terrain.context, 1024)
+    memory = open_vertex_memory(gl, context, 1024)
     assert (memory.kind, memory.reason) == ("copy", "this machine's OpenGL has no GL_none")
 
 

@@ -5,7 +5,7 @@ import pytest
 from sketchterrain.features.recent import Recent, Same
 
 
-def test_what_is_remembered_is_not_made_again() -> None:
+def test_cached_values_are_not_computed_again() -> None:
     recent, made = Recent(2), []
 
     def make(value: int) -> int:
@@ -17,7 +17,7 @@ def test_what_is_remembered_is_not_made_again() -> None:
     assert made == [1, 2, 3, 2]  # 2 was not asked for the longest when 3 came
 
 
-def test_nothing_is_remembered_of_what_failed() -> None:
+def test_failures_are_not_cached() -> None:
     recent = Recent(2)
 
     def fail() -> None:

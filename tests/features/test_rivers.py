@@ -61,10 +61,6 @@ def check(river: River) -> None:
     assert 4 << 48 <= river.id < 5 << 48
 
 
-def test_nothing_painted_is_no_river() -> None:
-    assert trace(np.zeros((SIZE, SIZE), np.uint8)) == ()
-
-
 def test_a_river_runs_downhill_and_keeps_its_labels_sizes() -> None:
     picture = painted([(80, 30), (70, 80), (90, 130)], label=4)
     (river,) = trace(picture, southward, labels={("river", 4): {"width": 20.0, "depth": 3.0}})
@@ -77,22 +73,22 @@ def test_a_river_runs_downhill_and_keeps_its_labels_sizes() -> None:
     assert back.points[0, 1] < back.points[-1, 1]
 
 
-@pytest.mark.parametrize("flow", [0.0, 90.0, 180.0])
-def test_a_label_says_where_a_river_runs_to(flow: float) -> None:
+def test_the_flow_of_a_label_directs_its_river() -> None:
     picture = painted([(40, 130), (120, 30)])
-    (river,) = trace(picture, southward, labels={("river", 1): {"flow": flow}})
-    run = river.points[-1, :2] - river.points[0, :2]
-    assert run @ [np.sin(np.deg2rad(flow)), np.cos(np.deg2rad(flow))] > 0
+    for flow in (0.0, 90.0, 180.0):
+        (river,) = trace(picture, southward, labels={("river", 1): {"flow": flow}})
+        run = river.points[-1, :2] - river.points[0, :2]
+        assert run @ [np.sin(np.deg2rad(flow)), np.cos(np.deg2rad(flow))] > 0, flow
 
 
-@pytest.mark.parametrize("fidelity", [0.0, 0.8, 1.0])
-def test_the_centreline_follows_the_painted_skeleton(fidelity: float) -> None:
+def test_the_centreline_follows_the_painted_skeleton() -> None:
     picture = painted([(30, 40), (60, 60), (70, 110), (120, 120), (140, 60)])
-    (river,) = trace(picture, fidelity=fidelity)
     (skeleton,) = skeletons(picture > 0)
     at = np.column_stack([(skeleton.columns + 0.5) * 10, (SIZE - skeleton.rows - 0.5) * 10])
-    distance = cKDTree(river.centreline[:, :2]).query(at)[0] / 10
-    assert distance.mean() < (0.75 if fidelity == 1.0 else 1.5)
+    for fidelity in (0.0, 0.8, 1.0):
+        (river,) = trace(picture, fidelity=fidelity)
+        distance = cKDTree(river.centreline[:, :2]).query(at)[0] / 10
+        assert distance.mean() < (0.75 if fidelity == 1.0 else 1.5), fidelity
 
 
 def test_water_lies_below_the_smoothed_ground_and_falls_enough() -> None:
@@ -112,7 +108,9 @@ def test_a_tributary_ends_on_the_stem_at_its_level() -> None:
     assert tributary.centreline[-2, 2] > tributary.centreline[-1, 2]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
+)
 def test_confluences_meet_on_any_ground(seed: int) -> None:
     rng = np.random.default_rng(seed)
     phase = rng.random(4) * 6
@@ -136,14 +134,15 @@ def test_confluences_meet_on_any_ground(seed: int) -> None:
     assert ends == len(rivers) - 1
 
 
-@pytest.mark.parametrize("gap", [1, 2, 3])
-def test_a_tributary_painted_short_of_its_stem_joins_it(gap: int) -> None:
-    stem, side = painted([(80, 20), (80, 140)]), painted([(20, 70), (110, 70)])
-    side[:, 80 - 2 - gap :] = 0
-    rivers = trace(stem | side, southward)
-    assert len(rivers) == 2
-    longer, joining = sorted(rivers, key=lambda river: -len(river.centreline))
-    assert (longer.centreline == joining.centreline[-1]).all(axis=1).any()
+def test_a_tributary_painted_short_of_its_stem_joins_it() -> None:
+    stem = painted([(80, 20), (80, 140)])
+    for gap in (1, 2, 3):
+        side = painted([(20, 70), (110, 70)])
+        side[:, 80 - 2 - gap :] = 0
+        rivers = trace(stem | side, southward)
+        assert len(rivers) == 2, gap
+        longer, joining = sorted(rivers, key=lambda river: -len(river.centreline))
+        assert (longer.centreline == joining.centreline[-1]).all(axis=1).any(), gap
 
 
 def test_a_river_far_from_another_or_beside_it_does_not_join_it() -> None:
@@ -226,12 +225,16 @@ def test_as_painted_neither_tapers_nor_grows_where_others_join() -> None:
 
 
 def test_a_river_at_the_edge_runs_on_beyond_it() -> None:
-    (river,) = trace(painted([(80, 60), (70, 159)]), southward)
+    picture = painted([(80, 60), (70, 159)])
+    (river,) = trace(picture, southward)
     beyond = river.centreline[:, 1] < 0
     assert beyond.sum() > 10
     assert river.centreline[-1, 1] < -0.2 * 10 * SIZE
     first = int(np.argmax(beyond))
     assert beyond[first:].all()
+    # The mouth is at the edge although the ground rises to it a little.
+    (river,) = trace(picture, lambda x, y: -0.005 * y + 0 * x)
+    assert river.points[-1, 1] < 0
 
 
 def test_a_river_through_the_sketch_runs_on_at_both_ends() -> None:
@@ -248,20 +251,17 @@ def test_an_end_near_the_edge_but_running_along_it_stays_inside() -> None:
     assert river.centreline[:, 1].min() > 0
 
 
-def test_the_mouth_is_rather_at_the_edge() -> None:
-    (river,) = trace(painted([(80, 60), (70, 159)]), lambda x, y: -0.005 * y + 0 * x)
-    assert river.points[-1, 1] < 0
-
-
-@pytest.mark.parametrize("size", [(1, 1), (2, 2), (1, 2), (9, 9), (3, 3)])
-def test_a_dab_is_a_short_reach(size: tuple[int, int]) -> None:
-    picture = np.zeros((SIZE, SIZE), np.uint8)
-    picture[60 : 60 + size[0], 70 : 70 + size[1]] = 1
-    (river,) = trace(picture, southward)
-    length = np.hypot(*(river.points[-1] - river.points[0])[:2])
-    assert 15 <= length <= 20 + 10 * max(size)
-    centre = river.points[[0, -1], :2].mean(axis=0)
-    assert np.abs(centre - [(70 + size[1] / 2) * 10, (SIZE - 60 - size[0] / 2) * 10]).max() <= 10
+def test_a_dab_is_a_short_reach() -> None:
+    for size in ((1, 1), (2, 2), (1, 2), (9, 9), (3, 3)):
+        picture = np.zeros((SIZE, SIZE), np.uint8)
+        assert trace(picture) == ()
+        picture[60 : 60 + size[0], 70 : 70 + size[1]] = 1
+        (river,) = trace(picture, southward)
+        length = np.hypot(*(river.points[-1] - river.points[0])[:2])
+        assert 15 <= length <= 20 + 10 * max(size), size
+        centre = river.points[[0, -1], :2].mean(axis=0)
+        middle = [(70 + size[1] / 2) * 10, (SIZE - 60 - size[0] / 2) * 10]
+        assert np.abs(centre - middle).max() <= 10, size
 
 
 def test_a_loop_becomes_two_arms_with_one_mouth() -> None:
@@ -290,13 +290,7 @@ def test_two_rivers_do_not_change_each_other() -> None:
     np.testing.assert_array_equal(same.centreline, alone.centreline)
 
 
-def test_the_same_sketch_gives_the_same_bits() -> None:
-    picture = painted([(80, 60), (70, 159)], [(30, 30), (78, 90)])
-    for first, second in zip(trace(picture), trace(picture), strict=True):
-        np.testing.assert_array_equal(first.centreline, second.centreline)
-
-
-def test_ground_that_is_no_ground_is_refused() -> None:
+def test_non_finite_ground_is_refused() -> None:
     picture = painted([(80, 20), (80, 140)])
     for ground in (lambda x, _: x * np.nan, lambda x, _: x[:1]):
         with pytest.raises(InputError, match="finite ground heights"):

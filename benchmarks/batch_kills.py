@@ -75,7 +75,7 @@ def killed(
                 timeout=chance.uniform(0.0, longest) if len(found) < kills else timeout
             )
         except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
+            _kill(process)
             process.communicate()
             if len(found) == kills:
                 raise
@@ -84,6 +84,14 @@ def killed(
         if process.returncode != 0:
             raise RuntimeError(f"batch ended with {process.returncode}: {told.decode(errors='replace')}")
         return found
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill a process that leads a session, and on POSIX all that it started."""
+    if sys.platform == "win32":
+        process.kill()
+    else:
+        os.killpg(process.pid, signal.SIGKILL)
 
 
 def differences(one: Path, other: Path) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from sketchterrain.benchmarks.noise import OCTAVES, NoiseGrid
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import TimedContext, alternate, lap, spread
 from sketchterrain.compute import is_usable, list_devices
+from sketchterrain.system import cpu_count
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -98,7 +98,7 @@ class _Method:
 def _noise(context: TimedContext, effort: Effort) -> Table:
     side = effort.noise_side
     grid = NoiseGrid(context, side)
-    problem = grid.problem(len(os.sched_getaffinity(0)))
+    problem = grid.problem(cpu_count())
     found = [make(problem) for make in _RIVALS]
     methods = [*_kernels(context, side), *(_method(one) for one in found if isinstance(one, Rival))]
     works = {method.name: method.lap for method in methods}

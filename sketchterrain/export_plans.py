@@ -9,7 +9,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.export.planning import plan
 from sketchterrain.export.sampled import BYTES_PER_VERTEX
 from sketchterrain.export.targets import target_named
-from sketchterrain.sizes import machine_memory
+from sketchterrain.system import physical_memory
 
 if TYPE_CHECKING:
     from sketchterrain.export.planning import Plan
@@ -32,7 +32,7 @@ def plan_of(sketch: Sketch, target: str, options: ExportOptions) -> Plan:
         If a library is not installed.
     """
     wanted = plan(sketch, target_named(target), options)
-    needed, there = memory_needed(wanted), machine_memory()
+    needed, there = memory_needed(wanted), physical_memory()
     if needed > there:
         size = f"{wanted.grid.columns} × {wanted.grid.rows} vertices"
         raise InputError(f"{size} need about {amount(needed)} of memory, this machine has {amount(there)}")

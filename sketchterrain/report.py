@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-import resource
-import sys
 from collections import Counter
 from importlib.metadata import version
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.export.files import files_without_successor
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.listings import device_entry, undescribed_labels
+from sketchterrain.system import peak_memory
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from sketchterrain.export import WrittenFoliage
     from sketchterrain.progress import Stages
@@ -23,13 +22,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "REPORT",
-    "memory_now",
-    "peak_memory",
     "replaced_files",
     "report_of",
     "rounded",
     "said_of",
-    "told_memory",
     "work_of",
 ]
 
@@ -121,28 +117,3 @@ def replaced_files(folder: Path, told: dict[str, Any]) -> list[Path]:
 def rounded(seconds: dict[str, float]) -> dict[str, float]:
     """Return seconds to a tenth of a millisecond."""
     return {name: round(value, 4) for name, value in seconds.items()}
-
-
-def peak_memory() -> int:
-    """Return the most memory this process has had at once, bytes."""
-    # getrusage also counts what the parent had before it started this program.
-    told = told_memory("self/status", "VmHWM")
-    if told is not None:
-        return told
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
-
-
-def memory_now() -> int:
-    """Return the memory that this process has, or has had at most where the system is silent, bytes."""
-    told = told_memory("self/status", "VmRSS")
-    return peak_memory() if told is None else told
-
-
-def told_memory(file: str, name: str) -> int | None:
-    """Return the bytes of memory under a name in a file of ``/proc``; None where there is none."""
-    path = Path("/proc", file)
-    if path.exists():
-        for line in path.read_text(encoding="utf-8").splitlines():
-            if line.startswith(f"{name}:"):
-                return int(line.split()[1]) * 1024
-    return None

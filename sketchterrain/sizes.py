@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 from sketchterrain.disk import gibibytes
 from sketchterrain.errors import InputError
+from sketchterrain.system import physical_memory
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
 
-__all__ = ["LARGEST_SIZE", "check_size", "machine_memory", "memory_needed"]
+__all__ = ["LARGEST_SIZE", "check_size", "memory_needed"]
 
 LARGEST_SIZE = 16385
 """The most vertices along the longer side."""
@@ -51,7 +51,7 @@ def check_size(sketch: Sketch, size: int) -> None:
     if size < 2:
         raise InputError(f"size = {size}: expected 2 to {LARGEST_SIZE} vertices")
     needed = memory_needed(sketch, size)
-    there = machine_memory()
+    there = physical_memory()
     if size > LARGEST_SIZE:
         raise InputError(
             f"size = {size}: expected 2 to {LARGEST_SIZE} vertices; this needs about {gibibytes(needed)}"
@@ -60,8 +60,3 @@ def check_size(sketch: Sketch, size: int) -> None:
         raise InputError(
             f"size = {size} needs about {gibibytes(needed)} of memory, this machine has {gibibytes(there)}"
         )
-
-
-def machine_memory() -> int:
-    """Return the bytes of memory that this machine has."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

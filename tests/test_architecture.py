@@ -21,6 +21,7 @@ MAY_IMPORT = {
     "lazily": set(),
     "disk": {"errors", "whole_files"},
     "child_process": {"errors"},
+    "system": set(),
     "sketch": {"errors", "resources", "whole_files"},
     "features": {"errors", "lazily", "sketch"},
     "compute": {"errors", "resources", "whole_files", "disk", "child_process"},
@@ -28,7 +29,7 @@ MAY_IMPORT = {
     "tiles": {"errors"},
     "look": {"errors", "resources", "whole_files", "disk", "sketch", "features", "terrain", "compute"},
     "render": GROUND | {"look", "child_process"},
-    "export": GROUND | {"look", "metric_crs", "gdal_paths", "disk"},
+    "export": GROUND | {"look", "metric_crs", "gdal_paths", "disk", "system"},
     "trace": {"errors", "resources", "whole_files", "sketch", "metric_crs", "gdal_paths"},
 }
 ANYTHING = {

@@ -10,8 +10,8 @@ from sketchterrain.errors import SketchterrainError
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import memory_needed as export_memory
 from sketchterrain.exporting import plan_of
-from sketchterrain.report import told_memory
-from sketchterrain.sizes import check_size, machine_memory, memory_needed
+from sketchterrain.sizes import check_size, memory_needed
+from sketchterrain.system import physical_memory, proc_memory
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -95,8 +95,8 @@ def refuse_impossible(items: Sequence[Item], output: Output) -> None:
 
 def memory_left() -> int:
     """Return how many bytes of memory this machine can spare; all that it has where it does not tell."""
-    told = told_memory("meminfo", "MemAvailable")
-    return machine_memory() if told is None else told
+    told = proc_memory("meminfo", "MemAvailable")
+    return physical_memory() if told is None else told
 
 
 class Memory:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import gc
 import os
 import shutil
@@ -22,6 +21,7 @@ from sketchterrain.batch.sheet import sheets
 from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.export import prepare_folder
 from sketchterrain.jobs import Devices
+from sketchterrain.system import lock_folder, unlock_folder
 from sketchterrain.whole_files import telling_failure
 
 if TYPE_CHECKING:
@@ -249,17 +249,14 @@ def _alone(folder: Path) -> Iterator[None]:
         If there is one.
     """
     with telling_failure(folder):
-        held = os.open(folder, os.O_RDONLY)
-    try:
         try:
-            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock = lock_folder(folder)
         except BlockingIOError:
             raise InputError(f"{one_line(folder)}: another batch is at work there") from None
-        except OSError:  # some network's file systems have no locks
-            pass
+    try:
         yield
     finally:
-        os.close(held)
+        unlock_folder(lock)
 
 
 def _sweep(before: Manifest) -> None:

@@ -165,7 +165,7 @@ def _written(job: Job, told: Estimate, *, resume: bool, **crew: Any) -> Done:
 def _tell(done: Done, told: Estimate, *, as_json: bool) -> None:
     from sketchterrain.batch.remaining import duration
     from sketchterrain.disk import amount
-    from sketchterrain.report import peak_memory
+    from sketchterrain.system import peak_memory
     from sketchterrain.world.estimate import in_words
 
     if as_json:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import shutil
 import tempfile
 from contextlib import contextmanager, suppress
@@ -11,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.errors import SketchterrainError
+from sketchterrain.system import lock_folder, unlock_folder
 from sketchterrain.whole_files import telling_failure
 
 if TYPE_CHECKING:
@@ -43,32 +42,25 @@ def staging(folder: Path) -> Iterator[Path]:
         raise type(error)(str(error).replace(str(hidden), str(folder))) from error
     finally:
         shutil.rmtree(hidden, ignore_errors=True)
-        os.close(lock)
+        unlock_folder(lock)
 
 
-def _made(folder: Path) -> tuple[Path, int]:
+def _made(folder: Path) -> tuple[Path, int | None]:
     """Return a new hidden folder and its lock, which lasts as long as its process at most."""
-    outer = os.open(folder, os.O_RDONLY)
+    outer = lock_folder(folder, wait=True)  # so that no other process sweeps a folder that is not locked yet
     try:
-        with suppress(OSError):  # some network's file systems have no locks: nothing is swept there
-            fcntl.flock(outer, fcntl.LOCK_EX)  # a folder that is not locked yet must not be swept by another
         _sweep(folder)
         hidden = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=folder))
-        lock = os.open(hidden, os.O_RDONLY)
-        with suppress(OSError):
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        return hidden, lock
+        return hidden, lock_folder(hidden, wait=True)
     finally:
-        os.close(outer)
+        unlock_folder(outer)
 
 
 def _sweep(folder: Path) -> None:
-    """Delete hidden folders that no process holds."""
+    """Delete hidden folders that no process has locked; none where folders have no locks."""
     for hidden in folder.glob(f"{_PREFIX}*"):
         with suppress(OSError):
-            lock = os.open(hidden, os.O_RDONLY | os.O_DIRECTORY)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock = lock_folder(hidden)
+            if lock is not None:
                 shutil.rmtree(hidden, ignore_errors=True)
-            finally:
-                os.close(lock)
+                unlock_folder(lock)

@@ -10,6 +10,8 @@ from PIL import Image, ImageChops, ImageDraw, ImageFont
 from sketchterrain.export.map_sheet import Areas, Lines, Picture, Words
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy.typing as npt
 
     from sketchterrain.export.map_sheet import Box, Colour, Path, Sheet
@@ -224,7 +226,7 @@ def _within(rings: list[Path], size: tuple[int, int]) -> tuple[int, int, int, in
     return box if box[0] < box[2] and box[1] < box[3] else None
 
 
-def _span(reach: list[tuple[float, float]]) -> tuple[float, float]:
+def _span(reach: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return the rows from the first to the last; none where there is nothing."""
     if not reach:
         return np.inf, -np.inf

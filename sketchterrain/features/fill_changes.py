@@ -94,7 +94,7 @@ def _repainted(old: Sketch, new: Sketch, name: str) -> list[Box]:
     regions, count = ndimage.label(changed, structure=np.ones((3, 3)))
     if count > _MOST_REGIONS:
         regions = changed.astype(np.int32)
-    for rows, columns in ndimage.find_objects(regions):
+    for rows, columns in filter(None, ndimage.find_objects(regions)):
         south, north = (new.height_px - top - row for row in (rows.stop, rows.start))
         pixels = np.array([left + columns.start, south, left + columns.stop, north]) * new.pixel_size
         boxes.append((float(pixels[0]), float(pixels[1]), float(pixels[2]), float(pixels[3])))

@@ -7,7 +7,7 @@ comes of the former is rounded to a step far above these differences and far bel
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy.ndimage import correlate1d
@@ -40,7 +40,7 @@ def gaussian_filter(
     sigma: float,
     *,
     axes: Sequence[int] = (-1,),
-    mode: str = "nearest",
+    mode: Literal["nearest", "reflect", "wrap"] = "nearest",
     truncate: float = 4.0,
 ) -> Floats:
     """Blur along axes as SciPy's `gaussian_filter` does, with weights that are the same on every CPU."""

@@ -111,10 +111,8 @@ def joined_stands(stands: Sequence[Stand], offsets: Floats, counts: Sequence[int
 def _crowding(place: Floats, tall: Floats) -> Floats:
     """Tell how much other trees shade each plant, 0 alone … 1 in a dense forest."""
     trees = np.where(tall > LOW, 1.0, 0.0)
-    at = np.clip(np.floor(place[:, :2] / PATCH), 0, CELL // PATCH - 1).astype(np.int64) @ [
-        1,
-        int(CELL / PATCH),
-    ]
+    column, row = np.clip(np.floor(place[:, :2] / PATCH), 0, CELL // PATCH - 1).astype(np.int64).T
+    at = column + int(CELL / PATCH) * row
     many = np.bincount(at, trees, minlength=int(CELL / PATCH) ** 2)
     return np.asarray(np.clip((many[at] - 1.0) / (DENSE * PATCH**2), 0.0, 1.0))
 

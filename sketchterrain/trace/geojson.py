@@ -174,7 +174,7 @@ def _line(line: object, where: str) -> npt.NDArray[np.float64]:
     if not isinstance(line, list) or not line:
         raise InputError(f"{expected} {shown(line)}")
     try:
-        found = np.asarray(line)
+        found: npt.NDArray[Any] = np.asarray(line)
     except ValueError:  # positions of several lengths
         try:
             found = np.asarray([position[:2] for position in line])

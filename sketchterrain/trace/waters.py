@@ -31,6 +31,8 @@ def narrow_waters(water: Mask, width: float) -> Mask:
     parts, _ = ndimage.label(water & ~lakes, structure=_EIGHT)
     narrow = np.zeros_like(water)
     for number, box in enumerate(ndimage.find_objects(parts), start=1):
+        if not box:  # no pixel has this number
+            continue
         height, breadth = (side.stop - side.start for side in box)
         if np.hypot(height, breadth) >= _LONG * width:
             narrow[box] |= parts[box] == number

@@ -13,7 +13,7 @@ from sketchterrain.compute import ComputeContext, choose_device
 from sketchterrain.disk import amount, check_disk, disk_left
 from sketchterrain.errors import InputError
 from sketchterrain.listings import counted
-from sketchterrain.report import memory_now
+from sketchterrain.system import memory_in_use
 from sketchterrain.world.begun import there
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.making import Maker
@@ -215,7 +215,7 @@ def estimate(
     del maker
     gc.collect()  # terrains hold themselves in cycles
     vertices = _largest(job)
-    each = memory_now() + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
+    each = memory_in_use() + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
     return Estimate(
         job=job,
         sampled=sampled,
@@ -225,7 +225,7 @@ def estimate(
         done=done,
         there=bytes_there,
         workers=workers,
-        memory=each * max(workers, 1) + (memory_now() if workers else 0),
+        memory=each * max(workers, 1) + (memory_in_use() if workers else 0),
         memory_left=memory_left(),
         disk_left=disk_left(job.output),
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.system import lock_file
 from sketchterrain.whole_files import telling_failure
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def held(journal: Path, output: Path) -> Iterator[BinaryIO]:
     """
     with _opened(journal) as stream:
         try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(stream.fileno())
         except BlockingIOError:
             raise InputError(f"{one_line(output)}: another run is at work there") from None
         except OSError:  # some network's file systems have no locks

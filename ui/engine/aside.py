@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.system import lower_priority
 from sketchterrain.ui.engine.channel import Channel, unpickled
 from sketchterrain.ui.engine.messages import Adherence, Trouble
 from sketchterrain.ui.engine.plan import MeasureJob, PictureJob, PictureWritten
@@ -83,5 +84,5 @@ def _main(number: int) -> None:
 
 
 if __name__ == "__main__":
-    os.nice(5)
+    lower_priority(5)
     _main(int(sys.argv[1]))

@@ -6,7 +6,7 @@ import contextlib
 import io
 import pickle
 import queue
-import select
+import selectors
 import socket
 import struct
 import threading
@@ -125,10 +125,10 @@ class Channel:
 
 def ready(channels: list[Channel], timeout: float | None = None) -> list[Channel]:
     """Return the channels that have a message, or lost their other end; wait up to `timeout` s for one."""
-    poll = select.poll()
-    for channel in channels:
-        poll.register(channel.fileno(), select.POLLIN)
-    found = {number for number, _ in poll.poll(None if timeout is None else max(timeout, 0.0) * 1e3)}
+    with selectors.DefaultSelector() as selector:
+        for channel in channels:
+            selector.register(channel.fileno(), selectors.EVENT_READ)
+        found = {key.fd for key, _ in selector.select(timeout)}
     return [channel for channel in channels if channel.fileno() in found]
 
 

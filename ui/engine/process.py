@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import DeviceError, one_line
+from sketchterrain.system import lower_priority, resident_memory
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.messages import EngineFacts, Working
 
@@ -23,14 +23,7 @@ _NICE = 2
 
 def held_bytes(processes: list[int]) -> int:
     """Return how many bytes of memory processes hold; one that ended holds none."""
-    total = 0
-    for process in processes:
-        try:
-            pages = Path(f"/proc/{process}/statm").read_text(encoding="ascii").split()[1]
-        except OSError:
-            continue
-        total += int(pages) * os.sysconf("SC_PAGE_SIZE")
-    return total
+    return sum(resident_memory(process) or 0 for process in processes)
 
 
 def _main(options: dict[str, Any]) -> None:
@@ -42,7 +35,7 @@ def _main(options: dict[str, Any]) -> None:
         ``window``, ``placer``, ``frames``: numbers of file descriptors. ``placer_id``: of the process.
         ``device``: selector, or None. ``draws``: whether to open OpenGL.
     """
-    os.nice(_NICE)
+    lower_priority(_NICE)
     window = Channel.of(options["window"], patient=False)
     window.send(Working("Opening the device"))
     from sketchterrain.compute import ComputeContext

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -177,6 +178,8 @@ class Stage:
 
 def _step_back() -> None:
     """Let the threads of a driver that draws on the CPU come after those that place and compute."""
+    if sys.platform != "linux":
+        return
     for thread in Path("/proc/self/task").glob("*"):
         if (thread / "comm").read_text(encoding="ascii", errors="replace").startswith(_DRAWING_THREADS):
             os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import secrets
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from sketchterrain.sketch import packed_sketch
+from sketchterrain.system import lock_file
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Lock:
     def _opened(self) -> IO[bytes]:
         file = self._path.open("ab")
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(file.fileno())
         except OSError:
             file.close()
             raise

@@ -9,10 +9,10 @@ from PyQt6.QtCore import QTimer
 from PyQt6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.system import memory_in_use
 from sketchterrain.ui.look.theme import MARGIN, SMALL
 from sketchterrain.ui.panels.busy_mark import BusyMark
 from sketchterrain.ui.panels.label_page import label_title
-from sketchterrain.ui.panels.memory import own_memory
 from sketchterrain.ui.panels.text import ElidedLabel
 from sketchterrain.ui.panels.wording import number, size_text
 
@@ -127,7 +127,7 @@ class StatusLine(QWidget):
         self.tiles.text = "" if frame is None else f"Tiles {_milliseconds(frame.generation_seconds)}"
         rate = "" if frame is None or frame.seconds <= 0 else f", {number(1 / frame.seconds, decimals=0)}/s"
         self.frame.text = "" if frame is None else f"Frame {_milliseconds(frame.seconds)}{rate}"
-        self.memory.text = size_text(own_memory() + (0 if frame is None else frame.memory))
+        self.memory.text = size_text(memory_in_use() + (0 if frame is None else frame.memory))
 
     def _lay_out(self) -> None:
         across = QHBoxLayout(self)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.system import lower_priority
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.messages import EngineFacts, Trouble, Working
 from sketchterrain.ui.worlds.messages import WorldFacts
@@ -27,7 +28,7 @@ def _main(options: dict[str, Any]) -> None:
     options
         ``window``, ``frames``: numbers of file descriptors. ``world``: a path. ``device``: selector, or None.
     """
-    os.nice(_NICE)
+    lower_priority(_NICE)
     window = Channel.of(options["window"], patient=False)
     window.send(Working("Opening the world"))
     try:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import fields
 from pathlib import Path
 
@@ -265,16 +263,6 @@ def test_a_cancelled_export_to_a_target_leaves_nothing(qtbot, opened, tmp_path) 
     assert told_why.args == [""]
     assert not list(tmp_path.glob("out/*"))
     qtbot.waitUntil(lambda: not dialog.job.is_running)
-
-
-def test_the_dialog_loads_no_driver() -> None:
-    code = (
-        "import sys; from sketchterrain.ui.dialogs import export; "
-        "[export.target_named(name) for name in export.TARGET_NAMES]; "
-        "print(*sorted({'pyopencl', 'moderngl', 'OpenEXR', 'pyogrio'} & set(sys.modules)))"
-    )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == ""
 
 
 def test_export_asks_for_what_the_command_line_can(opened) -> None:

@@ -212,6 +212,8 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
 def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
     window, link, tmp_path, monkeypatch, qtbot
 ) -> None:
+    from PyQt6.QtGui import QImage
+
     from sketchterrain.ui.dialogs.picture import PictureDialog
     from sketchterrain.ui.engine.orders import TakePicture
 
@@ -220,10 +222,7 @@ def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
     monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
     do(window, "save-picture")
     assert TakePicture(str(path), 1280, 720) in link.told
-
-    from PyQt6.QtGui import QImage
-
-    from sketchterrain.ui.dialogs.picture import PictureDialog
+    window.banner.dismiss()
 
     link.picture = QImage(40, 30, QImage.Format.Format_RGB32)
     link.picture.fill(0xFF336699)
@@ -367,15 +366,17 @@ def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, li
     assert window.banner.message.buttons[0][0] == "Details…"
 
 
-def test_the_windows_process_loads_no_driver() -> None:
+def test_the_window_and_its_dialogs_load_no_driver() -> None:
     drivers = {
-        "pyopencl",
-        "moderngl",
-        "rasterio",
-        "matplotlib",
-        "sketchterrain.render",
-        "sketchterrain.compute",
+        *("pyopencl", "moderngl", "matplotlib", "OpenEXR", "pyogrio", "zarr", "distributed"),
+        *("sketchterrain.render", "sketchterrain.compute"),
     }
-    code = f"import sys, sketchterrain.ui.window; print(*sorted({drivers} & set(sys.modules)))"
+    code = (
+        f"import sys; drivers = {drivers}; import sketchterrain.ui.window; "
+        "print(*sorted({'rasterio', *drivers} & set(sys.modules))); "
+        "from sketchterrain.ui.dialogs import export, world; "
+        "[export.target_named(name) for name in export.TARGET_NAMES]; "
+        "print(*sorted(drivers & set(sys.modules)))"
+    )
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == ""
+    assert shown.stdout.split() == []

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import fields, replace
 
 import pytest
@@ -183,12 +181,3 @@ def test_something_else_at_the_output_is_left_alone(qtbot, opened, tmp_path) -> 
     assert dialog.go.text() == "Estimate"
     qtbot.waitUntil(lambda: not dialog.job.is_running)
     assert [each.name for each in (tmp_path / "world.zarr").iterdir()] == ["mine.txt"]
-
-
-def test_the_dialog_loads_no_driver() -> None:
-    code = (
-        "import sys; from sketchterrain.ui.dialogs import world; "
-        "print(*sorted({'pyopencl', 'moderngl', 'zarr', 'distributed'} & set(sys.modules)))"
-    )
-    shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert shown.stdout.strip() == ""

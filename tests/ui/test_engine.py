@@ -27,7 +27,7 @@ from sketchterrain.ui.engine.orders import (
 )
 from sketchterrain.ui.models.document import Document
 
-pytestmark = [pytest.mark.gl, pytest.mark.slow]
+pytestmark = pytest.mark.gl
 
 SIDE = 96
 VIEW = ViewState(width=160, height=100, quality=0.0, plays=False)
@@ -101,8 +101,8 @@ def running(qapp):
     assert listener.troubles == []
 
 
-def test_it_tells_what_it_runs_on(running):
-    _, link, _ = running
+def test_strokes_are_placed_drawn_picked_and_undone(running, qapp) -> None:
+    document, link, listener = running
     assert link.facts.device
     assert link.facts.platform
     assert link.facts.renderer
@@ -110,9 +110,6 @@ def test_it_tells_what_it_runs_on(running):
     assert not link.facts.no_device
     assert not link.facts.no_picture
 
-
-def test_a_picture_and_a_relief_are_there(running):
-    _, link, _ = running
     assert (link.picture.width(), link.picture.height()) == (160, 100)
     assert pixels(link).std() > 5.0  # not one colour
     assert link.relief.step == 1
@@ -122,25 +119,11 @@ def test_a_picture_and_a_relief_are_there(running):
     assert link.frame.triangles > 0
     assert link.frame.memory > 1 << 20
 
-
-def test_the_sky_is_above_and_the_ground_below(running, qapp):
-    _, link, _ = running
     look(qapp, link, elevation=0.15)
     image = pixels(link)
     top, bottom = image[:10].reshape(-1, 3).mean(axis=0), image[-10:].reshape(-1, 3).mean(axis=0)
     assert top[0] > bottom[0]  # bytes of RGB32 are blue, green, red: the sky is the bluer one
 
-
-def look(qapp, link, *, elevation=0.7):
-    """Be south of the sketch at an elevation (tangent), and wait for the whole picture."""
-    target = np.array([2000.0, 2000.0, 300.0])
-    eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
-    link.tell(Look(Pose(tuple(eye.tolist()), tuple(target.tolist()))))
-    wait(qapp, lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.settled)
-
-
-def test_painting_changes_heights_and_the_picture_and_undo_brings_them_back(running, qapp):
-    document, link, _ = running
     look(qapp, link)
     before, heights = pixels(link), link.relief.height
     draft = stroke(document, 60, 60)
@@ -154,7 +137,27 @@ def test_painting_changes_heights_and_the_picture_and_undo_brings_them_back(runn
     assert np.array_equal(link.relief.height, heights)
     assert np.abs(pixels(link).astype(int) - before).mean() < 1.0
 
+    listener.picked.clear()
+    tokens = [link.pick(x, y) for x, y in ((0.5, 0.5), (0.3, 0.7), (0.5, 0.001))]
+    wait(qapp, lambda: len(listener.picked) == 3)
+    assert [each.token for each in listener.picked] == tokens
+    frame = link.frame
+    to_clip = np.array(frame.to_clip).reshape(4, 4)
+    for answer, (x, y) in zip(listener.picked[:2], ((0.5, 0.5), (0.3, 0.7)), strict=True):
+        clip = to_clip @ [*np.subtract(answer.place, frame.pose.eye), 1.0]
+        at = 0.5 + 0.5 * clip[0] / clip[3], 0.5 - 0.5 * clip[1] / clip[3]
+        assert np.allclose(at, (x, y), atol=2e-3)
 
+
+def look(qapp, link, *, elevation=0.7):
+    """Be south of the sketch at an elevation (tangent), and wait for the whole picture."""
+    target = np.array([2000.0, 2000.0, 300.0])
+    eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
+    link.tell(Look(Pose(tuple(eye.tolist()), tuple(target.tolist()))))
+    wait(qapp, lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.settled)
+
+
+@pytest.mark.slow
 def test_a_step_that_changes_nothing_more_is_followed_too(running, qapp):
     """A slow hand: the whole stroke is on the ground when the button is let go."""
     document, link, _ = running
@@ -169,6 +172,7 @@ def test_a_step_that_changes_nothing_more_is_followed_too(running, qapp):
     assert link.relief.height is not heights
 
 
+@pytest.mark.slow
 def test_the_newest_of_many_quick_strokes_wins(running, qapp):
     document, link, listener = running
     listener.followed.clear()
@@ -192,21 +196,8 @@ def test_the_newest_of_many_quick_strokes_wins(running, qapp):
     wait(qapp, settled(link, newest(link) + 1))
 
 
-def test_what_is_picked_lies_on_the_ground_and_is_seen_there(running, qapp):
-    _, link, listener = running
-    listener.picked.clear()
-    tokens = [link.pick(x, y) for x, y in ((0.5, 0.5), (0.3, 0.7), (0.5, 0.001))]
-    wait(qapp, lambda: len(listener.picked) == 3)
-    assert [each.token for each in listener.picked] == tokens
-    frame = link.frame
-    to_clip = np.array(frame.to_clip).reshape(4, 4)
-    for answer, (x, y) in zip(listener.picked[:2], ((0.5, 0.5), (0.3, 0.7)), strict=True):
-        clip = to_clip @ [*np.subtract(answer.place, frame.pose.eye), 1.0]
-        at = 0.5 + 0.5 * clip[0] / clip[3], 0.5 - 0.5 * clip[1] / clip[3]
-        assert np.allclose(at, (x, y), atol=2e-3)
-
-
-def test_the_eye_moves_and_comes_to_rest(running, qapp):
+@pytest.mark.slow
+def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp) -> None:
     _, link, listener = running
     before = link.frame.pose
     link.tell(Turn(30.0, 10.0))
@@ -221,8 +212,6 @@ def test_the_eye_moves_and_comes_to_rest(running, qapp):
     qapp.processEvents()
     assert len(listener.frames) <= count + 2  # nothing moves: nothing is drawn
 
-
-def test_modes_keep_the_eye_where_it_is(running, qapp):
     _, link, listener = running
     start = np.array(link.frame.pose.eye)
     for mode in ("fly", "orbit"):
@@ -240,7 +229,8 @@ def test_modes_keep_the_eye_where_it_is(running, qapp):
     look(qapp, link)
 
 
-def test_another_size_another_quality_and_an_overlay(running, qapp):
+@pytest.mark.slow
+def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn(running, qapp) -> None:
     _, link, _ = running
     link.show(replace(VIEW, width=200, height=140))
     wait(qapp, lambda: link.picture.width() == 200 and link.frame.settled)
@@ -252,35 +242,6 @@ def test_another_size_another_quality_and_an_overlay(running, qapp):
     link.show(VIEW)
     wait(qapp, lambda: link.frame.settled)
 
-
-def test_the_hour_changes_the_light_and_nothing_that_is_placed(running, qapp):
-    document, link, listener = running
-    look(qapp, link)
-    listener.followed.clear()
-    before, heights = pixels(link), link.relief.height
-    document.do("Set hour", document.sketch.replace(weather={"hour": 16.5, "clouds": 0.0}))
-    wait(qapp, lambda: link.frame.version == newest(link) and link.frame.settled and listener.followed)
-    assert np.abs(pixels(link).astype(int) - before).mean() > 1.0
-    assert link.relief.height is heights
-    document.undo()
-    wait(qapp, lambda: link.frame.version == newest(link) and not link._timer.isActive())
-
-
-def test_another_look_of_a_material_is_shown(running, qapp):
-    document, link, _ = running
-    look(qapp, link)
-    before, heights = pixels(link), link.relief.height
-    sketch = document.sketch
-    document.do("Set look", sketch.replace(look={"grass": {"colour": "#c04040"}}))
-    version = newest(link)
-    wait(qapp, lambda: link.frame.version > version and link.frame.settled)
-    assert np.abs(pixels(link).astype(int) - before).mean() > 0.5
-    assert link.relief.height is heights
-    document.undo()
-    wait(qapp, lambda: link.frame.version > version + 1)
-
-
-def test_hidden_it_draws_nothing_and_goes_on_placing(running, qapp):
     document, link, listener = running
     link.show(replace(VIEW, width=0, height=0))
     time.sleep(0.5)
@@ -294,6 +255,33 @@ def test_hidden_it_draws_nothing_and_goes_on_placing(running, qapp):
     wait(qapp, lambda: link.frame.version >= newest(link) and link.frame.settled)
 
 
+@pytest.mark.slow
+def test_hour_and_look_change_the_picture_and_no_heights(running, qapp) -> None:
+    document, link, listener = running
+    look(qapp, link)
+    listener.followed.clear()
+    before, heights = pixels(link), link.relief.height
+    document.do("Set hour", document.sketch.replace(weather={"hour": 16.5, "clouds": 0.0}))
+    wait(qapp, lambda: link.frame.version == newest(link) and link.frame.settled and listener.followed)
+    assert np.abs(pixels(link).astype(int) - before).mean() > 1.0
+    assert link.relief.height is heights
+    document.undo()
+    wait(qapp, lambda: link.frame.version == newest(link) and not link._timer.isActive())
+
+    document, link, _ = running
+    look(qapp, link)
+    before, heights = pixels(link), link.relief.height
+    sketch = document.sketch
+    document.do("Set look", sketch.replace(look={"grass": {"colour": "#c04040"}}))
+    version = newest(link)
+    wait(qapp, lambda: link.frame.version > version and link.frame.settled)
+    assert np.abs(pixels(link).astype(int) - before).mean() > 0.5
+    assert link.relief.height is heights
+    document.undo()
+    wait(qapp, lambda: link.frame.version > version + 1)
+
+
+@pytest.mark.slow
 def test_adherence_and_a_picture_come_while_frames_go_on(running, qapp, tmp_path):
     from PIL import Image
 
@@ -314,6 +302,7 @@ def test_adherence_and_a_picture_come_while_frames_go_on(running, qapp, tmp_path
     link.show(VIEW)
 
 
+@pytest.mark.slow
 def test_another_document_is_shown_from_the_start(running, qapp):
     document, link, _ = running
     link.tell(Zoom(0.2))
@@ -327,6 +316,7 @@ def test_another_document_is_shown_from_the_start(running, qapp):
     wait(qapp, settled(link, newest(link) + 1))
 
 
+@pytest.mark.slow
 def test_a_killed_engine_is_told_and_comes_back(running, qapp):
     document, link, listener = running
     os.kill(link._children._engine.pid, signal.SIGKILL)
@@ -341,6 +331,7 @@ def test_a_killed_engine_is_told_and_comes_back(running, qapp):
     assert link.relief.height[62:70, 62:70].max() > 100.0
 
 
+@pytest.mark.soak
 def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running, qapp):
     document, link, listener = running
     os.kill(link._children._placer.pid, signal.SIGKILL)
@@ -355,6 +346,7 @@ def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running, qapp):
     wait(qapp, lambda: link.facts.renderer and not link.facts.no_picture)
 
 
+@pytest.mark.slow
 def test_stop_is_quick_and_leaves_nothing(qapp):
     link = EngineLink(Document(sketch()))
     link.show(VIEW)
@@ -374,6 +366,7 @@ def test_stop_is_quick_and_leaves_nothing(qapp):
     assert len(list(Path("/proc/self/fd").iterdir())) == open_before
 
 
+@pytest.mark.slow
 def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
     import subprocess
     import sys

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import random
 import subprocess
 import sys
@@ -28,7 +27,6 @@ SOON = 2 * INTERVAL
 """s: what most kills lose at most."""
 MOST_LOST = INTERVAL + 4.0
 """s: what none exceeds; writing, and waiting for a busy machine, take as long with 20 s between autosaves."""
-KILLS = 200 if os.environ.get("SKETCHTERRAIN_SOAK") else 40
 
 
 def program() -> ModuleType:
@@ -82,16 +80,24 @@ def paint_and_kill(target: Path, folder: Path, log: Path, rng: random.Random) ->
         return time.monotonic()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["valley", "valley.sketch"])
-def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "kills"),
+    [
+        pytest.param("valley.sketch", 8, marks=pytest.mark.slow),
+        pytest.param("valley", 100, marks=pytest.mark.soak),
+        pytest.param("valley.sketch", 100, marks=pytest.mark.soak),
+    ],
+)
+def test_kills_at_random_moments_lose_at_most_what_was_just_done(
+    tmp_path: Path, name: str, kills: int
+) -> None:
     fingerprint = program().fingerprint
     rng = random.Random(name)
     target, folder = tmp_path / name, tmp_path / "recovery"
     on_file: set[str] = set()
     saves, recoveries, cut_off = 0, 0, 0
     lost: list[float] = []
-    for number in range(KILLS // 2):
+    for number in range(kills):
         path = tmp_path / f"{number}.log"
         killed = paint_and_kill(target, folder, path, rng)
         log = Log.read(path)
@@ -118,13 +124,13 @@ def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path,
             if each.name != PLEDGE:
                 each.unlink()
     print(  # noqa: T201
-        f"{KILLS // 2} kills, {cut_off} of them in the middle of writing: {saves} saves, {recoveries} "
+        f"{kills} kills, {cut_off} of them in the middle of writing: {saves} saves, {recoveries} "
         f"recoveries, at most {max(lost):.2f} s lost"
     )
     assert max(lost) <= MOST_LOST
     assert sum(each <= SOON for each in lost) >= 0.75 * len(lost)
-    assert saves > KILLS // 8
-    assert recoveries > KILLS // 8
+    assert saves > kills // 4
+    assert recoveries > kills // 4
 
 
 def is_whole(folder: Path) -> bool:

@@ -1,4 +1,4 @@
-"""Ten thousand things done at random leave no exception, no widget and no memory behind."""
+"""Random actions in the window leave no exception, no widget and no memory behind."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from sketchterrain.sketch import LAYERS, load_sketch
 
 from .monkey import Monkey
 
-ACTIONS = 10_000 if os.environ.get("SKETCHTERRAIN_SOAK") else 600
 WARM = 0.5
 """Share of the actions after which memory is weighed: until then histories and caches fill."""
 GROWTH = 1.05
@@ -69,14 +68,18 @@ def at_rest(window, document, workspace) -> None:
     settle()
 
 
-@pytest.mark.slow
-def test_things_done_at_random_leave_nothing_behind(window, document, workspace, monkeypatch, tmp_path):
+@pytest.mark.parametrize(
+    "actions", [pytest.param(600, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.soak)]
+)
+def test_random_actions_leave_no_widget_and_no_memory_behind(
+    window, document, workspace, monkeypatch, tmp_path, actions
+):
     monkeypatch.chdir(tmp_path)
     monkey = Monkey(window, document, workspace, seed=8)
     weighed = counted = None
-    for number in range(ACTIONS):
+    for number in range(actions):
         monkey.act()
-        if number == int(WARM * ACTIONS):
+        if number == int(WARM * actions):
             at_rest(window, document, workspace)
             weighed, counted = resident(), widgets()
     at_rest(window, document, workspace)
@@ -84,6 +87,6 @@ def test_things_done_at_random_leave_nothing_behind(window, document, workspace,
     more = widgets() - counted
     stray = [each for each in QApplication.topLevelWidgets() if type(each) is QWidget]
     told = [(each.size(), [type(child).__name__ for child in each.children()]) for each in stray]
-    print(f"{ACTIONS} actions: memory {weighed >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
+    print(f"{actions} actions: memory {weighed >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
     assert not more, f"widgets that stayed: {more}, {told}"
     assert grown < GROWTH

@@ -13,7 +13,7 @@ from sketchterrain.sketch import load_sketch, new_sketch
 
 from .places import HANDLES, middle_of, on_canvas, on_ground, view_of, wait_for_terrain
 
-pytestmark = [pytest.mark.window, pytest.mark.slow]
+pytestmark = pytest.mark.window
 
 HEIGHT_AT = "(lambda r: float(r.height[{row} // r.step, {column} // r.step]))(window._link.relief)"
 POINT = "[p for p in window._link.placed.points if int(p['id']) == {}][0]"
@@ -25,6 +25,7 @@ def step(person, number: int) -> None:
     wait_for_terrain(person)
 
 
+@pytest.mark.slow
 def test_paint_see_undo_save_kill_and_recover(person, tmp_path):
     folder = tmp_path / "valley"
     new_sketch(folder)
@@ -73,6 +74,7 @@ def test_paint_see_undo_save_kill_and_recover(person, tmp_path):
     assert person.leave() == 0
 
 
+@pytest.mark.soak
 def test_a_tour(person, tmp_path):
     """With SKETCHTERRAIN_TOUR the pictures of docs/tour.md are taken into that folder."""
     pictures = Path(os.environ.get("SKETCHTERRAIN_TOUR", tmp_path / "tour"))

@@ -26,5 +26,10 @@ $(VENV)/test.stamp: pyproject.toml .ci/setup
 	@bash .ci/setup $(VENV) cpu,dev
 	@touch $@ $(VENV)/demo.stamp
 
+# Stores the frozen results anew: docs/testing.md says when that is allowed.
+.PHONY: freeze
+freeze: $(VENV)/test.stamp
+	$(PYTHON) tests/frozen/frozen_results.py --write
+
 clean:
 	rm -rf $(VENV) $(OUT) build dist *.egg-info

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.resources import files
 
 import numpy as np
@@ -55,6 +56,15 @@ def test_empty_arrays_travel() -> None:
     assert context.download(context.empty(0, np.float32), 0, np.float32).shape == (0,)
 
 
+def test_kernels_name_double_only_where_there_is_one() -> None:
+    """Compilers without 64-bit floats refuse the very name."""
+    for file in files("sketchterrain.kernels").iterdir():
+        if file.name.endswith((".cl", ".clh")):
+            code = re.sub(r"//.*|/\*.*?\*/", "", file.read_text(encoding="utf-8"))
+            code = re.sub(r"(?sm)^#ifdef cl_khr_fp64$.*?^#endif$", "", code)
+            assert not re.search(r"double", code), file.name
+
+
 @pytest.mark.parametrize("real", ["float", "double"])
 @pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)
 def test_every_kernel_builds_on_every_device(device, real: str) -> None:
@@ -64,4 +74,5 @@ def test_every_kernel_builds_on_every_device(device, real: str) -> None:
     programs = [file.name for file in files("sketchterrain.kernels").iterdir() if file.name.endswith(".cl")]
     assert {"terrain.cl", "tiles.cl", "poisson.cl"} <= set(programs)
     for file in programs:
-        assert context._build(file).all_kernels()
+        without = file == "ground_bytes.cl" and not device.has_double  # it rounds in 64 bits
+        assert bool(context._build(file).all_kernels()) != without, file

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sketchterrain.compute import choose_device, list_devices
+from sketchterrain.compute import Device, choose_device, list_devices
 from sketchterrain.errors import DeviceError
 
 DEVICES = list_devices()
@@ -38,6 +38,52 @@ def test_a_device_by_number_and_by_name() -> None:
     for device in DEVICES:
         assert choose_device(str(device.index)) == device
         assert choose_device(device.platform.upper()).platform == device.platform
+
+
+def test_selectors_match_types_then_platforms_then_vendors_then_names(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def device(index: int, platform: str, vendor: str, name: str, kind: str = "CPU") -> Device:
+        return Device(index, name, platform, vendor, "1", "OpenCL 3.0", kind, 1 << 30, 4, True, "copy", index)
+
+    devices = (
+        device(0, "NVIDIA CUDA", "NVIDIA Corporation", "NVIDIA H200", "GPU"),
+        device(1, "rusticl", "Intel", "Mesa Intel(R) Arc", "GPU"),
+        device(2, "Portable Computing Language", "GenuineIntel", "cpu-haswell-Intel(R) Core(TM) CPU"),
+        device(3, "Intel(R) OpenCL", "Intel(R) Corporation", "Intel(R) Core(TM) CPU"),
+        device(4, "rusticl", "Mesa/X.org", "llvmpipe (LLVM 19.1.7, 256 bits)"),
+        device(5, "AMD Accelerated Parallel Processing", "Advanced Micro Devices, Inc.", "gfx1100", "GPU"),
+    )
+    monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: devices)
+    monkeypatch.setattr("sketchterrain.compute.device.is_usable", lambda _: True)
+    chosen = {
+        None: 0,
+        "0": 0,
+        "5": 5,
+        "gpu": 0,
+        "GPU": 0,
+        "cpu": 2,
+        "pocl": 2,
+        "PoCL": 2,
+        "portable": 2,
+        "intel": 3,
+        "rusticl": 1,
+        "llvmpipe": 4,
+        "mesa/x.org": 4,
+        "nvidia": 0,
+        "h200": 0,
+        "amd": 5,
+        "advanced micro": 5,
+        "haswell": 2,
+    }
+    monkeypatch.delenv("PYOPENCL_CTX", raising=False)
+    assert {selector: choose_device(selector).index for selector in chosen} == chosen
+    for selector in ("accelerator", "6", "-1", "no such"):
+        with pytest.raises(
+            DeviceError, match=f"no OpenCL device fits --device {selector}; there are 0: "
+        ) as no:
+            choose_device(selector)
+        assert all(f"{d.index}: {d.name} ({d.platform}, {d.type})" in str(no.value) for d in devices)
 
 
 @needs_device

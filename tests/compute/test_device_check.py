@@ -1,0 +1,172 @@
+"""Checks of devices in child processes: drivers that abort, results cached on disk."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sketchterrain.child_process import ChildFailedError, module_result, run_child
+from sketchterrain.compute import choose_device, device_check, is_usable, list_devices
+from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
+from sketchterrain.errors import DeviceFailedError
+
+pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+POCL = [device for device in list_devices() if "Portable Computing Language" in device.platform]
+FAILURE = (
+    "the self-test crashed (SIGABRT): aborting driver: error: no firmware for this GPU; "
+    "update or reinstall the driver"
+)
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    check_device.cache_clear()
+    yield tmp_path / "sketchterrain"
+    check_device.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def with_aborting_gpu(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The environment of a machine whose preferred device aborts when it is opened."""
+    if COMPILER is None:
+        pytest.skip("no C compiler")
+    folder = tmp_path_factory.mktemp("vendors")
+    library = folder / "libaborting.so"
+    source = Path(__file__).with_name("aborting_driver.c")
+    subprocess.run([COMPILER, "-shared", "-fPIC", "-o", library, source], check=True)
+    given = Path(os.environ.get("OCL_ICD_VENDORS", "/etc/OpenCL/vendors"))
+    for file in given.glob("*.icd"):
+        shutil.copy(file, folder)
+    (folder / "aborting.icd").write_text(f"{library}\n", encoding="utf-8")
+    return os.environ | {"OCL_ICD_VENDORS": str(folder)}
+
+
+def list_with_tests(environment: dict[str, str]) -> list[dict[str, Any]]:
+    command = [sys.executable, "-m", "sketchterrain", "devices", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr
+    entries: list[dict[str, Any]] = json.loads(done.stdout)
+    return entries
+
+
+def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(
+    with_aborting_gpu: dict[str, str],
+) -> None:
+    code = "from sketchterrain.compute import ComputeContext; print(ComputeContext().device.name)"
+    for _ in range(2):  # the second process reads the result from the cache
+        shown = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, env=with_aborting_gpu, check=True
+        )
+        assert shown.stdout.strip() == list_devices()[0].name
+        notes = [line for line in shown.stderr.splitlines() if "Aborting GPU" in line]
+        assert notes == [f"Aborting GPU (Aborting platform) is not used: {FAILURE}"]
+
+
+@pytest.mark.slow
+def test_devices_lists_a_driver_that_aborts(with_aborting_gpu: dict[str, str]) -> None:
+    aborting, *others = list_with_tests(with_aborting_gpu)
+    assert (aborting["name"], aborting["type"]) == ("Aborting GPU", "GPU")
+    assert aborting["self_test"] == {"bits": "failed", "detail": FAILURE}
+    assert [entry["name"] for entry in others] == [device.name for device in list_devices()]
+    assert [entry["default"] for entry in (aborting, *others)].index(True) == 1
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not POCL, reason="PoCL is not installed")
+def test_pocl_without_a_linker_says_what_to_install(tmp_path: Path) -> None:
+    hidden = os.environ | {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
+    entries = list_with_tests(hidden)
+    for test in (entry["self_test"] for entry in entries if entry["platform"] == POCL[0].platform):
+        if POCL[0].driver.startswith("3.0"):  # the one of PyPI; others may bring their linker
+            assert test["bits"] == "failed"
+        if test["bits"] == "failed":
+            assert test["detail"].endswith("install a linker: apt install gcc libc6-dev")
+
+
+def test_a_check_is_cached_by_driver_version_and_linker(
+    empty_cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = []
+
+    def result(*given: str, **_: object) -> bytes:
+        runs.append(given)
+        return b'["cubic"]'
+
+    monkeypatch.setattr(device_check, "module_result", result)
+    device = list_devices()[0]
+
+    def check(driver: str) -> DeviceCheck:
+        check_device.cache_clear()  # as in another process
+        return check_device(replace(device, driver=driver))
+
+    assert check("1.0") == check("1.0") == DeviceCheck("", ("cubic",))
+    assert len(runs) == 1
+    start = time.perf_counter()
+    check("1.0")
+    assert time.perf_counter() - start < 0.05
+    check("1.1")
+    assert len(runs) == 2
+    check("1.1")
+    monkeypatch.setattr(shutil, "which", lambda _: "/other/ld")
+    check("1.1")
+    assert len(runs) == 3
+    for content in ("", "{", "[]", "null", '{"key": 3}'):
+        for file in empty_cache.iterdir():
+            file.write_text(content, encoding="utf-8")
+        check("1.1")
+    assert len(runs) == 8
+
+
+def test_without_a_cache_folder_checks_run_each_time(empty_cache: Path) -> None:
+    empty_cache.write_text("a file where the folder should be", encoding="utf-8")
+    device = list_devices()[0]
+    results = iter([{"a": 1}, {"a": 2}])
+    for expected in (1, 2):
+        assert cached_on_disk("test", (device,), (), lambda: next(results)) == {"a": expected}
+
+
+def test_devices_that_fail_are_skipped(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def result(_: str, index: str, **__: object) -> bytes:
+        if index == "0":
+            raise ChildFailedError("the self-test crashed (SIGSEGV)")
+        return b"[]"
+
+    monkeypatch.setattr(device_check, "module_result", result)
+    assert not is_usable(list_devices()[0])
+    if len(list_devices()) > 1:
+        assert choose_device() == list_devices()[1]
+    with pytest.raises(DeviceFailedError, match=r"no OpenCL device that fits --device 0 works: .*SIGSEGV"):
+        choose_device("0")
+
+
+def test_failures_of_a_child_are_one_line() -> None:
+    linker = (
+        "import os, sys; sys.stderr.write('Final\\nno \\'ld\\' found\\n'); sys.stderr.flush(); os.abort()"
+    )
+    cases = {
+        "import os; os.abort()": "it crashed (SIGABRT); update or reinstall the driver",
+        linker: "it crashed (SIGABRT): no 'ld' found; install a linker: apt install gcc libc6-dev",
+        "import time; time.sleep(60)": "it did not answer within 1 s",
+        "raise SystemExit('a reason\\n\\n')": "a reason",
+        "raise SystemExit(3)": "it failed with code 3",
+    }
+    for code, told in cases.items():
+        with pytest.raises(ChildFailedError) as caught:
+            run_child([sys.executable, "-c", code], name="it", timeout=1.0)
+        assert str(caught.value) == told
+    with pytest.raises(ChildFailedError, match="it did not start: "):
+        run_child(["/no/such/program"], name="it", timeout=1.0)
+    with pytest.raises(ChildFailedError, match="it exited early"):
+        module_result("this", name="it", timeout=10.0)

@@ -12,11 +12,9 @@ from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.export.adaptive_mesh import adaptive_mesh
 from sketchterrain.export.grid import Grid
-from sketchterrain.export.libraries import missing
 from sketchterrain.export.mesh import Mesh, grid_mesh
 from sketchterrain.export.mesh_error import mesh_error
 from sketchterrain.export.sampled import sample
-from sketchterrain.export.target import Library
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,7 +27,6 @@ if TYPE_CHECKING:
 
 __all__ = ["measure", "uniform_mesh"]
 
-_LIBRARIES = (Library("pydelatin", "gltf"),)
 _TITLE = "Meshes at an error bound"
 _COLUMNS = (
     Column("ground", "ground"),
@@ -45,7 +42,6 @@ _COLUMNS = (
     Column("uniform_triangles", "uniform grid: triangles"),
     Column("uniform_error", "its error, m"),
     Column("uniform_over_it", "so many times as large"),
-    Column("note", "note"),
 )
 
 
@@ -58,9 +54,6 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     Rounds alternate between all meshes. The uniform grid takes evenly spread rows and columns of the same
     vertices, as few as make no fewer triangles; its error is measured alike.
     """
-    if missing(_LIBRARIES):
-        absent: Row = {"ground": "none", "note": "absent: pydelatin (pip install 'sketchterrain[gltf]')"}
-        return Outcome((Table(_TITLE, _COLUMNS, (absent,)),))
     grounds = {name: _heights(open_ground(name, context), effort.mesh_side) for name in effort.presets}
     keys = [(name, error) for name in effort.presets for error in effort.mesh_errors]
     works: dict[tuple[str, float, str], Callable[[], Lap]] = {}
@@ -93,7 +86,6 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
                 "uniform_error": off,
                 "uniform_over_it": off / made[name, error].error,
                 "seconds": samples,
-                "note": "",
             }
         )
     return Outcome((Table(_TITLE, _COLUMNS, tuple(rows)),))

@@ -165,8 +165,7 @@ def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list
 
 
 def target_entry(target: Target) -> dict[str, Any]:
-    """Return what a target is, what it takes, and which of its libraries are not installed."""
-    from sketchterrain.export.libraries import missing
+    """Return what a target is and what it takes."""
     from sketchterrain.export.planning import option_names
 
     return {
@@ -179,7 +178,6 @@ def target_entry(target: Target) -> dict[str, Any]:
         "square": target.square,
         "formats": list(target.formats),
         "options": list(option_names(target)),
-        "missing": [{"library": each.module, "extra": each.extra} for each in missing(target.libraries)],
     }
 
 
@@ -195,9 +193,6 @@ def target_lines(entry: dict[str, Any]) -> list[str]:
     options = " ".join(f"--{name.replace('_', '-')}" for name in entry["options"])
     lines = [f"{entry['name']:<{_NAME}}{entry['title']}: {entry['line']}"]
     lines += [f"{'':<{_NAME}}{line}" for line in (f"{sizes}{formats}", options)]
-    for lack in entry["missing"]:
-        install = f"pip install 'sketchterrain[{lack['extra']}]'"
-        lines.append(f"{'':<{_NAME}}{lack['library']} is not installed: {install}")
     return lines
 
 

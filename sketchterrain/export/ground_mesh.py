@@ -8,10 +8,8 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.adaptive_mesh import Adapted, adaptive_mesh
-from sketchterrain.export.libraries import require
 from sketchterrain.export.mesh import grid_mesh
 from sketchterrain.export.mesh_error import mesh_error
-from sketchterrain.export.target import Library
 
 if TYPE_CHECKING:
     from sketchterrain.export.target import Export, ExportOptions
@@ -23,20 +21,17 @@ FINEST: Final = 0.001
 
 
 def check_error(options: ExportOptions) -> None:
-    """Refuse an error that no mesh can be asked for, or that none here can be made for.
+    """Check the error bound of a mesh.
 
     Raises
     ------
     InputError
         If it is no number from `FINEST` on.
-    SketchterrainError
-        If pydelatin is not installed.
     """
     if options.error is None:
         return
     if not (FINEST <= options.error < np.inf):
         raise InputError(f"expected an error of a mesh from {FINEST:g} m on, got {options.error:g}")
-    require("a mesh at an error bound", (Library("pydelatin", "gltf"),))
 
 
 def ground_mesh(export: Export, *, decimals: int | None = None) -> Adapted:

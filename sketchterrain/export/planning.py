@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.export.grid import Grid
 from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.libraries import require
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.metric_crs import metric_crs
@@ -73,12 +72,9 @@ def plan(sketch: Sketch, target: Target, options: ExportOptions) -> Plan:
     ------
     InputError
         If an option is not the target's, a size is not, or the grid cannot be cut; with the nearest that can.
-    SketchterrainError
-        If a library is not installed.
     """
     _check_options(target, options)
     _check_numbers(options)
-    require(target.name, target.libraries)
     tiling = _tiling(target, options)
     if options.crs is not None:
         metric_crs(options.crs)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sketchterrain.export.tiling import Tiling
     from sketchterrain.terrain import Terrain
 
-__all__ = ["Export", "ExportOptions", "Library", "Target", "Tellable", "Written"]
+__all__ = ["Export", "ExportOptions", "Target", "Tellable", "Written"]
 
 
 @dataclass(frozen=True)
@@ -121,13 +121,6 @@ class Written(NamedTuple):
     facts: dict[str, Any] = {}  # noqa: RUF012
 
 
-class Library(NamedTuple):
-    """A library that is not always there, and the extra of ours that brings it."""
-
-    module: str
-    extra: str
-
-
 @dataclass(frozen=True)
 class Target:
     """A program that a terrain is taken to, or a plain format.
@@ -142,8 +135,6 @@ class Target:
         What is written, in one line.
     write : callable
         Takes an `Export`, writes all files but the sidecar, returns `Written`.
-    libraries : tuple of Library
-        What must be installed.
     sizes : tuple of int
         Vertices that a tile's side may have; empty: any.
     size : int
@@ -175,7 +166,6 @@ class Target:
     title: str
     line: str
     write: Callable[[Export], Written]
-    libraries: tuple[Library, ...] = ()
     sizes: tuple[int, ...] = ()
     size: int = 1025
     square: bool = False

@@ -8,7 +8,7 @@ import warnings
 from contextlib import closing
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.errors import InputError, one_line
 from sketchterrain.gdal_paths import plain_path
 from sketchterrain.metric_crs import named_crs
 from sketchterrain.sketch.wording import shown
@@ -61,18 +61,11 @@ def read_geopackage(path: Path, wanted: Collection[str]) -> list[Source]:
     InputError
         If it is no GeoPackage, damaged, too large, or a layer is a view or has a coordinate reference system
         that is none.
-    SketchterrainError
-        If pyogrio or shapely is not installed.
     """
     place = one_line(path)
-    try:
-        import pyogrio
-        import shapely  # noqa: F401 # asked for now, used below
-        from pyogrio.errors import DataLayerError, DataSourceError
-    except ImportError as error:
-        raise SketchterrainError(
-            f"a GeoPackage needs {error.name}: not installed, get it with pip install 'sketchterrain[gis]'"
-        ) from None
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError
+
     tables = _tables(path, place)
     try:
         sources = []

@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, get_args
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.export.libraries import require
-from sketchterrain.export.target import Library
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.world.grid import World
 from sketchterrain.world.ground import LAYERS
 from sketchterrain.world.job import Job, PlantsForm
+from sketchterrain.world.libraries import require
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
@@ -24,7 +23,7 @@ __all__ = ["Wishes", "form_of", "layers_of"]
 
 PLANTS: Final = get_args(PlantsForm)
 _FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
-_WORKERS: Final = (Library("distributed", "world"),)
+_WORKERS: Final = ("distributed",)
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Self
 from uuid import uuid4
 
 from sketchterrain.errors import DeviceError
-from sketchterrain.export.libraries import require
-from sketchterrain.export.target import Library
 from sketchterrain.world.forms import store_of
+from sketchterrain.world.libraries import require
 from sketchterrain.world.roster import Roster
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["ClusterCrew"]
 
 _CLOSING = 10.0  # s that leaving a scheduler may take
-_LIBRARY = Library("distributed", "world")
+_LIBRARY = "distributed"
 
 
 class ClusterCrew:

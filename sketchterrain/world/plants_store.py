@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from sketchterrain.export.files import prepare_folder
-from sketchterrain.export.libraries import require
 from sketchterrain.export.placed_layers import Origin
-from sketchterrain.export.target import Library
 from sketchterrain.whole_files import telling_failure
 from sketchterrain.world.grid import SHARD
+from sketchterrain.world.libraries import require
 from sketchterrain.world.made import Task
 from sketchterrain.world.plants_files import write_flatgeobuf, write_parquet
 from sketchterrain.world.plants_table import batches_of
@@ -29,8 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["PLANT_LIBRARIES", "PlantStore", "plant_square", "plant_tasks"]
 
 PLANT_LIBRARIES: Final = {
-    "parquet": (Library("pyarrow", "world"),),
-    "flatgeobuf": (Library("pyarrow", "world"), Library("pyogrio", "gis")),
+    "parquet": ("pyarrow",),
+    "flatgeobuf": ("pyarrow",),
 }
 """What each form of plants is written by."""
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.export.libraries import require
 from sketchterrain.sketch import load_sketch
 from sketchterrain.world.chunk_cache import ROOM, ChunkCache
 from sketchterrain.world.grid import CHUNK, SHARD, Shard, World
+from sketchterrain.world.libraries import require
 from sketchterrain.world.windows import check_window, fill_from_chunks
 from sketchterrain.world.zarr_layout import LAYERS, METADATA, layer_document, shard_file
 from sketchterrain.world.zarr_shards import INDEX_BYTES, ZARR_LIBRARIES, chunk_place

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.target import Library
 from sketchterrain.world.grid import CHUNK, SHARD
 
 if TYPE_CHECKING:
@@ -28,7 +27,7 @@ _EMPTY: Final = (1 << 64) - 1  # the place of a chunk that is not there
 _CHECK: Final = 4  # bytes of a checksum
 _SHUFFLES: Final = ("noshuffle", "shuffle", "bitshuffle")  # Blosc's numbers for them
 
-ZARR_LIBRARIES: Final = (Library("numcodecs", "world"), Library("google_crc32c", "world"))
+ZARR_LIBRARIES: Final = ("numcodecs", "google_crc32c")
 """What chunks are packed and checked by."""
 INDEX_BYTES: Final = _SIDE * _SIDE * 16 + _CHECK
 """At the end of a shard: offset and length of each chunk, and a checksum."""

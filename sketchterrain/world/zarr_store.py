@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from sketchterrain.export.libraries import require
 from sketchterrain.whole_files import telling_failure, whole_file, write_whole
+from sketchterrain.world.libraries import require
 from sketchterrain.world.settled import settle, text_of
 from sketchterrain.world.tile_names import JOURNAL
 from sketchterrain.world.zarr_layout import LAYERS, METADATA, shard_file

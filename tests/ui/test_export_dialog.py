@@ -10,7 +10,6 @@ import pytest
 from PyQt6.QtGui import QKeySequence
 from PyQt6.QtWidgets import QAbstractButton, QApplication, QLabel
 
-from sketchterrain.export import libraries
 from sketchterrain.export.planning import option_names
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets import TARGET_NAMES, target_named
@@ -153,15 +152,6 @@ def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened) -> None:
     controls.columns.setValue(2)
     controls.overlap.setValue(2000)
     assert dialog._refused.text() == "tiles of 1009 vertices cannot share 2000"
-
-
-def test_a_library_that_lacks_is_said_with_what_brings_it(opened, monkeypatch) -> None:
-    monkeypatch.setattr(libraries, "find_spec", lambda _: None)
-    dialog = opened("exr")
-    assert "pip install 'sketchterrain[exr]'" in dialog._refused.text()
-    assert not dialog._go.isEnabled()
-    dialog.targets.setCurrentIndex(dialog.targets.findData("raw"))
-    assert dialog._go.isEnabled()
 
 
 def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path) -> None:

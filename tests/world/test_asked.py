@@ -88,8 +88,7 @@ def test_powers_of_two_are_steps(step: float) -> None:
 
 
 def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    lacking = asked.Library("no_such_module", "world")
-    monkeypatch.setattr(asked, "_WORKERS", (lacking,))
+    monkeypatch.setattr(asked, "_WORKERS", ("no_such_module",))
     Wishes().check(SKETCH)
     with pytest.raises(SketchterrainError, match=r"pip install 'sketchterrain\[world\]'"):
         Wishes(workers=True).check(SKETCH)

@@ -262,6 +262,6 @@ def test_a_full_disk_is_told_and_leaves_nothing(small_job, plants: str, tmp_path
 
 @pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
 def test_a_library_that_is_missing_is_named(small_job, plants: str, monkeypatch) -> None:
-    monkeypatch.setattr("sketchterrain.export.libraries.find_spec", lambda name: None)
+    monkeypatch.setattr("sketchterrain.world.libraries.find_spec", lambda name: None)
     with pytest.raises(SketchterrainError, match=f"plants as {plants} needs pyarrow"):
         PlantStore(replace(small_job, plants=plants))

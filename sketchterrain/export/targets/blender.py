@@ -11,9 +11,8 @@ from sketchterrain.export.glb import Glb
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, gathered_plants
 from sketchterrain.export.gltf_scene import AXES
 from sketchterrain.export.ground_images import ground_images
-from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.target import Target, Written
 from sketchterrain.export.targets.gltf import (
-    LIBRARIES,
     check_glb,
     ground_scene,
     plant_facts,
@@ -107,7 +106,6 @@ TARGETS: Final = (
         title="Blender",
         line="heights as a float32 OpenEXR displacement, and a GLB with ground, water and plants",
         write=write_blender,
-        libraries=(Library("OpenEXR", "exr"), *LIBRARIES),
         knows=frozenset({"error"}),
         check=check_glb,
         disk=92.0,

@@ -17,7 +17,7 @@ from sketchterrain.export.placed_layers import (
     river_layer,
     station_layer,
 )
-from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.target import Target, Written
 from sketchterrain.metric_crs import metric_crs
 from sketchterrain.terrain.plant import PLANT
 
@@ -141,7 +141,6 @@ TARGETS = (
         title="GIS",
         line="Cloud-Optimised GeoTIFF; rivers, lakes, plants and features as GeoPackage",
         write=_write,
-        libraries=(Library("pyogrio", "gis"), Library("shapely", "gis")),
         knows=frozenset({"crs", "origin"}),
         check=_check,
         disk=24.0,  # 15 bytes, a third more for overviews, and room to make these

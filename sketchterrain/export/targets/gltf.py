@@ -17,7 +17,7 @@ from sketchterrain.export.gltf_plants import (
 from sketchterrain.export.gltf_scene import AXES, add_ground, add_water, centre_of
 from sketchterrain.export.ground_images import ground_images
 from sketchterrain.export.ground_mesh import check_error, ground_mesh, mesh_facts
-from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.target import Target, Written
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.export.target import Export, ExportOptions
 
 __all__ = [
-    "LIBRARIES",
     "TARGETS",
     "check_glb",
     "ground_scene",
@@ -33,8 +32,6 @@ __all__ = [
     "write_gltf",
     "write_points",
 ]
-
-LIBRARIES: Final = (Library("pygltflib", "gltf"),)
 
 _MOST: Final = 8193  # vertices of 56 bytes, their triangles counted in
 
@@ -111,7 +108,6 @@ TARGETS: Final = (
         title="glTF",
         line="a GLB: mesh with baked materials, water, plants as instances; plants as points besides",
         write=write_gltf,
-        libraries=LIBRARIES,
         knows=frozenset({"error"}),
         check=check_glb,
         disk=80.0,

@@ -12,7 +12,7 @@ from sketchterrain.export.engine_placed import write_all_plants, write_all_water
 from sketchterrain.export.exr import write_exr
 from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.png import write_values_png
-from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.target import Target, Written
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.export.weights import four_of
 from sketchterrain.whole_files import write_whole
@@ -151,7 +151,6 @@ TARGETS: Final = (
         title="Godot, Terrain3D",
         line="EXR or r16 heights at 1 m a pixel, control map, plants, water",
         write=write_godot,
-        libraries=(Library("OpenEXR", "exr"),),
         spacing=1.0,
         multiple=_MULTIPLE,
         most=_MOST,

@@ -11,7 +11,7 @@ from sketchterrain.export.foliage_files import FoliageFiles, write_foliage
 from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.png import write_values_png
 from sketchterrain.export.raw import npy_rows, write_npy, write_raw
-from sketchterrain.export.target import Library, Target, Written
+from sketchterrain.export.target import Target, Written
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.export.weights import four_of
 from sketchterrain.terrain.plant import PLANT
@@ -223,7 +223,6 @@ TARGETS = (
         title="OpenEXR",
         line="heights in metres as float32 OpenEXR",
         write=_write_exr,
-        libraries=(Library("OpenEXR", "exr"),),
         knows=_TILED,
         tiling=_TILING,
     ),

@@ -18,7 +18,7 @@ from sketchterrain.sketch import Sketch, save_sketch
 if TYPE_CHECKING:
     from pathlib import Path
 
-SEEDS, SIZE, KILLS = 6, 129, 4
+SEEDS, SIZE = 6, 129
 
 
 @pytest.fixture
@@ -31,8 +31,10 @@ def sketch(tmp_path: Path) -> Path:
     return tmp_path / "hill"
 
 
-@pytest.mark.slow
-def test_killed_and_resumed_to_the_same_bytes(sketch: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "most", [pytest.param(2, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.soak)]
+)
+def test_killed_and_resumed_to_the_same_bytes(sketch: Path, tmp_path: Path, most: int) -> None:
     words = [str(sketch), "--seeds", f"1-{SEEDS}", "--size", str(SIZE), "--no-preview"]
     command = [sys.executable, "-m", "sketchterrain", "batch", *words]
     whole = subprocess.run(
@@ -40,14 +42,19 @@ def test_killed_and_resumed_to_the_same_bytes(sketch: Path, tmp_path: Path) -> N
     )
     assert whole.returncode == 0, whole.stderr
     kills = killed(
-        words, tmp_path / "killed", kills=KILLS, longest=5.0, chance=random.Random(4), timeout=300.0
+        words, tmp_path / "killed", kills=most, longest=5.0, chance=random.Random(1), timeout=300.0
     )
-    assert len(kills) <= KILLS
+    assert len(kills) <= most
     assert differences(tmp_path / "whole", tmp_path / "killed") == []
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "way",
+    [
+        pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, marks=pytest.mark.soak),
+    ],
+)
 def test_a_signal_ends_it_with_130_and_leaves_nothing_half_written(
     way: signal.Signals, sketch: Path, tmp_path: Path
 ) -> None:

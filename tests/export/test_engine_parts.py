@@ -1,4 +1,4 @@
-"""What exports to engines are put together from: axes, ground between vertices, weights, bits, long lists."""
+"""Parts of engine exports: axes, interpolated ground, weights, control maps, long JSON lists."""
 
 from __future__ import annotations
 
@@ -38,29 +38,27 @@ def sampled(height: np.ndarray, spacing: float = 2.0) -> Sampled:
     return Sampled(grid, height.astype(np.float32), up, np.full((rows, columns, 1), 255, np.uint8))
 
 
-def test_a_place_in_each_programs_words() -> None:
+def test_positions_and_rotations_in_the_axes_of_each_engine() -> None:
+    """East turned a quarter counter-clockwise is north, whatever a program's rotation matrix looks like."""
     place = np.array([12.0]), np.array([25.0]), np.array([3.0])
     np.testing.assert_array_equal(UNITY.places(*place), [[12.0, 3.0, 25.0]])
     np.testing.assert_array_equal(UNREAL.places(*place), [[200.0, -500.0, 300.0]])
     np.testing.assert_array_equal(GODOT.places(*place), [[12.0, 3.0, -25.0]])
 
-
-@pytest.mark.parametrize("axes", [UNITY, UNREAL, GODOT])
-def test_turning_by_the_programs_own_rule_turns_the_same_thing(axes: EngineAxes) -> None:
-    """East turned a quarter counter-clockwise is north, whatever a program's rotation matrix looks like."""
-    quarter = axes.turn * np.pi / 2
-    east, north = axes.directions(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
-    c, s = np.cos(quarter), np.sin(quarter)
-    # Unity's and Godot's Y axis (left- and right-handed alike: the formulas are the same), Unreal's Z axis.
-    about = {
-        "y": np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
-        "z": np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
-    }["z" if axes.z == "up" else "y"]
-    np.testing.assert_allclose(about @ east, north, atol=1e-12)
-    assert axes.facts["handed"] == ("right" if axes is GODOT else "left")
+    for axes in [UNITY, UNREAL, GODOT]:
+        quarter = axes.turn * np.pi / 2
+        east, north = axes.directions(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+        c, s = np.cos(quarter), np.sin(quarter)
+        # About Unity's and Godot's Y axis (one formula for either handedness) or Unreal's Z axis.
+        about = {
+            "y": np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]),
+            "z": np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]),
+        }["z" if axes.z == "up" else "y"]
+        np.testing.assert_allclose(about @ east, north, atol=1e-12)
+        assert axes.facts["handed"] == ("right" if axes is GODOT else "left"), axes
 
 
-def test_ground_between_vertices_is_exact_on_a_plane_and_at_vertices() -> None:
+def test_ground_between_vertices_is_exact_on_a_plane_and_clamped_at_the_edge() -> None:
     row, column = np.mgrid[0:5, 0:7]
     plane = sampled(3.0 * column - 2.0 * row)
     random = np.random.default_rng(1)
@@ -71,13 +69,11 @@ def test_ground_between_vertices_is_exact_on_a_plane_and_at_vertices() -> None:
     at = ground_at(rough, 10.0 + 2.0 * column.ravel(), 28.0 - 2.0 * row.ravel())
     np.testing.assert_array_equal(at, rough.height.ravel())
 
-
-def test_ground_beyond_the_edge_is_that_of_the_edge() -> None:
     ground = sampled(np.arange(6.0).reshape(2, 3))
     np.testing.assert_array_equal(ground_at(ground, np.array([0.0, 99.0]), np.array([99.0, 0.0])), [0.0, 5.0])
 
 
-def test_weights_of_one_vertex_less_still_reach_the_edges() -> None:
+def test_resampled_weights_reach_the_edges_and_agree_between_tiles() -> None:
     ramp = np.arange(33)
     weights = np.zeros((33, 33, 3), np.uint8)
     weights[..., 0] = np.rint(ramp * 255 / 32)[None]
@@ -89,15 +85,13 @@ def test_weights_of_one_vertex_less_still_reach_the_edges() -> None:
     assert np.abs(small[0, :, 0] - np.arange(32) * 255 / 31).max() <= 1.5  # two roundings
     np.testing.assert_array_equal(small[:, [0, -1]], weights[:32, [0, -1]])
 
-
-@pytest.mark.parametrize("seed", range(3))
-def test_neighbouring_tiles_have_the_same_weights_on_their_edge(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    share = random.dirichlet([0.4] * 5, (65, 129)) * 255
-    weights = np.floor(share).astype(np.uint8)
-    weights[..., 0] += (255 - weights.sum(axis=-1, dtype=int)).astype(np.uint8)
-    west, east = (edge_to_edge(weights[:, left : left + 65]) for left in (0, 64))
-    np.testing.assert_array_equal(west[:, -1], east[:, 0])
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        share = random.dirichlet([0.4] * 5, (65, 129)) * 255
+        weights = np.floor(share).astype(np.uint8)
+        weights[..., 0] += (255 - weights.sum(axis=-1, dtype=int)).astype(np.uint8)
+        west, east = (edge_to_edge(weights[:, left : left + 65]) for left in (0, 64))
+        np.testing.assert_array_equal(west[:, -1], east[:, 0])
 
 
 def test_normals_down_turn_green_alone() -> None:
@@ -106,14 +100,12 @@ def test_normals_down_turn_green_alone() -> None:
     np.testing.assert_array_equal(normals_down(normals_down(normal)), normal)
 
 
-def test_bits_of_the_control_map() -> None:
+def test_bits_of_the_control_map_are_finite_floats() -> None:
     weights = np.uint8([[[255, 0, 0], [0, 200, 55], [128, 127, 0], [85, 85, 85]]])
     bits = control_map(weights).view(np.uint32)[0].tolist()
     fields = [(b >> 27, b >> 22 & 0x1F, b >> 14 & 0xFF, b & 0x3FFF) for b in bits]
     assert fields == [(0, 0, 0, 0), (1, 2, 55, 0), (0, 1, 127, 0), (0, 1, 128, 0)]
 
-
-def test_no_control_map_is_infinite_or_no_number() -> None:
     weights = np.zeros((1, 30 * 30, 30), np.uint8)
     pairs = [(a, b) for a in range(30) for b in range(30) if a != b]
     for i, (a, b) in enumerate(pairs):
@@ -123,7 +115,7 @@ def test_no_control_map_is_infinite_or_no_number() -> None:
         control_map(np.zeros((1, 1, 31), np.uint8))
 
 
-def test_long_lists_are_json(tmp_path: Path) -> None:
+def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path: Path) -> None:
     def rows(values: list[float]) -> bytes:
         return json_rows([b"[", decimals(np.array(values), 2), b",", decimals(np.array(values), 1), b"]"])
 
@@ -133,8 +125,6 @@ def test_long_lists_are_json(tmp_path: Path) -> None:
     empty = json.loads(write_listing(tmp_path / "b.json", {}, "rows", []).read_text())
     assert empty == {"rows": []}
 
-
-def test_a_list_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
     folder = tmp_path / "gone"
     with pytest.raises(SketchterrainError, match="cannot be written"):
         write_listing(folder / "a.json", {}, "rows", [])
@@ -144,8 +134,8 @@ def test_a_list_that_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
         raise InputError("no more")
 
     with pytest.raises(InputError, match="no more"):
-        write_listing(tmp_path / "a.json", {"format": 1}, "rows", failing())  # type: ignore[arg-type]
-    assert list(tmp_path.iterdir()) == []
+        write_listing(tmp_path / "c.json", {"format": 1}, "rows", failing())  # type: ignore[arg-type]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.json"]
 
 
 def test_a_plants_row_is_on_the_ground_given(plants: Callable[[int], np.ndarray]) -> None:
@@ -159,24 +149,19 @@ def test_a_plants_row_is_on_the_ground_given(plants: Callable[[int], np.ndarray]
     np.testing.assert_allclose(np.linalg.norm(rows[:, 7:], axis=1), 1.0, atol=2e-4)
 
 
-def test_storeys_that_are_wanted() -> None:
+def test_storeys_and_file_names_follow_the_options(tmp_path: Path) -> None:
     assert storeys_of(ExportOptions()) == {"woody": "plants"}
     assert storeys_of(ExportOptions(grass=True)) == {"woody": "plants", "grass": "grass"}
     assert storeys_of(ExportOptions(plants=False)) == {}
 
-
-@pytest.mark.parametrize(
-    ("tiling", "what", "name"),
-    [
+    for tiling, what, name in [
         (Tiling(), "height", "hill_height.png"),
         (Tiling(), "", "hill.png"),
         (Tiling(2, 2), "height", "hill_height_x1_y0.png"),
         (Tiling(2, 2, pattern="{x}_{y}"), "height", "height_1_0.png"),
         (Tiling(2, 2, pattern="{x}_{y}"), "", "1_0.png"),
-    ],
-)
-def test_kinds_of_files_have_names_of_their_own(tmp_path: Path, tiling: Tiling, what: str, name: str) -> None:
-    ground = sampled(np.zeros((5, 5)))
-    export = Export(None, "hill", ExportOptions(), ground.grid, tiling, ground, tmp_path, None)  # type: ignore[arg-type]
-    piece = list(tiling.pieces(5, 5))[tiling.columns - 1]
-    assert path_of(export, what, piece, ".png") == tmp_path / name
+    ]:
+        ground = sampled(np.zeros((5, 5)))
+        export = Export(None, "hill", ExportOptions(), ground.grid, tiling, ground, tmp_path, None)  # type: ignore[arg-type]
+        piece = list(tiling.pieces(5, 5))[tiling.columns - 1]
+        assert path_of(export, what, piece, ".png") == tmp_path / name, name

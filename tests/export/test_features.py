@@ -25,12 +25,10 @@ def told(tmp_path: Path, terrain: st.Terrain) -> dict[str, Any]:
     return result
 
 
-def test_the_document_has_its_parts(told: dict[str, Any]) -> None:
+def test_every_point_feature_is_written_exactly(told: dict[str, Any], terrain: st.Terrain) -> None:
     assert list(told) == ["format", "features", "splines", "lakes"]
     assert told["format"] == 1
 
-
-def test_every_point_feature_comes_back_exactly(told: dict[str, Any], terrain: st.Terrain) -> None:
     points = terrain.features.points
     assert {"mountain", "hill", "forest"} <= {entry["type"] for entry in told["features"]}
     assert [entry["id"] for entry in told["features"]] == points["id"].tolist()
@@ -42,7 +40,7 @@ def test_every_point_feature_comes_back_exactly(told: dict[str, Any], terrain: s
         assert entry["painted"] is bool(point["painted"])
 
 
-def test_only_the_types_that_have_a_property_tell_it(tmp_path: Path) -> None:
+def test_each_type_has_only_its_own_properties_in_short_numbers(tmp_path: Path) -> None:
     points = np.zeros(len(FEATURE_TYPES), FEATURE)
     points["type"] = np.arange(len(points))
     (path,) = write_features(tmp_path, TerrainFeatures(points, ()))
@@ -55,6 +53,16 @@ def test_only_the_types_that_have_a_property_tell_it(tmp_path: Path) -> None:
         "forest": {"conifers"},
     }
     assert told["splines"] == []
+
+    point = np.zeros(1, FEATURE)
+    point["peakiness"], point["id"] = 0.6, 2**64 - 1
+    text = write_features(tmp_path, TerrainFeatures(point, ()))[0].read_text(encoding="utf-8")
+    assert '"peakiness": 0.6,' in text
+    assert '"id": 18446744073709551615,' in text
+
+    (path,) = write_features(tmp_path, TerrainFeatures(np.zeros(0, FEATURE), ()))
+    nothing = {"format": 1, "features": [], "splines": [], "lakes": []}
+    assert json.loads(path.read_text(encoding="utf-8")) == nothing
 
 
 def test_rivers_are_splines_from_spring_to_mouth(told: dict[str, Any], terrain: st.Terrain) -> None:
@@ -69,12 +77,6 @@ def test_rivers_are_splines_from_spring_to_mouth(told: dict[str, Any], terrain: 
         assert (np.diff(np.array(entry["centreline"])[:, 2]) <= 0).all()
 
 
-def test_nothing_placed_is_empty_lists(tmp_path: Path) -> None:
-    (path,) = write_features(tmp_path, TerrainFeatures(np.zeros(0, FEATURE), ()))
-    nothing = {"format": 1, "features": [], "splines": [], "lakes": []}
-    assert json.loads(path.read_text(encoding="utf-8")) == nothing
-
-
 def test_a_lake_is_its_outline(tmp_path: Path) -> None:
     step = np.arange(-30, 31)
     ring = 60 - np.abs(np.hypot(step, step[:, None]) * 5 - 80)  # an island of 20 m in a lake of 140 m
@@ -85,11 +87,3 @@ def test_a_lake_is_its_outline(tmp_path: Path) -> None:
     radii = sorted(float(np.hypot(*(np.array(r) - (500, 1000)).T).mean()) for r in told["outline"])
     np.testing.assert_allclose(radii, [20, 140], atol=0.6)
     assert all(outline[0] == outline[-1] for outline in told["outline"])
-
-
-def test_numbers_are_written_as_short_as_they_are(tmp_path: Path) -> None:
-    point = np.zeros(1, FEATURE)
-    point["peakiness"], point["id"] = 0.6, 2**64 - 1
-    text = write_features(tmp_path, TerrainFeatures(point, ()))[0].read_text(encoding="utf-8")
-    assert '"peakiness": 0.6,' in text
-    assert '"id": 18446744073709551615,' in text

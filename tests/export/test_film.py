@@ -1,4 +1,4 @@
-"""Films: what was put in comes out, in order and at its speed, and nothing is left of what failed."""
+"""Films: frames, order, speed and colours as given, and no partial files after a failure."""
 
 from __future__ import annotations
 
@@ -41,40 +41,36 @@ def entries(folder: Path) -> list[str]:
     return sorted(each.name for each in folder.iterdir())
 
 
-def test_a_folder_of_frames(tmp_path: Path) -> None:
+def test_a_folder_of_frames_is_numbered_and_exact(tmp_path: Path) -> None:
     write(tmp_path / "made" / "frames", 12)
     assert entries(tmp_path / "made" / "frames") == [f"{number:04d}.png" for number in range(12)]
     for number, frame in enumerate(frames(12)):
         with Image.open(tmp_path / "made" / "frames" / f"{number:04d}.png") as image:
             np.testing.assert_array_equal(np.asarray(image), frame)
 
-
-def test_more_than_ten_thousand_frames_keep_their_order() -> None:
     from sketchterrain.export.film import _name
 
     assert [_name(number, 10_001) for number in (0, 10_000)] == ["00000.png", "10000.png"]
     assert _name(9999, 10_000) == "9999.png"
 
 
-@pytest.mark.parametrize(("ending", "near"), [(".webp", 12), (".gif", 30)])
-def test_an_animated_picture_has_all_frames_and_its_length(ending: str, near: float, tmp_path: Path) -> None:
-    path = tmp_path / f"a{ending}"
-    write(path, 12, fps=30)
-    assert entries(tmp_path) == [path.name]
-    length = 0
-    with Image.open(path) as image:
-        assert (image.size, image.n_frames) == (SIZE, 12)
-        for shown, frame in zip(ImageSequence.Iterator(image), frames(12), strict=True):
-            difference = np.asarray(shown.convert("RGB")).astype(int) - frame
-            assert np.abs(difference).mean() < near
-            length += shown.info["duration"]
-    assert length == 400
+def test_animated_pictures_have_all_frames_and_their_length(tmp_path: Path) -> None:
+    for ending, near in [(".webp", 12), (".gif", 30)]:
+        path = tmp_path / ending[1:] / f"a{ending}"
+        write(path, 12, fps=30)
+        assert entries(path.parent) == [path.name], ending
+        length = 0
+        with Image.open(path) as image:
+            assert (image.size, image.n_frames) == (SIZE, 12), ending
+            for shown, frame in zip(ImageSequence.Iterator(image), frames(12), strict=True):
+                difference = np.asarray(shown.convert("RGB")).astype(int) - frame
+                assert np.abs(difference).mean() < near, ending
+                length += shown.info["duration"]
+        assert length == 400, ending
 
-
-def test_one_frame_is_a_film_too(tmp_path: Path) -> None:
     for name in ("a.webp", "a.gif", "frames"):
-        write(tmp_path / name, 1)
-    assert entries(tmp_path) == ["a.gif", "a.webp", "frames"]
+        write(tmp_path / "one" / name, 1)
+    assert entries(tmp_path / "one") == ["a.gif", "a.webp", "frames"]
 
 
 def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path: Path) -> None:
@@ -92,21 +88,23 @@ def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path: Path) -> No
             assert np.abs(difference.mean(axis=(0, 1))).max() < 2  # no colour is off as a whole
 
 
-@pytest.mark.parametrize("name", ["frames", "a.webp", "a.gif", "a.mp4"])
-@pytest.mark.parametrize("failure", [KeyboardInterrupt(), SketchterrainError("it broke")])
-def test_what_is_interrupted_leaves_nothing(name: str, failure: BaseException, tmp_path: Path) -> None:
-    if name.endswith(VIDEO):
-        pytest.importorskip("av")
-    (tmp_path / "a.webp").write_text("old")
-    with pytest.raises(type(failure)):
-        write(tmp_path / name, 5, failure=failure)
-    there = entries(tmp_path)
-    assert there == ["a.webp"] + ["frames"] * (name == "frames")
-    assert (tmp_path / "a.webp").read_text() == "old"
-    assert not list((tmp_path / "frames").iterdir()) if name == "frames" else True
+def test_an_interrupted_film_leaves_nothing(tmp_path: Path) -> None:
+    for name in ["frames", "a.webp", "a.gif", "a.mp4"]:
+        for failure in [KeyboardInterrupt(), SketchterrainError("it broke")]:
+            if name.endswith(VIDEO):
+                pytest.importorskip("av")
+            folder = tmp_path / f"{name}-{type(failure).__name__}"
+            folder.mkdir()
+            (folder / "a.webp").write_text("old")
+            with pytest.raises(type(failure)):
+                write(folder / name, 5, failure=failure)
+            there = entries(folder)
+            assert there == ["a.webp"] + ["frames"] * (name == "frames"), (name, failure)
+            assert (folder / "a.webp").read_text() == "old", (name, failure)
+            assert not list((folder / "frames").iterdir()) if name == "frames" else True, (name, failure)
 
 
-def test_a_shorter_film_does_not_mix_with_a_longer_one(tmp_path: Path) -> None:
+def test_longer_films_odd_sides_and_files_in_the_way_are_refused(tmp_path: Path) -> None:
     write(tmp_path, 5)
     check_film(tmp_path, size=SIZE, frames=5)
     (tmp_path / "notes.png").write_text("mine")
@@ -115,8 +113,6 @@ def test_a_shorter_film_does_not_mix_with_a_longer_one(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"0000\.png to 0004\.png"):
         check_film(tmp_path, size=SIZE, frames=20_000)
 
-
-def test_odd_sides_and_files_in_the_way_are_refused_before_the_work(tmp_path: Path) -> None:
     pytest.importorskip("av")
     with pytest.raises(InputError, match=r"even sides for an \.mp4, got 65×48"):
         check_film(tmp_path / "a.mp4", size=(65, 48), frames=3)

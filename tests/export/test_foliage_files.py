@@ -65,36 +65,38 @@ def lines(folder: Path) -> list[str]:
     return (folder / "foliage.csv").read_text(encoding="ascii").splitlines()[1:]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_is_asked_for_is_written_and_no_more(tmp_path: Path, kind: str) -> None:
-    terrain = Plantation(woody=1000, grass=3000)
-    done = write_foliage(tmp_path, terrain, AREA, FoliageFiles(kind))
-    names = {"csv": ["foliage.csv"], "ply": ["foliage.ply"], "none": []}
-    expected = names.get(kind, ["foliage.csv", "foliage.ply"])
-    assert [path.name for path in done.files] == expected
-    assert sorted(path.name for path in tmp_path.iterdir()) == expected
-    assert sum(done.counts.values()) == (1000 if expected else 0)
-    assert tuple(done.counts) == (STOREYS["woody"] if expected else ())
-    assert done.seconds > 0.0
-    assert terrain.asked == (["woody"] if expected else [])
+def test_only_the_requested_files_are_written(tmp_path: Path) -> None:
+    for kind in KINDS:
+        terrain = Plantation(woody=1000, grass=3000)
+        folder = tmp_path / kind
+        folder.mkdir()
+        done = write_foliage(folder, terrain, AREA, FoliageFiles(kind))
+        names = {"csv": ["foliage.csv"], "ply": ["foliage.ply"], "none": []}
+        expected = names.get(kind, ["foliage.csv", "foliage.ply"])
+        assert [path.name for path in done.files] == expected, kind
+        assert sorted(path.name for path in folder.iterdir()) == expected, kind
+        assert sum(done.counts.values()) == (1000 if expected else 0), kind
+        assert tuple(done.counts) == (STOREYS["woody"] if expected else ()), kind
+        assert done.seconds > 0.0, kind
+        assert terrain.asked == (["woody"] if expected else []), kind
 
 
-@pytest.mark.parametrize("kind", ["ply", "both"])
-def test_grass_comes_after_the_trees_and_into_the_cloud_alone(tmp_path: Path, kind: str) -> None:
-    done = write_foliage(tmp_path, Plantation(woody=1000, grass=3000), AREA, FoliageFiles(kind, grass=True))
-    found = vertices(tmp_path)
-    grass = np.isin(found["species"], [SPECIES.index(name) for name in STOREYS["grass"]])
-    assert not grass[:1000].any()
-    assert grass[1000:].all()
-    assert len(grass) == 4000
-    counts = np.bincount(found["species"], minlength=len(SPECIES))
-    assert done.counts == dict(zip(SPECIES, counts.tolist(), strict=True))
-    if kind == "both":
-        assert len(lines(tmp_path)) == 1000
-        assert {line.split(",")[3] for line in lines(tmp_path)} == set(STOREYS["woody"])
+def test_grass_comes_after_the_trees_and_into_the_cloud_alone(tmp_path: Path) -> None:
+    for kind in ["ply", "both"]:
+        done = write_foliage(
+            tmp_path, Plantation(woody=1000, grass=3000), AREA, FoliageFiles(kind, grass=True)
+        )
+        found = vertices(tmp_path)
+        grass = np.isin(found["species"], [SPECIES.index(name) for name in STOREYS["grass"]])
+        assert not grass[:1000].any(), kind
+        assert grass[1000:].all(), kind
+        assert len(grass) == 4000, kind
+        counts = np.bincount(found["species"], minlength=len(SPECIES))
+        assert done.counts == dict(zip(SPECIES, counts.tolist(), strict=True)), kind
+        if kind == "both":
+            assert len(lines(tmp_path)) == 1000, kind
+            assert {line.split(",")[3] for line in lines(tmp_path)} == set(STOREYS["woody"]), kind
 
-
-def test_where_nothing_grows_the_files_are_valid_and_empty(tmp_path: Path) -> None:
     done = write_foliage(tmp_path, Plantation(), AREA, FoliageFiles("both", grass=True))
     assert len(vertices(tmp_path)) == 0
     assert lines(tmp_path) == []
@@ -120,16 +122,19 @@ def test_many_plants_take_no_more_memory_than_few(tmp_path: Path) -> None:
     assert len(vertices(tmp_path)) == 1_000_000
 
 
-@pytest.mark.parametrize("stop", [KeyboardInterrupt, SketchterrainError("the device gave up")])
-def test_a_stop_between_pieces_leaves_nothing(tmp_path: Path, stop: BaseException) -> None:
-    class Broken(Plantation):
-        def foliage_pieces(self, *area: float, storey: str) -> Iterator[np.ndarray]:
-            yield from super().foliage_pieces(*area, storey=storey)
-            raise stop
+def test_a_stop_between_pieces_leaves_nothing(tmp_path: Path) -> None:
+    for stop in [KeyboardInterrupt, SketchterrainError("the device gave up")]:
 
-    with pytest.raises((KeyboardInterrupt, SketchterrainError)):
-        write_foliage(tmp_path, Broken(50_000), AREA, FoliageFiles("both"))
-    assert list(tmp_path.iterdir()) == []
+        class Broken(Plantation):
+            reason = stop
+
+            def foliage_pieces(self, *area: float, storey: str) -> Iterator[np.ndarray]:
+                yield from super().foliage_pieces(*area, storey=storey)
+                raise self.reason
+
+        with pytest.raises((KeyboardInterrupt, SketchterrainError)):
+            write_foliage(tmp_path, Broken(50_000), AREA, FoliageFiles("both"))
+        assert list(tmp_path.iterdir()) == [], stop
 
 
 @pytest.fixture
@@ -141,53 +146,45 @@ def small_files() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize(("kind", "name"), [("csv", "csv"), ("both", "csv"), ("ply", "ply")])
 @pytest.mark.usefixtures("small_files")
-def test_a_full_disk_is_told_of_the_file_that_has_no_room(tmp_path: Path, kind: str, name: str) -> None:
-    with pytest.raises(SketchterrainError, match=rf"/foliage\.{name}: cannot be written \(File too large"):
-        write_foliage(tmp_path, Plantation(50_000), AREA, FoliageFiles(kind))
-    assert list(tmp_path.iterdir()) == []
+def test_a_full_disk_is_told_of_the_file_that_has_no_room(tmp_path: Path) -> None:
+    for kind, name in [("csv", "csv"), ("both", "csv"), ("ply", "ply")]:
+        with pytest.raises(
+            SketchterrainError, match=rf"/foliage\.{name}: cannot be written \(File too large"
+        ):
+            write_foliage(tmp_path, Plantation(50_000), AREA, FoliageFiles(kind))
+        assert list(tmp_path.iterdir()) == [], kind
 
 
 Usage = namedtuple("Usage", "total used free")
 
 
-@pytest.mark.parametrize(
-    ("wanted", "line"),
-    [
+def test_foliage_beyond_the_free_space_is_refused_with_the_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for wanted, line in [
         (FoliageFiles("csv"), r"foliage\.csv: up to 2e\+08 plants need up to 15\.6 GiB, .* 9\.3 GiB left"),
         (FoliageFiles("both"), r"foliage\.csv and foliage\.ply: up to 2e\+08 plants need up to 24\.2 GiB,"),
         (FoliageFiles("ply", grass=True), r"foliage\.ply: up to 2\.2e\+09 plants need up to 94\.2 GiB,"),
-    ],
-)
-def test_more_than_the_disk_has_room_for_is_refused_with_the_figures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: FoliageFiles, line: str
-) -> None:
-    monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**11, 10**10, 10**10))
-    terrain = Plantation(10**8, 10**9)
-    with pytest.raises(InputError, match=line) as caught:
-        check_room(tmp_path, terrain, AREA, wanted)
-    assert "\n" not in str(caught.value)
-    assert terrain.asked == []
+    ]:
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**11, 10**10, 10**10))
+        terrain = Plantation(10**8, 10**9)
+        with pytest.raises(InputError, match=line) as caught:
+            check_room(tmp_path, terrain, AREA, wanted)
+        assert "\n" not in str(caught.value), line
+        assert terrain.asked == [], line
 
-
-def test_what_fits_and_what_is_not_asked_for_is_not_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**11, 10**10, 10**10))
     check_room(tmp_path, Plantation(10**8, 10**12), AREA, FoliageFiles("ply"))
     check_room(tmp_path, Plantation(10**12, 10**12), AREA, FoliageFiles("none"))
 
 
-@pytest.mark.parametrize(
-    ("kind", "grass", "line"),
-    [
+def test_contradictory_requests_are_refused() -> None:
+    for kind, grass, line in [
         ("obj", False, "expected foliage as one of csv, ply, both, none, got 'obj'"),
         ("csv", True, "expected ply or both for grass, which only foliage.ply holds, got csv"),
         ("none", True, "expected ply or both for grass, which only foliage.ply holds, got none"),
-    ],
-)
-def test_requests_that_cannot_be_meant(kind: str, grass: bool, line: str) -> None:
-    with pytest.raises(InputError) as caught:
-        FoliageFiles(kind, grass=grass)
-    assert str(caught.value) == line
+    ]:
+        with pytest.raises(InputError) as caught:
+            FoliageFiles(kind, grass=grass)
+        assert str(caught.value) == line, kind

@@ -31,23 +31,17 @@ def grid_of(sketch: Sketch, target: Target, **options: object) -> Grid:
     return plan(sketch, target, ExportOptions(**options)).grid  # type: ignore[arg-type]
 
 
-def test_a_plain_grid_is_the_sketch_s_rectangle() -> None:
+def test_grids_follow_the_rectangle_and_the_tiles() -> None:
     assert grid_of(WIDE, PLAIN, size=65) == Grid(0.0, 0.0, 1024.0, 768.0, 65, 49)
     assert grid_of(HIGH, PLAIN, size=65) == Grid(0.0, 0.0, 768.0, 1024.0, 49, 65)
 
-
-def test_the_shorter_side_is_cut_too() -> None:
     grid = grid_of(WIDE, PLAIN, size=65, tiles=(4, 5))
     assert (grid.columns, grid.rows) == (65, 51)
     assert grid.area == (0.0, 0.0, 1024.0, 768.0)
 
-
-def test_a_size_is_found_that_tiles_can_have() -> None:
     assert grid_of(WIDE, PLAIN, tiles=(3, 1)).columns == 1024
     assert grid_of(WIDE, PLAIN, tiles=(4, 3)).columns == 1025
 
-
-def test_square_targets_take_the_square_over_the_longer_side() -> None:
     assert grid_of(WIDE, SQUARE) == Grid(0.0, 0.0, 1024.0, 1024.0, 65, 65)
     assert grid_of(HIGH, SQUARE, size=33) == Grid(0.0, 0.0, 1024.0, 1024.0, 33, 33)
     assert grid_of(WIDE, SQUARE, tiles=(4, 4)).columns == 4 * 64 + 1
@@ -66,7 +60,7 @@ def test_square_tiles_cover_the_sketch_with_square_quads(columns: int, rows: int
     assert made.grid.east == east or made.grid.north == north
 
 
-def test_vertices_are_just_so_far_apart_where_a_target_wants_that() -> None:
+def test_fixed_spacing_and_multiples_are_kept() -> None:
     assert grid_of(WIDE, SPACED) == Grid(0.0, 0.0, 1024.0, 768.0, 1025, 769)
     odd = WIDE.replace(extent=1000.5)
     grid = grid_of(odd, SPACED, tiles=(4, 1))
@@ -75,46 +69,40 @@ def test_vertices_are_just_so_far_apart_where_a_target_wants_that() -> None:
     assert grid.east >= odd.size[0]
     assert grid.north >= odd.size[1]
 
-
-def test_pixels_come_in_multiples() -> None:
     regions = replace(SPACED, multiple=256)
     assert grid_of(WIDE, regions) == Grid(0.0, 0.0, 1023.0, 767.0, 1024, 768)
     assert grid_of(WIDE.replace(extent=1025.0), regions).columns == 1280
 
 
-@pytest.mark.parametrize(
-    ("size", "tiles", "nearest"),
-    [(64, (1, 1), "33 or 65"), (130, (1, 1), "129 "), (2, (1, 1), "33 "), (100, (2, 2), "65 or 129")],
-)
-def test_a_size_that_a_target_refuses_names_the_nearest(
-    size: int, tiles: tuple[int, int], nearest: str
-) -> None:
-    with pytest.raises(InputError, match=f"nearest: {nearest}"):
-        grid_of(WIDE, SQUARE, size=size, tiles=tiles)
+def test_refused_sizes_name_the_nearest_and_overlaps_are_bounded() -> None:
+    for size, tiles, nearest in [
+        (64, (1, 1), "33 or 65"),
+        (130, (1, 1), "129 "),
+        (2, (1, 1), "33 "),
+        (100, (2, 2), "65 or 129"),
+    ]:
+        with pytest.raises(InputError, match=f"nearest: {nearest}"):
+            grid_of(WIDE, SQUARE, size=size, tiles=tiles)
 
-
-def test_tiles_cannot_share_more_than_they_have() -> None:
     with pytest.raises(InputError, match="cannot share 70 vertices"):
         grid_of(WIDE, SQUARE, tiles=(2, 2), overlap=70)
 
 
-@pytest.mark.parametrize("name", TARGET_NAMES)
-def test_a_target_heeds_only_options_that_there_are(name: str) -> None:
-    target = target_named(name)
-    assert target.knows <= set(vars(ExportOptions()))
-    assert set(option_names(target)) >= {"plants", "grass"}
-    assert (target.tiling is not None) == ("tiles" in target.knows)
-    assert not target.sizes or target.size in target.sizes
-    assert target.title
-    assert target.line
-    assert ("format" in target.knows) == bool(target.formats)
+def test_every_target_declares_known_options_and_sizes_that_can_be_planned() -> None:
+    for name in TARGET_NAMES:
+        target = target_named(name)
+        assert target.knows <= set(vars(ExportOptions())), name
+        assert set(option_names(target)) >= {"plants", "grass"}, name
+        assert (target.tiling is not None) == ("tiles" in target.knows), name
+        assert not target.sizes or target.size in target.sizes, name
+        assert target.title, name
+        assert target.line, name
+        assert ("format" in target.knows) == bool(target.formats), name
 
-
-@pytest.mark.parametrize("name", TARGET_NAMES)
-def test_every_size_that_a_target_names_can_be_planned(name: str) -> None:
-    target = target_named(name)
-    for size in target.sizes:
-        assert plan(WIDE, target, ExportOptions(size=size)).tile_side == (size, size)
+    for name in TARGET_NAMES:
+        target = target_named(name)
+        for size in target.sizes:
+            assert plan(WIDE, target, ExportOptions(size=size)).tile_side == (size, size), (name, size)
 
 
 NUMBERS = some.none() | some.integers(-2, 10_000)

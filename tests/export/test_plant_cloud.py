@@ -73,13 +73,17 @@ def test_every_bit_of_a_plant_is_there_in_order(tmp_path: Path, plants: Plants) 
     ]
 
 
-@pytest.mark.parametrize("count", [0, 1, 9, 10, 65_536, 65_537, 200_001])
-def test_any_number_in_any_pieces_is_the_same_file(tmp_path: Path, plants: Plants, count: int) -> None:
-    some = plants(count)
-    whole = written(tmp_path, some).read_bytes()
-    pieces = np.split(some, sorted(np.random.default_rng(count).integers(0, count + 1, 4)))
-    assert written(tmp_path, *pieces).read_bytes() == whole
-    assert len(read(tmp_path / "foliage.ply")[0]) == count
+def test_clouds_of_any_size_and_pieces_are_the_same_file(tmp_path: Path, plants: Plants) -> None:
+    for count in [0, 1, 9, 10, 65_536, 65_537, 200_001]:
+        some = plants(count)
+        whole = written(tmp_path, some).read_bytes()
+        pieces = np.split(some, sorted(np.random.default_rng(count).integers(0, count + 1, 4)))
+        assert written(tmp_path, *pieces).read_bytes() == whole, count
+        assert len(read(tmp_path / "foliage.ply")[0]) == count, count
+
+    vertices, comments = read(written(tmp_path))
+    assert len(vertices) == 0
+    assert "species 5 grass" in comments
 
 
 def test_the_header_is_as_long_for_any_count(tmp_path: Path, plants: Plants) -> None:
@@ -87,28 +91,20 @@ def test_the_header_is_as_long_for_any_count(tmp_path: Path, plants: Plants) -> 
     assert len(lengths) == 1
 
 
-def test_no_plants_are_a_cloud_without_any(tmp_path: Path) -> None:
-    vertices, comments = read(written(tmp_path))
-    assert len(vertices) == 0
-    assert "species 5 grass" in comments
+def test_an_interrupt_or_a_missing_folder_leaves_no_partial_cloud(tmp_path: Path, plants: Plants) -> None:
+    for after in [0, 1, 70_000]:
+        old = written(tmp_path, plants(3)).read_bytes()
 
+        def interrupted(after: int = after) -> None:
+            with plant_cloud(tmp_path / "foliage.ply", SPECIES) as add:
+                add(plants(after))
+                raise KeyboardInterrupt
 
-@pytest.mark.parametrize("after", [0, 1, 70_000])
-def test_an_interrupt_leaves_the_old_cloud_whole(tmp_path: Path, plants: Plants, after: int) -> None:
-    old = written(tmp_path, plants(3)).read_bytes()
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
+        assert [entry.name for entry in tmp_path.iterdir()] == ["foliage.ply"], after
+        assert (tmp_path / "foliage.ply").read_bytes() == old, after
 
-    def interrupted() -> None:
-        with plant_cloud(tmp_path / "foliage.ply", SPECIES) as add:
-            add(plants(after))
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert [entry.name for entry in tmp_path.iterdir()] == ["foliage.ply"]
-    assert (tmp_path / "foliage.ply").read_bytes() == old
-
-
-def test_a_missing_folder_is_told_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(SketchterrainError, match=r"foliage\.ply: cannot be written \(No such file"):
         written(tmp_path / "no")
 

@@ -31,7 +31,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
-def test_each_plant_is_a_line_in_order(tmp_path: Path, terrain: st.Terrain) -> None:
+def test_each_plant_is_a_line_in_order_on_the_ground(tmp_path: Path, terrain: st.Terrain) -> None:
     plants = terrain.foliage(0.0, 0.0, *terrain.size)
     assert len(plants) > 100
     rows = rows_of(written(tmp_path, plants))
@@ -44,8 +44,6 @@ def test_each_plant_is_a_line_in_order(tmp_path: Path, terrain: st.Terrain) -> N
         read = np.array([float(row[name]) for row in rows])
         np.testing.assert_allclose(read, field, rtol=1e-7, atol=1.001 * half)
 
-
-def test_plants_stand_on_the_ground_inside_the_sketch(tmp_path: Path, terrain: st.Terrain) -> None:
     rows = rows_of(written(tmp_path, terrain.foliage(0.0, 0.0, *terrain.size)))
     x, y, z = (np.array([float(row[name]) for row in rows]) for name in "xyz")
     east, north = terrain.size
@@ -54,22 +52,18 @@ def test_plants_stand_on_the_ground_inside_the_sketch(tmp_path: Path, terrain: s
     np.testing.assert_allclose(z, terrain.heights(x, y), rtol=0, atol=0.02)
 
 
-def test_no_plants_are_a_table_without_rows(tmp_path: Path) -> None:
-    path = written(tmp_path, np.zeros(0, PLANT), ("fir",))
-    assert path.read_text(encoding="ascii") == ",".join(COLUMNS) + "\n"
-
-
-def test_numbers_have_fixed_decimals_and_no_negative_zero(tmp_path: Path) -> None:
+def test_numbers_have_fixed_decimals_and_bounded_length(tmp_path: Path) -> None:
     plant = (1e6 + 1 / 3, 2.0, -1e-5, (0.6, -0.0, 0.8), 1, 3, 1.25, 6.28318, 0.5)
     path = written(tmp_path, np.array([plant], PLANT), ("fir", "oak"))
     line = "1000000.333,2.000,0.000,oak,1.250,6.2832,0.500,0.6000,0.0000,0.8000"
     assert path.read_text(encoding="ascii").splitlines()[1] == line
 
-
-def test_no_line_is_longer_than_what_is_reckoned_with(tmp_path: Path) -> None:
     plant = (-999999.999, -999999.999, -9999.9999, (-1, -1, 1), 0, 0, 1.25, 6.28318, 1.0)
     path = written(tmp_path, np.array([plant], PLANT))
     assert len(path.read_bytes().splitlines(keepends=True)[1]) <= ROW_BYTES
+
+    path = written(tmp_path, np.zeros(0, PLANT), ("fir",))
+    assert path.read_text(encoding="ascii") == ",".join(COLUMNS) + "\n"
 
 
 def test_pieces_join(tmp_path: Path, plants: Callable[[int], np.ndarray]) -> None:
@@ -82,7 +76,7 @@ def test_pieces_join(tmp_path: Path, plants: Callable[[int], np.ndarray]) -> Non
     assert whole.count(b"\n") == 70_001
 
 
-def test_a_plant_that_is_no_number_leaves_no_table(
+def test_non_finite_plants_and_missing_folders_leave_no_table(
     tmp_path: Path, plants: Callable[[int], np.ndarray]
 ) -> None:
     some = plants(10)
@@ -91,10 +85,11 @@ def test_a_plant_that_is_no_number_leaves_no_table(
         written(tmp_path, some)
     assert list(tmp_path.iterdir()) == []
 
+    with pytest.raises(SketchterrainError, match=r"no.foliage\.csv: cannot be written \(No such file"):
+        written(tmp_path / "no", np.zeros(0, PLANT))
 
-def test_ctrl_c_amid_the_rows_leaves_the_old_table_whole(
-    tmp_path: Path, plants: Callable[[int], np.ndarray]
-) -> None:
+
+def test_an_interrupt_leaves_the_old_table_whole(tmp_path: Path, plants: Callable[[int], np.ndarray]) -> None:
     old = written(tmp_path, plants(3)).read_bytes()
 
     def interrupted() -> None:
@@ -106,11 +101,6 @@ def test_ctrl_c_amid_the_rows_leaves_the_old_table_whole(
         interrupted()
     assert [entry.name for entry in tmp_path.iterdir()] == ["foliage.csv"]
     assert (tmp_path / "foliage.csv").read_bytes() == old
-
-
-def test_a_missing_folder_is_told_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(SketchterrainError, match=r"no.foliage\.csv: cannot be written \(No such file"):
-        written(tmp_path / "no", np.zeros(0, PLANT))
 
 
 @pytest.mark.slow

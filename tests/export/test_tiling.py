@@ -11,13 +11,11 @@ from sketchterrain.export.tiling import Piece, Tiling
 COUNTS = some.integers(1, 9)
 
 
-def test_one_tile_is_the_whole_and_has_its_name() -> None:
+def test_tiles_are_counted_and_named() -> None:
     tiling = Tiling()
     assert list(tiling.pieces(33, 17)) == [Piece(0, 0, 0, 0, 33, 17)]
     assert tiling.name("valley", Piece(0, 0, 0, 0, 33, 17)) == "valley"
 
-
-def test_tiles_share_an_edge_and_are_counted_from_the_north_west() -> None:
     tiling = Tiling(2, 3)
     pieces = list(tiling.pieces(5, 13))
     assert pieces[0] == Piece(0, 0, 0, 0, 3, 5)
@@ -29,8 +27,6 @@ def test_tiles_share_an_edge_and_are_counted_from_the_north_west() -> None:
         "valley_x0_y1",
     ]
 
-
-def test_rows_can_be_counted_from_the_south_and_from_another_number() -> None:
     tiling = Tiling(2, 2, first=1, from_south=True, pattern="{name}_{y:02}_{x}")
     names = [tiling.name("a", each) for each in tiling.pieces(5, 5)]
     assert names == ["a_02_1", "a_02_2", "a_01_1", "a_01_2"]
@@ -69,18 +65,8 @@ def test_the_nearest_sizes_can_be_cut_and_none_is_nearer(vertices: int, tiles: i
             tiling.side(nearer, tiles)
 
 
-def test_a_grid_that_cannot_be_cut_is_refused_with_the_nearest_sizes() -> None:
-    with pytest.raises(
-        InputError, match=r"^1024 vertices .* 2 equal tiles that share an edge.* 1023 or 1025$"
-    ):
-        Tiling(2, 2).pieces(1024, 1025)
-    with pytest.raises(InputError, match=r"that share nothing; nearest: 1024 or 1026$"):
-        Tiling(2, 2, overlap=0).pieces(1025, 1024)
-
-
-@pytest.mark.parametrize(
-    ("pattern", "reason"),
-    [
+def test_unusable_patterns_numbers_and_sizes_are_refused_in_one_line() -> None:
+    for pattern, reason in [
         ("{name}", "expected {x} and {y}"),
         ("{name}_{x}", "expected {x} and {y}"),
         ("{x}{y}", "two tiles would have the same name"),
@@ -102,17 +88,18 @@ def test_a_grid_that_cannot_be_cut_is_refused_with_the_nearest_sizes() -> None:
         ("{x}_{y:{x}}", "expected only"),
         ("{x_{y}", "expected only|no pattern"),
         ("{x}_{y}}", "no pattern"),
-    ],
-)
-def test_a_pattern_that_names_no_files_is_refused_in_one_line(pattern: str, reason: str) -> None:
-    with pytest.raises(InputError, match=reason) as caught:
-        Tiling(12, 12, pattern=pattern)
-    assert str(caught.value).isprintable()
+    ]:
+        with pytest.raises(InputError, match=reason) as caught:
+            Tiling(12, 12, pattern=pattern)
+        assert str(caught.value).isprintable(), pattern
 
+    for change in [{"columns": 0}, {"rows": -1}, {"overlap": -1}, {"first": -1}, {"columns": 99999}]:
+        with pytest.raises(InputError, match="expected"):
+            Tiling(**change)
 
-@pytest.mark.parametrize(
-    "change", [{"columns": 0}, {"rows": -1}, {"overlap": -1}, {"first": -1}, {"columns": 99999}]
-)
-def test_a_number_out_of_range_is_refused(change: dict[str, int]) -> None:
-    with pytest.raises(InputError, match="expected"):
-        Tiling(**change)
+    with pytest.raises(
+        InputError, match=r"^1024 vertices .* 2 equal tiles that share an edge.* 1023 or 1025$"
+    ):
+        Tiling(2, 2).pieces(1024, 1025)
+    with pytest.raises(InputError, match=r"that share nothing; nearest: 1024 or 1026$"):
+        Tiling(2, 2, overlap=0).pieces(1025, 1024)

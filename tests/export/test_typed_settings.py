@@ -3,7 +3,7 @@ from __future__ import annotations
 from sketchterrain.export.typed_settings import Row, typed_rows
 
 
-def test_plain_values_are_one_row_each() -> None:
+def test_settings_become_rows_and_vectors_share_one() -> None:
     settings = {"Depth": "Bit 16", "Resolution": 65, "Flip Vertically": False, "scale": 1 / 3, "crs": None}
     assert typed_rows(settings) == [
         Row(0, "Depth", "Bit 16"),
@@ -13,15 +13,13 @@ def test_plain_values_are_one_row_each() -> None:
         Row(0, "crs", "none"),
     ]
 
-
-def test_what_belongs_together_stands_in_one_row() -> None:
     assert typed_rows({"Scale": {"X": 100.0, "Y": -2.5, "Z": 87.28125}}) == [
         Row(0, "Scale", "X 100  Y -2.5  Z 87.28125")
     ]
     assert typed_rows({"bands": [1, 2]}) == [Row(0, "bands", "1, 2")]
 
 
-def test_of_many_tiles_the_first_are_told_and_where_the_others_stand() -> None:
+def test_many_tiles_are_cut_short_and_groups_have_headings() -> None:
     tiles = [{"file": f"a_{number}.raw", "Position": {"X": 0.5 * number}} for number in range(6)]
     rows = typed_rows({"tiles": tiles})
     assert rows[:3] == [Row(0, "tile 1", ""), Row(1, "file", "a_0.raw"), Row(1, "Position", "X 0")]
@@ -29,8 +27,6 @@ def test_of_many_tiles_the_first_are_told_and_where_the_others_stand() -> None:
     assert rows[-1] == Row(0, "tiles", "2 more in terrain.json")
     assert typed_rows({"tiles": tiles[:1]})[0] == Row(0, "tile", "")
 
-
-def test_headings_stand_over_what_is_under_them() -> None:
     rows = typed_rows({"texture": {"file": "a.exr", "plane": {"size": 1.0, "place": {"x": 1.0}}}})
     assert [(row.depth, row.name, row.value) for row in rows] == [
         (0, "texture", ""),

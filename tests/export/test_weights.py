@@ -58,27 +58,20 @@ def test_any_weights_sum_to_255_and_are_off_by_less_than_one(rows: list[list[flo
     assert (result[weights == 0] == 0).all()
 
 
-@pytest.mark.parametrize(
-    ("weights", "expected"),
-    [
+def test_the_largest_remainders_get_the_missing_steps() -> None:
+    for weights, expected in [
         ([0, 1, 0], [0, 255, 0]),
         ([1, 1, 1], [85, 85, 85]),
         ([1, 1, 0], [128, 127, 0]),  # equal remainders: the first gets the step
         ([0.25, 0.5, 0.25], [64, 127, 64]),  # 63.75, 127.5, 63.75
         ([0.001, 0.001, 0.998], [0, 0, 255]),  # 0.255, 0.255, 254.49
-    ],
-)
-def test_the_largest_remainders_get_the_missing_steps(weights: list[float], expected: list[int]) -> None:
-    assert quantised_weights(np.array([[weights]]))[0, 0].tolist() == expected
+    ]:
+        assert quantised_weights(np.array([[weights]]))[0, 0].tolist() == expected, weights
 
+    for bad in [[0.0, 0.0], [-0.1, 1.1], [np.nan, 1.0], [np.inf, 0.0]]:
+        with pytest.raises(InputError, match="material weights"):
+            quantised_weights(np.array([[bad]]))
 
-def test_large_rasters_are_done_in_bands_without_a_seam() -> None:
     row = np.random.default_rng(1).random((1, 3, 8))
     tall = np.broadcast_to(row, (600, 3, 8))
     assert (quantised_weights(tall) == quantised_weights(row)).all()
-
-
-@pytest.mark.parametrize("bad", [[0.0, 0.0], [-0.1, 1.1], [np.nan, 1.0], [np.inf, 0.0]])
-def test_weights_that_are_none_are_refused(bad: list[float]) -> None:
-    with pytest.raises(InputError, match="material weights"):
-        quantised_weights(np.array([[bad]]))

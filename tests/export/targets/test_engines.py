@@ -25,7 +25,7 @@ def bare(corner: st.Sketch) -> st.Terrain:
 
 
 @pytest.mark.parametrize(("target", "options"), ENGINES)
-def test_the_same_input_gives_the_same_bytes(
+def test_bare_ground_is_exported_to_the_same_bytes_without_water_and_plants(
     bare: st.Terrain, tmp_path: Path, target: str, options: dict[str, Any]
 ) -> None:
     written = []
@@ -38,11 +38,6 @@ def test_the_same_input_gives_the_same_bytes(
         written.append({path.name: path.read_bytes() for path in done.files})
     assert written[0] == written[1]
 
-
-@pytest.mark.parametrize(("target", "options"), ENGINES)
-def test_ground_without_water_and_plants_has_files_that_say_so(
-    bare: st.Terrain, tmp_path: Path, target: str, options: dict[str, Any]
-) -> None:
     plan = plan_of(bare.sketch, target, ExportOptions(plants=False, **options))
     done = write_export(plan, bare, tmp_path, stages=Stages())
     names = {path.name for path in done.files}

@@ -63,7 +63,7 @@ def accessor(gltf, index):
     return np.frombuffer(blob, kind).reshape(told.count, wide)
 
 
-def test_the_ground_has_the_terrains_heights_at_their_places(whole, terrain):
+def test_the_ground_has_the_terrains_heights_and_faces_up(whole, terrain):
     places, mesh = ground_of(whole)
     x, y = whole.places()
     assert len(places) == x.size
@@ -74,8 +74,6 @@ def test_the_ground_has_the_terrains_heights_at_their_places(whole, terrain):
     heights = terrain.heights(x.ravel(), y.ravel(), cell_size=SPACING)
     assert np.abs(places[order, 2] - heights).max() < 1e-3
 
-
-def test_north_east_is_high_and_triangles_face_up(whole):
     places, mesh = ground_of(whole)
     top = places[places[:, 2].argmax()]
     assert top[0] > 700.0
@@ -84,28 +82,28 @@ def test_north_east_is_high_and_triangles_face_up(whole):
     assert (mesh.vertex_normals[:, 1] > 0.0).all()
 
 
-@pytest.mark.parametrize("error", [0.25, 2.0, 20.0])
-def test_at_an_error_bound_it_is_nowhere_further_off(exported, terrain, error):
-    outcome = exported("gltf", size=SIZE, error=error, plants=False)
-    places, mesh = ground_of(outcome)
-    x, y = (each.ravel() for each in outcome.places())
-    heights = terrain.heights(x, y, cell_size=SPACING)
-    surface = np.full(x.size, np.nan)
-    for a, b, c in places[mesh.faces]:
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        wb = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
-        wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
-        inside = (wb > -1e-9) & (wc > -1e-9) & (wb + wc < 1.0 + 1e-9)
-        surface[inside] = (a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]))[inside]
-    off = np.abs(surface - heights).max()
-    told = outcome.sidecar["mesh"]
-    assert told["triangles"] == len(mesh.faces) < 2 * (SIZE - 1) ** 2
-    assert told["error_asked"] == error
-    assert told["error_measured"] <= error
-    assert off == pytest.approx(told["error_measured"], abs=1e-3)
+def test_an_adaptive_ground_stays_within_its_error(exported, terrain):
+    for error in [0.25, 2.0, 20.0]:
+        outcome = exported("gltf", size=SIZE, error=error, plants=False)
+        places, mesh = ground_of(outcome)
+        x, y = (each.ravel() for each in outcome.places())
+        heights = terrain.heights(x, y, cell_size=SPACING)
+        surface = np.full(x.size, np.nan)
+        for a, b, c in places[mesh.faces]:
+            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            wb = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
+            wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
+            inside = (wb > -1e-9) & (wc > -1e-9) & (wb + wc < 1.0 + 1e-9)
+            surface[inside] = (a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]))[inside]
+        off = np.abs(surface - heights).max()
+        told = outcome.sidecar["mesh"]
+        assert told["triangles"] == len(mesh.faces) < 2 * (SIZE - 1) ** 2, error
+        assert told["error_asked"] == error, error
+        assert told["error_measured"] <= error, error
+        assert off == pytest.approx(told["error_measured"], abs=1e-3), error
 
 
-def test_bytes_lie_where_the_format_wants_them(whole):
+def test_chunks_and_accessors_follow_the_format(whole):
     for path in whole.of(".glb"):
         content = path.read_bytes()
         magic, version, length = struct.unpack_from("<4sII", content)
@@ -120,8 +118,6 @@ def test_bytes_lie_where_the_format_wants_them(whole):
         starts = [view["byteOffset"] for view in told["bufferViews"][1:]] + [binary]
         assert all(end <= start < end + 4 for end, start in zip(ends, starts, strict=True))
 
-
-def test_indices_have_32_bits_and_positions_tell_their_bounds(whole):
     gltf = pygltflib.GLTF2().load(whole.of("high_corner.glb")[0])
     for mesh in gltf.meshes:
         (primitive,) = mesh.primitives
@@ -178,7 +174,7 @@ def test_instances_stand_where_the_plants_do(whole, plants):
     assert np.abs(np.exp(1j * found[:, 4]) - np.exp(1j * wanted["rotation"])).max() < 1e-5
 
 
-def test_models_of_plants_are_grown_and_stand_on_their_feet(whole):
+def test_models_of_plants_stand_on_their_feet_at_their_size(whole):
     gltf = pygltflib.GLTF2().load(whole.of("high_corner.glb")[0])
     names = {mesh.name: mesh for mesh in gltf.meshes if mesh.name.split()[0] in {"oak", "spruce", "birch"}}
     assert names
@@ -187,6 +183,12 @@ def test_models_of_plants_are_grown_and_stand_on_their_feet(whole):
         assert 8.0 < place[:, 1].max() < 20.0
         assert -1.0 < place[:, 1].min() <= 0.05
         assert np.abs(place[:, [0, 2]].mean(axis=0)).max() < 1.5
+
+    for species in ["grass", "flower", "fern"]:
+        model = herb_model(species)
+        assert 0.2 < model.place[:, 1].max() < 0.8, species
+        assert model.place[:, 1].min() == 0.0, species
+        assert (model.normal[:, 1] > 0.0).all(), species
 
 
 def test_points_are_the_same_plants_for_programs_without_the_extension(whole, plants):
@@ -225,20 +227,13 @@ def test_waters_lie_where_they_were_placed(whole, terrain):
             assert abs(-south[at] - north[1]) < 40.0
 
 
-@pytest.mark.parametrize("species", ["grass", "flower", "fern"])
-def test_herbs_are_small_and_grow_upward(species):
-    model = herb_model(species)
-    assert 0.2 < model.place[:, 1].max() < 0.8
-    assert model.place[:, 1].min() == 0.0
-    assert (model.normal[:, 1] > 0.0).all()
-
-
 def test_without_plants_there_is_no_extension_and_no_file_of_points(adaptive):
     assert not adaptive.of("plant_points.glb")
     gltf = pygltflib.GLTF2().load(adaptive.of("high_corner.glb")[0])
     assert not gltf.extensionsUsed
 
 
+@pytest.mark.slow
 def test_the_same_terrain_gives_the_same_bytes(whole, terrain, corner, tmp_path):
     from sketchterrain.exporting import plan_of, write_export
     from sketchterrain.progress import Stages
@@ -248,7 +243,7 @@ def test_the_same_terrain_gives_the_same_bytes(whole, terrain, corner, tmp_path)
         assert path.read_bytes() == (whole.folder / path.name).read_bytes(), path.name
 
 
-def test_what_can_be_no_mesh_is_refused():
+def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_path):
     for error in (0.0, -1.0, float("nan"), 1e-9):
         with pytest.raises(InputError, match="expected an error of a mesh"):
             check_glb(ExportOptions(error=error))
@@ -256,14 +251,10 @@ def test_what_can_be_no_mesh_is_refused():
         check_glb(ExportOptions(size=16385))
     check_glb(ExportOptions(size=16385, error=1.0))
 
-
-def test_more_plants_than_a_scene_takes_are_refused(exported, monkeypatch):
     monkeypatch.setattr("sketchterrain.export.gltf_plants.MOST_PLANTS", 100)
     with pytest.raises(InputError, match="plants: a GLB takes 100: expected no grass"):
         exported("gltf", size=17)
 
-
-def test_a_file_that_would_be_too_large_is_not_begun(tmp_path, monkeypatch):
     monkeypatch.setattr("sketchterrain.export.glb.LARGEST", 100)
     glb = Glb()
     glb.attribute(np.zeros((20, 3), np.float32))

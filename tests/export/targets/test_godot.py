@@ -74,7 +74,9 @@ def test_heights_are_those_of_the_terrain_where_terrain3d_puts_them(
     assert_heights(terrain, outcome, tile)
 
 
-def test_exr_heights_are_the_terrains_own_floats(terrain: st.Terrain, exported: Callable[..., Any]) -> None:
+def test_exr_heights_are_the_terrains_own_floats_with_the_mountain_in_the_north_east(
+    terrain: st.Terrain, exported: Callable[..., Any]
+) -> None:
     outcome = exported("godot", format="exr", plants=True)
     (tile,) = outcome.sidecar["import"]["tiles"]
     bounds = outcome.sidecar["grid"]["bounds"]
@@ -82,13 +84,17 @@ def test_exr_heights_are_the_terrains_own_floats(terrain: st.Terrain, exported: 
     bands = terrain.grid(*area, columns=1024, rows=1024)
     np.testing.assert_array_equal(imported(outcome, tile), np.concatenate([band.height for band in bands]))
 
-
-def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None:
     outcome = exported("godot", format="exr", plants=True)
     (tile,) = outcome.sidecar["import"]["tiles"]
     row, column = np.unravel_index(imported(outcome, tile).argmax(), (1024, 1024))
     assert row < 300  # z grows southward
     assert column > 700
+
+    for outcome in (
+        exported("godot", format="exr", plants=True),
+        exported("godot", format="r16", plants=False),
+    ):
+        assert not [path for path in outcome.of(".png") if "height" in path.name]
 
 
 def test_tiles_are_whole_regions_side_by_side(exported: Callable[..., Any]) -> None:
@@ -160,65 +166,42 @@ def test_the_river_runs_southward(terrain: st.Terrain, exported: Callable[..., A
     np.testing.assert_allclose(points[:, 2], 511.0 - true[:, 1], atol=1e-3)
 
 
-def test_no_heights_are_png(exported: Callable[..., Any]) -> None:
-    for outcome in (
-        exported("godot", format="exr", plants=True),
-        exported("godot", format="r16", plants=False),
-    ):
-        assert not [path for path in outcome.of(".png") if "height" in path.name]
-
-
-@pytest.mark.parametrize(
-    ("side", "region", "position"),
-    [
+def test_the_terrain_fills_whole_regions_around_the_origin(corner: st.Sketch) -> None:
+    for side, region, position in [
         (512, 256, -256),
         (1024, 256, -512),
         (1536, 256, -768),
         (8192, 256, -4096),
         (8704, 512, -4096),
         (16384, 512, -8192),
-    ],
-)
-def test_thirty_two_regions_hold_the_terrain(side: int, region: int, position: int) -> None:
-    grid = Grid(0.0, 0.0, side - 1.0, side - 1.0, side, side)
-    assert region_size(grid) == region
-    assert import_position(grid) == (position, position)
-    assert position % region == side % region == 0
-    assert max(-position, side + position) <= 16 * region
+    ]:
+        grid = Grid(0.0, 0.0, side - 1.0, side - 1.0, side, side)
+        assert region_size(grid) == region, side
+        assert import_position(grid) == (position, position), side
+        assert position % region == side % region == 0, side
+        assert max(-position, side + position) <= 16 * region, side
 
-
-@pytest.mark.parametrize(
-    ("extent", "tiles", "vertices"),
-    [
+    for extent, tiles, vertices in [
         (100.0, (1, 1), 512),
         (1024.0, (1, 1), 1024),
         (1025.5, (1, 1), 1536),
         (1024.0, (3, 3), 1536),
         (9000.0, (2, 2), 9216),
-    ],
-)
-def test_regions_are_never_only_begun(
-    corner: st.Sketch, extent: float, tiles: tuple[int, int], vertices: int
-) -> None:
-    sketch = replace(corner, extent=extent)
-    made = plan(sketch, TARGETS[0], ExportOptions(tiles=tiles))
-    assert (made.grid.columns, made.grid.rows) == (vertices, vertices)
-    assert made.grid.spacing == (1.0, 1.0)
-    assert made.tile_side[0] % region_size(made.grid) == 0
+    ]:
+        sketch = replace(corner, extent=extent)
+        made = plan(sketch, TARGETS[0], ExportOptions(tiles=tiles))
+        assert (made.grid.columns, made.grid.rows) == (vertices, vertices), (extent, tiles)
+        assert made.grid.spacing == (1.0, 1.0), (extent, tiles)
+        assert made.tile_side[0] % region_size(made.grid) == 0, (extent, tiles)
 
 
-@pytest.mark.parametrize(
-    ("extent", "options", "says"),
-    [
+def test_options_that_terrain3d_cannot_import_are_refused(corner: st.Sketch) -> None:
+    for extent, options, says in [
         (1024.0, {"size": 513}, "1 m apart"),
         (1024.0, {"heights": (0.0, 500.0)}, "r16"),
         (1024.0, {"format": "png"}, "exr or r16"),
         (1024.0, {"overlap": 1}, "overlap"),
         (20000.0, {}, "16384"),
-    ],
-)
-def test_what_terrain3d_refuses_is_refused_first(
-    corner: st.Sketch, extent: float, options: dict[str, Any], says: str
-) -> None:
-    with pytest.raises(InputError, match=says):
-        plan_of(replace(corner, extent=extent), "godot", ExportOptions(**options))
+    ]:
+        with pytest.raises(InputError, match=says):
+            plan_of(replace(corner, extent=extent), "godot", ExportOptions(**options))

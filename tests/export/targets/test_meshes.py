@@ -36,7 +36,7 @@ def ground_of(outcome):
     return scene.geometry["ground"]
 
 
-def test_an_obj_has_the_terrains_heights_at_their_places(obj, terrain):
+def test_an_obj_has_the_terrains_heights_and_an_upright_texture(obj, terrain):
     mesh = ground_of(obj)
     x, up, south = np.unique(mesh.vertices.round(9), axis=0).T
     found = by_place(np.stack([x, -south, up], axis=-1))
@@ -46,6 +46,12 @@ def test_an_obj_has_the_terrains_heights_at_their_places(obj, terrain):
     assert -top[2] > 700.0
     assert (mesh.face_normals[:, 1] > 0.0).all()
     assert obj.sidecar["mesh"]["error_measured"] <= 0.5e-4
+
+    mesh = ground_of(obj)
+    u, v = mesh.visual.uv.T
+    column, row = np.rint(u * SIZE - 0.5), np.rint((1.0 - v) * SIZE - 0.5)
+    assert np.abs(mesh.vertices[:, 0] - 32.0 * column).max() < 1e-3
+    assert np.abs(-mesh.vertices[:, 2] - (1024.0 - 32.0 * row)).max() < 1e-3
 
 
 def test_an_obj_counts_from_one_and_names_what_is_there(obj, terrain):
@@ -67,15 +73,7 @@ def test_an_obj_counts_from_one_and_names_what_is_there(obj, terrain):
         assert image.size == (SIZE, SIZE)
 
 
-def test_an_objs_texture_lies_upright(obj):
-    mesh = ground_of(obj)
-    u, v = mesh.visual.uv.T
-    column, row = np.rint(u * SIZE - 0.5), np.rint((1.0 - v) * SIZE - 0.5)
-    assert np.abs(mesh.vertices[:, 0] - 32.0 * column).max() < 1e-3
-    assert np.abs(-mesh.vertices[:, 2] - (1024.0 - 32.0 * row)).max() < 1e-3
-
-
-def test_an_stl_is_a_closed_solid_on_a_flat_floor(stl, terrain):
+def test_an_stl_is_a_closed_solid_in_the_binary_format(stl, terrain):
     mesh = trimesh.load(stl.of(".stl")[0])
     assert mesh.is_watertight
     assert mesh.is_winding_consistent
@@ -88,8 +86,6 @@ def test_an_stl_is_a_closed_solid_on_a_flat_floor(stl, terrain):
     ground = np.unique(mesh.vertices[mesh.vertices[:, 2] > floor + 1.0], axis=0)
     assert np.abs(by_place(ground) - by_place(np.stack([x, y, z], axis=-1))).max() < 1e-3
 
-
-def test_an_stls_bytes_are_as_the_format_has_them(stl):
     content = stl.of(".stl")[0].read_bytes()
     (count,) = struct.unpack_from("<I", content, 80)
     assert not content.startswith(b"solid")  # that would be text
@@ -101,27 +97,27 @@ def test_an_stls_bytes_are_as_the_format_has_them(stl):
     assert np.abs(normal - cross / np.linalg.norm(cross, axis=1, keepdims=True)).max() < 1e-4
 
 
-@pytest.mark.parametrize("target", ["obj", "stl"])
-def test_at_an_error_bound_both_are_nowhere_further_off(exported, terrain, target):
-    pytest.importorskip("pydelatin")
-    outcome = exported(target, size=SIZE, error=1.0, plants=False)
-    told = outcome.sidecar["mesh"]
-    assert told["error_measured"] <= told["error_asked"] == 1.0
-    assert told["triangles"] < 2 * (SIZE - 1) ** 2
-    if target == "obj":
-        mesh = ground_of(outcome)
-        places = np.stack([mesh.vertices[:, 0], -mesh.vertices[:, 2], mesh.vertices[:, 1]], axis=-1)
-    else:
-        mesh = trimesh.load(outcome.of(".stl")[0])
-        assert mesh.is_watertight
-        places = mesh.vertices
-    faces = mesh.faces[mesh.face_normals[:, 1 if target == "obj" else 2] > 1e-9]
-    x, y, z = wanted(outcome, terrain)
-    surface = np.full(x.size, np.nan)
-    for a, b, c in places[faces]:
-        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        wb = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
-        wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
-        inside = (wb > -1e-9) & (wc > -1e-9) & (wb + wc < 1.0 + 1e-9)
-        surface[inside] = (a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]))[inside]
-    assert np.abs(surface - z).max() == pytest.approx(told["error_measured"], abs=1e-3)
+def test_adaptive_meshes_stay_within_their_error(exported, terrain):
+    for target in ["obj", "stl"]:
+        pytest.importorskip("pydelatin")
+        outcome = exported(target, size=SIZE, error=1.0, plants=False)
+        told = outcome.sidecar["mesh"]
+        assert told["error_measured"] <= told["error_asked"] == 1.0, target
+        assert told["triangles"] < 2 * (SIZE - 1) ** 2, target
+        if target == "obj":
+            mesh = ground_of(outcome)
+            places = np.stack([mesh.vertices[:, 0], -mesh.vertices[:, 2], mesh.vertices[:, 1]], axis=-1)
+        else:
+            mesh = trimesh.load(outcome.of(".stl")[0])
+            assert mesh.is_watertight, target
+            places = mesh.vertices
+        faces = mesh.faces[mesh.face_normals[:, 1 if target == "obj" else 2] > 1e-9]
+        x, y, z = wanted(outcome, terrain)
+        surface = np.full(x.size, np.nan)
+        for a, b, c in places[faces]:
+            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            wb = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
+            wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
+            inside = (wb > -1e-9) & (wc > -1e-9) & (wb + wc < 1.0 + 1e-9)
+            surface[inside] = (a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]))[inside]
+        assert np.abs(surface - z).max() == pytest.approx(told["error_measured"], abs=1e-3), target

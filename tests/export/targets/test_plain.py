@@ -1,4 +1,4 @@
-"""Plain formats, read again by readers that are not ours: right heights, right place, right way up."""
+"""Plain formats, read back by other libraries: heights, places and orientation."""
 
 from __future__ import annotations
 
@@ -69,15 +69,13 @@ def done(request: pytest.FixtureRequest, exported: Callable[..., Any]) -> Any:
     return exported(target, size=SIDE, **({"format": form} if form else {}))
 
 
-def test_heights_come_back_within_the_quantum_at_their_places(done: Any, terrain: st.Terrain) -> None:
+def test_a_plain_export_is_read_back(done: Any, terrain: st.Terrain) -> None:
     told = done.sidecar["heights"]
     expected = terrain.heights(*done.places(), cell_size=done.sidecar["grid"]["spacing"]["x"])
     off = np.abs(heights(done) - expected)
     assert off.max() <= 0.5 * told.get("metres_per_step", 0.0) * (1 + 1e-9)
     assert (told["minimum"], told["maximum"]) == (expected.min(), expected.max())
 
-
-def test_the_mountain_is_in_the_upper_right_the_river_on_the_left(done: Any) -> None:
     row, column = np.unravel_index(heights(done).argmax(), (SIDE, SIDE))
     assert row < 0.35 * SIDE
     assert column > 0.65 * SIDE
@@ -85,21 +83,10 @@ def test_the_mountain_is_in_the_upper_right_the_river_on_the_left(done: Any) -> 
     assert bed[:, : SIDE // 4].sum() > 0
     assert bed[:, SIDE // 2 :].sum() == 0
 
-
-def weights(done: Any) -> NDArray[np.uint8]:
-    if done.sidecar["target"] == "npy":
-        return np.asarray(np.load(done.of("_materials.npy")[0]))
-    images = done.of("_materials.png") + done.of("_materials-2.png")
-    return np.concatenate([np.asarray(Image.open(path)) for path in images], axis=-1)
-
-
-def test_weights_sum_to_255_and_are_named(done: Any, terrain: st.Terrain) -> None:
     assert (weights(done).sum(axis=-1, dtype=int) == 255).all()
     named = [each if isinstance(each, str) else each["name"] for each in done.sidecar["materials"]]
     assert named == list(terrain.material_names)
 
-
-def test_normals_are_those_of_the_heights(done: Any) -> None:
     path = (done.of("_normal.npy") or done.of("_normal.png"))[0]
     normal = read(path, done.sidecar["tiles"][0]).astype(np.float64) / 127.5 - 1.0
     dx, dy = (done.sidecar["grid"]["spacing"][axis] for axis in "xy")
@@ -109,8 +96,6 @@ def test_normals_are_those_of_the_heights(done: Any) -> None:
     inner = (slice(1, -1), slice(1, -1))
     assert np.abs(normal - slope)[inner].max() < 0.02
 
-
-def test_plants_stand_on_the_ground_in_the_wood(done: Any, terrain: st.Terrain) -> None:
     if done.sidecar["target"] == "npy":
         plants = np.load(done.of("foliage.npy")[0])
         x, y, z = (plants[axis] for axis in "xyz")
@@ -124,8 +109,6 @@ def test_plants_stand_on_the_ground_in_the_wood(done: Any, terrain: st.Terrain) 
     wood = (x > 34 * 16) & (x < 52 * 16) & (y > 8 * 16) & (y < 24 * 16)
     assert wood.mean() > 0.8
 
-
-def test_the_river_runs_south_in_the_west_into_a_lake(done: Any) -> None:
     told = json.loads(done.of("features.json")[0].read_text(encoding="utf-8"))
     (river,), (lake,) = told["splines"], told["lakes"]
     line = np.array(river["centreline"])
@@ -133,14 +116,20 @@ def test_the_river_runs_south_in_the_west_into_a_lake(done: Any) -> None:
     assert line[:, 0].max() < 400
     assert np.concatenate(lake["outline"])[:, 1].max() < 300
 
-
-def test_the_sidecar_names_every_file_and_says_what_it_is(done: Any) -> None:
     assert {path.name for path in done.folder.iterdir()} == {each["file"] for each in done.sidecar["files"]}
     assert all(each["what"] for each in done.sidecar["files"])
     assert done.sidecar["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 1024.0, "north": 1024.0}
     assert done.sidecar["import"]
 
 
+def weights(done: Any) -> NDArray[np.uint8]:
+    if done.sidecar["target"] == "npy":
+        return np.asarray(np.load(done.of("_materials.npy")[0]))
+    images = done.of("_materials.png") + done.of("_materials-2.png")
+    return np.concatenate([np.asarray(Image.open(path)) for path in images], axis=-1)
+
+
+@pytest.mark.slow
 def test_the_same_terrain_gives_the_same_bytes(done: Any, terrain: st.Terrain, tmp_path: Path) -> None:
     form = next((form for target, form in FORMS if form and done.of(form[:3])), None)
     if done.sidecar.get("byte_order") == "big-endian":
@@ -151,7 +140,9 @@ def test_the_same_terrain_gives_the_same_bytes(done: Any, terrain: st.Terrain, t
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
 
 
-def test_raw_has_nothing_but_numbers_from_the_north_west_on(exported: Callable[..., Any]) -> None:
+def test_raw_numbers_start_in_the_north_west_and_gdal_reads_the_same_png(
+    exported: Callable[..., Any],
+) -> None:
     little, big = (exported("raw", size=SIDE, format=form) for form in ("r16", "r16be"))
     content = [each.of(".r16")[0].read_bytes() for each in (little, big)]
     assert [len(each) for each in content] == [2 * SIDE * SIDE] * 2
@@ -161,8 +152,6 @@ def test_raw_has_nothing_but_numbers_from_the_north_west_on(exported: Callable[.
         (number,) = struct.unpack(f"{order}H", text[:2])
         assert steps["low"] + number * steps["metres_per_step"] == first
 
-
-def test_another_reader_sees_the_same_png(exported: Callable[..., Any]) -> None:
     done = exported("png16", size=SIDE)
     path = done.of("_height.png")[0]
     with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
@@ -172,20 +161,20 @@ def test_another_reader_sees_the_same_png(exported: Callable[..., Any]) -> None:
         np.testing.assert_array_equal(image.read(1), read(path, {}))
 
 
-@pytest.mark.parametrize("overlap", [0, 1, 3])
-def test_tiles_joined_are_the_whole(exported: Callable[..., Any], overlap: int) -> None:
-    side = 4 * 16 + overlap
-    whole = exported("raw", size=side, format="r32", plants=False)
-    cut = exported("raw", size=side, format="r32", plants=False, tiles=(4, 2), overlap=overlap)
-    joined = np.full((side, side), np.nan)
-    assert len(cut.sidecar["tiles"]) == 8
-    for number, tile in enumerate(cut.sidecar["tiles"]):
-        part = joined[tile["top"] :, tile["left"] :][: tile["rows"], : tile["columns"]]
-        values = heights(cut, number)
-        known = ~np.isnan(part)
-        np.testing.assert_array_equal(part[known], values[known])
-        part[:] = values
-    np.testing.assert_array_equal(joined, heights(whole))
+def test_tiles_joined_are_the_whole(exported: Callable[..., Any]) -> None:
+    for overlap in [0, 1, 3]:
+        side = 4 * 16 + overlap
+        whole = exported("raw", size=side, format="r32", plants=False)
+        cut = exported("raw", size=side, format="r32", plants=False, tiles=(4, 2), overlap=overlap)
+        joined = np.full((side, side), np.nan)
+        assert len(cut.sidecar["tiles"]) == 8, overlap
+        for number, tile in enumerate(cut.sidecar["tiles"]):
+            part = joined[tile["top"] :, tile["left"] :][: tile["rows"], : tile["columns"]]
+            values = heights(cut, number)
+            known = ~np.isnan(part)
+            np.testing.assert_array_equal(part[known], values[known])
+            part[:] = values
+        np.testing.assert_array_equal(joined, heights(whole))
 
 
 def test_each_tile_says_where_it_lies(exported: Callable[..., Any], terrain: st.Terrain) -> None:
@@ -198,7 +187,7 @@ def test_each_tile_says_where_it_lies(exported: Callable[..., Any], terrain: st.
         np.testing.assert_array_equal(heights(done, number), expected)
 
 
-def test_one_range_for_many_terrains(exported: Callable[..., Any]) -> None:
+def test_one_range_may_serve_many_terrains_and_plants_be_left_out(exported: Callable[..., Any]) -> None:
     done = exported("png16", size=33, plants=False, heights=(-200.0, 1800.0))
     told = done.sidecar["heights"]
     assert (told["low"], told["range"]) == (-200.0, 2000.0)
@@ -206,8 +195,6 @@ def test_one_range_for_many_terrains(exported: Callable[..., Any]) -> None:
     with pytest.raises(InputError, match="the terrain goes from"):
         exported("png16", size=33, plants=False, heights=(-200.0, 200.0))
 
-
-def test_without_plants_there_is_no_file_of_them(exported: Callable[..., Any]) -> None:
     for target in ("raw", "npy"):
         assert not any(
             path.name.startswith("foliage") for path in exported(target, size=33, plants=False).of("")

@@ -12,7 +12,6 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engine_axes import EngineAxes
 from sketchterrain.export.sampled import Sampled
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets.unity import TARGETS
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     import sketchterrain as st
 
 SIZES = TARGETS[0].sizes
-QUICK = [size for size in SIZES if size <= 513]
 
 
 def tiles_of(settings: dict[str, Any]) -> list[dict[str, Any]]:
@@ -68,7 +66,9 @@ def assert_heights(terrain: st.Terrain, outcome: Any, tile: dict[str, Any]) -> N
     assert np.abs(height.ravel()[chosen] - true).max() <= half + 1e-4
 
 
-@pytest.mark.parametrize("size", [*QUICK, pytest.param(1025, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "size", [33, 65, *(pytest.param(size, marks=pytest.mark.slow) for size in SIZES if 65 < size <= 1025)]
+)
 def test_heights_are_those_of_the_terrain_where_unity_puts_them(
     terrain: st.Terrain, exported: Callable[..., Any], size: int
 ) -> None:
@@ -79,13 +79,11 @@ def test_heights_are_those_of_the_terrain_where_unity_puts_them(
     assert_heights(terrain, outcome, tile)
 
 
-@pytest.mark.parametrize(("size", "tiles"), [(129, (2, 2)), (65, (2, 1)), (97, (1, 3))])
-def test_each_tile_stands_where_its_ground_is(
-    terrain: st.Terrain, exported: Callable[..., Any], size: int, tiles: tuple[int, int]
-) -> None:
-    outcome = exported("unity", size=size, tiles=tiles, plants=size == 129)
-    for tile in tiles_of(outcome.sidecar["import"]):
-        assert_heights(terrain, outcome, tile)
+def test_each_tile_stands_where_its_ground_is(terrain: st.Terrain, exported: Callable[..., Any]) -> None:
+    for size, tiles in [(129, (2, 2)), (65, (2, 1)), (97, (1, 3))]:
+        outcome = exported("unity", size=size, tiles=tiles, plants=size == 129)
+        for tile in tiles_of(outcome.sidecar["import"]):
+            assert_heights(terrain, outcome, tile)
 
 
 @pytest.mark.slow
@@ -108,7 +106,7 @@ def test_large_sizes_come_back_too(corner: st.Sketch, terrain: st.Terrain, tmp_p
         assert image.size == (size - 1, size - 1)
 
 
-def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None:
+def test_import_settings_normals_and_the_mountain_in_the_north_east(exported: Callable[..., Any]) -> None:
     outcome = exported("unity", size=129)
     (tile,) = tiles_of(outcome.sidecar["import"])
     height = imported(outcome.folder, tile)
@@ -116,8 +114,29 @@ def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None
     assert x > 0.7 * 128
     assert z > 0.7 * 128
 
+    outcome = exported("unity", size=129)
+    (tile,) = tiles_of(outcome.sidecar["import"])
+    up, east = np.gradient(imported(outcome.folder, tile), 8.0)
+    with Image.open(outcome.folder / "high_corner_normal.png") as image:
+        normal = np.asarray(image)[::-1] / 127.5 - 1.0
+    for channel, slope in ((0, east), (1, up)):
+        assert np.corrcoef(normal[..., channel].ravel(), -slope.ravel())[0, 1] > 0.9
 
-def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., Any]) -> None:
+    told = exported("unity", size=129).sidecar
+    assert told["byte_order"] == "little-endian"
+    assert told["orientation"]["raw"]["row_0"] == "south"
+    assert told["import"]["Byte Order"] == "Windows"
+    assert told["import"]["Flip Vertically"] is False
+    (tile,) = tiles_of(told["import"])
+    assert tile["Terrain Size"] == {"X": 1024.0, "Y": told["heights"]["range"], "Z": 1024.0}
+    assert tile["Position"] == {"X": 0.0, "Y": told["heights"]["low"], "Z": 0.0}
+
+    outcome = exported("unity", size=33, heights=(-100.0, 924.0), plants=False)
+    (tile,) = tiles_of(outcome.sidecar["import"])
+    assert (tile["Position"]["Y"], tile["Terrain Size"]["Y"]) == (-100.0, 1024.0)
+
+
+def test_tiles_share_edges_with_the_whole_to_the_bit(exported: Callable[..., Any]) -> None:
     whole = exported("unity", size=129)
     outcome = exported("unity", size=129, tiles=(2, 2), plants=True)
     tiles = tiles_of(outcome.sidecar["import"])
@@ -136,8 +155,6 @@ def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., An
     (tile,) = tiles_of(whole.sidecar["import"])
     np.testing.assert_array_equal(joined, imported(whole.folder, tile))
 
-
-def test_edges_of_weights_are_equal_to_the_bit(exported: Callable[..., Any]) -> None:
     folder = exported("unity", size=129, tiles=(2, 2), plants=True).folder
     for kind in ("splat1", "splat2"):
         sw, se, nw = (
@@ -173,48 +190,38 @@ def test_weights_sum_to_255_and_lie_where_the_materials_are(exported: Callable[.
     assert (share * z).sum() == pytest.approx(1 - 48 / 64, abs=0.04)
 
 
-def test_normals_lean_away_from_the_slope(exported: Callable[..., Any]) -> None:
-    outcome = exported("unity", size=129)
-    (tile,) = tiles_of(outcome.sidecar["import"])
-    up, east = np.gradient(imported(outcome.folder, tile), 8.0)
-    with Image.open(outcome.folder / "high_corner_normal.png") as image:
-        normal = np.asarray(image)[::-1] / 127.5 - 1.0
-    for channel, slope in ((0, east), (1, up)):
-        assert np.corrcoef(normal[..., channel].ravel(), -slope.ravel())[0, 1] > 0.9
-
-
-@pytest.mark.parametrize("tiles", [(1, 1), (2, 2)])
 def test_trees_are_the_terrains_and_stand_on_unitys_ground(
-    terrain: st.Terrain, exported: Callable[..., Any], tiles: tuple[int, int]
+    terrain: st.Terrain, exported: Callable[..., Any]
 ) -> None:
-    outcome = exported("unity", size=129, tiles=tiles, plants=True)
-    count = 0
-    for tile, bounds in zip(tiles_of(outcome.sidecar["import"]), outcome.sidecar["tiles"], strict=True):
-        name = tile["file"].replace("high_corner", "high_corner_plants").replace(".raw", ".json")
-        told = json.loads((outcome.folder / name).read_text(encoding="utf-8"))
-        assert told["terrain"] == tile["file"]
-        true = terrain.foliage(*(bounds["bounds"][side] for side in ("west", "south", "east", "north")))
-        trees = told["instances"]
-        assert [told["prototypes"][tree["prototypeIndex"]] for tree in trees] == [
-            terrain.species_names[species] for species in true["species"]
-        ]
-        at = np.array([[tree["position"][axis] for axis in "xyz"] for tree in trees])
-        assert ((at >= 0.0) & (at <= 1.0)).all()
-        x, y, z = (
-            tile["Position"][axis] + at[:, i] * tile["Terrain Size"][axis] for i, axis in enumerate("XYZ")
-        )
-        np.testing.assert_allclose(x, true["x"], atol=1e-5)
-        np.testing.assert_allclose(z, true["y"], atol=1e-5)
-        ground = RegularGridInterpolator((range(tile["Resolution"]),) * 2, imported(outcome.folder, tile))
-        stands = ground(at[:, [2, 0]] * (tile["Resolution"] - 1))
-        assert np.abs(y - stands).max() <= tile["Terrain Size"]["Y"] / 65536 / 2 + 1e-4
-        assert [tree["widthScale"] for tree in trees] == [tree["heightScale"] for tree in trees]
-        np.testing.assert_allclose([tree["widthScale"] for tree in trees], true["scale"], atol=1e-3)
-        # Counter-clockwise here, clockwise in Unity.
-        turned = np.array([tree["rotation"] for tree in trees]) + true["rotation"]
-        np.testing.assert_allclose(np.cos(turned), 1.0, atol=1e-6)
-        count += len(trees)
-    assert count == len(terrain.foliage(0.0, 0.0, 1024.0, 1024.0)) > 1000
+    for tiles in [(1, 1), (2, 2)]:
+        outcome = exported("unity", size=129, tiles=tiles, plants=True)
+        count = 0
+        for tile, bounds in zip(tiles_of(outcome.sidecar["import"]), outcome.sidecar["tiles"], strict=True):
+            name = tile["file"].replace("high_corner", "high_corner_plants").replace(".raw", ".json")
+            told = json.loads((outcome.folder / name).read_text(encoding="utf-8"))
+            assert told["terrain"] == tile["file"], tiles
+            true = terrain.foliage(*(bounds["bounds"][side] for side in ("west", "south", "east", "north")))
+            trees = told["instances"]
+            assert [told["prototypes"][tree["prototypeIndex"]] for tree in trees] == [
+                terrain.species_names[species] for species in true["species"]
+            ], tiles
+            at = np.array([[tree["position"][axis] for axis in "xyz"] for tree in trees])
+            assert ((at >= 0.0) & (at <= 1.0)).all(), tiles
+            x, y, z = (
+                tile["Position"][axis] + at[:, i] * tile["Terrain Size"][axis] for i, axis in enumerate("XYZ")
+            )
+            np.testing.assert_allclose(x, true["x"], atol=1e-5)
+            np.testing.assert_allclose(z, true["y"], atol=1e-5)
+            ground = RegularGridInterpolator((range(tile["Resolution"]),) * 2, imported(outcome.folder, tile))
+            stands = ground(at[:, [2, 0]] * (tile["Resolution"] - 1))
+            assert np.abs(y - stands).max() <= tile["Terrain Size"]["Y"] / 65536 / 2 + 1e-4, tiles
+            assert [tree["widthScale"] for tree in trees] == [tree["heightScale"] for tree in trees], tiles
+            np.testing.assert_allclose([tree["widthScale"] for tree in trees], true["scale"], atol=1e-3)
+            # Counter-clockwise here, clockwise in Unity.
+            turned = np.array([tree["rotation"] for tree in trees]) + true["rotation"]
+            np.testing.assert_allclose(np.cos(turned), 1.0, atol=1e-6)
+            count += len(trees)
+        assert count == len(terrain.foliage(0.0, 0.0, 1024.0, 1024.0)) > 1000, tiles
 
 
 def test_the_river_runs_from_north_to_south_in_unitys_metres(
@@ -235,36 +242,12 @@ def test_the_river_runs_from_north_to_south_in_unitys_metres(
     assert (outline[:, 2] < 300.0).all()
 
 
-def test_the_sidecar_says_what_to_type_in(exported: Callable[..., Any]) -> None:
-    told = exported("unity", size=129).sidecar
-    assert told["byte_order"] == "little-endian"
-    assert told["orientation"]["raw"]["row_0"] == "south"
-    assert told["import"]["Byte Order"] == "Windows"
-    assert told["import"]["Flip Vertically"] is False
-    (tile,) = tiles_of(told["import"])
-    assert tile["Terrain Size"] == {"X": 1024.0, "Y": told["heights"]["range"], "Z": 1024.0}
-    assert tile["Position"] == {"X": 0.0, "Y": told["heights"]["low"], "Z": 0.0}
-
-
-def test_a_range_can_be_the_same_for_many_terrains(exported: Callable[..., Any]) -> None:
-    outcome = exported("unity", size=33, heights=(-100.0, 924.0), plants=False)
-    (tile,) = tiles_of(outcome.sidecar["import"])
-    assert (tile["Position"]["Y"], tile["Terrain Size"]["Y"]) == (-100.0, 1024.0)
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
+def test_options_that_unity_cannot_import_are_refused(corner: st.Sketch) -> None:
+    for options, says in [
         ({"size": 1000}, "513 or 1025"),
         ({"size": 8193}, "4097"),
         ({"size": 129, "overlap": 0}, "overlap"),
         ({"size": 130, "tiles": (2, 2)}, "129"),
-    ],
-)
-def test_what_unity_refuses_is_refused_first(corner: st.Sketch, options: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        plan_of(corner, "unity", ExportOptions(**options))
-
-
-def test_unity_turns_clockwise() -> None:
-    assert EngineAxes("east", "up", "north").turn == -1
+    ]:
+        with pytest.raises(InputError, match=says):
+            plan_of(corner, "unity", ExportOptions(**options))

@@ -71,7 +71,9 @@ def assert_heights(terrain: st.Terrain, outcome: Any, height: np.ndarray) -> Non
 
 
 @pytest.mark.parametrize("form", ["png", "r16"])
-@pytest.mark.parametrize("size", [127, 253, 505, pytest.param(1009, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "size", [127, *(pytest.param(size, marks=pytest.mark.slow) for size in (253, 505, 1009))]
+)
 def test_heights_are_those_of_the_terrain_where_unreal_puts_them(
     terrain: st.Terrain, exported: Callable[..., Any], size: int, form: str
 ) -> None:
@@ -82,13 +84,18 @@ def test_heights_are_those_of_the_terrain_where_unreal_puts_them(
     assert_heights(terrain, outcome, imported(found, settings))
 
 
-@pytest.mark.parametrize("size", GUIDE)
-def test_components_are_those_of_the_guide(corner: st.Sketch, size: int) -> None:
-    plan = plan_of(corner, "unreal", ExportOptions(size=size, plants=False))
-    assert (plan.grid.columns, plan.grid.rows) == (size, size)
-    quads, sections, components = GUIDE[size]
-    assert quads * sections * components + 1 == size
-    assert tuple(GUIDE) == TARGETS[0].sizes
+def test_components_and_the_z_scale_follow_the_guide(corner: st.Sketch, exported: Callable[..., Any]) -> None:
+    for size in GUIDE:
+        plan = plan_of(corner, "unreal", ExportOptions(size=size, plants=False))
+        assert (plan.grid.columns, plan.grid.rows) == (size, size), size
+        quads, sections, components = GUIDE[size]
+        assert quads * sections * components + 1 == size, size
+        assert tuple(GUIDE) == TARGETS[0].sizes, size
+
+    told = exported("unreal", size=127, heights=(-100.0, 924.0), plants=False).sidecar
+    assert told["import"]["Scale"]["Z"] == 1024.0 * 100.0 / 512.0
+    assert told["import"]["Location"]["Z"] == 41200.0
+    assert told["import"]["Scale"]["X"] == told["import"]["Scale"]["Y"] == pytest.approx(102400.0 / 126)
 
 
 @pytest.mark.slow
@@ -116,14 +123,7 @@ def test_large_sizes_come_back_too(
     assert np.abs(got - height).max() <= settings["Scale"]["Z"] / 128.0 / 100.0 / 2.0 + 1e-4
 
 
-def test_the_z_scale_is_the_range_by_512(exported: Callable[..., Any]) -> None:
-    told = exported("unreal", size=127, heights=(-100.0, 924.0), plants=False).sidecar
-    assert told["import"]["Scale"]["Z"] == 1024.0 * 100.0 / 512.0
-    assert told["import"]["Location"]["Z"] == 41200.0
-    assert told["import"]["Scale"]["X"] == told["import"]["Scale"]["Y"] == pytest.approx(102400.0 / 126)
-
-
-def test_gdal_reads_the_same_numbers(exported: Callable[..., Any]) -> None:
+def test_gdal_reads_the_heightmap_and_normals_are_y_down(exported: Callable[..., Any]) -> None:
     outcome = exported("unreal", size=253)
     path = outcome.folder / outcome.sidecar["import"]["Heightmap File"]
     with warnings.catch_warnings():
@@ -133,36 +133,48 @@ def test_gdal_reads_the_same_numbers(exported: Callable[..., Any]) -> None:
         assert (file.count, file.dtypes) == (1, ("uint16",))
         np.testing.assert_array_equal(file.read(1), numbers(path))
 
-
-def test_the_mountain_is_in_the_north_east(exported: Callable[..., Any]) -> None:
     outcome = exported("unreal", size=253)
     found = numbers(outcome.folder / outcome.sidecar["import"]["Heightmap File"])
     row, column = np.unravel_index(found.argmax(), found.shape)
     assert row < 0.3 * 252
     assert column > 0.7 * 252
 
-
-@pytest.mark.parametrize("from_south", [False, True])
-def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., Any], from_south: bool) -> None:
-    whole = exported("unreal", size=253)
-    outcome = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=from_south)
+    outcome = exported("unreal", size=253)
     settings = outcome.sidecar["import"]
-    assert settings["Flip Tile Y Coordinate"] is from_south
-    assert settings.get("Tile Coordinates Offset") == (None if from_south else {"X": 0, "Y": 0})
-    assert settings["Overall Resolution"] == {"X": 127, "Y": 127}
-    assert settings["Number of Components"] == {"X": 1, "Y": 1}
-    joined = np.full((253, 253), -1)
-    for x in (0, 1):
-        for y in (0, 1):
-            found = numbers(outcome.folder / f"high_corner_height_x{x}_y{y}.png")
-            down = 1 - y if settings["Flip Tile Y Coordinate"] else y  # Unreal's y points south
-            window = joined[126 * down : 126 * down + 127, 126 * x : 126 * x + 127]
-            np.testing.assert_array_equal(window[window >= 0], found[window >= 0])
-            window[:] = found
-    np.testing.assert_array_equal(joined, numbers(whole.folder / "high_corner_height.png"))
+    height = imported(numbers(outcome.folder / settings["Heightmap File"]), settings)
+    south, east = np.gradient(height, settings["Scale"]["X"] / 100.0)
+    with Image.open(outcome.folder / "high_corner_normal.png") as image:
+        normal = np.asarray(image) / 127.5 - 1.0
+    for channel, slope in ((0, east), (1, south)):
+        assert np.corrcoef(normal[..., channel].ravel(), -slope.ravel())[0, 1] > 0.9
+    assert (normal[..., 2] > 0.0).all()
 
 
-def test_a_row_of_tiles_goes_on_beyond_the_sketch(terrain: st.Terrain, exported: Callable[..., Any]) -> None:
+def test_tiles_are_cut_from_the_whole_and_share_edges(exported: Callable[..., Any]) -> None:
+    for from_south in [False, True]:
+        whole = exported("unreal", size=253)
+        outcome = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=from_south)
+        settings = outcome.sidecar["import"]
+        assert settings["Flip Tile Y Coordinate"] is from_south, from_south
+        assert settings.get("Tile Coordinates Offset") == (None if from_south else {"X": 0, "Y": 0}), (
+            from_south
+        )
+        assert settings["Overall Resolution"] == {"X": 127, "Y": 127}, from_south
+        assert settings["Number of Components"] == {"X": 1, "Y": 1}, from_south
+        joined = np.full((253, 253), -1)
+        for x in (0, 1):
+            for y in (0, 1):
+                found = numbers(outcome.folder / f"high_corner_height_x{x}_y{y}.png")
+                down = 1 - y if settings["Flip Tile Y Coordinate"] else y  # Unreal's y points south
+                window = joined[126 * down : 126 * down + 127, 126 * x : 126 * x + 127]
+                np.testing.assert_array_equal(window[window >= 0], found[window >= 0])
+                window[:] = found
+        np.testing.assert_array_equal(joined, numbers(whole.folder / "high_corner_height.png"))
+
+
+def test_rows_of_tiles_reach_beyond_the_sketch_and_may_share_nothing(
+    terrain: st.Terrain, exported: Callable[..., Any]
+) -> None:
     outcome = exported("unreal", size=253, tiles=(2, 1), plants=False)
     assert outcome.sidecar["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 2048.0, "north": 1024.0}
     tiles = [numbers(outcome.folder / f"high_corner_height_x{x}_y0.png") for x in (0, 1)]
@@ -170,8 +182,6 @@ def test_a_row_of_tiles_goes_on_beyond_the_sketch(terrain: st.Terrain, exported:
     whole = np.concatenate([tiles[0], tiles[1][:, 1:]], axis=1)
     assert_heights(terrain, outcome, imported(whole, outcome.sidecar["import"]))
 
-
-def test_tiles_can_stand_side_by_side(exported: Callable[..., Any]) -> None:
     outcome = exported("unreal", size=254, tiles=(2, 2), overlap=0, plants=False)
     grid = outcome.sidecar["grid"]
     assert (grid["columns"], outcome.sidecar["tiles"][1]["left"]) == (254, 127)
@@ -198,18 +208,6 @@ def test_weights_sum_to_255_and_lie_where_the_materials_are(exported: Callable[.
     assert (wood * y).sum() / wood.sum() == pytest.approx(48 / 64, abs=0.04)
     tiled = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=False)
     np.testing.assert_array_equal(weights(tiled, "_x1_y0"), found[:127, 126:])
-
-
-def test_normals_are_y_down(exported: Callable[..., Any]) -> None:
-    outcome = exported("unreal", size=253)
-    settings = outcome.sidecar["import"]
-    height = imported(numbers(outcome.folder / settings["Heightmap File"]), settings)
-    south, east = np.gradient(height, settings["Scale"]["X"] / 100.0)
-    with Image.open(outcome.folder / "high_corner_normal.png") as image:
-        normal = np.asarray(image) / 127.5 - 1.0
-    for channel, slope in ((0, east), (1, south)):
-        assert np.corrcoef(normal[..., channel].ravel(), -slope.ravel())[0, 1] > 0.9
-    assert (normal[..., 2] > 0.0).all()
 
 
 def test_plants_are_the_terrains_and_stand_on_unreals_ground(
@@ -261,16 +259,13 @@ def test_water_is_in_centimetres(terrain: st.Terrain, exported: Callable[..., An
     assert {point[2] for ring in lake["outline"] for point in ring} == {lake["level"]}
 
 
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
+def test_options_that_unreal_cannot_import_are_refused(corner: st.Sketch) -> None:
+    for options, says in [
         ({"size": 1024}, "1009 or 2017"),
         ({"size": 128}, "127 or 253"),
         ({"size": 16257}, "8129"),
         ({"size": 505, "format": "raw"}, "png or r16"),
         ({"size": 505, "crs": "EPSG:25832"}, "crs"),
-    ],
-)
-def test_what_unreal_refuses_is_refused_first(corner: st.Sketch, options: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        plan_of(corner, "unreal", ExportOptions(**options))
+    ]:
+        with pytest.raises(InputError, match=says):
+            plan_of(corner, "unreal", ExportOptions(**options))

@@ -1,119 +1,156 @@
-"""What the self-test says of a device, and that smaller batches and bad values are dealt with."""
+"""The self-test of a device, smaller batches without memory, and non-finite values."""
 
 from __future__ import annotations
 
-import os
 import time
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyopencl as cl
 import pytest
 
 import sketchterrain.terrain.device_verdict as verdicts
-from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.child_process import ChildFailedError
+from sketchterrain.compute import ComputeContext, device_check, list_devices
+from sketchterrain.compute.device_check import DeviceCheck, check_device, forget_checks
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
-from sketchterrain.terrain import Terrain, build, self_test
+from sketchterrain.terrain import build, self_test
 from sketchterrain.terrain.batches import Batches
 
-# SKETCHTERRAIN_SOAK=1 fails at every call.
-SHARE = 1 if os.environ.get("SKETCHTERRAIN_SOAK") else 9
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
 KNOWN = [device for device in list_devices() if device.known]
+CACHED = (self_test, check_device, verdicts._probe_in_child)
+
+
+def forget() -> None:
+    for function in CACHED:
+        function.cache_clear()
 
 
 @pytest.fixture
-def fresh() -> Any:
-    """Verdicts are kept for the process: forget them before and after."""
-    self_test.cache_clear()
+def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Verdicts are cached in the process and on disk: forget them before and after."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    forget()
     yield
-    self_test.cache_clear()
+    forget()
 
 
-@pytest.mark.parametrize("compare", [True, False])
+@pytest.fixture
+def right_arithmetic(fresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No device needs its child process for the arithmetic."""
+    monkeypatch.setattr(device_check, "module_result", lambda *_, **__: b"[]")
+
+
+@pytest.fixture(scope="module")
+def probe() -> Any:
+    """What a device with the right bits makes of the small terrain."""
+    return verdicts._probe(list_devices()[0])
+
+
 @pytest.mark.parametrize("device", KNOWN, ids=lambda d: d.platform)
-def test_devices_whose_bits_the_tests_hold_pass(device: Any, compare: bool) -> None:
-    verdict = self_test(device, compare=compare)
-    assert verdict.bits == "same", verdict.line
-    assert verdict.line.startswith("same bits (")
-    start = time.perf_counter()
-    assert self_test(device, compare=compare) is verdict
-    assert time.perf_counter() - start < 0.01
+def test_known_devices_pass_and_the_verdict_is_cached(device: Any) -> None:
+    for compare in (True, False):
+        verdict = self_test(device, compare=compare)
+        assert verdict.bits == "same", verdict.line
+        assert verdict.line.startswith("same bits (")
+        start = time.perf_counter()
+        assert self_test(device, compare=compare) is verdict
+        assert time.perf_counter() - start < 0.01
 
 
-def test_the_small_terrain_has_something_of_everything() -> None:
+def test_the_small_terrain_has_something_of_everything(probe: Any) -> None:
     recipe = verdicts._recipe_of_probe()
     assert set(recipe.painted["type"].tolist()) >= set(range(4))
     assert recipe.rivers
     assert recipe.lakes
     assert recipe.covers
-    plants = verdicts._probe(list_devices()[0]).rest["plants"]
-    assert len(plants) > 100
+    assert len(probe.rest["plants"]) > 100
 
 
-def test_without_another_driver_float64_is_near(fresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_another_driver_float64_is_near(
+    right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device = list_devices()[0]
     monkeypatch.setattr(verdicts, "list_devices", lambda: (device,))
+    monkeypatch.setattr(verdicts, "_probe_in_child", lambda _: probe)
     verdict = self_test(device)
     assert verdict.bits == "same"
     assert "mm from float64" in verdict.detail
 
 
-def test_other_bits_are_measured(fresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.skipif(len(KNOWN) < 2, reason="one driver has nothing to differ from")
+def test_other_bits_are_measured(right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = KNOWN[0]
+    height = probe.height.copy()
+    height[99] += 0.25
+    results = {device: replace(probe, height=height), KNOWN[1]: probe}
+    monkeypatch.setattr(verdicts, "_probe_in_child", results.__getitem__)
+    verdict = self_test(device)
+    assert verdict.bits == "other"
+    assert f"off by up to 250 mm from {KNOWN[1].platform}" in verdict.line
+
+
+def test_wrong_arithmetic_is_other_bits(
+    right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
     device = list_devices()[0]
-    real = Terrain.raster
-
-    def raster(terrain: Terrain, side: int) -> Any:
-        found = real(terrain, side)
-        if terrain.context.device == device:
-            found.height[3, 4] += 0.25
-        return found
-
-    monkeypatch.setattr(Terrain, "raster", raster)
-    if len(KNOWN) < 2:
-        pytest.skip("one driver has nothing to differ from")
-    assert self_test(device).bits == "other"
-    assert "off by up to 250 mm from" in self_test(device).line
-
-
-def test_wrong_arithmetic_is_other_bits(fresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    device = list_devices()[0]
-    monkeypatch.setattr(verdicts, "wrong_arithmetic", lambda c: ("cubic",) if c.device == device else ())
+    monkeypatch.setattr(
+        verdicts, "check_device", lambda d: DeviceCheck("", ("cubic",) if d == device else ())
+    )
+    monkeypatch.setattr(verdicts, "_probe_in_child", lambda _: probe)
     for compare in (True, False):
         assert self_test(device, compare=compare).line.endswith("wrong in cubic")
         assert self_test(device, compare=compare).bits == "other"
 
 
-def test_a_device_that_fails_its_test(fresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(_: object) -> Any:
-        raise DeviceFailedError("it is gone")
+def test_a_device_that_fails_its_test(
+    right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In its arithmetic; in the terrain; a device to compare with that fails is passed over."""
+    device = KNOWN[0]
 
-    monkeypatch.setattr(verdicts, "wrong_arithmetic", refuse)
-    assert self_test(list_devices()[0]).line == "failed: it is gone"
+    def in_child(tested: Any) -> Any:
+        if tested in failing:
+            raise ChildFailedError("the self-test crashed (SIGSEGV)")
+        return probe
 
-
-@pytest.mark.parametrize("room", [1, 3, 100])
-def test_batches_are_halved_until_there_is_room(room: int) -> None:
-    done: list[int] = []
-    dropped: list[int] = []
-    batches = Batches(64)
-
-    def work(part: slice) -> None:
-        if part.stop - part.start > room:
-            raise DeviceMemoryError("full")
-        done.extend(range(part.start, part.stop))
-
-    batches.run(150, work, smaller=lambda: dropped.append(batches.most))
-    assert done == list(range(150))
-    assert batches.most == {1: 1, 3: 2, 100: 64}[room]
-    assert dropped == {1: [32, 16, 8, 4, 2, 1], 3: [32, 16, 8, 4, 2], 100: []}[room]
+    monkeypatch.setattr(verdicts, "_probe_in_child", in_child)
+    failing = {device}
+    assert self_test(device).line == "failed: the self-test crashed (SIGSEGV)"
+    forget_checks()
+    self_test.cache_clear()
+    failing = set(list_devices()) - {device}
+    assert "no other driver to compare with" in self_test(device).line
+    self_test.cache_clear()
+    monkeypatch.setattr(verdicts, "check_device", lambda _: DeviceCheck("it is gone"))
+    assert self_test(device, compare=False).line == "failed: it is gone"
 
 
-def test_no_room_for_one_is_an_error() -> None:
-    def work(part: slice) -> None:
-        raise DeviceMemoryError("full")
+def test_batches_are_halved_until_there_is_room() -> None:
+    for room, most, halvings in ((1, 1, [32, 16, 8, 4, 2, 1]), (3, 2, [32, 16, 8, 4, 2]), (100, 64, [])):
+        done: list[int] = []
+        dropped: list[int] = []
+        batches = Batches(64)
 
+        def work(part: slice, room: int = room, done: list[int] = done) -> None:
+            if part.stop - part.start > room:
+                raise DeviceMemoryError("full")
+            done.extend(range(part.start, part.stop))
+
+        def smaller(batches: Batches = batches, dropped: list[int] = dropped) -> None:
+            dropped.append(batches.most)
+
+        batches.run(150, work, smaller=smaller)
+        assert done == list(range(150))
+        assert batches.most == most
+        assert dropped == halvings
     with pytest.raises(DeviceMemoryError, match="full; the smallest batch has no room either"):
-        Batches(64).run(5, work)
+        Batches(64).run(5, lambda _: work(slice(0, 999)))
 
 
 @pytest.mark.parametrize("room", [1, 5])
@@ -148,7 +185,15 @@ def test_little_memory_changes_no_bit(
     np.testing.assert_array_equal(found[2], expected[2])
 
 
-def test_no_room_once_anywhere(context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    "which",
+    [
+        "first of each kind",
+        pytest.param("every ninth", marks=pytest.mark.slow),
+        pytest.param("every", marks=pytest.mark.soak),
+    ],
+)
+def test_no_room_once_anywhere(which: str, context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
     """At any call: the same bits from smaller batches, or one clear error; never other values."""
     x = np.linspace(0, 1024, 700)
     calls: list[str] = []
@@ -175,7 +220,11 @@ def test_no_room_once_anywhere(context: ComputeContext, monkeypatch: pytest.Monk
     monkeypatch.setattr(ComputeContext, "_call", call)
     expected, kinds = job(), list(calls)
     errors = []
-    chosen = range(0, len(kinds), SHARE)
+    chosen = {
+        "first of each kind": [kinds.index(kind) for kind in dict.fromkeys(kinds)],
+        "every ninth": range(0, len(kinds), 9),
+        "every": range(len(kinds)),
+    }[which]
     for failing in chosen:  # `call` reads it
         try:
             found = job()
@@ -188,22 +237,20 @@ def test_no_room_once_anywhere(context: ComputeContext, monkeypatch: pytest.Monk
     assert all(f"has no memory left for {kind}" in line for kind, line in errors)
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_value_that_is_no_number_is_refused(
-    value: float, context: ComputeContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_non_finite_values_are_refused(context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
     terrain = build(verdicts.probe_terrain(), device=context)
     real = ComputeContext.download_into
+    for value in (np.nan, np.inf):
 
-    def download_into(self: ComputeContext, buffer: Any, array: Any) -> None:
-        real(self, buffer, array)
-        array.flat[-1] = value
+        def download_into(self: ComputeContext, buffer: Any, array: Any, value: float = value) -> None:
+            real(self, buffer, array)
+            array.flat[-1] = value
 
-    monkeypatch.setattr(ComputeContext, "download_into", download_into)
-    for ask in (
-        lambda: terrain.heights(1.0, 2.0),
-        lambda: terrain.tile(3, 1, 1),
-        lambda: terrain.raster(9),
-    ):
-        with pytest.raises(DeviceFailedError, match="of them no numbers"):
-            ask()
+        monkeypatch.setattr(ComputeContext, "download_into", download_into)
+        for ask in (
+            lambda: terrain.heights(1.0, 2.0),
+            lambda: terrain.tile(3, 1, 1),
+            lambda: terrain.raster(9),
+        ):
+            with pytest.raises(DeviceFailedError, match="of them no numbers"):
+                ask()

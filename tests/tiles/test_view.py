@@ -1,3 +1,5 @@
+"""Views, metrics of detail and codes of tiles."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -51,7 +53,7 @@ def test_an_error_counts_by_its_distance_and_its_slant():
     assert screen_errors(view, slanting, np.array([2.0])) == pytest.approx(10.0)
 
 
-def test_the_metrics_limits():
+def test_metrics_measure_in_units_of_their_limits_and_refuse_invalid_ones():
     view = View((0.0, 0.0, 0.0), np.zeros((0, 4)), 1000.0)
     far = box(400, 400, 0, 0, 0, 0)
     errors, cells = np.array([1.0]), np.array([8.0])
@@ -61,14 +63,13 @@ def test_the_metrics_limits():
     for metric in (ScreenError(), QuadLength()):
         twice = metric.coarser(2.0).excess(view, far, errors, cells)
         assert twice == pytest.approx(metric.excess(view, far, errors, cells) / 2)
-
-
-@pytest.mark.parametrize(
-    "wrong", [lambda: ScreenError(0.0), lambda: ScreenError(quad=-1.0), lambda: QuadLength(0.0)]
-)
-def test_metrics_refuse_what_is_no_limit(wrong):
-    with pytest.raises(InputError, match="expected"):
-        wrong()
+    for metric, options in (
+        (ScreenError, {"tolerance": 0.0}),
+        (ScreenError, {"quad": -1.0}),
+        (QuadLength, {"factor": 0.0}),
+    ):
+        with pytest.raises(InputError, match="expected"):
+            metric(**options)
 
 
 def test_codes_are_places():
@@ -81,7 +82,7 @@ def test_codes_are_places():
         assert keys_of(beside) == [TileKey(key.level, key.col + x, key.row + y) for x, y in AROUND]
 
 
-def test_plain_integers_do_as_arrays_do():
+def test_neighbours_of_plain_integers_are_those_of_arrays():
     everywhere = (-(1 << 40), 1 << 40, -(1 << 40), 1 << 40)
     for code in codes_of(KEYS):
         one = np.array([code])

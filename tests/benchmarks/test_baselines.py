@@ -1,4 +1,4 @@
-"""The rivals: those that compute the same sum do, and what is not on a machine is named."""
+"""Other ways to compute noise and tiles: they agree, and those missing on a machine are named."""
 
 from __future__ import annotations
 
@@ -54,7 +54,9 @@ def test_fastnoise2_fills_the_grid(grid: NoiseGrid) -> None:
     assert np.all(np.abs(found) < 2)
 
 
-def test_absent_rivals_say_how_to_get_them(grid: NoiseGrid, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_implementations_say_how_to_get_them(
+    grid: NoiseGrid, monkeypatch: pytest.MonkeyPatch
+) -> None:
     problem = grid.problem(1)
     monkeypatch.setattr(c_noise.shutil, "which", lambda name: None)
     monkeypatch.setattr(numba_noise, "find_spec", lambda name: None)
@@ -66,11 +68,9 @@ def test_absent_rivals_say_how_to_get_them(grid: NoiseGrid, monkeypatch: pytest.
     assert "path" in reasons[0]
     assert "pip install numba" in reasons[1]
     assert fastnoise2.VARIABLE in reasons[2]
-
-
-def test_a_library_that_is_none_is_absent(grid: NoiseGrid, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(fastnoise2.VARIABLE, __file__)
-    rival = fastnoise2.rival(grid.problem(1))
+    monkeypatch.undo()
+    monkeypatch.setenv(fastnoise2.VARIABLE, __file__)  # no library
+    rival = fastnoise2.rival(problem)
     assert isinstance(rival, Absent)
     assert "does not work" in rival.reason
 

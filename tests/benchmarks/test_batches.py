@@ -1,4 +1,4 @@
-"""Terrains a minute: which processes are timed, and what ratio follows."""
+"""The benchmark of batches: which processes are timed, and what ratio follows."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ def test_a_batch_stands_beside_fresh_processes(
     assert len(alone) == 1 + wanted.batch_rounds * wanted.batch_fresh  # of each kind of files
 
 
+@pytest.mark.slow
 def test_a_process_that_fails_ends_it(context: TimedContext) -> None:
     with pytest.raises(Exception, match="returned non-zero exit status 3"):
         batches._run(["generate", "no such sketch", "-o", "nowhere"])

@@ -1,4 +1,4 @@
-"""Each benchmark once, as small as can be: what it reports, never how long it took."""
+"""Every benchmark once, as small as possible: what it reports, never how long it took."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from sketchterrain.benchmarks import BENCHMARKS, batches, charts, pictures, worlds
 from sketchterrain.benchmarks.accuracy import DOUBLE, FLOAT, NUMPY
 from sketchterrain.benchmarks.choices import SUBJECTS
-from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
+from sketchterrain.benchmarks.grounds import BARE
 from sketchterrain.benchmarks.kernel_times import WRITTEN
 from sketchterrain.benchmarks.outcome import Outcome
 from sketchterrain.cli import main
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
 
+
+pytestmark = pytest.mark.slow
 
 BEST = 0.4
 """The best quality of pictures here; the program's own takes three times as long."""
@@ -206,14 +208,3 @@ def test_charts_are_pictures(outcomes: dict[str, Outcome], name: str) -> None:
     assert pictures[".png"].startswith(b"\x89PNG")
     assert b"<svg" in pictures[".svg"]
     assert pictures == charts.draw(name, outcomes[name])
-
-
-def test_keys(context: TimedContext, tiny: Effort) -> None:
-    assert central_keys(2, 4) == [(2, 1, 1), (2, 2, 1), (2, 1, 2), (2, 2, 2)]
-    assert len(set(central_keys(5, 256))) == 256
-    terrain = open_ground(BARE, context)
-    keys = scattered_keys(6, 20, terrain, seed=1)
-    assert keys == scattered_keys(6, 20, terrain, seed=1)
-    assert len(set(keys)) == 20
-    assert all(0 <= column < 64 and 0 <= row < 64 for _, column, row in keys)
-    assert len(scattered_keys(1, 20, terrain, seed=1)) == 4

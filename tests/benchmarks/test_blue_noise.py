@@ -1,4 +1,4 @@
-"""The benchmark of points: what its measures say where the answer is known, and what its tables compare."""
+"""The benchmark of scattered points: its measures where the answer is known, and what its tables compare."""
 
 from __future__ import annotations
 
@@ -28,12 +28,18 @@ def rows(outcome: Outcome, table: int) -> list[Any]:
     return list(outcome.tables[table].rows)
 
 
-def test_room_around_one_point_is_all_but_its_disc() -> None:
+def test_room_and_fill_of_known_points() -> None:
     inner = 16.0  # a side of 20 without two distances on either side
     room = room_of(np.array([[10.0, 10.0]]), 20.0, places=200_000, seed=1)
     assert room == pytest.approx(1.0 - np.pi / inner**2, abs=1e-3)
+    # Points near the border do not count.
+    grid = np.stack(np.meshgrid(np.arange(0.5, 20.0), np.arange(0.5, 20.0)), axis=-1).reshape(-1, 2)
+    doubled = np.concatenate([grid, grid[grid[:, 0] < 2.0] + 0.1])
+    assert fill_of(grid, 20.0) == pytest.approx(1.0 / GREATEST_DENSITY)
+    assert fill_of(doubled, 20.0) == fill_of(grid, 20.0)
 
 
+@pytest.mark.slow
 def test_darts_fill_all_and_leave_no_room() -> None:
     darts = throw_darts(60.0, seed=4)
     assert room_of(darts, 60.0, places=50_000, seed=2) == 0.0
@@ -43,22 +49,10 @@ def test_darts_fill_all_and_leave_no_room() -> None:
     assert room_of(fewer, 60.0, places=50_000, seed=2) > 0.15
 
 
-def test_fill_does_not_count_the_border() -> None:
-    grid = np.stack(np.meshgrid(np.arange(0.5, 20.0), np.arange(0.5, 20.0)), axis=-1).reshape(-1, 2)
-    doubled = np.concatenate([grid, grid[grid[:, 0] < 2.0] + 0.1])
-    assert fill_of(grid, 20.0) == pytest.approx(1.0 / GREATEST_DENSITY)
-    assert fill_of(doubled, 20.0) == fill_of(grid, 20.0)
-
-
-def test_the_thesis_figures_are_those_of_table_6_1() -> None:
-    assert {r for r, _ in GTX_580} == {1, 2, 4, 8}
-    assert {k for _, k in GTX_580} == {4, 8, 12}
-    assert len(GTX_580) == 12
-    assert GTX_580[1, 4] == 8.03
-    assert GTX_580[8, 12] == 0.32
-
-
+@pytest.mark.slow
 def test_table_6_1_compares_both_ways(outcome: Outcome, tiny: Effort) -> None:
+    assert sorted(GTX_580) == [(r, k) for r in (1, 2, 4, 8) for k in (4, 8, 12)]
+    assert (GTX_580[1, 4], GTX_580[8, 12]) == (8.03, 0.32)
     found = rows(outcome, 0)
     assert [(row["distance"], row["trials"]) for row in found] == [
         (r, k) for r in tiny.point_distances for k in tiny.point_trials
@@ -71,6 +65,7 @@ def test_table_6_1_compares_both_ways(outcome: Outcome, tiny: Effort) -> None:
         assert 0.6 * expected < row["thesis_points"] < 1.3 * expected
 
 
+@pytest.mark.slow
 def test_more_darts_leave_less_room(outcome: Outcome, tiny: Effort) -> None:
     ours = [row for row in rows(outcome, 1) if row["way"] == OURS]
     assert [row["trials"] for row in ours] == sorted({*tiny.room_trials, TRIALS})
@@ -82,6 +77,7 @@ def test_more_darts_leave_less_room(outcome: Outcome, tiny: Effort) -> None:
     assert fill == sorted(fill)
 
 
+@pytest.mark.slow
 def test_rivals_are_compared_with_as_full_a_set(outcome: Outcome) -> None:
     found = [row for row in rows(outcome, 1) if "median_ms" in row]
     ours = {row["trials"]: row for row in found if row["way"] == OURS}
@@ -97,6 +93,7 @@ def test_rivals_are_compared_with_as_full_a_set(outcome: Outcome) -> None:
     assert any(row["way"].startswith("scipy") and row["asked"] == 1000.0 for row in others)
 
 
+@pytest.mark.slow
 def test_the_default_leaves_less_than_a_percent_of_room_and_fills_nine_tenths(
     context: TimedContext,
 ) -> None:
@@ -105,6 +102,7 @@ def test_the_default_leaves_less_than_a_percent_of_room_and_fills_nine_tenths(
     assert fill_of(points, 128.0) >= 0.90
 
 
+@pytest.mark.slow
 def test_spectra_begin_with_the_reference(outcome: Outcome, tiny: Effort) -> None:
     found = rows(outcome, 2)
     assert [row["way"] for row in found[:4]] == [DARTS, OURS, THESIS, TURNS]
@@ -116,6 +114,7 @@ def test_spectra_begin_with_the_reference(outcome: Outcome, tiny: Effort) -> Non
         assert row["worst"] == max(row["anisotropy"])
 
 
+@pytest.mark.slow
 def test_many_points_are_timed_whole_and_by_launches(outcome: Outcome, tiny: Effort) -> None:
     found = rows(outcome, 3)
     assert [row["side"] for row in found[::2]] == list(tiny.point_sides)
@@ -124,6 +123,7 @@ def test_many_points_are_timed_whole_and_by_launches(outcome: Outcome, tiny: Eff
         assert row["launch_million_per_s"] > row["million_per_s"] > 0.0
 
 
+@pytest.mark.slow
 def test_charts_show_what_was_asked(outcome: Outcome) -> None:
     pytest.importorskip("matplotlib")
     drawn = charts.draw("points", outcome)

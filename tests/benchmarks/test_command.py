@@ -1,4 +1,4 @@
-"""What a run shows and writes."""
+"""The `bench` command: what a run prints and writes."""
 
 from __future__ import annotations
 
@@ -21,15 +21,7 @@ def _small(monkeypatch: pytest.MonkeyPatch, tiny: Effort) -> None:
     monkeypatch.setattr(command, "QUICK", tiny)
 
 
-def test_table_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["noise"], output=None, quick=True, device=None, as_json=False) == 0
-    shown = capsys.readouterr().out
-    assert "Simplex fBm" in shown
-    assert "NumPy" in shown
-    assert "device" in shown
-
-
-def test_json_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["noise"], output=None, quick=True, device=None, as_json=True) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["format"] == 1
@@ -40,7 +32,17 @@ def test_json_to_stdout(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(len(row["seconds"]) == 2 for row in noise["tables"][0]["rows"])
 
 
-def test_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.slow
+def test_a_run_prints_its_tables(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["noise"], output=None, quick=True, device=None, as_json=False) == 0
+    shown = capsys.readouterr().out
+    assert "Simplex fBm" in shown
+    assert "NumPy" in shown
+    assert "device" in shown
+
+
+@pytest.mark.slow
+def test_a_run_writes_report_data_and_charts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     target = tmp_path / "new" / "result"
     assert run(["tiles", "noise"], output=target, quick=True, device=None, as_json=False) == 0
@@ -65,6 +67,7 @@ def test_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.strip() == str(target / "bench.md")
 
 
+@pytest.mark.slow
 def test_without_matplotlib_the_table_is_still_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -76,19 +79,20 @@ def test_without_matplotlib_the_table_is_still_written(
     assert "![tiles]" not in (tmp_path / "bench.md").read_text(encoding="utf-8")
 
 
-def test_unknown_name_opens_no_device() -> None:
-    with pytest.raises(InputError, match="no benchmark 'nothing'"):
-        run(["nothing"], output=None, quick=True, device="no such device", as_json=False)
-
-
-def test_unknown_device() -> None:
-    with pytest.raises(DeviceError):
-        run(["noise"], output=None, quick=True, device="no such device", as_json=False)
-
-
-def test_output_that_is_a_file(tmp_path: Path) -> None:
+def test_invalid_names_devices_and_folders_are_refused(tmp_path: Path) -> None:
     target = tmp_path / "file"
     target.write_text("kept")
-    with pytest.raises(SketchterrainError, match="cannot be written"):
-        run(["noise"], output=target, quick=True, device=None, as_json=False)
+    for name, device, output, error, line in (
+        (
+            "nothing",
+            "no such device",
+            None,
+            InputError,
+            "no benchmark 'nothing'",
+        ),  # before a device is opened
+        ("noise", "no such device", None, DeviceError, "no such device"),
+        ("noise", None, target, SketchterrainError, "cannot be written"),
+    ):
+        with pytest.raises(error, match=line):
+            run([name], output=output, quick=True, device=device, as_json=False)
     assert target.read_text() == "kept"

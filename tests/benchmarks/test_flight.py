@@ -1,4 +1,4 @@
-"""bench flight: what its numbers are made of, and where lines reach one pixel."""
+"""The benchmark of flights: its meshes, its tiles, and where lines reach one pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Painting while the terrain follows: what is reported of strokes."""
+"""The benchmark of live painting."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Rivals in scattering points: all keep their distance and fill the square, and what is missing is named."""
+"""Other ways to scatter points: all keep their distance and fill the square, and missing ones are named."""
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import pytest
@@ -27,31 +28,31 @@ def nearest(points: npt.NDArray[np.floating]) -> float:
     return float(cKDTree(points).query(points, k=2)[0][:, 1].min())
 
 
-@pytest.mark.parametrize("rounds", [False, True])
-@pytest.mark.parametrize("levels", [1, 3])
-@pytest.mark.parametrize("distance", [1.0, 8.0])
-def test_phase_groups_keep_their_distance(
-    context: TimedContext, levels: int, rounds: bool, distance: float
-) -> None:
-    groups = PhaseGroups(context, 96.0, distance, 4, levels=levels, rounds=rounds)
-    first = groups.points(3)
-    assert (first >= 0.0).all()
-    assert (first < 96.0).all()
-    assert nearest(first) >= distance * (1.0 - 1e-5)
-    assert len(first) > 0.8 * GREATEST_DENSITY * (96.0 / distance) ** 2
-    # The counter's order differs from run to run, the set does not; and a run leaves nothing to the next.
-    again = groups.points(3)
-    assert {tuple(point) for point in first.tolist()} == {tuple(point) for point in again.tolist()}
-    other = groups.points(4)
-    assert {tuple(point) for point in other.tolist()}.isdisjoint(tuple(point) for point in first.tolist())
+def test_phase_groups_keep_their_distance(context: TimedContext) -> None:
+    for levels, rounds, distance in itertools.product([1, 3], [False, True], [1.0, 8.0]):
+        case = f"{levels} levels, rounds {rounds}, distance {distance}"
+        groups = PhaseGroups(context, 96.0, distance, 4, levels=levels, rounds=rounds)
+        first = groups.points(3)
+        assert (first >= 0.0).all(), case
+        assert (first < 96.0).all(), case
+        assert nearest(first) >= distance * (1.0 - 1e-5), case
+        assert len(first) > 0.8 * GREATEST_DENSITY * (96.0 / distance) ** 2, case
+        # The counter's order differs from run to run, the set does not; and a run leaves nothing to the next.
+        once, again, other = (
+            {tuple(p) for p in found.tolist()} for found in (first, groups.points(3), groups.points(4))
+        )
+        assert once == again, case
+        assert once.isdisjoint(other), case
 
 
+@pytest.mark.slow
 def test_more_darts_fill_more(context: TimedContext) -> None:
     counts = [len(PhaseGroups(context, 128.0, 1.0, trials).points(1)) for trials in (1, 4, 12)]
     assert counts == sorted(counts)
     assert counts[2] > 0.88 * GREATEST_DENSITY * 128.0**2
 
 
+@pytest.mark.slow
 def test_the_thesis_needs_levels_and_turns_for_its_spectrum(context: TimedContext) -> None:
     def worst(levels: int, *, rounds: bool) -> float:
         groups = PhaseGroups(context, SIDE + 8.0, 1.0, 4, levels=levels, rounds=rounds)
@@ -61,6 +62,7 @@ def test_the_thesis_needs_levels_and_turns_for_its_spectrum(context: TimedContex
     assert worst(3, rounds=True) < -12.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "side"),
     [(bridson.in_numba, 64.0), (bridson.in_rust, 64.0), (bridson.in_node, 64.0), (bridson.in_scipy, 12.0)],

@@ -21,7 +21,7 @@ def grid(xs: np.ndarray, ys: np.ndarray, height: object) -> tuple[np.ndarray, np
     return vertices, np.concatenate([np.stack([a, b, d], -1), np.stack([a, d, c], -1)])
 
 
-def test_a_pixel_by_hand() -> None:
+def test_screen_distances_of_known_points() -> None:
     # 90° over 100 pixels: 50 pixels a radian; 2 m higher in 100 m, seen level, is 1 pixel.
     camera = Camera((0.0, 0.0, 0.0), (0.0, 100.0, 0.0), fov=90.0)
     picture = Picture(100, 100)
@@ -29,14 +29,10 @@ def test_a_pixel_by_hand() -> None:
     drawn = np.array([[0.0, 100.0, 0.0], [30.0, 200.0, 5.0]])
     found = screen_distances(camera, picture, drawn, [2.0, 5.0])
     assert found == pytest.approx([1.0, 0.0], abs=1e-9)
-
-
-def test_from_above_a_height_hardly_shows() -> None:
+    # From above a height hardly shows.
     camera = Camera((0.0, 0.0, 100.0), (0.0, 0.0, 0.0))
     assert screen_distances(camera, PICTURE, np.zeros((1, 3)), [1.0]) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_ground_behind_the_eye_is_infinitely_far() -> None:
+    # Ground behind the eye is infinitely far.
     camera = Camera((0.0, 0.0, 10.0), (0.0, 0.0, 0.0))
     assert screen_distances(camera, PICTURE, np.zeros((1, 3)), [20.0])[0] == np.inf
 
@@ -101,7 +97,7 @@ def test_triangles_that_reach_behind_the_eye_are_drawn_and_those_behind_are_not(
     assert not len(behind.seen())
 
 
-def test_summary() -> None:
+def test_the_summary_of_errors() -> None:
     found = ErrorSummary.of(np.concatenate([np.full(9_990, 0.5), np.full(10, 3.0)]))
     assert (found.samples, found.within, found.most, found.worst) == (10_000, 0.999, 0.5, 3.0)
     assert ErrorSummary.of(np.array([0.25])).most == 0.25

@@ -1,4 +1,4 @@
-"""Ways to the distance to a spline: which are never wrong, how often others are, and the yardstick itself."""
+"""Methods for the distance to a spline: which are exact, how often others fail, and the reference itself."""
 
 from __future__ import annotations
 
@@ -41,50 +41,36 @@ def suite(context: TimedContext) -> dict[str, tuple[SplineQueries, np.ndarray]]:
 Suite = dict[str, tuple[SplineQueries, np.ndarray]]
 
 
-@pytest.mark.parametrize("method", NEVER_WRONG)
-@pytest.mark.parametrize("cell", CELL_SIZES)
-def test_some_methods_are_never_wrong_by_a_hundredth_of_a_cell(
-    suite: Suite, method: str, cell: float
-) -> None:
-    for queries, expected in suite.values():
-        assert not failures(np.abs(queries.distances(method, cell) - expected), cell).any()
-
-
-def test_all_roots_are_exact_to_rounding(suite: Suite) -> None:
-    for queries, expected in suite.values():
+def test_exact_methods_are_never_wrong_by_a_hundredth_of_a_cell(suite: Suite) -> None:
+    for kind, (queries, expected) in suite.items():
+        for method, cell in itertools.product(NEVER_WRONG, CELL_SIZES):
+            error = np.abs(queries.distances(method, cell) - expected)
+            assert not failures(error, cell).any(), (kind, method, cell)
         # float32 positions of some hundreds of metres step by 3e-5 m.
-        assert np.abs(queries.distances("all roots", 1.0) - expected).max() < 1e-4
+        assert np.abs(queries.distances("all roots", 1.0) - expected).max() < 1e-4, kind
 
 
-@pytest.mark.parametrize(("method", "kind"), [(m, k) for m, kinds in KNOWN.items() for k in kinds])
-def test_the_other_methods_fail_as_known(suite: Suite, method: str, kind: str) -> None:
-    queries, expected = suite[kind]
-    failed = failures(np.abs(queries.distances(method, 2.0) - expected), 2.0)
-    least, most = KNOWN[method][kind]
-    assert least <= 100 * failed.mean() <= most
+def test_approximate_methods_fail_as_often_as_known_and_by_metres(suite: Suite) -> None:
+    for method, kinds in KNOWN.items():
+        errors = {kind: queries.distances(method, 2.0) - known for kind, (queries, known) in suite.items()}
+        for kind, (least, most) in kinds.items():
+            share = 100 * failures(np.abs(errors[kind]), 2.0).mean()
+            assert least <= share <= most, (method, kind)
+        # By more than a river is wide, so that a picture shows it; and never nearer than the curve is.
+        assert min(error.min() for error in errors.values()) > -1e-3, method
+        assert max(error.max() for error in errors.values()) > 3.0, method
 
 
-@pytest.mark.parametrize("method", ["Newton", "two steps", "iterated sampling"])
-def test_a_failing_method_is_wrong_by_more_than_the_river_is_wide(suite: Suite, method: str) -> None:
-    """So that a picture shows it: by metres, and never nearer than the curve is."""
-    worst = 0.0
-    for queries, expected in suite.values():
-        error = queries.distances(method, 2.0) - expected
-        assert error.min() > -1e-3
-        worst = max(worst, float(error.max()))
-    assert worst > 3.0
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_yardstick_lies_within_bounds(kind: str) -> None:
-    """The distances' reference against branch and bound: no interval left out can hold a nearer place."""
-    controls, places = splines_and_places(kind, 4, each=12, seed=9)
-    curves = cubics(controls)
-    expected = distances(curves, places)
-    for curve, around, known in zip(curves, places, expected, strict=True):
-        for place, distance in zip(around, known, strict=True):
-            lowest, highest = bounded_distance(curve, place, gap=2e-4)
-            assert lowest - 1e-9 <= distance <= highest + 1e-9
+def test_the_reference_distance_lies_within_bounds() -> None:
+    """Against branch and bound: no interval left out can hold a nearer place."""
+    for kind in KINDS:
+        controls, places = splines_and_places(kind, 2, each=12, seed=9)
+        curves = cubics(controls)
+        expected = distances(curves, places)
+        for curve, around, known in zip(curves, places, expected, strict=True):
+            for place, distance in zip(around, known, strict=True):
+                lowest, highest = bounded_distance(curve, place, gap=2e-4)
+                assert lowest - 1e-9 <= distance <= highest + 1e-9, kind
 
 
 def bounded_distance(curve: np.ndarray, place: np.ndarray, *, gap: float) -> tuple[float, float]:
@@ -140,23 +126,22 @@ def test_cubics_are_the_spline() -> None:
     np.testing.assert_allclose(at, catmull_rom(controls, u), atol=1e-9)
 
 
-@pytest.mark.parametrize("angle", [-1.9, -0.3, 1e-6, 0.7, 1.9])
-def test_distance_to_an_arc_is_that_to_its_circle_and_ends(angle: float, context: TimedContext) -> None:
-    """An arc of the given angle around the origin, with a radius of 50 m."""
-    rng = np.random.default_rng(3)
+def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends() -> None:
+    """Arcs around the origin, with a radius of 50 m."""
     radius = 50.0
-    # Positive angles turn left: the bulge is to the right then.
-    first, last = (radius * np.array([np.cos(a), np.sin(a)]) for a in (0.3, 0.3 + angle))
-    places = rng.uniform(-120, 120, (500, 2))
-    bend = -np.tan(angle / 4)
-    t, square = nearest_on_arc(last - first, np.array(bend), places - first)
-    around = (np.arctan2(places[:, 1], places[:, 0]) - 0.3) * np.sign(angle)
-    within = np.mod(around, 2 * np.pi) < abs(angle)
-    ends = np.minimum(*(np.hypot(*(places - end).T) for end in (first, last)))
-    expected = np.where(within, np.abs(np.hypot(*places.T) - radius), ends)
-    clear = np.hypot(*places.T) > 0.02 * radius  # near the centre an end stands for the arc
-    np.testing.assert_allclose(np.sqrt(square)[clear], expected[clear], atol=1e-6)
-    assert np.all((t >= 0) & (t <= 1))
+    for angle in (-1.9, -0.3, 1e-6, 0.7, 1.9):
+        places = np.random.default_rng(3).uniform(-120, 120, (500, 2))
+        # Positive angles turn left: the bulge is to the right then.
+        first, last = (radius * np.array([np.cos(a), np.sin(a)]) for a in (0.3, 0.3 + angle))
+        bend = -np.tan(angle / 4)
+        t, square = nearest_on_arc(last - first, np.array(bend), places - first)
+        around = (np.arctan2(places[:, 1], places[:, 0]) - 0.3) * np.sign(angle)
+        within = np.mod(around, 2 * np.pi) < abs(angle)
+        ends = np.minimum(*(np.hypot(*(places - end).T) for end in (first, last)))
+        expected = np.where(within, np.abs(np.hypot(*places.T) - radius), ends)
+        clear = np.hypot(*places.T) > 0.02 * radius  # near the centre an end stands for the arc
+        np.testing.assert_allclose(np.sqrt(square)[clear], expected[clear], atol=1e-6, err_msg=str(angle))
+        assert np.all((t >= 0) & (t <= 1)), angle
 
 
 def test_arcs_of_a_circle_are_few_and_straight_lines_one() -> None:

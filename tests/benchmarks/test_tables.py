@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 
-import pytest
 from rich.console import Console
 
 from sketchterrain.benchmarks.outcome import Column, Table
@@ -17,9 +16,8 @@ TABLE = Table(
 )
 
 
-@pytest.mark.parametrize(
-    ("cell", "text"),
-    [
+def test_numbers_are_shown_with_three_significant_digits() -> None:
+    for cell, text in (
         (None, "–"),
         ("word", "word"),
         (7, "7"),
@@ -32,13 +30,11 @@ TABLE = Table(
         (-12.345, "-12.3"),
         (2.5e6, "2.50e+06"),
         (float("nan"), "nan"),
-    ],
-)
-def test_three_digits_that_count(cell: object, text: str) -> None:
-    assert shown(cell) == text  # type: ignore[arg-type]
+    ):
+        assert shown(cell) == text, cell
 
 
-def test_markdown_table() -> None:
+def test_tables_as_markdown_and_in_the_terminal() -> None:
     assert markdown(TABLE).splitlines() == [
         "### Speed",
         "",
@@ -47,9 +43,6 @@ def test_markdown_table() -> None:
         "| a\\|b | 1234 | – |",
         "| c | 0.0123 | 3 |",
     ]
-
-
-def test_terminal_table_shows_the_same() -> None:
     stream = io.StringIO()
     Console(width=80, file=stream).print(terminal(TABLE))
     text = stream.getvalue()

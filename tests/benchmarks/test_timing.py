@@ -1,27 +1,25 @@
-"""Laps, rounds and what is said of them."""
+"""Laps, rounds, their statistics, and the tiles that are timed."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground, scattered_keys
 from sketchterrain.benchmarks.timing import Lap, Launch, TimedContext, alternate, lap, spread
 
 
-def test_spread_of_known_samples() -> None:
-    times = spread([float(number) for number in range(1, 102)])
-    assert (times.median, times.p95, times.count) == (51.0, 96.0, 101)
-
-
-def test_spread_of_one_sample() -> None:
-    times = spread([0.25])
-    assert (times.median, times.p95, times.count) == (0.25, 0.25, 1)
-
-
-def test_outlier_moves_the_percentile_but_not_the_median() -> None:
-    calm, disturbed = spread([1.0] * 20), spread([1.0] * 18 + [9.0] * 2)
-    assert calm.median == disturbed.median == 1.0
-    assert disturbed.p95 > calm.p95
+def test_spread_is_the_median_and_the_95th_percentile() -> None:
+    for samples, median, p95 in (
+        ([float(number) for number in range(1, 102)], 51.0, 96.0),
+        ([0.25], 0.25, 0.25),
+        ([1.0] * 20, 1.0, 1.0),
+    ):
+        times = spread(samples)
+        assert (times.median, times.p95, times.count) == (median, p95, len(samples))
+    outlier = spread([1.0] * 18 + [9.0] * 2)
+    assert outlier.median == 1.0
+    assert outlier.p95 > 1.0
 
 
 def test_rivals_warm_up_once_and_then_alternate() -> None:
@@ -64,3 +62,14 @@ def test_context_counts_the_items_of_each_launch(context: TimedContext) -> None:
         ]
         assert one.device == pytest.approx(sum(launch.seconds for launch in one.launches))
         assert all(launch.seconds >= 0 for launch in one.launches)
+
+
+def test_tiles_of_a_level_are_chosen_in_the_middle_or_at_random(context: TimedContext) -> None:
+    assert central_keys(2, 4) == [(2, 1, 1), (2, 2, 1), (2, 1, 2), (2, 2, 2)]
+    assert len(set(central_keys(5, 256))) == 256
+    terrain = open_ground(BARE, context)
+    keys = scattered_keys(6, 20, terrain, seed=1)
+    assert keys == scattered_keys(6, 20, terrain, seed=1)
+    assert len(set(keys)) == 20
+    assert all(0 <= column < 64 and 0 <= row < 64 for _, column, row in keys)
+    assert len(scattered_keys(1, 20, terrain, seed=1)) == 4

@@ -17,9 +17,10 @@ from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
+from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.sampled import Sampled
 from sketchterrain.export.target import Export, ExportOptions
-from sketchterrain.export.targets.unreal import TARGETS
+from sketchterrain.export.targets.unreal import TARGETS, _settings
 from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.progress import Stages
 
@@ -84,13 +85,20 @@ def test_heights_are_those_of_the_terrain_where_unreal_puts_them(
     assert_heights(terrain, outcome, imported(found, settings))
 
 
-def test_components_and_the_z_scale_follow_the_guide(corner: st.Sketch, exported: Callable[..., Any]) -> None:
-    for size in GUIDE:
+def test_components_and_the_z_scale_follow_the_guide(
+    corner: st.Sketch, exported: Callable[..., Any], tmp_path: Path
+) -> None:
+    assert tuple(GUIDE) == TARGETS[0].sizes
+    for size, (quads, sections, components) in GUIDE.items():
+        assert quads * sections * components + 1 == size
         plan = plan_of(corner, "unreal", ExportOptions(size=size, plants=False))
-        assert (plan.grid.columns, plan.grid.rows) == (size, size), size
-        quads, sections, components = GUIDE[size]
-        assert quads * sections * components + 1 == size, size
-        assert tuple(GUIDE) == TARGETS[0].sizes, size
+        assert (plan.grid.columns, plan.grid.rows) == (size, size)
+        export = Export(None, "a", plan.options, plan.grid, plan.tiling, None, tmp_path, None)  # type: ignore[arg-type]
+        settings = _settings(export, HeightSteps(-256.0, 512.0))
+        assert settings["Section Size"] == f"{quads}x{quads} Quads", size
+        assert settings["Sections Per Component"] == f"{sections}x{sections} Sections", size
+        assert settings["Number of Components"] == {"X": components, "Y": components}, size
+        assert settings["Overall Resolution"] == {"X": size, "Y": size}, size
 
     told = exported("unreal", size=127, heights=(-100.0, 924.0), plants=False).sidecar
     assert told["import"]["Scale"]["Z"] == 1024.0 * 100.0 / 512.0

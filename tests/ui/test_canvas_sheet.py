@@ -162,7 +162,6 @@ def test_the_relief_lies_beneath_the_paint_and_is_redrawn_where_it_changed(canva
     assert np.abs(around(canvas, 31.0, 32.0, reach=3) - before).max() < 1.0
     workspace.show_overlay("relief", True)
     shade = np.full((SIDE, SIDE), 190, np.uint8)
-    height = np.zeros((SIDE, SIDE), np.float32)
     link.relief = Relief(1, 1, height, shade)
     link.relief_changed.emit(link.relief)
     pixels(canvas)

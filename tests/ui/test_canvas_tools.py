@@ -177,8 +177,6 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     # As wide as its label says: 12 m are 1.2 px.
     assert (image > 0).sum() < 400
     blank.undo()
-    workspace.tool = "line"
-    workspace.use_label("river", 1)
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 20.0, 20.0))
     qtbot.keyClick(canvas, Qt.Key.Key_Escape)
     assert not canvas._hands.tool.is_busy
@@ -188,8 +186,6 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     assert steps(blank) == ("Draw a line of rivers",)
     assert blank.sketch.layers["river"][60, 22:88].all()
     blank.undo()
-    workspace.tool = "line"
-    workspace.use_label("river", 1)
     drag(qtbot, canvas, [(20.0, 20.0), (40.0, 30.0), (60.0, 28.0), (90.0, 50.0)])
     assert steps(blank) == ("Draw a line of rivers",)
     assert blank.sketch.layers["river"][48:53, 87:93].any()
@@ -407,8 +403,6 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(
     qtbot.mouseRelease(full, LEFT, pos=start + QPoint(40, 20))
     assert document.sketch.edits == ()
 
-    peak = mountain(placed)
-    start = over(full, peak["x"], peak["y"])
     qtbot.mousePress(full, LEFT, pos=start)
     for k in range(1, 11):
         move(full, start + QPoint(4 * k, 2 * k), LEFT)
@@ -473,7 +467,6 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
     full._hands.leave()
     assert full.grab().toImage() == before
 
-    peak = mountain(placed)
     qtbot.mouseClick(full, LEFT, pos=over(full, peak["x"], peak["y"]))
     assert workspace.chosen == Chosen("feature", int(peak["id"]))
     full.grab()

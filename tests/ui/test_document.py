@@ -179,7 +179,9 @@ def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told)
     assert names == []
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
+)
 def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, seed) -> None:
     rng = np.random.default_rng(seed)
     document.open(Sketch(layers={"hill": np.zeros((150, 210), dtype=np.uint8)}))

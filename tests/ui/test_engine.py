@@ -95,7 +95,8 @@ def running(qapp):
     listener = Listener(link)
     link.show(VIEW)
     link.start()
-    wait(qapp, settled(link))
+    wait(qapp, lambda: listener.troubles or settled(link)())
+    assert listener.troubles == []
     yield document, link, listener
     link.stop()
     assert listener.troubles == []
@@ -212,7 +213,6 @@ def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp) -> None:
     qapp.processEvents()
     assert len(listener.frames) <= count + 2  # nothing moves: nothing is drawn
 
-    _, link, listener = running
     start = np.array(link.frame.pose.eye)
     for mode in ("fly", "orbit"):
         listener.frames.clear()

@@ -17,7 +17,7 @@ from sketchterrain.ui.engine.channel import Channel, pickled
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.jobs import Jobs
 from sketchterrain.ui.engine.land import Land
-from sketchterrain.ui.engine.messages import EngineFacts, Picked, Relief, Trouble
+from sketchterrain.ui.engine.messages import Adherence, EngineFacts, Picked, Relief, Trouble
 from sketchterrain.ui.engine.mirror import settings_of
 from sketchterrain.ui.engine.orders import (
     LayerPatch,
@@ -119,12 +119,20 @@ def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkey
     assert around.land.version == 4
 
 
-def test_no_picture_without_opengl_says_so(around):
+def test_adherence_is_measured_aside_and_a_picture_needs_opengl(around):
     around.plan(blob(20))
     around.answer(Followed)
     around.window.send(TakePicture("nowhere.png", 100, 100))
     trouble, _ = around.answer(Trouble)
     assert trouble.what == "picture"
+    around.window.send(MeasureAdherence())
+    measured, _ = around.answer(Adherence)
+    assert measured.version == 1
+    assert measured.figures["layers"]["hill"]["shapes"] == 1
+    painted, shown = measured.images["hill"]
+    assert np.array_equal(painted, blob(20) > 0)
+    assert shown.shape == painted.shape
+    assert shown[painted].mean() > 0.3
 
 
 def test_before_there_is_a_terrain_nothing_is_measured(around):

@@ -32,7 +32,6 @@ def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends) -> No
     assert (patch.row, patch.column) == (3, 4)
     assert np.array_equal(patch.pixels, np.arange(12).reshape(3, 4))
 
-    one, other = ends
     whole = np.arange(100, dtype=np.float32).reshape(10, 10)
     one.send({"settings": MappingProxyType({"a": 1.0}), "part": whole[2:5, ::3]})
     got = other.receive()

@@ -57,7 +57,7 @@ def test_the_first_update_holds_everything_and_a_stroke_its_box_only(document, m
     assert (update.layers["mountain"].pixels == 1).all()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
 def test_a_mirror_follows_strokes_undo_settings_and_other_documents(document, maker, seed):
     rng = np.random.default_rng(seed)
     mirror = SketchMirror()

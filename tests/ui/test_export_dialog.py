@@ -68,7 +68,6 @@ def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, s
 
     assert set(opened().target_wishes.controls._rows) == {each.name for each in fields(ExportOptions)}
 
-    dialog = opened()
     for name in ("", *TARGET_NAMES):
         dialog.targets.setCurrentIndex(dialog.targets.findData(name))
         dialog.target_wishes.controls.columns.setValue(2)
@@ -205,7 +204,6 @@ def test_what_to_type_in_is_a_table_that_can_be_copied(opened, qapp) -> None:
     assert QApplication.clipboard().text().startswith("Z\t18579.4\nFlip")
 
 
-@pytest.mark.slow
 def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path) -> None:
     dialog = opened("raw")
     controls = dialog.target_wishes.controls

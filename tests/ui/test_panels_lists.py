@@ -151,7 +151,6 @@ def test_contradictions_lead_to_their_places_and_their_marks_are_switched(
     workspace.show_overlay("contradictions", not panel.mark.isChecked())
     assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
 
-    panel = shown(ContradictionsPanel(workspace, link))
     assert not panel.list.isVisible()
     lines = (("river 1 crosses mountain 2: valley cut 84 m", 100.0, 200.0), ("lake 1 lies high", 5.0, 6.0))
     link.placed = dataclasses.replace(placed, resolutions=lines, orphans=("move of 4711",))

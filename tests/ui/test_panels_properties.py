@@ -66,7 +66,6 @@ def test_an_edit_is_a_step_and_reset_takes_it_out_of_the_file(panel, document, w
     assert document.history.position == 0
 
     workspace.use_label("mountain", 1)
-    row = panel.label_page.forms["mountain"].rows["height"]
     assert row.reset.isVisible()
     row.reset.click()
     assert "height" not in document.sketch.labels["mountain", 1]
@@ -88,8 +87,7 @@ def test_a_dragged_slider_is_one_live_step_even_over_its_first_value(panel, docu
     assert row.box.value() == document.sketch.properties("mountain", 1)["height"]
     assert row.slider.value() == 490
 
-    """The sketch is the same one again in the middle of the drag; the slider goes on."""
-    workspace.use_label("mountain", 1)
+    # The sketch is the same one again in the middle of the drag; the slider goes on.
     row = panel.label_page.forms["mountain"].rows["peakiness"]
     row.slider.setSliderDown(True)
     for value in (550, 600, 650):
@@ -254,7 +252,6 @@ def test_control_points_of_a_river_are_chosen_moved_and_checked(
     assert workspace.chosen == Chosen("river", river.id, None)
     document.undo()
     workspace.chosen = Chosen("river", river.id, len(river.points))
-    form = panel.chosen_page.forms["river"]
     assert form.isVisible()
     assert form.points.value() == 0
     assert not form.east.isEnabled()

@@ -89,7 +89,6 @@ def test_radius_and_height_of_a_feature_are_reached(sketch, placed) -> None:
     after = placed_of(edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0))
     assert point_of(after, chosen)["radius"] == np.float32(321.0)
 
-    chosen = first(placed)
     changed = edits.strengthened(sketch, placed, chosen, 777.0)
     assert edits.strength_of(changed, placed, chosen) == 777.0
     assert edits.strength_of(sketch, placed, chosen) == float(point_of(placed, chosen)["strength"])

@@ -49,13 +49,9 @@ def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, picture)
     assert not dialog.before.pixmap().isNull()
     assert not dialog.after.pixmap().isNull()
 
-    dialog = opened(qtbot, picture)
-    ready(qtbot, dialog)
     for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit)):
         assert control.accessibleName() or control.objectName().startswith("qt_")
 
-    dialog = opened(qtbot, picture)
-    ready(qtbot, dialog)
     dialog.name.selectAll()
     qtbot.keyClicks(dialog.name, "Far isle")
     dialog.size_px.setValue(60)

@@ -511,7 +511,6 @@ def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, documen
         show_picture(link, document, placed, eye=eye, target=target)
         assert not view.grab().isNull()
     show_picture(link, document, placed)
-    workspace.tool = "select"
     things = [
         None,
         Chosen("lake", placed.lakes[0].id),

@@ -40,7 +40,6 @@ def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale() -> None:
     east = np.add(TARGET, (50.0, 0.0, 0.0))
     assert projection.see(east).at[0, 0] > 330.0
 
-    projection = projection_of()
     rng = np.random.default_rng(1)
     for place in np.add(TARGET, rng.normal(0.0, 300.0, (100, 3))):
         seen = projection.see(place)
@@ -51,7 +50,6 @@ def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale() -> None:
         assert np.linalg.norm(np.cross(along, off)) < 1e-6 * np.linalg.norm(off)
         assert along @ off > 0
 
-    projection = projection_of()
     distance = float(np.linalg.norm(np.subtract(TARGET, EYE)))
     wanted = 2.0 * distance * np.tan(np.radians(25.0)) / 480.0
     assert projection.metres_per_px(TARGET) == pytest.approx(wanted)

@@ -115,7 +115,6 @@ def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(ope
     choose(dialog.wishes.forms, "tif")
     assert dialog.output.text() == str(tmp_path / "v1.5.tif")
 
-    dialog = opened()
     texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton))]
     letters = [letter for text in texts if (letter := QKeySequence.mnemonic(text).toString())]
     assert sorted(letters) == sorted(set(letters))
@@ -168,7 +167,6 @@ def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tm
     assert viewed.args == [tmp_path / "world.zarr"]
 
 
-@pytest.mark.slow
 def test_something_else_at_the_output_is_left_alone(qtbot, opened, tmp_path) -> None:
     (tmp_path / "world.zarr").mkdir()
     (tmp_path / "world.zarr" / "mine.txt").write_text("mine")

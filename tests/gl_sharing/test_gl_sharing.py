@@ -1,0 +1,283 @@
+"""Vertices shared through cl_khr_gl_sharing, which a strict OpenCL layer adds to CPU drivers."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sketchterrain.compute import list_devices
+from sketchterrain.errors import DeviceError
+from sketchterrain.render import open_context
+from sketchterrain.render.context import close_context
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+pytestmark = [pytest.mark.gl, pytest.mark.slow]
+
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+CPUS = [device for device in list_devices() if device.type == "CPU"]
+PLATFORMS = pytest.mark.parametrize("index", [d.index for d in CPUS], ids=[d.platform for d in CPUS])
+RENDER_TESTS = Path(__file__).parents[1] / "render"
+
+
+class Layer:
+    """The layer's library, and what it reports of the child processes that run with it."""
+
+    def __init__(self, library: Path, log: Path) -> None:
+        self._log = log
+        self._environment = {"OPENCL_LAYERS": str(library), "GL_SHARING_LAYER_LOG": str(log)}
+
+    def run(self, *arguments: str, environment: Mapping[str, str] | None = None) -> str:
+        """Run Python with the layer; return its stdout."""
+        return run_python(*arguments, environment={**self._environment, **(environment or {})})
+
+    @property
+    def misuses(self) -> list[str]:
+        """What the specification does not allow, in the order in which it was done."""
+        lines = self._log.read_text(encoding="utf-8").splitlines() if self._log.exists() else []
+        return [
+            re.sub(r" \(OpenGL buffer \d+\)$", "", line.removeprefix("misuse: "))
+            for line in lines
+            if line.startswith("misuse: ")
+        ]
+
+    @property
+    def acquired(self) -> int:
+        """How often buffers were acquired."""
+        return sum(map(int, re.findall(r"acquired (\d+), released", self._log.read_text(encoding="utf-8"))))
+
+
+def run_python(*arguments: str, environment: Mapping[str, str]) -> str:
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, **environment},
+    )
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if not sys.platform.startswith("linux"):
+        pytest.skip("the layer is written for Linux")
+    if COMPILER is None:
+        pytest.skip("missing tool: a C compiler (apt install gcc libc6-dev)")
+    try:
+        close_context(open_context())
+    except DeviceError as error:
+        pytest.skip(str(error))
+    made = tmp_path_factory.mktemp("layer") / "gl_sharing_layer.so"
+    source = Path(__file__).with_name("gl_sharing_layer.c")
+    options = ["-std=gnu11", "-shared", "-fPIC", "-O1", "-Wall"]
+    subprocess.run([COMPILER, *options, "-o", made, source, "-ldl"], check=True)
+    return made
+
+
+@pytest.fixture
+def layer(library: Path, tmp_path: Path) -> Layer:
+    return Layer(library, tmp_path / "log")
+
+
+OPENED = """
+import sys
+from sketchterrain.compute import ComputeContext, gl_interop, list_devices
+from sketchterrain.compute.sharing import ExtensionMemory
+from sketchterrain.errors import DeviceError
+from sketchterrain.render import open_context
+import numpy as np
+
+device = list_devices()[int(sys.argv[1])]
+gl = open_context()
+context = ComputeContext(device, gl=gl_interop.current_handles())
+COUNT = 1 << 12
+WORDS = (np.arange(COUNT, dtype=np.uint32) + np.uint32(1)) * np.uint32(0x9E3779B1)
+POISON = np.full(COUNT, 0xFFFFFFFF, np.uint32)
+
+def write_words(buffer, count=COUNT):
+    context.launch("sharing_probe.cl", "probe", (count,), np.uint32(0), buffer)
+
+def gl_words():
+    return np.frombuffer(vertices.read(), np.uint32)
+
+def is_refused(call, *given):
+    try:
+        call(*given)
+    except DeviceError:
+        return True
+    return False
+
+vertices = gl.buffer(np.arange(COUNT, dtype=np.uint32).tobytes(), dynamic=True)
+memory = ExtensionMemory(context, vertices.glo, 4 * COUNT)
+"""
+
+STRICT = """
+memory.acquire()
+write_words(memory.buffer, COUNT // 2)
+assert (gl_words() == POISON).all()  # they are OpenCL's
+gl_interop.release(device, context._queue, memory.buffer)
+assert (gl_words() == POISON).all()  # the queue has not finished
+context._queue.finish()
+assert (gl_words()[: COUNT // 2] == WORDS[: COUNT // 2]).all()
+assert (gl_words()[COUNT // 2 :] == np.arange(COUNT // 2, COUNT)).all()  # no kernel wrote there
+"""
+
+MISUSE = """
+before = gl_words().copy()
+write_words(memory.buffer)
+write_words(context.part(memory.buffer, 0, 2 * COUNT), COUNT // 2)
+context.write(memory.buffer, WORDS).wait()
+context._queue.finish()
+assert (gl_words() == before).all()
+assert is_refused(memory.release, [])
+memory.acquire()
+assert is_refused(memory.acquire)
+memory.release([])
+assert (context.download(memory.buffer, COUNT, np.uint32) == POISON).all()
+assert is_refused(context.from_gl, 12345)
+assert is_refused(ComputeContext(device).from_gl, vertices.glo)
+other = gl.buffer(reserve=4 * COUNT)
+acquired = ExtensionMemory(context, other.glo, 4 * COUNT)
+acquired.acquire()
+acquired.close()
+vertices.orphan(8 * COUNT)
+assert is_refused(memory.acquire)
+"""
+
+MISUSES = [
+    "used by a kernel without being acquired",
+    "used by a kernel without being acquired",
+    "written without being acquired",
+    "released without being acquired",
+    "acquired twice",
+    "read without being acquired",
+    "created of no buffer with a data store",
+    "created in a context without OpenGL",
+    "deleted while it is acquired",
+    "its data store was changed or deleted",
+]
+
+
+@PLATFORMS
+def test_the_layer_is_strict(layer: Layer, index: int) -> None:
+    """Bytes that are the other side's are poisoned, and each planted misuse is reported, nothing else."""
+    layer.run("-c", OPENED + STRICT, str(index))
+    assert layer.misuses == []
+    layer.run("-c", OPENED + MISUSE, str(index))
+    assert layer.misuses == MISUSES
+
+
+def test_vertex_memory_is_shared_by_the_specification(layer: Layer) -> None:
+    """The probe chooses the extension, and all kinds of memory hold the same bytes."""
+    code = """
+from sketchterrain.compute import list_devices
+from sketchterrain.render.sharing_probe import probe_sharing
+for device in list_devices():
+    if device.type == "CPU":
+        print(device.gl_sharing, probe_sharing(device))
+"""
+    shown = layer.run("-c", code).splitlines()
+    assert shown == ["extension Sharing(kind='extension', reason='')"] * len(CPUS)
+    probed = layer.acquired
+    assert probed >= len(CPUS)
+    files = [str(RENDER_TESTS / name) for name in ("test_sharing_probe.py", "test_vertex_memory.py")]
+    layer.run("-m", "pytest", "-q", "-p", "no:cacheprovider", *files)
+    assert layer.acquired > probed
+    assert layer.misuses == []
+
+
+PICTURE = """
+import sys
+from dataclasses import replace
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.render import vertex_memory
+from sketchterrain.render.quality import Quality
+from sketchterrain.render.snapshot import render_picture
+from sketchterrain.sketch import load_sketch
+from sketchterrain.terrain import build
+import numpy as np
+
+kinds_for, kinds = vertex_memory.kinds_for, []
+def only_kind(context):
+    kinds.append(sys.argv[2] if sys.argv[2] != "best" else kinds_for(context)[0])
+    return kinds[-1:]
+vertex_memory.kinds_for = only_kind
+terrain = build(load_sketch("valley_river"), device=ComputeContext(list_devices()[int(sys.argv[1])]))
+quality = replace(Quality.of(0.0), tile_memory=32 << 20)
+np.save(sys.argv[3], render_picture(terrain, size=(320, 180), quality=quality))
+print(*kinds)
+"""
+
+
+@PLATFORMS
+def test_pictures_are_those_of_copied_vertices(layer: Layer, tmp_path: Path, index: int) -> None:
+    shared, copied = tmp_path / "shared.npy", tmp_path / "copied.npy"
+    assert layer.run("-c", PICTURE, str(index), "best", str(shared)).split() == ["extension"]
+    assert layer.acquired > 0
+    assert layer.misuses == []
+    shown = run_python("-c", PICTURE, str(index), "copy", str(copied), environment={})
+    assert shown.split() == ["copy"]
+    picture = np.load(shared)
+    np.testing.assert_array_equal(picture, np.load(copied))
+    assert picture.std() > 10.0
+
+
+PROBE = """
+import sys
+from sketchterrain.compute import list_devices
+from sketchterrain.render.sharing_probe import probe_sharing
+found = probe_sharing(list_devices()[int(sys.argv[1])])
+print(found.kind, found.reason, sep="\\n")
+"""
+
+FAILING_LATER = """
+import os, sys
+from sketchterrain.compute import list_devices
+from sketchterrain.errors import DeviceError
+from sketchterrain.render import open_context
+from sketchterrain.render.sharing_probe import open_device
+from sketchterrain.render.vertex_memory import open_vertex_memory
+
+gl = open_context()
+context = open_device(list_devices()[int(sys.argv[1])])
+memory = open_vertex_memory(gl, context, 4096)
+assert (memory.kind, memory.reason) == ("extension", "")
+os.environ["GL_SHARING_LAYER_FAIL"] = "clEnqueueAcquireGLObjects"
+try:
+    memory.acquire()
+except DeviceError as error:
+    print(error)
+os.environ["GL_SHARING_LAYER_FAIL"] = "clCreateFromGLBuffer"
+memory = open_vertex_memory(gl, context, 4096)
+print(memory.kind, memory.reason, sep="\\n")
+"""
+
+
+def test_a_failing_call_is_one_line_and_vertices_are_mapped(layer: Layer) -> None:
+    device = CPUS[0]
+    refusal = f"{device.name} ({device.platform}) shares no buffers with OpenGL: "
+    failures = {
+        "clCreateContext": "clCreateContext: error -1000",  # CL_INVALID_GL_SHAREGROUP_REFERENCE_KHR
+        "clCreateFromGLBuffer": "clCreateFromGLBuffer: OUT_OF_RESOURCES",
+        "clEnqueueAcquireGLObjects": "clEnqueueAcquireGLObjects: OUT_OF_RESOURCES",
+        "clEnqueueReleaseGLObjects": "clEnqueueReleaseGLObjects: OUT_OF_RESOURCES",
+    }
+    for call, failure in failures.items():
+        shown = layer.run("-c", PROBE, str(device.index), environment={"GL_SHARING_LAYER_FAIL": call})
+        assert shown.splitlines() == ["mapped", f"extension: {refusal}{failure}"]
+    assert layer.run("-c", FAILING_LATER, str(device.index)).splitlines() == [
+        refusal + failures["clEnqueueAcquireGLObjects"],
+        "mapped",
+        refusal + failures["clCreateFromGLBuffer"],
+    ]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +14,26 @@ from PyQt6.QtCore import QEventLoop, QPoint, QPointF, Qt
 from PyQt6.QtGui import QImage, QWheelEvent
 from PyQt6.QtTest import QTest
 
+from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
-from sketchterrain.ui.engine.messages import FrameFacts, Picked, Trouble
-from sketchterrain.ui.engine.orders import Fly, GoTo, Look, Pan, Pick, Pose, Turn, Zoom
+from sketchterrain.ui.engine.channel import Channel
+from sketchterrain.ui.engine.messages import FrameFacts, Picked, Trouble, Working
+from sketchterrain.ui.engine.orders import (
+    Fly,
+    FrameTaken,
+    GoTo,
+    Look,
+    Pan,
+    Pick,
+    Pose,
+    Quit,
+    Turn,
+    ViewState,
+    Zoom,
+)
 from sketchterrain.ui.worlds import window as windows
+from sketchterrain.ui.worlds.engine import WorldEngine
 from sketchterrain.ui.worlds.link import WorldLink
 from sketchterrain.ui.worlds.messages import WorldFacts
 from sketchterrain.world.grid import World
@@ -131,6 +149,103 @@ def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot):
     qtbot.waitUntil(lambda: file.with_suffix(".png").exists(), timeout=5000)
     qtbot.waitUntil(lambda: "is saved" in window.banner.message.line, timeout=5000)
     assert QImage(str(file.with_suffix(".png"))).size() == window.link.picture.size()
+
+
+class Ground:
+    """A plane that lies at 100 m."""
+
+    extent = 4000.0
+    size = (4000.0, 2000.0)
+
+    def heights(self, x, y, *, cell_size=0.0):
+        return np.full(np.broadcast(x, y).shape, 100.0, np.float32)
+
+
+class FakeShow:
+    """Draws nothing, and fails if it is told to."""
+
+    def __init__(self):
+        self.stage = SimpleNamespace(is_empty=True)
+        self.error = None
+        self.stops = self.taken_frames = 0
+
+    def look(self, view):
+        self.view = view
+
+    def show(self, world, version, areas, eye):
+        self.stage.is_empty = False
+        return "it is night"
+
+    def due(self, *, moving):
+        return 0.0 if moving or self.error else None
+
+    def frame(self, eye):
+        if self.error is not None:
+            error, self.error = self.error, None
+            raise error
+        eye.advance(0.05)
+        return eye.pose()
+
+    def taken(self):
+        self.taken_frames += 1
+
+    def stop(self):
+        self.stops += 1
+
+
+def test_the_engine_draws_answers_and_reports_what_fails(capsys):
+    mine, its = socket.socketpair()
+    window, other = Channel(mine), Channel(its, patient=False)
+    show = FakeShow()
+    thread = threading.Thread(target=WorldEngine(other, Ground(), show).run, daemon=True)
+    thread.start()
+
+    def answer(kind):
+        while not isinstance(message := window.receive(), kind):
+            pass
+        return message
+
+    window.send(FrameTaken())
+    window.send(ViewState(mode="fly"))
+    window.send(Pick(1, 0.5, 0.5))
+    answer(Picked)
+    assert show.stage.is_empty, "a view without a size is not drawn"
+    window.send(ViewState(width=160, height=100, mode="fly"))
+    assert [window.receive() for _ in range(2)] == [
+        Working("Preparing the picture"),
+        Trouble("view", "it is night"),
+    ]
+    assert isinstance(window.receive(), Pose)
+    assert window.receive() == Working("")
+    assert show.view.width == 160
+    assert show.taken_frames == 1
+
+    window.send(Look(Pose((0.0, 0.0, 400.0), (0.0, 300.0, 100.0))))
+    assert any(np.allclose(answer(Pose).eye, (0.0, 0.0, 400.0), atol=0.5) for _ in range(20))
+    window.send(Pick(7, 0.5, 0.5))
+    picked = answer(Picked)
+    assert picked.token == 7
+    assert picked.place == pytest.approx((0.0, 300.0, 100.0), abs=2.0)
+    window.send(Fly(forward=1.0))
+    assert any(answer(Pose).eye[1] > 1.0 for _ in range(500))
+    window.send(Fly())
+
+    for error, what in (
+        (DeviceFailedError("lost"), "engine"),
+        (InputError("odd"), "view"),
+        (ZeroDivisionError("0"), "view"),
+    ):
+        show.error = error
+        trouble = answer(Trouble)
+        assert trouble.what == what
+        assert str(error) in trouble.line
+    assert show.stops == 3
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    window.send(Quit())
+    thread.join(10.0)
+    assert not thread.is_alive()
+    window.close()
+    other.close()
 
 
 class _Unheard:

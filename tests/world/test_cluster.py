@@ -113,6 +113,7 @@ def workers_of(pid: int) -> list[psutil.Process]:
     return found
 
 
+@pytest.mark.slow
 def test_workers_in_this_process_in_shuffled_order_give_the_same_bytes_also_after_a_full_disk(
     job: Job, whole_world: Path, heard: Heard, tree: Tree, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,7 +199,7 @@ def test_workers_of_a_machine_share_its_gpus_out(monkeypatch: pytest.MonkeyPatch
     assert worker_checks.own_device(None, 1) == "chosen by None"
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_processes_of_which_some_are_killed_give_the_same_bytes_in_shuffled_order(
     job: Job, whole_world: Path, heard: Heard, tree: Tree, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -215,7 +216,7 @@ def test_processes_of_which_some_are_killed_give_the_same_bytes_in_shuffled_orde
     assert workers_of(os.getpid()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_workers_that_lie_are_refused_by_name_and_others_do_the_work_until_the_scheduler_dies(
     job: Job,
     whole_world: Path,
@@ -247,7 +248,7 @@ def test_workers_that_lie_are_refused_by_name_and_others_do_the_work_until_the_s
     assert tree(job.output) == tree(whole_world)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_no_worker_outlives_a_run_that_is_killed_and_resume_goes_on(
     job: Job, whole_world: Path, heard: Heard, tree: Tree, tmp_path: Path
 ) -> None:

@@ -34,6 +34,7 @@ def told(square: Job) -> Estimate:
     return estimate(square)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("form", "name"), [("zarr", "w.zarr"), ("tiles", "w"), ("tif", "w.tif")])
 def test_bytes_are_what_is_written(square: Job, tmp_path: Path, heard: Any, form: Form, name: str) -> None:
     job = replace(square, form=form, output=tmp_path / name)
@@ -52,6 +53,7 @@ def test_bytes_are_what_is_written(square: Job, tmp_path: Path, heard: Any, form
     assert again.disk_needed <= told.disk_needed
 
 
+@pytest.mark.slow
 def test_plants_are_about_as_many(square: Job, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plant_samples, "_SQUARES", 6)
     job = replace(square, plants="parquet")

@@ -39,6 +39,7 @@ def formed(request, small_job, tmp_path: Path) -> Job:
     return replace(small_job, output=tmp_path / "mine" / name, world=world, **changes)
 
 
+@pytest.mark.slow
 def test_stopped_damaged_and_mended(formed: Job, heard, tmp_path: Path, tree) -> None:
     whole, heard_type = replace(formed, output=tmp_path / "whole" / formed.output.name), type(heard)
     done = run_world(whole, watcher=heard)

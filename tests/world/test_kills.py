@@ -34,7 +34,7 @@ run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), resume=True, watcher=Wat
 """
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_killed_and_resumed_to_the_same_bytes(job, tmp_path: Path, whole_world, tree) -> None:
     (tmp_path / "job").write_bytes(pickle.dumps(job))
     command = [sys.executable, "-c", SCRIPT, str(tmp_path / "job")]
@@ -53,7 +53,7 @@ def test_killed_and_resumed_to_the_same_bytes(job, tmp_path: Path, whole_world, 
     assert tree(job.output) == tree(whole_world)
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_sigterm_ends_the_program_with_130(small_job, tmp_path: Path, tree) -> None:
     save_sketch(small_job.sketch, tmp_path / "hill")
     command = [sys.executable, "-m", "sketchterrain", "world", str(tmp_path / "hill"), "--cell", "0.125"]

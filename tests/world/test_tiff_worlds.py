@@ -208,7 +208,7 @@ def test_no_vertex_of_an_overview_is_shown_half_a_cell_off(across: int) -> None:
         assert np.all(np.abs(drawn - vertex * level.cell) <= 0.5 * level.cell)
 
 
-@pytest.mark.parametrize("form", ["tiles", "tif"])
+@pytest.mark.parametrize("form", ["tiles", pytest.param("tif", marks=pytest.mark.slow)])
 def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, heard, tree) -> None:
     output = tmp_path / ("world" if form == "tiles" else "world.tif")
     job = replace(small_job, output=output, form=form)
@@ -236,6 +236,7 @@ def test_a_world_is_the_terrain_to_the_bit(small_job, form: str, tmp_path, heard
     assert tree(tmp_path) == written
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_while_shards_are_joined_goes_on_there(small_job, tmp_path, heard, tree) -> None:
     class _StoppedError(Exception):
         pass

@@ -26,6 +26,7 @@ def said(capsys):
     return [line for line in lines if line.startswith("sketchterrain: ")]
 
 
+@pytest.mark.slow
 def test_a_picture_of_a_world(whole_world, tmp_path, capsys):
     file = tmp_path / "new" / "view.png"
     eye = ["--eye", "200,252,90", "--look-at", "330,252,10"]

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
-import sys
 
 import numpy as np
 import pyogrio
 import pytest
 import shapely
 
-from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.errors import InputError
 from sketchterrain.trace.vectors import is_vectors, sketch_from_vectors
 
 LINE = '{"type":"LineString","coordinates":%s}'
@@ -219,17 +217,3 @@ def test_shapes_that_cannot_be_read_are_left_out(package) -> None:
     )
     traced = sketch_from_vectors(package, size_px=20)
     assert any("3 without a shape that can be read" in note for note in traced.notes)
-
-
-def test_without_the_libraries_one_line_names_the_extra(package, monkeypatch) -> None:
-    monkeypatch.setitem(sys.modules, "pyogrio", None)
-    with pytest.raises(SketchterrainError, match=r"needs pyogrio: not installed.*sketchterrain\[gis\]"):
-        sketch_from_vectors(package)
-
-
-def test_geojson_needs_no_extra(tmp_path, monkeypatch) -> None:
-    for name in ("pyogrio", "shapely"):
-        monkeypatch.setitem(sys.modules, name, None)
-    path = tmp_path / "map.geojson"
-    path.write_text(json.dumps(json.loads(FEATURE % (LINE % "[[11,47],[11.1,47.1]]"))))
-    assert sketch_from_vectors(path, size_px=20).sketch.layers["river"].any()

@@ -80,7 +80,11 @@ def _check_seconds(seconds: float | None) -> float | None:
 AsJson = Annotated[bool, typer.Option("--json", help="Write JSON to stdout.")]
 DeviceName = Annotated[
     str | None,
-    typer.Option("--device", metavar="NAME", help="Index in `devices`, or a part of a device's name."),
+    typer.Option(
+        "--device",
+        metavar="NAME",
+        help="Index in `devices`, gpu, cpu, or a part of a platform's or device's name.",
+    ),
 ]
 Fast = Annotated[bool, typer.Option("--fast", help="Trade the same bits everywhere for speed.")]
 FilmPlace = Annotated[

@@ -142,3 +142,14 @@ def test_the_users_own_vendors_folder_is_kept(tmp_path: Path) -> None:
         OCL_ICD_VENDORS=str(tmp_path),
     )
     assert shown == f"{tmp_path} 1"
+
+
+@pytest.mark.gl
+@pytest.mark.skipif(sys.platform != "linux", reason="EGL of Linux")
+def test_drivers_find_egl_among_global_symbols() -> None:
+    """As rusticl looks it up."""
+    code = (
+        "import ctypes; from sketchterrain.compute.gl_interop import current_handles; current_handles();"
+        "print(hasattr(ctypes.CDLL(None), 'eglGetProcAddress'))"
+    )
+    assert in_fresh_process(code) == "True"

@@ -32,9 +32,19 @@ WITHOUT_DOUBLE = [device for device in list_devices() if not device.has_double]
 pytestmark = pytest.mark.skipif(not WITH_DOUBLE, reason="no device with 64-bit floats")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def context() -> ComputeContext:
     return ComputeContext(WITH_DOUBLE[0])
+
+
+@pytest.fixture(scope="module")
+def valley(valley: Terrain, context: ComputeContext) -> Terrain:
+    return Terrain(valley.sketch, valley.recipe, context)
+
+
+@pytest.fixture(scope="module")
+def desert(desert: Terrain, context: ComputeContext) -> Terrain:
+    return Terrain(desert.sketch, desert.recipe, context)
 
 
 def test_devices_without_doubles_are_refused_and_the_host_packs(desert: Terrain) -> None:

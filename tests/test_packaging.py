@@ -1,4 +1,4 @@
-"""What pyproject.toml packages is what there is, and an installed wheel works without the checkout."""
+"""Packages and data files in pyproject.toml, and an installed wheel without the checkout."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from sketchterrain.errors import InputError
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+DATA = {".cl", ".clh", ".glsl", ".toml", ".png", ".jpg"}
 
 
-def test_every_package_is_listed() -> None:
+def test_every_package_and_data_file_is_listed() -> None:
     mapped = {folder: name for name, folder in SETTINGS["package-dir"].items()}
     there = set()
     for top, name in mapped.items():
@@ -25,9 +26,18 @@ def test_every_package_is_listed() -> None:
             below = init.parent.relative_to(ROOT / top).parts
             there.add(".".join([name, *below]))
     assert set(SETTINGS["packages"]) == there
+    for folder in ("kernels", "presets"):
+        listed = {
+            file
+            for pattern in SETTINGS["package-data"][mapped[folder]]
+            for file in (ROOT / folder).glob(pattern)
+        }
+        data = {file for file in (ROOT / folder).rglob("*") if file.suffix in DATA}
+        assert data
+        assert data <= listed, folder
 
 
-@pytest.mark.slow
+@pytest.mark.soak
 def test_a_wheel_holds_kernels_and_presets(tmp_path: Path) -> None:
     subprocess.run(
         [
@@ -47,7 +57,7 @@ def test_a_wheel_holds_kernels_and_presets(tmp_path: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
     for folder, pattern in (("kernels", "*.cl*"), ("kernels", "*.glsl"), ("presets", "*.*")):
         for file in (ROOT / folder).rglob(pattern):
-            if file.suffix in {".cl", ".clh", ".glsl", ".toml", ".png", ".jpg"}:
+            if file.suffix in DATA:
                 assert f"sketchterrain/{file.relative_to(ROOT).as_posix()}" in names
     code = (
         f"import sys; sys.path.insert(0, {str(wheel)!r}); import sketchterrain; "
@@ -68,13 +78,10 @@ def test_source_puts_each_include_in_once() -> None:
     assert text.index("inline REAL simplex(") < text.index("inline Ground terrain_at(")
 
 
-def test_unknown_preset_names_those_there_are() -> None:
-    with pytest.raises(InputError, match="no preset 'valley'; there are: alpine_range"):
-        resources.preset("valley")
-
-
 def test_every_preset_has_a_small_picture() -> None:
     for name in resources.preset_names():
         picture = resources.preset_picture(name)
         assert picture.startswith(b"\xff\xd8")
         assert len(picture) < 60_000
+    with pytest.raises(InputError, match="no preset 'valley'; there are: alpine_range"):
+        resources.preset("valley")

@@ -1,4 +1,4 @@
-"""A terrain of a changed recipe keeps what is on the device: to the bit it is one that was never another."""
+"""A terrain updated to a changed recipe has the bits of one built from that recipe."""
 
 from __future__ import annotations
 
@@ -87,12 +87,12 @@ def _heights(terrain: Terrain, rng: np.random.Generator) -> list[np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
 def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(first: Terrain, seed: int) -> None:
     rng = np.random.default_rng(seed)
     terrain = first
     _tiles(terrain)  # what it keeps is there
-    for step in range(8):
+    for step in range(4 if seed == 0 else 8):
         sketch = _changed(terrain.sketch, terrain, rng)
         built, areas = rebuild(terrain, sketch)
         terrain = terrain.after(sketch, built.recipe, areas)
@@ -110,7 +110,7 @@ def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(first: Terrain, seed:
     assert plants[0].tobytes() == plants[1].tobytes()
 
 
-def test_the_one_before_stays_as_it_was(first: Terrain) -> None:
+def test_the_previous_terrain_is_unchanged(first: Terrain) -> None:
     before = _heights(first, np.random.default_rng(2))
     layers = {name: layer.copy() for name, layer in first.sketch.layers.items()}
     _disc(layers["mountain"], 50, 50, 7)
@@ -123,18 +123,16 @@ def test_the_one_before_stays_as_it_was(first: Terrain) -> None:
         np.testing.assert_array_equal(one, two)
 
 
-def test_any_other_terrain_may_come_after(first: Terrain, valley: Terrain) -> None:
-    """Of another extent too; then everything is made anew."""
-    for recipe, sketch in ((valley.recipe, valley.sketch),):
-        areas = changed_areas(first.recipe, recipe)
-        assert areas == [EVERYWHERE]
-        after = first.after(sketch, recipe, areas)
-        assert after.extent == valley.extent
-        x, y = np.random.default_rng(3).uniform(0, valley.extent, (2, 300))
-        np.testing.assert_array_equal(after.heights(x, y), valley.heights(x, y))
+def test_a_terrain_of_another_extent_is_built_anew(first: Terrain, valley: Terrain) -> None:
+    areas = changed_areas(first.recipe, valley.recipe)
+    assert areas == [EVERYWHERE]
+    after = first.after(valley.sketch, valley.recipe, areas)
+    assert after.extent == valley.extent
+    x, y = np.random.default_rng(3).uniform(0, valley.extent, (2, 300))
+    np.testing.assert_array_equal(after.heights(x, y), valley.heights(x, y))
 
 
-def test_what_stays_is_not_uploaded_again(first: Terrain) -> None:
+def test_unchanged_buffers_are_not_uploaded_again(first: Terrain) -> None:
     """A small stroke leaves most of what was gathered, and all of rivers, lakes and octaves."""
     _tiles(first)
     layers = {name: layer.copy() for name, layer in first.sketch.layers.items()}

@@ -1,7 +1,8 @@
-"""Lists of what reaches a block: exactly what comparing every pair gives, in the same order."""
+"""Lists of the features that reach a block equal those of comparing every pair."""
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,34 +25,31 @@ def compared(low, high, reach, blocks):
     return np.nonzero(touch)
 
 
-@pytest.mark.parametrize("far", [0, -(1 << 50), 1 << 50])
-@pytest.mark.parametrize("seed", range(6))
-def test_an_index_finds_what_comparing_finds(seed: int, far: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_index_finds_what_comparing_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sketchterrain.terrain.reach_index._FEW", -1)
-    rng = np.random.default_rng(seed)
-    count, blocks = (int(n) for n in rng.integers(1, (3000, 60)))
-    world = int(2 ** rng.uniform(4, 26))
-    low = rng.integers(-world, world, (count, 2)) + far
-    high = low + rng.integers(0, 1 + world // 50, (count, 2))
-    reach = np.where(rng.random(count) < 0.1, 0.0, 2 ** rng.uniform(-2, np.log2(world), count))
-    corner = rng.integers(-2 * world, 2 * world, (blocks, 2)) + far
-    area = np.concatenate([corner, corner + rng.integers(0, world, (blocks, 2))], axis=1)
-    area[0] = [far - 4 * world, far - 4 * world, far + 4 * world, far + 4 * world]
-    # One that only shares a corner with the first item.
-    area[-1, :2] = area[-1, 2:] = high[0] + int(np.ceil(reach[0]))
-    found = ReachIndex(low, high, reach).touching(area)
-    for one, other in zip(found, compared(low, high, reach, area), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
-def test_an_index_of_nothing_finds_nothing() -> None:
+    for seed, far in itertools.product(range(6), (0, -(1 << 50), 1 << 50)):
+        rng = np.random.default_rng(seed)
+        count, blocks = (int(n) for n in rng.integers(1, (3000, 60)))
+        world = int(2 ** rng.uniform(4, 26))
+        low = rng.integers(-world, world, (count, 2)) + far
+        high = low + rng.integers(0, 1 + world // 50, (count, 2))
+        reach = np.where(rng.random(count) < 0.1, 0.0, 2 ** rng.uniform(-2, np.log2(world), count))
+        corner = rng.integers(-2 * world, 2 * world, (blocks, 2)) + far
+        area = np.concatenate([corner, corner + rng.integers(0, world, (blocks, 2))], axis=1)
+        area[0] = [far - 4 * world, far - 4 * world, far + 4 * world, far + 4 * world]
+        # One that only shares a corner with the first item.
+        area[-1, :2] = area[-1, 2:] = high[0] + int(np.ceil(reach[0]))
+        found = ReachIndex(low, high, reach).touching(area)
+        for one, other in zip(found, compared(low, high, reach, area), strict=True):
+            np.testing.assert_array_equal(one, other, err_msg=f"seed {seed}, far {far}")
+    monkeypatch.undo()
     none = np.zeros((0, 2), np.int64)
     block, item = ReachIndex(none, none, np.zeros(0)).touching(np.zeros((3, 4), np.int64))
     assert block.size == item.size == 0
 
 
-@pytest.mark.parametrize("level", [1, 4, 7, 11])
-def test_sheets_give_the_lists_that_all_features_give(valley: Terrain, level: int) -> None:
+@pytest.mark.parametrize("level", [1, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (4, 11))])
+def test_surroundings_give_the_lists_of_all_features(valley: Terrain, level: int) -> None:
     """The same features for each block, by slot and in the same order, whatever is gathered around it."""
     recipe = valley.recipe
     rng = np.random.default_rng(level)
@@ -79,7 +77,7 @@ def test_sheets_give_the_lists_that_all_features_give(valley: Terrain, level: in
         np.testing.assert_array_equal(np.diff(starts[number]), sizes)
 
 
-def test_sheets_do_not_depend_on_what_was_asked_before(valley: Terrain) -> None:
+def test_surroundings_do_not_depend_on_earlier_queries(valley: Terrain) -> None:
     near = np.array([[1 << 22, 1 << 22, (1 << 22) + (1 << 18), (1 << 22) + (1 << 18)]])
     asked = Surroundings(valley.recipe, valley.context)
     for shift in (-(1 << 25), 1 << 23, 1 << 20):

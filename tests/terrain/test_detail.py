@@ -1,4 +1,4 @@
-"""The bound that a tile gives of its detail holds, and is not much larger than what is there."""
+"""Bounds of a tile's missing detail hold, and are not much larger than the detail."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ def missing(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) -> float:
     return float(np.abs(full - shown).max())
 
 
-@pytest.mark.parametrize("preset", preset_names())
+@pytest.mark.parametrize(
+    "preset",
+    [pytest.param(name, marks=() if name == "valley_river" else pytest.mark.slow) for name in preset_names()],
+)
 def test_full_detail_stays_within_the_bound(preset: str) -> None:
     terrain = opened(preset)
     rng = np.random.default_rng(8)
@@ -69,7 +72,13 @@ def test_full_detail_stays_within_the_bound(preset: str) -> None:
             assert np.median(told) < MOST_TIMES, level
 
 
-@pytest.mark.parametrize("name", [*CASES, "everything"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=() if name in {"eroded", "river", "everything"} else pytest.mark.slow)
+        for name in [*CASES, "everything"]
+    ],
+)
 def test_each_kind_of_feature_stays_within_it(
     name: str, make_recipe: Callable[..., TerrainRecipe], valley: Terrain
 ) -> None:

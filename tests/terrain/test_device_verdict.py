@@ -52,7 +52,11 @@ def probe() -> Any:
     return verdicts._probe(list_devices()[0])
 
 
-@pytest.mark.parametrize("device", KNOWN, ids=lambda d: d.platform)
+@pytest.mark.parametrize(
+    "device",
+    [pytest.param(device, marks=pytest.mark.slow if number else ()) for number, device in enumerate(KNOWN)],
+    ids=lambda d: d.platform,
+)
 def test_known_devices_pass_and_the_verdict_is_cached(device: Any) -> None:
     for compare in (True, False):
         verdict = self_test(device, compare=compare)

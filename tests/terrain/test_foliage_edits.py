@@ -83,9 +83,16 @@ def _others(own: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.array([row.tobytes() not in there for row in own], dtype=bool)
 
 
-@pytest.mark.parametrize("edit", AREAS, ids=lambda edit: edit.__name__.strip("_"))
-@pytest.mark.parametrize("storey", ["woody", "grass"])
-def test_an_edit_changes_what_is_near(
+@pytest.mark.parametrize(
+    ("edit", "storey"),
+    [
+        (_repainted, "woody"),
+        pytest.param(_repainted, "grass", marks=pytest.mark.slow),
+        pytest.param(_moved, "woody", marks=pytest.mark.slow),
+        pytest.param(_moved, "grass", marks=pytest.mark.slow),
+    ],
+)
+def test_an_edit_changes_plants_near_it_alone(
     before: st.Terrain, edit: Callable[[st.Terrain], Sketch], storey: str
 ) -> None:
     after, areas = rebuild(before, edit(before))

@@ -73,34 +73,58 @@ def slack(points: np.ndarray, level: int) -> float:
     return float((apart / (2.0**level * (spacing[first] + spacing[second]) / 2)).min())
 
 
-@pytest.mark.parametrize("levels", [0, 1, 3])
-@pytest.mark.parametrize("origin", PLACES)
-@pytest.mark.parametrize("field", [waves, patches])
+@pytest.mark.parametrize(
+    "cases",
+    [
+        [(waves, FAR, 3), (patches, -77 * METRE - 7, 1)],
+        pytest.param(
+            [
+                (field, origin, levels)
+                for field in (waves, patches)
+                for origin in PLACES
+                for levels in (0, 1, 3)
+            ],
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["two", "all"],
+)
 def test_points_keep_the_mean_of_their_distances(
-    context: ComputeContext, field: Field, origin: int, levels: int
+    context: ComputeContext, cases: list[tuple[Field, int, int]]
 ) -> None:
-    points = sampler(context, field, levels=levels).within(square(origin, 700))
-    assert len(points) > 2000
-    for level in range(levels + 1):
-        assert (points["level"] >= level).sum() > 10
-        assert slack(points, level) >= 1.0
+    for field, origin, levels in cases:
+        points = sampler(context, field, levels=levels).within(square(origin, 700))
+        assert len(points) > 2000
+        for level in range(levels + 1):
+            assert (points["level"] >= level).sum() > 10
+            assert slack(points, level) >= 1.0, (field.__name__, origin, level)
 
 
-@pytest.mark.parametrize(("cuts", "levels"), [(4, 0), (4, 1), (16, 2)])
-@pytest.mark.parametrize("origin", PLACES)
+@pytest.mark.parametrize(
+    "cases",
+    [
+        [(FAR, 4, 1), (-77 * METRE - 7, 4, 2)],
+        pytest.param(
+            [(origin, *case) for origin in PLACES for case in ((4, 0), (4, 1), (16, 2))],
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["two", "all"],
+)
 def test_points_are_a_function_of_the_world(
-    context: ComputeContext, origin: int, cuts: int, levels: int
+    context: ComputeContext, cases: list[tuple[int, int, int]]
 ) -> None:
     """One rectangle, or 16 and 256 tiles in shuffled order: the same points, to the bit."""
-    own = sampler(context, waves, levels=levels)
-    side = 320 * METRE + 13
-    whole = own.within((origin, origin, origin + side, origin + side))
-    edges = [origin + side * i // cuts for i in range(cuts + 1)]
-    tiles = [(i, j) for i in range(cuts) for j in range(cuts)]
-    np.random.default_rng(0).shuffle(tiles)
-    parts = [own.within((edges[i], edges[j], edges[i + 1], edges[j + 1])) for i, j in tiles]
-    together = np.concatenate(parts)
-    np.testing.assert_array_equal(together[np.lexsort((together["x"], together["y"]))], whole)
+    for origin, cuts, levels in cases:
+        own = sampler(context, waves, levels=levels)
+        side = 320 * METRE + 13
+        whole = own.within((origin, origin, origin + side, origin + side))
+        edges = [origin + side * i // cuts for i in range(cuts + 1)]
+        tiles = [(i, j) for i in range(cuts) for j in range(cuts)]
+        np.random.default_rng(0).shuffle(tiles)
+        parts = [own.within((edges[i], edges[j], edges[i + 1], edges[j + 1])) for i, j in tiles]
+        together = np.concatenate(parts)
+        np.testing.assert_array_equal(together[np.lexsort((together["x"], together["y"]))], whole)
 
 
 def test_windows_join_without_a_seam(context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,11 +147,14 @@ def test_a_points_distance_is_that_of_its_place(context: ComputeContext) -> None
     assert points["spacing"].max() <= MOST
 
 
-@pytest.mark.parametrize("metres", [4.0, 7.9, 8.1, 20.0])
-def test_an_even_ground_is_as_full_as_with_one_distance(context: ComputeContext, metres: float) -> None:
-    even = sampler(context, lambda x, y: metres + 0 * x * y, levels=2).within(square(0, 90 * round(metres)))
-    fill = len(even) * metres**2 / (90 * round(metres)) ** 2 / GREATEST_DENSITY
-    assert 0.88 < fill < 1.0
+def test_even_ground_is_as_full_as_with_one_distance(context: ComputeContext) -> None:
+    for metres in (4.0, 7.9, 8.1, 20.0):
+        side = 90 * round(metres)
+        even = sampler(context, lambda x, y, metres=metres: metres + 0 * x * y, levels=2).within(
+            square(0, side)
+        )
+        fill = len(even) * metres**2 / side**2 / GREATEST_DENSITY
+        assert 0.88 < fill < 1.0, metres
 
 
 def test_a_place_with_room_is_taken(context: ComputeContext) -> None:
@@ -145,32 +172,35 @@ def test_a_place_with_room_is_taken(context: ComputeContext) -> None:
     assert free.mean() < 0.01
 
 
-@pytest.mark.parametrize(("least", "most"), [(2, 5), (3500, 7001), (4000, 32_003), (4000, 60_000)])
-def test_the_greatest_distance_has_its_grid(context: ComputeContext, least: int, most: int) -> None:
-    def far(west: int, south: int, east: int, north: int) -> SpacingRaster:
-        first, last = (west // STEP, south // STEP), (-(-east // STEP) + 1, -(-north // STEP) + 1)
-        shape = (last[1] - first[1], last[0] - first[0])
-        return SpacingRaster(first[0] * STEP, first[1] * STEP, STEP, np.full(shape, most, np.float32))
+def test_the_greatest_distance_has_its_grid(context: ComputeContext) -> None:
+    for least, most in ((2, 5), (3500, 7001), (4000, 32_003), (4000, 60_000)):
 
-    own = GradedPoisson(context, far, least=least, most=most, levels=0, seed=1)
-    found = own.within((0, 0, 60 * most, 60 * most))
-    # Rounding to lattice units takes its share of distances of a few of them.
-    assert len(found) > (0.85 if least > 100 else 0.4) * GREATEST_DENSITY * 60**2
+        def far(west: int, south: int, east: int, north: int, most: int = most) -> SpacingRaster:
+            first, last = (west // STEP, south // STEP), (-(-east // STEP) + 1, -(-north // STEP) + 1)
+            shape = (last[1] - first[1], last[0] - first[0])
+            return SpacingRaster(first[0] * STEP, first[1] * STEP, STEP, np.full(shape, most, np.float32))
+
+        own = GradedPoisson(context, far, least=least, most=most, levels=0, seed=1)
+        found = own.within((0, 0, 60 * most, 60 * most))
+        # Rounding to lattice units takes its share of distances of a few of them.
+        assert len(found) > (0.85 if least > 100 else 0.4) * GREATEST_DENSITY * 60**2, (least, most)
 
 
-@pytest.mark.parametrize("byte", [0x00, 0x60, 0x7E, 0xFF])
-def test_what_stood_in_memory_decides_nothing(
-    context: ComputeContext, byte: int, monkeypatch: pytest.MonkeyPatch
+def test_the_content_of_new_buffers_changes_nothing(
+    context: ComputeContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     area = square(0, 300)
     expected = sampler(context, waves).within(area)
+    for byte in (0x00, 0x60, 0x7E, 0xFF):
 
-    def dirty(shape: tuple[int, ...] | int, dtype: object) -> object:
-        size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-        return context.upload(np.full(size, byte, np.uint8), writable=True)
+        def dirty(shape: tuple[int, ...] | int, dtype: object, byte: int = byte) -> object:
+            size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+            return context.upload(np.full(size, byte, np.uint8), writable=True)
 
-    monkeypatch.setattr(context, "empty", dirty)
-    np.testing.assert_array_equal(sampler(context, waves).within(area), expected)
+        with monkeypatch.context() as patch:
+            patch.setattr(context, "empty", dirty)
+            found = sampler(context, waves).within(area)
+        np.testing.assert_array_equal(found, expected, err_msg=hex(byte))
 
 
 def test_nothing_stands_where_the_distance_is_more_than_the_greatest(context: ComputeContext) -> None:
@@ -189,44 +219,41 @@ def test_thin_places_have_fewer_levels(context: ComputeContext) -> None:
     assert points["level"][points["spacing"] > 32.1 * METRE].max() == 0
 
 
-def test_degenerate_areas(context: ComputeContext) -> None:
+def test_degenerate_areas_and_refused_ranges(context: ComputeContext) -> None:
     own = sampler(context, waves)
     assert len(own.within((5, 5, 5, 9))) == 0
     assert len(own.within((9, 9, 5, 5))) == 0
     assert len(own.within((0, 0, 10, 10))) <= 1
+    for least, most, levels in (
+        (0, 10, 1),
+        (-5, 10, 1),
+        (20, 10, 1),
+        (4, 4 << 20, 1),
+        (4, 8, 40),
+        (4, 8, -1),
+        (math.nan, MOST, 1),
+        (math.inf, MOST, 1),
+    ):
+        with pytest.raises(InputError, match="distances"):
+            GradedPoisson(context, raster_of(waves), least=least, most=most, levels=levels, seed=1)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("least", "most", "levels"),
-    [(0, 10, 1), (-5, 10, 1), (20, 10, 1), (4, 4 << 20, 1), (4, 8, 40), (4, 8, -1)],
-)
-def test_ranges_that_are_none(context: ComputeContext, least: int, most: int, levels: int) -> None:
-    with pytest.raises(InputError, match="distances"):
-        GradedPoisson(context, raster_of(waves), least=least, most=most, levels=levels, seed=1)
+def test_the_raster_is_queried_no_farther_than_the_reach(context: ComputeContext) -> None:
+    for metres, levels in ((0, 0), (1, 3), (90, 1), (3000, 3)):
+        asked = []
 
+        def recorded(
+            west: int, south: int, east: int, north: int, asked: list[tuple[int, ...]] = asked
+        ) -> SpacingRaster:
+            asked.append((west, south, east, north))
+            return raster_of(waves)(west, south, east, north)
 
-@pytest.mark.parametrize("least", [math.nan, math.inf])
-def test_a_distance_that_is_no_number(context: ComputeContext, least: float) -> None:
-    with pytest.raises(InputError, match="distances"):
-        GradedPoisson(context, raster_of(waves), least=least, most=MOST, levels=1, seed=1)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(("metres", "levels"), [(0, 0), (1, 3), (90, 1), (3000, 3)])
-def test_the_raster_is_asked_for_no_farther_than_said(
-    context: ComputeContext, metres: int, levels: int
-) -> None:
-    asked = []
-
-    def told(west: int, south: int, east: int, north: int) -> SpacingRaster:
-        asked.append((west, south, east, north))
-        return raster_of(waves)(west, south, east, north)
-
-    own = GradedPoisson(context, told, least=LEAST, most=MOST, levels=levels, seed=1)
-    area = (-7, 11, metres * METRE + 1, metres * METRE + 12)
-    own.within(area)
-    low, high = np.min(asked, axis=0)[:2], np.max(asked, axis=0)[2:]
-    far = max(*(np.array(area[:2]) - low), *(high - np.array(area[2:])))
-    assert 0.9 * own.reach < far <= own.reach
+        own = GradedPoisson(context, recorded, least=LEAST, most=MOST, levels=levels, seed=1)
+        area = (-7, 11, metres * METRE + 1, metres * METRE + 12)
+        own.within(area)
+        low, high = np.min(asked, axis=0)[:2], np.max(asked, axis=0)[2:]
+        far = max(*(np.array(area[:2]) - low), *(high - np.array(area[2:])))
+        assert 0.9 * own.reach < far <= own.reach, (metres, levels)
 
 
 def test_two_runs_may_be_under_way_at_once(context: ComputeContext) -> None:

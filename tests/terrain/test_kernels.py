@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
 from sketchterrain.features.crests import crests
 from sketchterrain.terrain.evaluation import MASKS, Evaluator
@@ -19,11 +18,13 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import TerrainRecipe
+    from sketchterrain.terrain.reference import ReferenceGround
 
 # float32 carries 7 digits; the steepest profile multiplies a distance's error by height / radius.
 HEIGHT_TOLERANCE_M = 3e-3
 MASK_TOLERANCE = 2e-5
 CELLS = (0.0, 8.0, 64.0)
+_EXPECTED: dict[tuple[str, float], ReferenceGround] = {}
 WET = {"river": "water", "lake": "water", "eroded": "mountain", "crest": "mountain"}
 
 
@@ -32,39 +33,41 @@ def places(count: int = 4000, *, far: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return rng.integers(0, 1 << 24, count) + far, rng.integers(0, 1 << 24, count) - far
 
 
-@pytest.mark.parametrize("cell_size", CELLS)
+def expected_ground(case: tuple[str, TerrainRecipe], cell_size: float) -> ReferenceGround:
+    """The reference at `places()`, evaluated once a case and cell size."""
+    name, recipe = case
+    if (name, cell_size) not in _EXPECTED:
+        _EXPECTED[name, cell_size] = reference_ground(recipe, *places(), cell_size=cell_size)
+    return _EXPECTED[name, cell_size]
+
+
 def test_float_kernel_agrees_with_numpy_float64(
-    case: tuple[str, TerrainRecipe], cell_size: float, context: ComputeContext
+    case: tuple[str, TerrainRecipe], context: ComputeContext
 ) -> None:
-    _, recipe = case
-    x, y = places()
-    height, masks = Evaluator(recipe, context).points(x, y, cell_size=cell_size)
-    expected = reference_ground(recipe, x, y, cell_size=cell_size)
-    np.testing.assert_allclose(height, expected.height, atol=HEIGHT_TOLERANCE_M, rtol=0)
-    for number, mask in enumerate(MASKS):
-        np.testing.assert_allclose(masks[:, number], getattr(expected, mask), atol=MASK_TOLERANCE, rtol=0)
+    name, recipe = case
+    for cell_size in CELLS:
+        height, masks = Evaluator(recipe, context).points(*places(), cell_size=cell_size)
+        expected = expected_ground(case, cell_size)
+        np.testing.assert_allclose(height, expected.height, atol=HEIGHT_TOLERANCE_M, rtol=0)
+        for number, mask in enumerate(MASKS):
+            np.testing.assert_allclose(masks[:, number], getattr(expected, mask), atol=MASK_TOLERANCE, rtol=0)
+    # Each case reaches its branch.
+    _, masks = Evaluator(recipe, context).points(*places(), cell_size=4.0)
+    reached = dict(zip(MASKS, (masks > 0.5).sum(axis=0) > 20, strict=True))
+    assert reached == {mask: mask == WET.get(name, name) for mask in MASKS}
 
 
-@pytest.mark.parametrize("cell_size", CELLS)
 def test_double_kernel_is_the_numpy_reference(
-    case: tuple[str, TerrainRecipe], cell_size: float, double_context: ComputeContext
+    case: tuple[str, TerrainRecipe], double_context: ComputeContext
 ) -> None:
     """Two independent writings of the same formulas agree, up to the fixed-point fraction's 24 bits."""
     _, recipe = case
-    x, y = places()
-    height, masks = Evaluator(recipe, double_context).points(x, y, cell_size=cell_size)
-    expected = reference_ground(recipe, x, y, cell_size=cell_size)
-    np.testing.assert_allclose(height, expected.height, atol=2e-4, rtol=0)
-    for number, mask in enumerate(MASKS):
-        np.testing.assert_allclose(masks[:, number], getattr(expected, mask), atol=2e-6, rtol=0)
-
-
-def test_each_case_reaches_its_branch(case: tuple[str, TerrainRecipe], context: ComputeContext) -> None:
-    name, recipe = case
-    x, y = places()
-    _, masks = Evaluator(recipe, context).points(x, y, cell_size=4.0)
-    reached = dict(zip(MASKS, (masks > 0.5).sum(axis=0) > 20, strict=True))
-    assert reached == {mask: mask == WET.get(name, name) for mask in MASKS}
+    for cell_size in CELLS:
+        height, masks = Evaluator(recipe, double_context).points(*places(), cell_size=cell_size)
+        expected = expected_ground(case, cell_size)
+        np.testing.assert_allclose(height, expected.height, atol=2e-4, rtol=0)
+        for number, mask in enumerate(MASKS):
+            np.testing.assert_allclose(masks[:, number], getattr(expected, mask), atol=2e-6, rtol=0)
 
 
 def test_far_from_the_origin_it_is_as_exact_as_near(

@@ -30,12 +30,15 @@ def nearest(points: np.ndarray) -> float:
     return float(apart[:, 1].min())
 
 
-@pytest.mark.parametrize("origin", PLACES)
-def test_points_keep_their_distance(context: ComputeContext, origin: int) -> None:
+def test_points_keep_their_distance(context: ComputeContext) -> None:
     side = 150 * RADIUS
-    points = poisson_disk(context, (origin, -origin, origin + side, side - origin), RADIUS, seed=1)
-    assert nearest(points) >= RADIUS
-    assert len(points) / 150**2 > 0.9 * GREATEST_DENSITY
+    for origin in PLACES:
+        points = poisson_disk(context, (origin, -origin, origin + side, side - origin), RADIUS, seed=1)
+        assert nearest(points) >= RADIUS, origin
+        assert len(points) / 150**2 > 0.9 * GREATEST_DENSITY, origin
+    points = poisson_disk(context, (-200, -200, 200, 200), 2, seed=1)
+    assert len(points) > 1000
+    assert nearest(points) >= 2
 
 
 @pytest.mark.slow
@@ -49,22 +52,29 @@ def test_ten_million_points_keep_their_distance(context: ComputeContext) -> None
     assert nearest(points) >= RADIUS
 
 
-@pytest.mark.parametrize("cuts", [1, 4, 16])
-@pytest.mark.parametrize("origin", PLACES)
-def test_points_are_a_function_of_the_world(context: ComputeContext, origin: int, cuts: int) -> None:
+@pytest.mark.parametrize(
+    "cases",
+    [
+        [(-RADIUS * 777 - 7, 4), (FAR, 16)],
+        pytest.param([(origin, cuts) for origin in PLACES for cuts in (1, 4, 16)], marks=pytest.mark.slow),
+    ],
+    ids=["two", "all"],
+)
+def test_points_are_a_function_of_the_world(context: ComputeContext, cases: list[tuple[int, int]]) -> None:
     """One rectangle, or 1, 16 and 256 tiles in shuffled order: the same points."""
     side = 96 * RADIUS + 13
     disk = PoissonDisk(context, RADIUS, seed=3, trials=16, levels=1)
-    whole = disk.within((origin, origin, origin + side, origin + side))
-    edges = [origin + side * i // cuts for i in range(cuts + 1)]
-    tiles = [(i, j) for i in range(cuts) for j in range(cuts)]
-    np.random.default_rng(0).shuffle(tiles)
-    parts = [disk.within((edges[i], edges[j], edges[i + 1], edges[j + 1])) for i, j in tiles]
-    rows = [np.column_stack([each.position, each.level]) for each in (whole, *parts)]
-    together = np.concatenate(rows[1:])
-    np.testing.assert_array_equal(
-        together[np.lexsort(together.T)], rows[0][np.lexsort(rows[0].T)], strict=True
-    )
+    for origin, cuts in cases:
+        whole = disk.within((origin, origin, origin + side, origin + side))
+        edges = [origin + side * i // cuts for i in range(cuts + 1)]
+        tiles = [(i, j) for i in range(cuts) for j in range(cuts)]
+        np.random.default_rng(0).shuffle(tiles)
+        parts = [disk.within((edges[i], edges[j], edges[i + 1], edges[j + 1])) for i, j in tiles]
+        rows = [np.column_stack([each.position, each.level]) for each in (whole, *parts)]
+        together = np.concatenate(rows[1:])
+        np.testing.assert_array_equal(
+            together[np.lexsort(together.T)], rows[0][np.lexsort(rows[0].T)], strict=True
+        )
 
 
 def test_windows_join_without_a_seam_and_in_order(
@@ -146,12 +156,12 @@ def _cell_hash(column: np.ndarray, row: np.ndarray, salt: np.uint32) -> np.ndarr
     return _mixed(_mixed(h ^ low) ^ high)
 
 
-@pytest.mark.parametrize("trials", range(1, 80))
-def test_a_schedule_throws_all_its_darts_once(trials: int) -> None:
-    rounds = schedule(trials)
-    assert sum(tries for _, tries in rounds) == trials
-    assert [start for start, _ in rounds] == [sum(t for _, t in rounds[:i]) for i in range(len(rounds))]
-    assert all(tries in (1, 2) or tries % 4 == 0 for _, tries in rounds)
+def test_a_schedule_throws_all_its_darts_once() -> None:
+    for trials in range(1, 80):
+        rounds = schedule(trials)
+        assert sum(tries for _, tries in rounds) == trials
+        assert [start for start, _ in rounds] == [sum(t for _, t in rounds[:i]) for i in range(len(rounds))]
+        assert all(tries in (1, 2) or tries % 4 == 0 for _, tries in rounds), trials
 
 
 def test_degenerate_rectangles(context: ComputeContext) -> None:
@@ -162,25 +172,13 @@ def test_degenerate_rectangles(context: ComputeContext) -> None:
     assert len(poisson_disk(context, (0, 0, 5000, 5000), 1 << 40, seed=1)) <= 1
 
 
-@pytest.mark.parametrize("radius", [0, -5, 1, math.nan, math.inf])
-def test_a_distance_that_is_none(context: ComputeContext, radius: float) -> None:
-    with pytest.raises(InputError, match=r"distance between points must be .* lattice units, not"):
-        poisson_disk(context, (0, 0, 10, 10), radius, seed=1)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("option", [{"trials": 0}, {"trials": 256}, {"levels": -1}, {"levels": 13}])
-def test_options_out_of_range(context: ComputeContext, option: dict[str, int]) -> None:
-    with pytest.raises(InputError, match="must be"):
-        poisson_disk(context, (0, 0, 10, 10), 900, seed=1, **option)
-
-
-def test_small_distances_are_kept_too(context: ComputeContext) -> None:
-    points = poisson_disk(context, (-200, -200, 200, 200), 2, seed=1)
-    assert len(points) > 1000
-    assert nearest(points) >= 2
-
-
-def test_too_many_points_are_refused_with_the_figure(context: ComputeContext) -> None:
+def test_refused_distances_options_and_sizes(context: ComputeContext) -> None:
+    for radius in (0, -5, 1, math.nan, math.inf):
+        with pytest.raises(InputError, match=r"distance between points must be .* lattice units, not"):
+            poisson_disk(context, (0, 0, 10, 10), radius, seed=1)  # type: ignore[arg-type]
+    for option in ({"trials": 0}, {"trials": 256}, {"levels": -1}, {"levels": 13}):
+        with pytest.raises(InputError, match="must be"):
+            poisson_disk(context, (0, 0, 10, 10), 900, seed=1, **option)
     side = math.isqrt(round(1e8 / GREATEST_DENSITY)) * RADIUS
     with pytest.raises(InputError, match=r"about 1e\+08 points \(3\.\d GiB\); at most 40000000 fit"):
         poisson_disk(context, (0, 0, side, side), RADIUS, seed=1)

@@ -1,11 +1,7 @@
-"""Random tiles over twelve levels: each agrees with its neighbours and carries what its parent holds.
-
-A few on each device and preset; ``make soak`` sets ``SOAK_TILES`` to 10,000 a device.
-"""
+"""Random tiles over twelve levels: each agrees with its neighbours and carries what its parent holds."""
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
@@ -23,8 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Terrain
 
 LEVELS = range(1, 13)
-TILES = int(os.environ.get("SOAK_TILES", "96"))
-"""A device, over all presets and levels."""
 FAR = 1e7  # m
 AT_ONCE = 96
 
@@ -68,16 +62,29 @@ def check(tile: st.Tile, beside: st.Tile, over: st.Tile) -> None:
     np.testing.assert_array_equal(tile.parent_normal[::2, ::2], over.normal[rows, columns])
 
 
+@pytest.mark.parametrize(
+    ("tiles", "devices"),
+    [
+        (48, range(1)),
+        pytest.param(192, range(len(list_devices())), marks=pytest.mark.slow),
+        pytest.param(10_000, range(len(list_devices())), marks=pytest.mark.soak),
+    ],
+    ids=["48 tiles", "192 tiles", "10,000 tiles"],
+)
 @pytest.mark.parametrize("preset", preset_names())
-@pytest.mark.parametrize("device", range(len(list_devices())))
-def test_tiles_agree_with_their_neighbours_and_parents(device: int, preset: str) -> None:
-    terrain = opened(device, preset)
+def test_tiles_agree_with_their_neighbours_and_parents(tiles: int, devices: range, preset: str) -> None:
+    """So many tiles a device, over all presets and levels."""
+    for device in devices:
+        check_tiles(opened(device, preset), preset, tiles)
+
+
+def check_tiles(terrain: Terrain, preset: str, tiles: int) -> None:
     rng = np.random.default_rng([list(preset_names()).index(preset), 4])
-    each = -(-TILES // (len(preset_names()) * len(LEVELS)))
+    each = -(-tiles // (len(preset_names()) * len(LEVELS)))
     for level in LEVELS:
-        tiles = drawn(terrain, level, each, rng)
+        chosen = drawn(terrain, level, each, rng)
         for first in range(0, each, AT_ONCE):
-            part = tiles[first : first + AT_ONCE]
+            part = chosen[first : first + AT_ONCE]
             keys = [key for one in part for key in (one.key, one.beside, one.over)]
             found = terrain.tiles(keys)
             for number in range(len(part)):

@@ -1,4 +1,4 @@
-"""Rivers and lakes as they stand in the terrain: beds never rise, banks hold, valleys cut mountains."""
+"""Rivers and lakes in the terrain: beds never rise, banks hold, valleys cut mountains."""
 
 from __future__ import annotations
 
@@ -129,7 +129,14 @@ def random_sketch(seed: int) -> Sketch:
     )
 
 
-@pytest.mark.parametrize("name", ["valley_river", "alpine_range", "rolling_hills"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "valley_river",
+        pytest.param("alpine_range", marks=pytest.mark.slow),
+        pytest.param("rolling_hills", marks=pytest.mark.slow),
+    ],
+)
 def test_in_the_presets_no_bed_rises_and_every_bank_holds(name: str, context: ComputeContext) -> None:
     terrain = build(load_sketch(name), device=context)
     assert terrain.recipe.rivers
@@ -139,7 +146,13 @@ def test_in_the_presets_no_bed_rises_and_every_bank_holds(name: str, context: Co
 
 
 # The last ones failed once: beds at joints and in sharp bends, water beside lakes and in sharp bends.
-@pytest.mark.parametrize("seed", [*range(40), 100, 115, 130, 172, 175, 205, 287])
+@pytest.mark.parametrize(
+    "seed",
+    [
+        pytest.param(seed, marks=() if seed in {0, 1, 2, 115, 205} else pytest.mark.slow)
+        for seed in [*range(40), 100, 115, 130, 172, 175, 205, 287]
+    ],
+)
 def test_no_bed_rises_and_every_bank_holds(seed: int, context: ComputeContext) -> None:
     terrain = build(random_sketch(seed), device=context)
     for river in terrain.recipe.rivers:
@@ -147,10 +160,14 @@ def test_no_bed_rises_and_every_bank_holds(seed: int, context: ComputeContext) -
         assert lowest_bank(terrain, river) > 0
 
 
-@pytest.mark.parametrize("batch", range(10))
-def test_a_river_across_a_mountain_runs_below_the_straight_line(batch: int, context: ComputeContext) -> None:
-    """In ten random poses each: the bed between where it enters and leaves is not above the line between."""
-    for pose in range(10 * batch, 10 * batch + 10):
+@pytest.mark.parametrize(
+    "poses", [range(4), pytest.param(range(4, 100), marks=pytest.mark.slow)], ids=["few", "others"]
+)
+def test_a_river_across_a_mountain_runs_below_the_straight_line(
+    poses: range, context: ComputeContext
+) -> None:
+    """In random poses: the bed between where it enters and leaves is not above the line between."""
+    for pose in poses:
         rng = np.random.default_rng(pose)
         centre, angle = rng.uniform(0.4, 0.6, 2) * SIDE, rng.uniform(0, np.pi)
         radius, offset = rng.uniform(0.1, 0.2) * SIDE, rng.uniform(-0.08, 0.08) * SIDE

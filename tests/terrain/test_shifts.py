@@ -124,7 +124,10 @@ def compare(
     assert all(np.ptp(part) > 0 for part in one)
 
 
-@pytest.mark.parametrize("shift", SHIFTS)
+@pytest.mark.parametrize(
+    "shift",
+    [SHIFTS[1], SHIFTS[3], *(pytest.param(SHIFTS[n], marks=pytest.mark.slow) for n in (0, 2, 4))],
+)
 def test_a_shifted_recipe_is_the_same_terrain(
     shift: Shift, make_recipe: Any, shift_noise: Any, context: ComputeContext
 ) -> None:
@@ -132,7 +135,9 @@ def test_a_shifted_recipe_is_the_same_terrain(
     compare(everything(make_recipe, "hill", "mountain", "forest"), shift, shift_noise, context)
 
 
-@pytest.mark.parametrize("shift", [(PERIOD, 0), (19 * PERIOD, -20 * PERIOD)])
+@pytest.mark.parametrize(
+    "shift", [(19 * PERIOD, -20 * PERIOD), pytest.param((PERIOD, 0), marks=pytest.mark.slow)]
+)
 def test_dunes_shift_by_their_periods(
     shift: Shift, make_recipe: Any, shift_noise: Any, context: ComputeContext
 ) -> None:

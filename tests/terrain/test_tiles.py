@@ -1,4 +1,4 @@
-"""A terrain is one function of place and cell size, whatever it is asked through."""
+"""Tiles, rasters and single heights: one function of place and cell size."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def vertices(tile: st.Tile) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_neighbours_share_border_vertices(valley: st.Terrain) -> None:
-    """Heights, normals and materials of 200 random pairs, bit for bit."""
+    """Heights, normals, materials and parents of 200 random pairs, bit for bit."""
     rng = np.random.default_rng(9)
     for level in (2, 4, 7, 10, 13):
         span = 2**level
@@ -36,31 +36,31 @@ def test_neighbours_share_border_vertices(valley: st.Terrain) -> None:
         keys = [(level, int(c), int(r)) for c, r in zip(columns, rows, strict=True)]
         beside = [(level, c + int(s), r + 1 - int(s)) for (_, c, r), s in zip(keys, sides, strict=True)]
         for one, two, east in zip(valley.tiles(keys), valley.tiles(beside), sides, strict=True):
-            for name in ("height", "normal", "materials"):
+            for name in ("height", "normal", "materials", "parent_height", "parent_normal"):
                 a, b = getattr(one, name), getattr(two, name)
                 shared = (a[:, -1], b[:, 0]) if east else (a[0], b[-1])
                 np.testing.assert_array_equal(*shared)
 
 
-@pytest.mark.parametrize("level", [-3, 0, 3, 6, 9, 12, 16, 18])
-def test_heights_at_a_tiles_vertices_are_the_tiles(valley: st.Terrain, level: int) -> None:
-    key = (level, int(0.55 * 2.0**level), int(0.47 * 2.0**level))
-    tile = valley.tile(*key)
-    np.testing.assert_array_equal(valley.heights(*vertices(tile), cell_size=tile.cell_size), tile.height)
+def test_heights_at_a_tiles_vertices_are_the_tiles(valley: st.Terrain) -> None:
+    for level in (-3, 0, 3, 6, 9, 12, 16, 18):
+        tile = valley.tile(level, int(0.55 * 2.0**level), int(0.47 * 2.0**level))
+        heights = valley.heights(*vertices(tile), cell_size=tile.cell_size)
+        np.testing.assert_array_equal(heights, tile.height, err_msg=str(level))
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_one_vertex_is_one_value(valley: st.Terrain, level: int) -> None:
+def test_one_vertex_is_one_value(valley: st.Terrain) -> None:
     """Through its four tiles, and through heights alone."""
-    column, row = 2**level // 2 + (level > 2), 2**level // 3
-    tiles = valley.tiles([(level, column - i, row - j) for j in (0, 1) for i in (0, 1)])
-    corner = [
-        tile.height[0 if j else -1, -1 if i else 0]
-        for tile, (j, i) in zip(tiles, np.ndindex(2, 2), strict=True)
-    ]
-    x, y = tiles[0].bounds[:2]
-    alone = valley.heights(x, y, cell_size=tiles[0].cell_size)
-    assert {float(z) for z in corner} == {float(alone)}
+    for level in LEVELS:
+        column, row = 2**level // 2 + (level > 2), 2**level // 3
+        tiles = valley.tiles([(level, column - i, row - j) for j in (0, 1) for i in (0, 1)])
+        corner = [
+            tile.height[0 if j else -1, -1 if i else 0]
+            for tile, (j, i) in zip(tiles, np.ndindex(2, 2), strict=True)
+        ]
+        x, y = tiles[0].bounds[:2]
+        alone = valley.heights(x, y, cell_size=tiles[0].cell_size)
+        assert {float(z) for z in corner} == {float(alone)}, level
 
 
 def test_culling_changes_no_bit(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,14 +96,14 @@ def test_raster_is_the_tiles(valley: st.Terrain) -> None:
     np.testing.assert_array_equal(raster.materials[64:129, 64:129], tile.materials)
 
 
-@pytest.mark.parametrize("size", [2, 3, 64, 65, 66, 100, 130])
-def test_raster_of_any_size(valley: st.Terrain, size: int) -> None:
-    raster = valley.raster(size)
-    assert raster.height.shape == (size, size)
-    x = np.linspace(0, valley.size[0], size)
-    y = np.linspace(valley.size[1], 0, size)
-    cell = valley.extent / (size - 1)
-    np.testing.assert_array_equal(raster.height, valley.heights(x, y[:, None], cell_size=cell))
+def test_raster_of_any_size(valley: st.Terrain) -> None:
+    for size in (2, 3, 64, 65, 66, 100, 130):
+        raster = valley.raster(size)
+        assert raster.height.shape == (size, size)
+        x = np.linspace(0, valley.size[0], size)
+        y = np.linspace(valley.size[1], 0, size)
+        heights = valley.heights(x, y[:, None], cell_size=valley.extent / (size - 1))
+        np.testing.assert_array_equal(raster.height, heights, err_msg=str(size))
 
 
 def test_normals_and_materials_are_well_formed(valley: st.Terrain, desert: st.Terrain) -> None:
@@ -143,32 +143,32 @@ def test_the_world_goes_on_outside_the_sketch(valley: st.Terrain) -> None:
     heights = valley.heights(np.linspace(-2e5, -1e5, 2000), np.linspace(3e5, 1e5, 2000), cell_size=20)
     assert heights.max() - heights.min() > 60
     assert np.isfinite(heights).all()
+    for level in (-12, -8, -5):
+        tile = valley.tile(level, 0, -1)
+        assert np.isfinite(tile.height).all(), level
+        assert np.abs(tile.height).max() < 1000, level
 
 
-@pytest.mark.parametrize("x", [np.nan, np.inf, 1e30])
-def test_positions_must_be_somewhere(valley: st.Terrain, x: float) -> None:
-    with pytest.raises(InputError, match="finite and within"):
-        valley.heights(x, 0.0)
-
-
-def test_bad_questions(valley: st.Terrain) -> None:
+def test_refused_queries(valley: st.Terrain) -> None:
+    for x in (np.nan, np.inf, 1e30):
+        with pytest.raises(InputError, match="finite and within"):
+            valley.heights(x, 0.0)
     with pytest.raises(InputError, match="cell_size"):
         valley.heights(0.0, 0.0, cell_size=-1)
     with pytest.raises(InputError, match="level must be -12 … 18, not 19"):
         valley.tile(19, 0, 0)
     with pytest.raises(InputError, match="at least 2"):
         valley.raster(1)
+    store = valley.tile_store(4)
+    for slots in ([0], [1, 1], [0, 4], [-1, 0]):
+        with pytest.raises(InputError, match="slots"):
+            valley.fill_tiles([(3, 0, 0), (3, 1, 0)], store, slots)
     assert valley.heights(np.zeros(0), np.zeros(0)).shape == (0,)
 
 
-@pytest.mark.parametrize("level", [-12, -8, -5])
-def test_very_coarse_tiles_are_quick_and_finite(valley: st.Terrain, level: int) -> None:
-    tile = valley.tile(level, 0, -1)
-    assert np.isfinite(tile.height).all()
-    assert np.abs(tile.height).max() < 1000
-
-
-@pytest.mark.parametrize("level", [-12, -3, 0, 2, 5, 9, 13, 18])
+@pytest.mark.parametrize(
+    "level", [-12, 0, 5, 13, *(pytest.param(n, marks=pytest.mark.slow) for n in (-3, 2, 9, 18))]
+)
 def test_a_tile_carries_its_parent(valley: st.Terrain, level: int) -> None:
     """Bit-equal where they share vertices; between them half the sum along an edge or the diagonal."""
     half = QUADS // 2
@@ -193,14 +193,8 @@ def test_a_tile_carries_its_parent(valley: st.Terrain, level: int) -> None:
         np.testing.assert_allclose(np.linalg.norm(tile.parent_normal, axis=-1), 1, atol=1e-6)
 
 
-def test_neighbours_parents_agree(valley: st.Terrain) -> None:
-    one, two = valley.tiles([(7, 50, 61), (7, 51, 61)])
-    np.testing.assert_array_equal(one.parent_height[:, -1], two.parent_height[:, 0])
-    np.testing.assert_array_equal(one.parent_normal[:, -1], two.parent_normal[:, 0])
-
-
 @pytest.mark.parametrize("level", [4, 9])
-def test_either_way_to_tell_places_gives_the_same_bits(
+def test_32_and_64_bit_positions_give_the_same_bits(
     valley: st.Terrain, level: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Positions in 32 bits from a tile's corner, and in 64 bits from the origin."""
@@ -232,13 +226,6 @@ def test_tiles_are_filled_where_they_live(valley: st.Terrain) -> None:
         np.testing.assert_array_equal(filled["parent"][slot, ..., 3], tile.parent_height)
         np.testing.assert_array_equal(filled["parent"][slot, ..., :3], tile.parent_normal)
     assert all(np.isnan(part[[1, 4, 5, 8]]).all() for part in filled.values())
-
-
-@pytest.mark.parametrize("slots", [[0], [1, 1], [0, 4], [-1, 0]])
-def test_each_tile_needs_a_slot_of_its_own(valley: st.Terrain, slots: list[int]) -> None:
-    store = valley.tile_store(4)
-    with pytest.raises(InputError, match="slots"):
-        valley.fill_tiles([(3, 0, 0), (3, 1, 0)], store, slots)
 
 
 @pytest.mark.parametrize("bare", [False, True])

@@ -1,4 +1,4 @@
-"""Packed vertices as OpenGL draws them: the tiles' values, the parents' gathered, what is known of a tile."""
+"""Packed vertices of tiles: their values, those of their parents, and the facts of each tile."""
 
 from __future__ import annotations
 
@@ -136,34 +136,23 @@ def test_tiles_of_any_size(valley: st.Terrain, quads: int) -> None:
         valley.write_tiles([(finest + 1, 5, 5)], [1], [-1], store)
 
 
-@pytest.mark.parametrize(
-    ("slots", "parents"),
-    [
+def test_refused_slots_parents_and_stores(valley: st.Terrain) -> None:
+    store = valley.vertex_store(4)
+    for slots, parents in (
         ([0], [-1]),
         ([1, 1], [-1, -1]),
         ([0, 4], [-1, -1]),
         ([0, 1], [-2, -1]),
         ([0, 1], [4, -1]),
         ([0, 1], [-1]),
-    ],
-)
-def test_each_tile_needs_a_slot_and_a_parent(
-    valley: st.Terrain, slots: list[int], parents: list[int]
-) -> None:
-    store = valley.vertex_store(4)
-    with pytest.raises(InputError, match="slot"):
-        valley.write_tiles([(3, 0, 0), (3, 1, 0)], slots, parents, store)
-
-
-def test_bad_stores(valley: st.Terrain) -> None:
+    ):
+        with pytest.raises(InputError, match="slot"):
+            valley.write_tiles([(3, 0, 0), (3, 1, 0)], slots, parents, store)
     with pytest.raises(InputError, match="quads must be one of 32, 64, 128, 256, not 48"):
         valley.vertex_store(4, quads=48)
     with pytest.raises(InputError, match="at least 1 slot"):
         valley.vertex_store(0)
-
-
-def test_nothing_to_write(valley: st.Terrain) -> None:
-    assert valley.write_tiles([], [], [], valley.vertex_store(1)).shape == (0,)
+    assert valley.write_tiles([], [], [], store).shape == (0,)
 
 
 def test_the_error_is_what_a_close_look_finds(valley: st.Terrain) -> None:
@@ -195,7 +184,9 @@ def test_the_error_is_what_a_close_look_finds(valley: st.Terrain) -> None:
     assert np.percentile(worst, 90) < 4.0
 
 
-@pytest.mark.parametrize("quads", TILE_QUADS)
+@pytest.mark.parametrize(
+    "quads", [pytest.param(n, marks=() if n in {64, 256} else pytest.mark.slow) for n in TILE_QUADS]
+)
 def test_squares_are_the_same_as_the_whole(
     valley: st.Terrain, quads: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,7 +231,7 @@ def test_every_level_has_an_error(valley: st.Terrain) -> None:
     assert np.abs(facts["high"]).max() < 2000
 
 
-def test_heights_that_are_no_numbers_end_it(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_non_finite_heights_are_an_error(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
     store = valley.vertex_store(2)
     valley.write_tiles([(4, 3, 3)], [0], [-1], store)
     bad = np.zeros(store.nbytes // 4, np.float32)

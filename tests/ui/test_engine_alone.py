@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import socket
 import threading
+from typing import ClassVar
 
 import numpy as np
 import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.errors import DeviceFailedError
-from sketchterrain.sketch import Sketch
+from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.terrain.changes import EVERYWHERE
+from sketchterrain.ui.engine import link as link_module
 from sketchterrain.ui.engine.channel import Channel, pickled
 from sketchterrain.ui.engine.engine import Engine
+from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.jobs import Jobs
 from sketchterrain.ui.engine.land import Land
-from sketchterrain.ui.engine.messages import Adherence, EngineFacts, Picked, Relief, Trouble
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.messages import Adherence, EngineFacts, Picked, Relief, Trouble, Working
 from sketchterrain.ui.engine.mirror import settings_of
 from sketchterrain.ui.engine.orders import (
     LayerPatch,
@@ -28,7 +32,7 @@ from sketchterrain.ui.engine.orders import (
     TakePicture,
     Turn,
 )
-from sketchterrain.ui.engine.plan import Followed, Plan
+from sketchterrain.ui.engine.plan import Coming, Followed, PictureWritten, Plan, StillPlaced, StillRelief
 
 
 class Around:
@@ -202,3 +206,98 @@ def test_it_ends_when_the_window_is_gone():
     assert not around.thread.is_alive()
     for channel in (around.placer, *around.its):
         channel.close()
+
+
+class FakeChildren:
+    """Processes that do nothing, and end when they are told to."""
+
+    made: ClassVar[list[FakeChildren]] = []
+
+    def __init__(self, *, device, draws):
+        self.device, self.draws, self.frames = device, draws, FrameMemory()
+        mine, its = socket.socketpair()
+        my_placer, its_window = socket.socketpair()
+        self.engine, self.placer = Channel(mine, patient=False), Channel(my_placer, patient=False)
+        self.its = Channel(its, patient=False), Channel(its_window, patient=False)
+        self.made.append(self)
+
+    def ended(self):
+        return "the engine crashed (signal 11)"
+
+    def end(self):
+        for channel in (self.engine, self.placer, *self.its):
+            channel.close()
+        self.frames.close()
+
+
+def test_a_link_starts_crashed_processes_again_at_last_without_opengl(document, qtbot, monkeypatch):
+    monkeypatch.setattr(link_module, "Children", FakeChildren)
+    monkeypatch.setattr(FakeChildren, "made", [])
+    link = EngineLink(document)
+    link.device = "pocl"
+    troubles = []
+    link.trouble.connect(lambda trouble: troubles.append(trouble.line))
+    link.start()
+    made = FakeChildren.made
+    assert made[-1].its[0].receive() == link.view
+    assert made[-1].its[0].receive() == Coming(1, fresh=True)
+    assert set(made[-1].its[1].receive().layers) == set(LAYERS)
+    for count, line in (
+        (2, "it is started again."),
+        (3, "without the 3-D view."),
+        (3, "start the program again."),
+    ):
+        made[-1].its[0].close()
+        qtbot.waitUntil(lambda line=line: bool(troubles) and troubles[-1].endswith(line))
+        assert troubles[-1].startswith("The engine crashed (signal 11)")
+        assert len(made) == count
+    assert [(each.device, each.draws) for each in made] == [("pocl", True), ("pocl", True), ("pocl", False)]
+    link.start()
+    assert made[-1].draws
+    link.stop()
+    link.tell(Turn(1.0, 0.0))
+    assert len(made) == 4
+
+
+def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, monkeypatch):
+    monkeypatch.setattr(link_module, "Children", FakeChildren)
+    monkeypatch.setattr(FakeChildren, "made", [])
+    link = EngineLink(document)
+    told = []
+    for name in (
+        "placed_changed",
+        "relief_changed",
+        "adherence_changed",
+        "picture_written",
+        "picked",
+        "facts_changed",
+    ):
+        getattr(link, name).connect(lambda what, name=name: told.append((name, what)))
+    link.start()
+    engine, placer = FakeChildren.made[-1].its
+    relief = Relief(1, 1, np.zeros((4, 4), np.float32), np.zeros((4, 4), np.uint8))
+    placer.send(Working("Placing features"))
+    qtbot.waitUntil(lambda: link.working == "Placing features")
+    engine.send(Working("Drawing"))
+    qtbot.waitUntil(lambda: link.working == "Drawing")
+    engine.send(Working(""))
+    qtbot.waitUntil(lambda: link.working == "Placing features")
+    placer.send(placed)
+    placer.send(StillPlaced(7))
+    qtbot.waitUntil(lambda: link.placed is not None and link.placed.version == 7)
+    for message in (
+        relief,
+        StillRelief(8),
+        Picked(3, None),
+        EngineFacts(device="a"),
+        PictureWritten("b.png"),
+    ):
+        engine.send(message)
+    qtbot.waitUntil(lambda: told[-1] == ("picture_written", "b.png"))
+    assert [name for name, _ in told] == [
+        *("placed_changed", "placed_changed", "relief_changed", "picked", "facts_changed", "picture_written")
+    ]
+    assert link.relief.version == 8
+    assert link.facts.device == "a"
+    link.stop()
+    assert link.working == ""

@@ -64,7 +64,8 @@ class River:
     label : int
         Label in the river layer that painted it.
     points : (n, 3) float64
-        Control points x, y (m) and z (m, water surface), upstream first.
+        Control points x, y (m, multiples of 1/1024; not where the reach ends on another's centreline) and z
+        (m, water surface), upstream first.
     width, depth : (n,) float32
         Width of the water (m) and depth of the bed below it (m) at the control points.
     centreline : (m, 3) float64

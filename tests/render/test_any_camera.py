@@ -1,4 +1,4 @@
-"""Random cameras over every preset: no hole, no crack, no pop, while tiles stream and after."""
+"""Random cameras over every preset: no hole and no pop, while tiles stream and after."""
 
 from __future__ import annotations
 

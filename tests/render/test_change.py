@@ -1,4 +1,4 @@
-"""The terrain changes while it is drawn: the new one is shown, and in the end as if it had always been."""
+"""Changes of a terrain while it is drawn: the result is that of a fresh renderer."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.gl
 SIDE, EXTENT = 96, 3072.0
 SIZE = (240, 136)
 SUN = Sun(230.0, 35.0)
-QUALITY = replace(Quality.of(0.25), map_texels=128, budget=0.25, tile_memory=32 << 20)
+QUALITY = replace(Quality.of(0.25), map_texels=128, material_texels=128, budget=0.25, tile_memory=32 << 20)
 
 
 def disc(image, row, column, radius, label=1):
@@ -128,8 +128,36 @@ def test_tiles_hold_the_new_terrain_when_change_returns(view, camera, before):
     assert 3 < different <= done.tiles_rewritten < len(view.renderer.ground.tiles.pool.all()[0])
     assert 0.0 < done.tile_seconds <= done.seconds
     assert view.renderer.terrain.recipe is new.recipe
+    other, areas = rebuild(new, new.sketch.replace(ground={**new.sketch.ground, "relief": 260.0}, seed=8))
+    assert areas == [EVERYWHERE]
+    view.renderer.change(other, areas)
+    held = drawn_vertices(view.renderer)
+    wanted = fresh_vertices(other, list(held))
+    assert all((held[key] == wanted[key]).all() for key in held)
 
 
+def test_a_change_of_everything_is_that_of_a_fresh_renderer(gl, view, camera, before):
+    """Ground, water, plants, climate, look, hour and clouds at once; the slow tests change each alone."""
+    old = view.settled(camera)
+    wet, areas = river(before)
+    new, more = painted(wet, ("mountain", 50, 44, 7), ("forest", 72, 50, 6), ("lake", 78, 48, 6))
+    view.renderer.change(wet, areas)
+    view.renderer.change(new, more)
+    sketch = new.sketch.replace(
+        climate={**new.sketch.climate, "aridity": 0.9}, look={"grass": {"colour": "#c83c3c"}}
+    )
+    last, areas = rebuild(new, sketch)
+    view.renderer.change(last, areas)
+    sun, weather = Sun(290.0, 20.0), Weather.of(before.sketch, clouds=0.9, haze=3.0)
+    view.renderer.relight(sun=sun, weather=weather)
+    now = view.settled(camera)
+    assert not same(now, old)
+    fresh = View(gl, last)
+    fresh.renderer = Renderer(gl, last, sun=sun, weather=weather, quality=QUALITY)
+    assert same(now, fresh.settled(camera))
+
+
+@pytest.mark.slow
 def test_a_settled_picture_is_that_of_a_fresh_renderer(gl, view, camera, before):
     old = view.settled(camera)
     new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
@@ -154,6 +182,7 @@ def test_a_still_picture_after_a_change_is_that_of_a_fresh_renderer(gl, camera, 
     assert same(*pictures)
 
 
+@pytest.mark.slow
 def test_the_newest_of_quick_changes_is_shown(gl, view, camera, before):
     terrain = before
     for step in range(6):
@@ -169,15 +198,19 @@ def test_the_newest_of_quick_changes_is_shown(gl, view, camera, before):
     assert same(view.settled(camera), View(gl, terrain).settled(camera))
 
 
-def test_an_area_out_of_view_leaves_the_picture_as_it_is(view, camera, before):
+def test_changes_out_of_view_keep_the_picture_and_another_extent_is_refused(view, camera, before):
     old = view.settled(camera)
     done = view.renderer.change(before, [(1200.0, -900.0, 1800.0, 100.0)])  # behind the eye
     assert done.tiles_rewritten <= 20
     view.frame(camera)
     assert (view.settled(camera) == old).all()
+    other = build(before.sketch.replace(extent=2 * EXTENT))
+    with pytest.raises(InputError, match="same extent, 3072 m, got 6144 m"):
+        view.renderer.change(other, [EVERYWHERE])
 
 
-def test_everything_may_change(gl, view, camera, before):
+@pytest.mark.slow
+def test_a_change_of_the_whole_terrain_is_that_of_a_fresh_renderer(gl, view, camera, before):
     sketch = before.sketch.replace(ground={**before.sketch.ground, "relief": 260.0}, seed=8)
     new, areas = rebuild(before, sketch)
     assert areas == [EVERYWHERE]
@@ -188,7 +221,8 @@ def test_everything_may_change(gl, view, camera, before):
     assert same(view.settled(camera), View(gl, new).settled(camera))
 
 
-def test_climate_and_look_may_change(gl, view, camera, before):
+@pytest.mark.slow
+def test_a_change_of_climate_and_look_is_that_of_a_fresh_renderer(gl, view, camera, before):
     sketch = before.sketch.replace(
         climate={**before.sketch.climate, "aridity": 0.9}, look={"grass": {"colour": "#c83c3c"}}
     )
@@ -200,6 +234,7 @@ def test_climate_and_look_may_change(gl, view, camera, before):
     assert same(now, View(gl, new).settled(camera))
 
 
+@pytest.mark.slow
 def test_water_comes_and_goes(gl, view, camera, before):
     dry = view.settled(camera)
     wet, areas = river(before)
@@ -214,12 +249,21 @@ def test_water_comes_and_goes(gl, view, camera, before):
     assert same(view.settled(camera), dry)
 
 
-def test_a_forest_that_is_painted_away_loses_its_plants(view, camera, before):
+def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
     forest = view.renderer.scenery.forest
     many = forest.count
     assert many > 50
+    new, areas = painted(before, ("mountain", 60, 40, 3))
+    view.renderer.change(new, areas)
+    counts = []
+    for _ in range(40):  # not one frame is without those that stay
+        done = view.frame(camera, elapsed=0.05).settled
+        counts.append(forest.count)
+        if done:
+            break
+    assert min(counts) > 0.5 * many
     bare, areas = painted(before, ("forest", 66, 40, 12, 0))
-    view.renderer.change(bare, areas)
+    view.renderer.change(bare, [EVERYWHERE])
     view.frame(camera)
     view.settled(camera)
     assert forest.count < 0.2 * many
@@ -228,23 +272,8 @@ def test_a_forest_that_is_painted_away_loses_its_plants(view, camera, before):
     assert forest.count > 0.8 * many
 
 
-def test_plants_stay_until_there_are_others(view, camera, before):
-    """Not one frame is without: what grew there before does not come up anew."""
-    forest = view.renderer.scenery.forest
-    many = forest.count
-    new, areas = painted(before, ("mountain", 60, 40, 3))
-    view.renderer.change(new, areas)
-    counts = []
-    for _ in range(40):
-        done = view.frame(camera, elapsed=0.05).settled
-        counts.append(forest.count)
-        if done:
-            break
-    assert min(counts) > 0.5 * many
-
-
-@pytest.mark.parametrize("slow", [False, True])
-def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_gets_sharp_again_if_not(gl, camera, before, slow):
+@pytest.mark.parametrize("slow", [pytest.param(False, marks=pytest.mark.slow), True])
+def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_sharpens_again_if_not(gl, camera, before, slow):
     clock = [0.0]
 
     def timer():
@@ -266,12 +295,6 @@ def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_gets_sharp_again_if_not
     assert not stats.settled  # light still follows
     view.frame(replace(camera, eye=(camera.eye[0] + 5.0, *camera.eye[1:])))
     assert view.frame(camera).size != SIZE  # a camera that moves sees a smaller one as before
-
-
-def test_another_extent_is_refused(view, before):
-    other = build(before.sketch.replace(extent=2 * EXTENT))
-    with pytest.raises(InputError, match="same extent, 3072 m, got 6144 m"):
-        view.renderer.change(other, [EVERYWHERE])
 
 
 KINDS = ("Texture", "Buffer", "Program", "Framebuffer", "VertexArray", "Renderbuffer")
@@ -304,19 +327,21 @@ def test_the_overlay_of_features_follows(gl, view, camera, before):
     assert not same(pictures[0], view.settled(camera))
 
 
-def test_nothing_is_left_of_changes(view, camera, before):
+@pytest.mark.parametrize("steps", [60, pytest.param(200, marks=pytest.mark.slow)])
+def test_changes_leave_no_opengl_objects_behind(view, camera, before, steps):
     wet, areas = river(before)
     terrains = [wet, before]
     counts = []
-    for step in range(200):
+    for step in range(steps):
         view.renderer.change(terrains[step % 2], areas)
         if step % 10 == 0:
             view.frame(camera)
-        if step in (59, 199):
+        if step in (19, steps - 1):
             counts.append([alive(what) for what in KINDS])
     assert np.all(np.array(counts[1]) <= np.array(counts[0]) + 12), counts
 
 
+@pytest.mark.slow
 def test_another_hour_is_that_of_a_fresh_renderer(gl, view, camera, before):
     old = view.settled(camera)
     evening, weather = Sun(290.0, 12.0), Weather.of(before.sketch, haze=3.0, wind=9.0)
@@ -328,20 +353,29 @@ def test_another_hour_is_that_of_a_fresh_renderer(gl, view, camera, before):
     assert same(now, fresh.settled(camera))
 
 
+def relit(gl, view, camera, before, clouds):
+    """A picture with other clouds, which is that of a fresh renderer."""
+    weather = Weather.of(before.sketch, clouds=clouds)
+    view.renderer.relight(weather=weather)
+    fresh = View(gl, before)
+    fresh.renderer = Renderer(gl, before, sun=SUN, weather=weather, quality=QUALITY)
+    picture = view.settled(camera)
+    assert same(picture, fresh.settled(camera)), clouds
+    return picture
+
+
+@pytest.mark.slow
 def test_clouds_that_come_and_go_are_those_of_a_fresh_renderer(gl, view, camera, before):
     old = view.settled(camera)
     for clouds in (0.0, 1.0, 0.35):
-        weather = Weather.of(before.sketch, clouds=clouds)
-        view.renderer.relight(weather=weather)
-        fresh = View(gl, before)
-        fresh.renderer = Renderer(gl, before, sun=SUN, weather=weather, quality=QUALITY)
-        assert same(view.settled(camera), fresh.settled(camera))
+        relit(gl, view, camera, before, clouds)
     view.renderer.relight(weather=Weather.of(before.sketch))
     assert same(view.settled(camera), old)
 
 
+@pytest.mark.slow
 def test_another_hour_while_the_ground_changes(gl, view, camera, before):
-    """Neither waits for ever for the other."""
+    """Neither starves the other."""
     terrain = before
     for step in range(5):
         terrain, areas = painted(terrain, ("mountain", 40 + 3 * step, 36 + 4 * step, 4))
@@ -354,6 +388,7 @@ def test_another_hour_while_the_ground_changes(gl, view, camera, before):
     assert same(view.settled(camera), fresh.settled(camera))
 
 
+@pytest.mark.slow
 def test_light_follows_though_the_ground_changes_all_the_time(view, camera, before):
     terrains = [painted(before, ("mountain", 50, 44, 7))[0], before]
     layers = view.renderer.scenery.lit._layers
@@ -364,7 +399,7 @@ def test_light_follows_though_the_ground_changes_all_the_time(view, camera, befo
 
 
 @pytest.mark.slow
-def test_renderers_leave_nothing_behind(gl, camera, before):
+def test_renderers_leave_no_opengl_objects_behind(gl, camera, before):
     counts = []
     for step in range(20):  # what each leaves would be there twenty times
         view = View(gl, before, quality=replace(QUALITY, tile_memory=4 << 20))

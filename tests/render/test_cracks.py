@@ -1,4 +1,4 @@
-"""Nothing opens between tiles, whatever a camera does: in their indices and heights, and in pictures."""
+"""No cracks between tiles while a camera moves: in indices and heights, and in pictures."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def spread(groups, values):
     return float((high - low).max())
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
     rng = np.random.default_rng(seed)
     streamed = Streamed(waves)

@@ -1,6 +1,8 @@
-"""Plants in whole pictures: parts that are left out, wind, feet on the ground that is drawn."""
+"""Plants in whole pictures: parts left out, wind, feet on the drawn ground."""
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 import pytest
@@ -36,9 +38,22 @@ class Woods(Waves):
         return plants[inside]
 
 
+@cache
 def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
     quality = Quality(
-        without=frozenset(without), map_texels=128, shade_texels=512, tile_memory=64 << 20, **changes
+        without=frozenset(without),
+        materials=1,
+        planes=1,
+        octaves=1,
+        hexes=1,
+        material_texels=128,
+        map_texels=128,
+        light_maps=2,
+        surface_texels=256,
+        samples=1,
+        shade_texels=512,
+        tile_memory=64 << 20,
+        **changes,
     )
     with canvas(SIZE) as (context, texture, framebuffer):
         weather = Weather(wind=wind, clouds=0.0)
@@ -67,13 +82,13 @@ def test_the_clock_moves_plants_only_in_the_wind():
     assert not (moved & ~plants).any()
 
 
-@pytest.mark.parametrize("maps", [0, 2])
+@pytest.mark.parametrize("maps", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel(monkeypatch, maps):
     bare = picture(without=(*STILL, "trees"), shade_maps=maps)
     coarse = {"leaves": 0.03, "shade_maps": maps}  # all of them coarse
     at_vertices = picture(**coarse)
     monkeypatch.setattr("sketchterrain.render.forest.LIT", DETAILS)
-    at_pixels = picture(**coarse)
+    at_pixels = picture.__wrapped__(**coarse)
     changed = [np.abs(each - bare).max(axis=2) > 20 for each in (at_vertices, at_pixels)]
     both = changed[0] & changed[1]
     assert both.sum() > 200
@@ -84,7 +99,9 @@ def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel
 
 def test_feet_stand_on_the_ground_as_it_is_drawn():
     """With coarse tiles the drawn ground is off the true one; feet follow it."""
-    quality = Quality(without=frozenset(STILL), map_texels=128, shade_maps=0, tolerance=12.0, samples=1)
+    quality = Quality(
+        without=frozenset(STILL), material_texels=128, map_texels=128, shade_maps=0, tolerance=12.0, samples=1
+    )
     camera = Camera((430.0, 296.0, 130.0), (430.0, 300.0, 40.0))
     terrain = Woods(rivers=False)
     size = (400, 300)

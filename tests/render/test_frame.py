@@ -16,6 +16,7 @@ CHEAP = dataclasses.replace(
     Quality.of(0.3),
     quads=64,
     map_texels=128,
+    material_texels=128,
     shade_texels=256,
     tile_memory=64 << 20,
     tolerance=2.0,

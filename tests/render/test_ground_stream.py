@@ -1,4 +1,4 @@
-"""Tiles by the clock: a budget for each frame, a whole picture after a leap. The clock is the test's own."""
+"""Streaming of the ground by the clock of the test: a budget a frame, a whole picture after a leap."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_frames_that_generate_keep_to_their_budget(gl, slow):
     assert tiles > 1.5 * len(took)  # it is used, too
 
 
-def test_after_a_leap_there_is_a_whole_picture_at_once_and_a_good_one_within_a_second(gl, slow):
+def test_a_leap_gives_a_whole_picture_at_once_and_a_settled_one_within_a_second(gl, slow):
     stream, seen = opened(gl, slow), Eye(gl, SIZE)
     for _ in range(40):
         frame(stream, (300.0, 200.0, 160.0))
@@ -87,14 +87,14 @@ def test_after_a_leap_there_is_a_whole_picture_at_once_and_a_good_one_within_a_s
     assert stats.settled
 
 
-def test_the_first_frame_is_a_leap_and_a_small_step_is_none(gl, slow):
+def test_only_the_first_frame_and_large_steps_are_leaps(gl, slow):
     stream = opened(gl, slow)
     assert frame(stream, (0.0, 0.0, 160.0)).leapt
     assert not frame(stream, (0.9 * LEAP * slow.extent, 0.0, 160.0)).leapt
     assert frame(stream, (2.0 * LEAP * slow.extent, 0.0, 160.0)).leapt
 
 
-def test_a_picture_that_is_settled_stays_as_it_is(gl, slow):
+def test_a_settled_picture_stays_the_same(gl, slow):
     stream, seen = opened(gl, slow), Eye(gl, SIZE)
     camera = camera_towards((300.0, 200.0, 160.0), 0.0, 30.0, -10.0, REACH)
     stream.settle(camera, SIZE, draw_distance=REACH)

@@ -1,4 +1,4 @@
-"""What overlays show, and that each is told by name."""
+"""Overlays on the ground and the lines of features."""
 
 from __future__ import annotations
 
@@ -56,27 +56,27 @@ def hues(picture):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("name", [name for name in OVERLAYS if name != "features"])
-def test_each_covers_the_ground_and_leaves_the_sky(painted, name):
-    picture, legend = painted(name)
-    changed = (picture != SKY).any(axis=-1)
-    assert not changed[:12].any()
-    assert changed[-30:].mean() > (0.3 if name == "wireframe" else 0.99)
-    assert legend
-    assert all(entry.meaning for entry in legend)
+def test_overlays_cover_the_ground_and_leave_the_sky(painted):
+    for name in OVERLAYS:
+        if name == "features":
+            continue
+        picture, legend = painted(name)
+        changed = (picture != SKY).any(axis=-1)
+        assert not changed[:12].any(), name
+        assert changed[-30:].mean() > (0.3 if name == "wireframe" else 0.99), name
+        assert legend, name
+        assert all(entry.meaning for entry in legend), name
+    with pytest.raises(InputError, match="no overlay 'contours'; there are: wireframe, levels"):
+        painted("contours")
 
 
 @pytest.mark.gl
-def test_materials_have_the_colours_of_their_weights(painted):
+def test_materials_have_the_colours_of_their_weights_and_level_ground_is_textured_from_above(painted):
     picture, legend = painted("materials")
     grass, rock = (np.array(entry.colour) for entry in legend if entry.meaning in ("grass", "rock"))
     expected = 0.75 * grass + 0.25 * rock
     shade = (picture[-20:] - 0.2 * np.array(SKY)) / (0.8 * expected)
     assert np.abs(shade - shade.mean(axis=-1, keepdims=True)).max() < 0.03
-
-
-@pytest.mark.gl
-def test_level_ground_is_textured_from_above(painted):
     picture, _ = painted("triplanar")
     assert (picture[-20:].argmax(axis=-1) == 2).mean() > 0.95
 
@@ -93,8 +93,11 @@ def test_levels_of_the_legend_are_those_on_the_picture(painted):
 
 
 @pytest.mark.gl
-def test_the_whole_river_is_seen_hidden_or_not(painted, waves):
+def test_the_whole_river_is_seen_even_where_ground_hides_it(gl, painted, waves):
     picture, _ = painted("features")
+    again, _ = painted("features")
+    assert (picture == again).all()
+    assert not gl.wireframe
     line = waves.features.rivers[0].centreline
     clip = np.c_[line - CAMERA.eye, np.ones(len(line))] @ CAMERA.to_clip(SIZE[0] / SIZE[1]).T
     at = clip[:, :2] / clip[:, 3:]
@@ -106,21 +109,12 @@ def test_the_whole_river_is_seen_hidden_or_not(painted, waves):
     assert min(near) > 20
 
 
-@pytest.mark.gl
-def test_drawing_leaves_the_state_as_passes_expect_it(gl, painted):
-    first, _ = painted("features")
-    again, _ = painted("features")
-    assert (first == again).all()
-    assert not gl.wireframe
-
-
-@pytest.mark.gl
-def test_another_name_is_refused(painted):
-    with pytest.raises(InputError, match="no overlay 'contours'; there are: wireframe, levels"):
-        painted("contours")
-
-
-def test_rings_lie_on_the_ground_and_posts_stand_in_their_middles(waves):
+def test_lines_of_rivers_are_their_centrelines_and_those_of_points_are_rings_with_posts(waves):
+    start, end, colour = feature_lines(waves)
+    line = waves.features.rivers[0].centreline
+    assert (start == line[:-1]).all()
+    assert (end == line[1:]).all()
+    assert (colour[:, :3] == COLOURS["river"]).all()
     waves.features.rivers = ()
     points = np.zeros(2, FEATURE)
     points["x"], points["y"], points["radius"] = (100.0, 700.0), (300.0, 800.0), (60.0, 90.0)
@@ -141,15 +135,7 @@ def test_rings_lie_on_the_ground_and_posts_stand_in_their_middles(waves):
     assert posts.sum() == 2
 
 
-def test_splines_are_those_of_the_rivers(waves):
-    start, end, colour = feature_lines(waves)
-    line = waves.features.rivers[0].centreline
-    assert (start == line[:-1]).all()
-    assert (end == line[1:]).all()
-    assert (colour[:, :3] == COLOURS["river"]).all()
-
-
-def test_shores_go_round_lakes(waves):
+def test_lines_of_lakes_are_their_shores(waves):
     step = np.arange(41) - 20
     inside = (10.0 - np.maximum(np.abs(step), np.abs(step[:, None]))) * 4.0 + 1.0
     shape = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
@@ -165,7 +151,7 @@ def test_shores_go_round_lakes(waves):
 
 
 @pytest.mark.gl
-def test_nothing_to_draw_is_nothing_drawn(gl, waves):
+def test_an_overlay_without_tiles_draws_nothing(gl, waves):
     stream = GroundStream(gl, waves, SMALL)
     texture = gl.texture((16, 16), 4, np.full(16 * 16 * 4, 9, np.uint8).tobytes())
     Overlay(gl, waves, stream).draw("levels", (0.0, 0.0, 9.0), gl.framebuffer([texture]))
@@ -174,7 +160,7 @@ def test_nothing_to_draw_is_nothing_drawn(gl, waves):
 
 
 @pytest.mark.gl
-def test_a_film_and_a_picture_have_them(gl, waves, monkeypatch):
+def test_footage_and_pictures_draw_overlays(gl, waves, monkeypatch):
     drawn = []
     monkeypatch.setattr(Overlay, "draw", lambda self, name, eye, framebuffer: drawn.append((name, eye[2])))
     views = SimpleNamespace(
@@ -182,7 +168,7 @@ def test_a_film_and_a_picture_have_them(gl, waves, monkeypatch):
         target=np.array([CAMERA.target] * 2),
         fov=np.array([50.0] * 2),
     )
-    quick = replace(Quality.of(0.0), quads=64)
+    quick = replace(Quality.of(0.0), quads=64, material_texels=64, map_texels=64)
     list(
         footage(
             waves, views, fps=10, size=(32, 18), quality=quick, complete=False, overlays=("levels", "error")
@@ -201,6 +187,6 @@ def test_a_film_and_a_picture_have_them(gl, waves, monkeypatch):
             call()
 
 
-def test_the_page_names_each():
+def test_the_documentation_names_every_overlay():
     page = (Path(__file__).parents[2] / "docs/overlays.md").read_text(encoding="utf-8")
     assert all(f"| `{name}` |" in page for name in OVERLAYS)

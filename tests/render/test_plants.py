@@ -1,3 +1,5 @@
+"""Cells of plants, their shadow maps and the forest that is drawn from them."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -95,7 +97,7 @@ def test_nearest_cells_come_first_and_none_is_left_out():
         assert near[0] == (np.floor(x / CELL), np.floor(y / CELL))
 
 
-def test_cells_are_made_in_steps_and_forgotten_when_long_unwanted():
+def test_cells_are_made_in_steps_and_dropped_when_long_unused():
     meadow = Meadow()
     cells = PlantCells(meadow)
     cells.want([(0, 0)])
@@ -117,7 +119,7 @@ def test_cells_are_made_in_steps_and_forgotten_when_long_unwanted():
     assert cells[KEPT + 19, 5] is not None
 
 
-def test_details_share_a_plant_and_pass_softly_into_each_other():
+def test_levels_of_detail_of_a_plant_fade_into_each_other():
     steps = np.array(PIXELS)
     pixels = np.geomspace(1.0, 400.0, 4001)
     whim = np.full(len(pixels), 0.3)
@@ -156,7 +158,7 @@ def test_sun_axes_are_a_right_handed_frame():
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("allowance", [0.002, 1.0])
+@pytest.mark.parametrize("allowance", [pytest.param(0.002, marks=pytest.mark.slow), 1.0])
 def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
     meadow = Meadow()
     lit = LitGround(gl, meadow, SUN, texels=64)

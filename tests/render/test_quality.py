@@ -1,3 +1,5 @@
+"""Quality of pictures as one number."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -13,7 +15,9 @@ FIXED = {"split"}
 
 
 def test_a_greater_number_never_costs_less():
+    assert Quality.of(1.0) == Quality()
     steps = [Quality.of(number) for number in np.linspace(0.0, 1.0, 101)]
+    assert all(quality.map_texels % 64 == 0 for quality in steps)  # light maps lie on whole blocks
     for field in dataclasses.fields(Quality):
         if field.name == "without":
             continue
@@ -24,20 +28,6 @@ def test_a_greater_number_never_costs_less():
         else:
             assert (change >= 0.0).all()
             assert (values[-1] > values[0]) != (field.name in FIXED)
-
-
-def test_the_best_is_what_stills_take():
-    assert Quality.of(1.0) == Quality()
-
-
-def test_light_maps_lie_on_whole_blocks():
-    assert all(Quality.of(number).map_texels % 64 == 0 for number in np.linspace(0.0, 1.0, 101))
-
-
-@pytest.mark.parametrize("number", [-0.01, 1.01, float("nan")])
-def test_other_numbers_are_refused(number):
-    with pytest.raises(InputError, match="from 0 to 1"):
-        Quality.of(number)
 
 
 def test_a_driver_without_a_gpu_gets_a_cheap_picture():
@@ -53,5 +43,11 @@ def test_parts_are_left_out_by_name():
     quality = Quality.of(0.5, without=["grass"])
     assert not quality.has("grass")
     assert quality.has("trees")
+
+
+def test_other_numbers_and_parts_are_refused():
+    for number in (-0.01, 1.01, float("nan")):
+        with pytest.raises(InputError, match="from 0 to 1"):
+            Quality.of(number)
     with pytest.raises(InputError, match=r"one of shadows.*got 'gras'"):
         Quality.of(0.5, without=["gras"])

@@ -1,4 +1,4 @@
-"""Strewn places: where they lie, and which of them an eye needs."""
+"""Scattered places: where they lie, and which of them an eye needs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from sketchterrain.render.scatter import (
     in_sight,
     places_of,
 )
-from sketchterrain.resources import source
 
 from .test_shaders import evaluate
 
@@ -73,39 +72,38 @@ def test_presence_is_its_formula(gl):
     np.testing.assert_allclose(got, expected, atol=2e-4)
 
 
-@pytest.mark.parametrize("count", [16, 60, 200])
-def test_every_beginning_of_a_cells_order_is_spread_evenly(count):
-    seeds = np.random.default_rng(5).integers(0, 2**32, 40, dtype=np.uint32)
-    gaps = []
-    for seed in seeds:
-        places = strewn(np.full(count, seed), np.arange(count))
-        away = np.abs(places[:, None] - places[None])
-        away = np.hypot(*np.moveaxis(np.minimum(away, 1.0 - away), -1, 0)) + 2.0 * np.eye(count)
-        gaps.append(away.min(axis=1).mean())
-    assert np.mean(gaps) > 0.62 / np.sqrt(count)  # at random 0.5, on a square lattice 1
+def test_every_beginning_of_a_cells_order_is_spread_evenly():
+    for count in (16, 60, 200):
+        gaps = []
+        for seed in np.random.default_rng(5).integers(0, 2**32, 40, dtype=np.uint32):
+            places = strewn(np.full(count, seed), np.arange(count))
+            away = np.abs(places[:, None] - places[None])
+            away = np.hypot(*np.moveaxis(np.minimum(away, 1.0 - away), -1, 0)) + 2.0 * np.eye(count)
+            gaps.append(away.min(axis=1).mean())
+        assert np.mean(gaps) > 0.62 / np.sqrt(count)  # at random 0.5, on a square lattice 1
 
 
-@pytest.mark.parametrize("eye", EYES)
-def test_a_place_is_the_same_for_every_eye(eye):
-    near = np.add(eye, [0.5, -0.3, 0.1])
-    found = []
-    for each in (eye, near):
-        cells = cells_within(each, STREWING.reach, STREWING.cell)
-        rows = places_of(STREWING, cells, each, 1.7).rows
-        corner = rows["corner"] + np.asarray(each[:2])
-        names = np.round(corner / STREWING.cell).astype(int)
-        keys = list(zip(*names.T.tolist(), rows["rank"].tolist(), strict=True))
-        found.append(dict(zip(keys, zip(rows["seed"].tolist(), corner, strict=True), strict=True)))
-    both = found[0].keys() & found[1].keys()
-    assert len(both) > 0.9 * len(found[0])
-    for key in list(both)[::50]:
-        assert found[0][key][0] == found[1][key][0]
-        np.testing.assert_allclose(
-            found[0][key][1], found[1][key][1], atol=1e-2 if abs(eye[0]) > 1e5 else 1e-4
-        )
+def test_a_place_is_the_same_for_every_eye():
+    for eye in EYES:
+        near = np.add(eye, [0.5, -0.3, 0.1])
+        found = []
+        for each in (eye, near):
+            cells = cells_within(each, STREWING.reach, STREWING.cell)
+            rows = places_of(STREWING, cells, each, 1.7).rows
+            corner = rows["corner"] + np.asarray(each[:2])
+            names = np.round(corner / STREWING.cell).astype(int)
+            keys = list(zip(*names.T.tolist(), rows["rank"].tolist(), strict=True))
+            found.append(dict(zip(keys, zip(rows["seed"].tolist(), corner, strict=True), strict=True)))
+        both = found[0].keys() & found[1].keys()
+        assert len(both) > 0.9 * len(found[0])
+        for key in list(both)[::50]:
+            assert found[0][key][0] == found[1][key][0]
+            np.testing.assert_allclose(
+                found[0][key][1], found[1][key][1], atol=1e-2 if abs(eye[0]) > 1e5 else 1e-4
+            )
 
 
-def test_all_that_comes_up_is_asked_for():
+def test_all_places_that_are_present_are_requested():
     eye = EYES[0]
     cells = cells_within(eye, STREWING.reach, STREWING.cell)
     places = places_of(STREWING, cells, eye, 0.0)
@@ -151,7 +149,7 @@ def test_cells_in_sight_are_never_left_out():
     assert len(seen) < 0.5 * len(cells)
 
 
-def test_places_are_found_anew_only_for_another_view():
+def test_places_are_found_again_only_for_another_view():
     nearby, again = Nearby(STREWING), Nearby(STREWING)
     camera, other = (
         Camera((10.0, 20.0, 31.7), (40.0, 45.0, 30.0)),
@@ -163,7 +161,3 @@ def test_places_are_found_anew_only_for_another_view():
         moved = nearby.seen(*view)
         assert moved is not places
         assert moved.rows.tobytes() == again.seen(*view).rows.tobytes()
-
-
-def test_source_names_the_same_band():
-    assert f"BAND = {BAND};" in source("render/scatter.glsl")

@@ -52,22 +52,17 @@ def test_triplanar_weights_are_those_of_the_formula(gl):
     raw = smoothstep(0.57357644, 0.81915204, np.abs(n))
     expected = raw / np.maximum(raw.sum(axis=1, keepdims=True), 1e-4)
     assert np.allclose(got[:, :3], expected, atol=2e-5)
+    flat = evaluate(gl, ["render/triplanar.glsl"], WEIGHTS, [[0.1, -0.1, 0.99, 0]])
+    assert np.allclose(flat[0, :3], [0, 0, 1])
 
 
-def test_flat_ground_is_textured_from_above_alone(gl):
-    got = evaluate(
-        gl, ["render/triplanar.glsl"], "vec4(triplanar_weights(a.xyz), 0.0)", [[0.1, -0.1, 0.99, 0]]
-    )
-    assert np.allclose(got[0, :3], [0, 0, 1])
-
-
-@pytest.mark.parametrize("roughness", [0.2, 0.5, 1.0])
-def test_facets_cover_the_surface_once(gl, roughness):
+def test_facets_cover_the_surface_once(gl):
     theta = (np.arange(20_000) + 0.5) / 20_000 * np.pi / 2
-    rows = np.c_[np.cos(theta), np.full_like(theta, roughness), theta, theta]
-    density = evaluate(gl, ["render/surface.glsl"], "vec4(trowbridge_reitz(a.x, a.y))", rows)[:, 0]
-    projected = 2 * np.pi * np.sum(density * np.cos(theta) * np.sin(theta)) * (theta[1] - theta[0])
-    assert projected == pytest.approx(1.0, abs=2e-3)
+    for roughness in (0.2, 0.5, 1.0):
+        rows = np.c_[np.cos(theta), np.full_like(theta, roughness), theta, theta]
+        density = evaluate(gl, ["render/surface.glsl"], "vec4(trowbridge_reitz(a.x, a.y))", rows)[:, 0]
+        projected = 2 * np.pi * np.sum(density * np.cos(theta) * np.sin(theta)) * (theta[1] - theta[0])
+        assert projected == pytest.approx(1.0, abs=2e-3), roughness
 
 
 def test_schlick_is_its_formula(gl):
@@ -109,27 +104,21 @@ def test_no_stage_reads_more_textures_than_every_driver_has_room_for(gl):
         assert 2 < len(read) <= MOST_SAMPLERS
 
 
-@pytest.mark.parametrize(
-    ("file", "name", "value"),
-    [
+def test_constants_of_shaders_are_those_of_the_program():
+    for file, name, value in (
         ("clouds.glsl", "CLOUD_PERIOD", clouds.PERIOD),
         ("clouds.glsl", "EARTH", GROUND),
         ("hex_tiling.glsl", "HEX_PERIOD", texture_places.PERIOD),
         ("matter.glsl", "RATIO", texture_places.RATIO),
         ("scatter.glsl", "BAND", scatter.BAND),
         ("tree_stand.vert.glsl", "SINK", plant_stand.SINK),
-    ],
-)
-def test_a_number_said_twice_is_one(file, name, value):
-    (said,) = re.findall(rf"const \w+ {name} = ([\d.e]+);", source(f"render/{file}"))
-    assert float(said) == value
-
-
-@pytest.mark.parametrize("file", ["matter.glsl", "rock.frag.glsl", "rock_place.vert.glsl", "variety.glsl"])
-def test_shaders_count_the_materials_as_they_are_made(file):
-    text = source(f"render/{file}")
-    numbers = dict(re.findall(r"#define (\w+) (\d)$", text, re.MULTILINE))
-    own = {name: int(numbers[name.upper()]) for name in LAYERS if name.upper() in numbers}
-    assert own
-    assert own == {name: list(LAYERS).index(name) for name in own}
-    assert all(int(size) == len(LAYERS) for size in re.findall(r"uniform \w+ \w+\[(\d+)", text))
+    ):
+        (said,) = re.findall(rf"const \w+ {name} = ([\d.e]+);", source(f"render/{file}"))
+        assert float(said) == value, (file, name)
+    for file in ("matter.glsl", "rock.frag.glsl", "rock_place.vert.glsl", "variety.glsl"):
+        text = source(f"render/{file}")
+        numbers = dict(re.findall(r"#define (\w+) (\d)$", text, re.MULTILINE))
+        own = {name: int(numbers[name.upper()]) for name in LAYERS if name.upper() in numbers}
+        assert own, file
+        assert own == {name: list(LAYERS).index(name) for name in own}, file
+        assert all(int(size) == len(LAYERS) for size in re.findall(r"uniform \w+ \w+\[(\d+)", text)), file

@@ -14,7 +14,7 @@ from sketchterrain.compute.gl_interop import GLHandles, current_handles
 from sketchterrain.errors import DeviceError
 from sketchterrain.render import sharing_probe
 from sketchterrain.render.sharing_probe import Sharing, beside_gl, open_device, probe_sharing
-from sketchterrain.sketch import load_sketch
+from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import build
 
 if TYPE_CHECKING:
@@ -52,7 +52,13 @@ def probe_for_extension(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sharing_probe, "_command", command)
 
 
-@pytest.mark.parametrize("device", DEVICES, ids=lambda device: device.platform)
+def each_in_its_tier(devices: list[Device]) -> list[object]:
+    """The first device by default, the others in the slow tier."""
+    first, *others = (pytest.param(device, id=device.platform) for device in devices)
+    return [first, *(pytest.param(*other.values, id=other.id, marks=pytest.mark.slow) for other in others)]
+
+
+@pytest.mark.parametrize("device", each_in_its_tier(DEVICES))
 def test_the_best_kind_that_works_is_chosen(gl: object, device: Device) -> None:
     found = probe_sharing(device)
     if device.gl_sharing == "extension":
@@ -73,34 +79,32 @@ FAILURES = {
 }
 
 
-@pytest.mark.parametrize("what", FAILURES)
-def test_a_probe_that_fails_ends_in_a_copy(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With one line that says why."""
-    code, reason = FAILURES[what]
+def test_a_probe_that_fails_ends_in_a_copy_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     device = replace(CPUS[0], type="GPU", gl_sharing="extension")
+    for what, (code, reason) in FAILURES.items():
 
-    def command(device: Device, kind: str) -> list[str]:
-        return [sys.executable, "-c", code if kind == "extension" else "pass"]
+        def command(device: Device, kind: str, code: str = code) -> list[str]:
+            return [sys.executable, "-c", code if kind == "extension" else "pass"]
 
-    monkeypatch.setattr(sharing_probe, "_command", command)
-    assert probe_sharing(device, timeout=2.0) == Sharing("copy", reason)
-
-
-def test_no_opengl_at_all(monkeypatch: pytest.MonkeyPatch) -> None:
+        probe_sharing.cache_clear()
+        monkeypatch.setattr(sharing_probe, "_command", command)
+        assert probe_sharing(device, timeout=2.0) == Sharing("copy", reason), what
     monkeypatch.setattr(
         sharing_probe, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit('no OpenGL 4.3')"]
     )
     assert probe_sharing(MAPPED) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
 
 
-@pytest.mark.parametrize("device", CPUS, ids=lambda device: device.platform)
-def test_a_driver_without_the_extension_is_not_asked(
+@pytest.mark.parametrize("device", each_in_its_tier(CPUS))
+def test_a_driver_without_the_extension_is_not_asked_for_it(
     gl: object, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """PoCL's would end the process."""
     handles = current_handles()
     assert handles is not None
     assert handles.window_system == "EGL"
+    assert GLHandles("EGL", 5, 7).properties == (0x2008, 5, 0x2009, 7)
+    assert GLHandles("GLX", 5, 7).properties == (0x2008, 5, 0x200A, 7)
     probe_for_extension("cl_none_sharing", monkeypatch)
     with pytest.raises(DeviceError, match="shares no buffers with OpenGL: no cl_none_sharing"):
         gl_interop.context_beside(device, handles)
@@ -109,7 +113,10 @@ def test_a_driver_without_the_extension_is_not_asked(
     assert "no cl_none_sharing" in found.reason
 
 
-def test_a_driver_that_ends_the_process(gl: object, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.slow
+def test_a_driver_that_ends_the_process_is_probed_in_a_child(
+    gl: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Asked without the extension, in a child: it says no, or it crashes, and vertices are mapped."""
     probe_for_extension("cl_khr_global_int32_base_atomics", monkeypatch)
     for device in CPUS:
@@ -124,7 +131,10 @@ def test_a_driver_that_ends_the_process(gl: object, monkeypatch: pytest.MonkeyPa
 
 def test_a_terrain_moves_beside_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     """To a device that shares buffers; elsewhere it stays where it is."""
-    terrain = build(load_sketch("rolling_hills"), device=ComputeContext(MAPPED))
+    mountain = np.zeros((32, 32), np.uint8)
+    mountain[8:20, 8:20] = 1
+    sketch = Sketch(extent=1024.0, layers={"mountain": mountain})
+    terrain = build(sketch, device=ComputeContext(MAPPED))
     assert beside_gl(terrain) is terrain
     other = ComputeContext(MAPPED)
     monkeypatch.setattr(sharing_probe, "open_device", lambda *_, **__: other)
@@ -136,8 +146,3 @@ def test_a_terrain_moves_beside_opengl(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(moved.tile(4, 3, 3).height, terrain.tile(4, 3, 3).height)
     assert beside_gl(moved) is moved
     assert beside_gl("a stand-in") == "a stand-in"
-
-
-def test_what_opencl_is_told() -> None:
-    assert GLHandles("EGL", 5, 7).properties == (0x2008, 5, 0x2009, 7)
-    assert GLHandles("GLX", 5, 7).properties == (0x2008, 5, 0x200A, 7)

@@ -40,14 +40,14 @@ def test_the_same_bytes_in_any_order():
 
 
 @pytest.mark.gl
-def test_sizes_and_views_that_are_none():
+def test_invalid_sizes_and_views_are_refused():
     with pytest.raises(InputError, match="pixels a side"):
         Studio((8, 8))
     with Studio((32, 32)) as studio, pytest.raises(InputError, match="expected a view"):
         studio.picture(build(sketch(1)), view="odd")
 
 
-def test_one_of_each_kind_is_kept():
+def test_one_resource_of_each_kind_is_cached():
     kept, closed = Kept(), []
     first = kept.of("a", 1, lambda: ["first"], close=lambda thing: closed.append(thing[0]))
     assert kept.of("a", 1, lambda: ["never"]) is first
@@ -59,7 +59,7 @@ def test_one_of_each_kind_is_kept():
     assert kept.of("a", 2, lambda: ["third"]) == ["third"]
 
 
-def test_what_is_lent_stays_when_its_borrower_closes_it():
+def test_lent_resources_outlive_their_borrower_and_failures_are_not_cached():
     kept, closed = Kept(), []
     lent = kept.lent()
     thing = lent.of("a", 1, lambda: ["made"], close=lambda thing: closed.append(thing[0]))
@@ -69,10 +69,6 @@ def test_what_is_lent_stays_when_its_borrower_closes_it():
     assert kept.of("a", 1, lambda: ["never"]) is thing
     kept.close()
     assert closed == ["made"]
-
-
-def test_what_could_not_be_made_is_not_kept():
-    kept = Kept()
 
     def fail():
         raise RuntimeError("no room")

@@ -1,4 +1,4 @@
-"""Textures as a sketch and a folder of pictures want them."""
+"""Textures changed by the look of a sketch and by a folder of pictures."""
 
 from __future__ import annotations
 
@@ -34,12 +34,7 @@ def save(folder, name, values, mode=None):
     Image.fromarray(np.asarray(values), mode).save(folder / name)
 
 
-def test_levels_go_down_to_one_texel_for_every_layer(levels):
-    assert [colour.shape for colour, _ in levels] == [(len(LAYERS), n, n, 4) for n in (32, 16, 8, 4, 2, 1)]
-    assert all(colour.shape == relief.shape for colour, relief in levels)
-
-
-def test_a_look_gives_mean_colour_mean_roughness_and_relief(levels):
+def test_a_look_sets_mean_colour_mean_roughness_and_relief(levels):
     look = {"rock": {"colour": "#405060", "roughness": 0.5, "bump": 0.0}}
     colour, relief = changed_levels(levels, look, {}, ComputeContext)[0]
     albedo = (colour[ROCK, ..., :3] / 255.0) ** 2
@@ -51,11 +46,13 @@ def test_a_look_gives_mean_colour_mean_roughness_and_relief(levels):
     assert (relief[others] == levels[0][1][others]).all()
 
 
-def test_nothing_to_change_changes_nothing(levels):
+def test_levels_halve_down_to_one_texel_and_stay_without_changes(levels):
+    assert [colour.shape for colour, _ in levels] == [(len(LAYERS), n, n, 4) for n in (32, 16, 8, 4, 2, 1)]
+    assert all(colour.shape == relief.shape for colour, relief in levels)
     assert changed_levels(levels, {}, {}, ComputeContext) is levels
 
 
-def test_pictures_replace_what_they_are_of(levels, tmp_path):
+def test_pictures_replace_the_maps_they_name(levels, tmp_path):
     save(tmp_path, "rock.png", np.full((8, 8, 3), (188, 128, 64), np.uint8))
     save(tmp_path, "rock_roughness.png", np.full((8, 8), 128, np.uint8))
     save(tmp_path, "rock_normal.png", np.full((8, 8, 3), (192, 128, 240), np.uint8))
@@ -83,7 +80,7 @@ def test_rows_of_a_picture_go_southward(tmp_path):
     assert (height[:-1] == 0.0).all()
 
 
-def test_a_colour_alone_brings_heights_of_its_own(levels, tmp_path):
+def test_heights_follow_the_colour_where_none_are_given(levels, tmp_path):
     grey = np.zeros((SIZE, SIZE, 3), np.uint8)
     grey[:, SIZE // 2 :] = 255
     save(tmp_path, "rock.jpg", grey)
@@ -93,32 +90,29 @@ def test_a_colour_alone_brings_heights_of_its_own(levels, tmp_path):
     assert relief[ROCK, 5, SIZE // 2, 0] < 100
 
 
-@pytest.mark.parametrize("name", ["granite.png", "rock_gloss.png", "Rock.png"])
-def test_names_that_mean_nothing_are_refused_with_the_list(tmp_path, name):
-    save(tmp_path, name, np.zeros((4, 4), np.uint8))
-    with pytest.raises(InputError, match=r"grass, soil, rock.*_height, _normal, _roughness") as caught:
-        read_pictures(tmp_path, SIZE)
-    assert name in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_broken_pictures_are_named(tmp_path):
+def test_invalid_folders_are_refused_with_the_name_of_the_file(tmp_path):
+    cases = {
+        "granite.png": r"granite\.png.*grass, soil, rock.*_height, _normal, _roughness",
+        "rock_gloss.png": r"rock_gloss\.png.*grass, soil, rock.*_height, _normal, _roughness",
+        "Rock.png": r"Rock\.png.*grass, soil, rock.*_height, _normal, _roughness",
+        "grass.png grass.jpg": "expected one picture grass, got two",
+    }
+    for number, (names, line) in enumerate(cases.items()):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        for name in names.split():
+            save(folder, name, np.zeros((4, 4), np.uint8))
+        with pytest.raises(InputError, match=line) as caught:
+            read_pictures(folder, SIZE)
+        assert "\n" not in str(caught.value), names
     (tmp_path / "grass.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing more")
-    with pytest.raises(InputError, match=r"grass\.png: expected a picture") as caught:
-        read_pictures(tmp_path, SIZE)
-    assert "\n" not in str(caught.value)
-
-
-def test_two_pictures_of_one_thing_are_refused(tmp_path):
-    for suffix in ("png", "jpg"):
-        save(tmp_path, f"grass.{suffix}", np.zeros((4, 4), np.uint8))
-    with pytest.raises(InputError, match="expected one picture grass, got two"):
-        read_pictures(tmp_path, SIZE)
-
-
-def test_a_folder_that_is_none_is_refused(tmp_path):
-    with pytest.raises(InputError, match="nowhere: expected a folder of textures"):
-        read_pictures(tmp_path / "nowhere", SIZE)
+    for folder, line in (
+        (tmp_path, r"grass\.png: expected a picture"),
+        (tmp_path / "nowhere", "nowhere: expected a folder of textures"),
+    ):
+        with pytest.raises(InputError, match=line) as caught:
+            read_pictures(folder, SIZE)
+        assert "\n" not in str(caught.value), folder
 
 
 @pytest.mark.gl
@@ -150,7 +144,8 @@ def test_a_picture_shows_the_textures_of_the_folder(waves, tmp_path):
     for name in ("grass", "rock"):
         save(tmp_path, f"{name}.png", np.full((8, 8, 3), (230, 20, 230), np.uint8))
     camera = Camera((500.0, 100.0, 200.0), (500.0, 300.0, 40.0), far=20_000.0)
-    cheap = dataclasses.replace(Quality.of(0.0, without=["trees", "grass", "rocks", "clouds"]), quads=64)
+    plain = Quality.of(0.0, without=["trees", "grass", "rocks", "clouds"])
+    cheap = dataclasses.replace(plain, quads=64, material_texels=64)
     own, given = (
         render_picture(
             waves, size=(96, 54), camera=camera, sun=Sun(250.0, 35.0), quality=cheap, textures=folder

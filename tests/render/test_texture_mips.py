@@ -53,15 +53,12 @@ def test_every_level_is_the_float64_average_of_the_first():
         assert np.abs(got[..., 3] / 255.0 - block_mean(relief[..., 3:], side)[..., 0]).max() < BYTE + 1e-6
 
 
-def test_a_slope_without_scatter_stays_as_rough_as_it_was():
+def test_only_scattered_slopes_get_rougher_and_by_the_formula():
     painted, relief = surface(16)
     relief[...] = [0.3, -0.2, 0.4, 0.8]
     for _, level in mipmaps(painted, relief):
         assert (level == level[0, 0]).all()
         assert abs(level[0, 0, 2] / 255.0 - 0.4) < BYTE + 1e-6
-
-
-def test_two_facets_get_the_roughness_of_the_formula():
     fields = np.zeros((2, 2, 4))
     fields[..., 0] = [[0.5, -0.5], [0.5, -0.5]]
     fields[..., 2] = 0.5
@@ -77,27 +74,26 @@ def density(slope, alpha):
     return alpha**2 / (np.pi * (alpha**2 + slope) ** 2)
 
 
-@pytest.mark.parametrize(("roughness", "steep"), [(0.5, 0.3), (0.6, 0.5), (0.7, 0.2)])
-def test_one_rough_texel_reflects_what_the_fine_ones_do_together(roughness, steep):
-    rng = np.random.default_rng(8)
-    slopes = steep * rng.standard_normal((4096, 2))
+def test_one_rough_texel_reflects_what_the_fine_ones_do_together():
     grid = np.linspace(-3.0, 3.0, 61)
-    x, y = np.meshgrid(grid, grid)
-    alpha = roughness**2
-    together = np.mean([density((x - p) ** 2 + (y - q) ** 2, alpha) for p, q in slopes], axis=0)
-    mean = slopes.mean(axis=0)
-    around = (x - mean[0]) ** 2 + (y - mean[1]) ** 2
-    filtered = density(around, float(roughened(np.array(roughness), slopes.var(axis=0).mean())) ** 2)
-    plain = density(around, alpha)
     area = (grid[1] - grid[0]) ** 2
-    error, without = (0.5 * np.abs(each - together).sum() * area for each in (filtered, plain))
-    # Half the L1 distance is the share of light that goes elsewhere. A sum of lobes is no lobe of their kind,
-    # so some remains; averaging normals alone misplaces far more.
-    assert error < 0.13
-    assert error < 0.55 * without
+    x, y = np.meshgrid(grid, grid)
+    for roughness, steep in ((0.5, 0.3), (0.6, 0.5), (0.7, 0.2)):
+        slopes = steep * np.random.default_rng(8).standard_normal((4096, 2))
+        alpha = roughness**2
+        together = np.mean([density((x - p) ** 2 + (y - q) ** 2, alpha) for p, q in slopes], axis=0)
+        mean = slopes.mean(axis=0)
+        around = (x - mean[0]) ** 2 + (y - mean[1]) ** 2
+        rougher = float(roughened(np.array(roughness), slopes.var(axis=0).mean()))
+        filtered, plain = density(around, rougher**2), density(around, alpha)
+        error, without = (0.5 * np.abs(each - together).sum() * area for each in (filtered, plain))
+        # Half the L1 distance is the share of light that goes elsewhere. A sum of lobes is no lobe of their
+        # kind, so some remains; averaging normals alone misplaces far more.
+        assert error < 0.13, (roughness, steep)
+        assert error < 0.55 * without, (roughness, steep)
 
 
-def test_what_is_encoded_can_be_decoded():
+def test_decoding_inverts_encoding():
     painted, relief = surface(8, steep=0.3)
     got_painted, got_relief = decoded(*next(mipmaps(painted, relief)))
     assert np.abs(got_painted - painted).max() < 4e-3
@@ -105,7 +101,7 @@ def test_what_is_encoded_can_be_decoded():
     assert np.abs(got_relief[..., :2] - relief[..., :2]).max() < 0.03
 
 
-def test_colours_are_linear_as_srgb_says():
+def test_srgb_colours_become_linear():
     assert np.allclose(linear_of("#000000"), 0.0)
     assert np.allclose(linear_of("#ffffff"), 1.0)
     assert np.allclose(linear_of("#bc8040"), [0.5029, 0.2159, 0.0513], atol=1e-4)

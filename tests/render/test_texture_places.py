@@ -1,4 +1,4 @@
-"""Where the materials' textures lie."""
+"""Placement of the textures of materials."""
 
 from __future__ import annotations
 
@@ -21,14 +21,11 @@ def phases(*eye):
     return texture_phases(eye, WIDTHS).reshape(len(LAYERS), 3, OCTAVES, 2)
 
 
-def test_phases_move_with_the_eye_by_whole_periods_of_textures():
+def test_phases_repeat_after_whole_periods_and_stay_within_one():
     grass = WIDTHS[0]
     here, there = phases(0.0, 0.0, 0.0), phases(PERIOD * grass, -2 * PERIOD * grass, 0.0)
     gap = np.abs(here - there)[0, 2, 0]
     assert np.minimum(gap, PERIOD - gap).max() < 1e-5
-
-
-def test_phases_stay_in_the_period_however_far_the_eye_is():
     far = phases(1e9, -1e9, 10.0)
     assert ((far >= 0) & (far <= PERIOD)).all()
 
@@ -52,7 +49,7 @@ def test_beds_of_rock_lie_level_at_every_size():
     assert laid[0][3] > 0.0
 
 
-def test_a_look_says_how_wide_a_texture_is():
+def test_a_look_sets_the_width_of_a_texture():
     widths = texture_widths({"sand": {"size": 9.0}, "rock": {"size": 0.0}})
     names = list(LAYERS)
     assert widths[names.index("sand")] == 9.0

@@ -1,4 +1,4 @@
-"""Far plants are thinned out by level: evenly, steadily, within a budget, and what stays covers as much."""
+"""Thinning of far plants: evenly by level, steadily, within a budget, with the same cover."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_n_times_as_small_plants_are_kept_n_squared_times_as_rarely():
         assert ratio > WIDEST or kept * width[0] ** 2 == pytest.approx(1.0, rel=0.05)  # cover
 
 
-def test_a_plant_goes_by_degrees():
+def test_a_plant_fades_gradually():
     away = np.linspace(500.0, 2500.0, 4001)
     share = share_of(np.full(away.size, 10.0), away, 0.01)
     width = width_of(np.full(away.size, 10.0), away, 0.01)
@@ -107,33 +107,31 @@ def test_a_plant_goes_by_degrees():
     assert np.abs(np.diff(width)).max() < 2.0 * step
 
 
-def test_plants_that_stand_alone_count_for_more():
+def test_plants_of_a_cell_are_sorted_by_how_long_they_stay():
+    stand = stand_of(Taiga().foliage(0.0, 0.0, CELL, CELL), np.zeros(2))
+    assert (np.diff(stand.hold) <= 0.0).all()
+    assert (stand.whim[:4] > 0.98).all()
+    # Plants that stand alone count for more.
     assert bulk_of(np.array([12.0]), np.array([1.0])) == pytest.approx(12.0)
     assert bulk_of(np.array([12.0]), np.array([0.0])) > bulk_of(np.array([12.0]), np.array([0.9]))
 
 
-def test_plants_of_a_cell_lie_in_the_order_in_which_they_stay():
-    stand = stand_of(Taiga().foliage(0.0, 0.0, CELL, CELL), np.zeros(2))
-    assert (np.diff(stand.hold) <= 0.0).all()
-    assert (stand.whim[:4] > 0.98).all()
-
-
-@pytest.mark.parametrize("most", [1, 40, 1000, 10_000])
-def test_the_scale_keeps_the_budget_at_once(most):
+def test_the_scale_keeps_the_budget_at_once():
     rng = np.random.default_rng(3)
     held, copies = rng.pareto(2.0, 5000) + 0.001, rng.integers(1, 3, 5000)
-    for elapsed in (None, 0.05):
-        thinning = Thinning(most)
-        for _ in range(3):
-            thinning.follow(held, copies, least=1e-3, elapsed=elapsed)
-            assert copies[held > thinning.angle].sum() <= most
-    if most < 5000:
-        assert copies[held > thinning.angle].sum() > (FILL - 0.01) * most - 2
-    else:
-        assert thinning.angle == 1e-3
+    for most in (1, 40, 1000, 10_000):
+        for elapsed in (None, 0.05):
+            thinning = Thinning(most)
+            for _ in range(3):
+                thinning.follow(held, copies, least=1e-3, elapsed=elapsed)
+                assert copies[held > thinning.angle].sum() <= most
+        if most < 5000:
+            assert copies[held > thinning.angle].sum() > (FILL - 0.01) * most - 2
+        else:
+            assert thinning.angle == 1e-3
 
 
-def test_the_scale_follows_softly_and_comes_to_where_a_still_has_it():
+def test_the_scale_follows_smoothly_and_converges_to_that_of_a_still():
     rng = np.random.default_rng(4)
     held = rng.pareto(2.0, 20_000) + 0.001
     crowd, few = held, held[:1500]
@@ -209,7 +207,7 @@ def test_a_step_of_the_eye_changes_few_plants(forest_of):
 
 
 @pytest.mark.gl
-def test_nothing_is_chosen_anew_for_an_eye_at_rest(forest_of, monkeypatch):
+def test_plants_are_not_chosen_again_for_an_eye_at_rest(forest_of, monkeypatch):
     forest, lit = forest_of(plants=3000)
     forest.settle(CAMERA, SIZE, lit)
     chosen = []

@@ -1,3 +1,5 @@
+"""Automatic flights around a terrain."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -12,21 +14,20 @@ def looks(views):
     return along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
-@pytest.mark.parametrize("rivers", [True, False])
-def test_over_the_sketch_low_and_never_in_the_ground(rivers, waves):
-    if not rivers:
-        waves.features.rivers = ()
-    flight = tour(waves, seconds=60.0)
-    views = flight.at(flight.times(120))
-    rise = room.RISE * waves.extent
-    clearance = views.eye[:, 2] - waves.heights(views.eye[:, 0], views.eye[:, 1])
-    assert clearance.min() > 0.9 * room.LOW * rise
-    assert clearance.mean() < 3.0 * rise
-    assert (views.eye[:, :2] > 0.0).all()
-    assert (views.eye[:, :2] < waves.size).all()
+def test_a_tour_stays_low_over_the_sketch_and_never_is_in_the_ground(waves):
+    for rivers in (waves.features.rivers, ()):
+        waves.features.rivers = rivers
+        flight = tour(waves, seconds=60.0)
+        views = flight.at(flight.times(120))
+        rise = room.RISE * waves.extent
+        clearance = views.eye[:, 2] - waves.heights(views.eye[:, 0], views.eye[:, 1])
+        assert clearance.min() > 0.9 * room.LOW * rise
+        assert clearance.mean() < 3.0 * rise
+        assert (views.eye[:, :2] > 0.0).all()
+        assert (views.eye[:, :2] < waves.size).all()
 
 
-def test_even_speed_and_no_swift_turns(waves):
+def test_a_tour_has_even_speed_and_slow_turns(waves):
     flight = tour(waves, seconds=60.0)
     views = flight.at(flight.times(30))
     speed = np.linalg.norm(views.velocity, axis=1)
@@ -35,7 +36,7 @@ def test_even_speed_and_no_swift_turns(waves):
     assert turns.max() < 40.0  # degrees a second, on so small a sketch
 
 
-def test_so_long_as_asked_the_same_each_time_and_around_again(waves):
+def test_a_tour_is_as_long_as_asked_repeatable_and_closed(waves):
     flight = tour(waves, seconds=20.0)
     assert 20.0 <= flight.duration < 20.0 + 5 * room.KEY_EVERY
     assert tour(waves, seconds=20.0) == flight
@@ -48,7 +49,7 @@ def test_so_long_as_asked_the_same_each_time_and_around_again(waves):
     assert again.min() < 25.0
 
 
-def test_water_attracts(waves):
+def test_a_tour_keeps_near_water(waves):
     """The river lies along y = 500: nearer to it than a circle would be, in the mean over the round."""
     with_river = tour(waves, seconds=150.0)
     waves.features.rivers = ()
@@ -57,7 +58,7 @@ def test_water_attracts(waves):
     assert distances[0] < distances[1]
 
 
-def test_the_cheapest_way_is_the_one_that_brute_force_finds():
+def test_the_cheapest_path_is_that_of_brute_force():
     rng = np.random.default_rng(2)
     for _ in range(10):
         costs = rng.uniform(0.0, 1.0, (6, 4))

@@ -1,4 +1,4 @@
-"""Plants in the wind, against plain NumPy: nothing moves without wind, and no foot ever does."""
+"""Plants in the wind against NumPy: nothing moves without wind, and no foot ever does."""
 
 from __future__ import annotations
 

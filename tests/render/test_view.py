@@ -1,4 +1,4 @@
-"""Views are found from where one can stand, with the horizon where a picture wants it."""
+"""Choice of views: places to stand, the horizon in the picture, the direction of the light."""
 
 from __future__ import annotations
 
@@ -36,43 +36,42 @@ def terrain() -> st.Terrain:
     )
 
 
-@pytest.fixture(scope="module", params=VIEWS)
-def kind(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
+def test_a_view_is_from_its_height_and_its_horizon_lies_high(terrain: st.Terrain) -> None:
+    for kind in VIEWS:
+        camera = find_view(terrain, kind)
+        x, y, z = camera.eye
+        low, high = HEIGHTS[kind]
+        assert low <= z - float(terrain.heights(x, y)) <= high, kind
+        # Where the farthest ground is in the picture: in the upper third, none of it over the border.
+        bearing = np.radians(camera.heading) + np.radians(np.linspace(-25.0, 25.0, 21))[:, None]
+        distance = np.geomspace(10.0, 1.5 * terrain.extent, 90)
+        ground = terrain.heights(
+            x + np.sin(bearing) * distance, y + np.cos(bearing) * distance, cell_size=8.0
+        )
+        skyline = ((ground - z) / distance).max(axis=1)
+        half = np.tan(np.radians(camera.fov) / 2.0)
+        at = (skyline - np.tan(np.radians(camera.pitch))) / half
+        assert 0.2 <= np.median(at) <= 0.95, kind
+        assert at.max() < 1.0, kind
+        assert find_view(terrain, kind) == camera, kind
 
 
-def test_a_view_is_from_its_height_and_its_horizon_lies_high(terrain: st.Terrain, kind: str) -> None:
-    camera = find_view(terrain, kind)
-    x, y, z = camera.eye
-    low, high = HEIGHTS[kind]
-    assert low <= z - float(terrain.heights(x, y)) <= high
-    # Where the farthest ground is in the picture: in the upper third, none of it over the border.
-    bearing = np.radians(camera.heading) + np.radians(np.linspace(-25.0, 25.0, 21))[:, None]
-    distance = np.geomspace(10.0, 1.5 * terrain.extent, 90)
-    ground = terrain.heights(x + np.sin(bearing) * distance, y + np.cos(bearing) * distance, cell_size=8.0)
-    skyline = ((ground - z) / distance).max(axis=1)
-    half = np.tan(np.radians(camera.fov) / 2.0)
-    at = (skyline - np.tan(np.radians(camera.pitch))) / half
-    assert 0.2 <= np.median(at) <= 0.95
-    assert at.max() < 1.0
-    assert find_view(terrain, kind) == camera
-
-
-@pytest.mark.parametrize("kind", ["ground", "hill"])
-def test_nothing_stands_in_the_way_of_who_stands(terrain: st.Terrain, kind: str) -> None:
-    camera = find_view(terrain, kind)
-    x, y, _ = camera.eye
-    plants = terrain.foliage(x - 5.0, y - 5.0, x + 5.0, y + 5.0)
-    assert not (np.hypot(plants["x"] - x, plants["y"] - y) < 5.0).any()
-    ground = terrain.heights([x], [y])
-    for layer in ("river", "lake"):
-        assert not standing_water(terrain.recipe, layer, np.array([x]), np.array([y]), ground).any()
-    near = terrain.heights(x + np.array([0.0, 4.0, 0.0]), y + np.array([0.0, 0.0, 4.0]))
-    assert np.hypot(near[1] - near[0], near[2] - near[0]) / 4.0 < 0.3
-    ahead = camera.forward[:2] / np.hypot(*camera.forward[:2])
-    run = np.linspace(3.0, 30.0, 10)
-    rise = terrain.heights(x + ahead[0] * run, y + ahead[1] * run) - ground[0]
-    assert (rise < 0.5 * run).all()
+def test_views_from_the_ground_are_dry_level_and_open(terrain: st.Terrain) -> None:
+    for kind in ("ground", "hill"):
+        camera = find_view(terrain, kind)
+        x, y, _ = camera.eye
+        plants = terrain.foliage(x - 5.0, y - 5.0, x + 5.0, y + 5.0)
+        assert not (np.hypot(plants["x"] - x, plants["y"] - y) < 5.0).any(), kind
+        ground = terrain.heights([x], [y])
+        for layer in ("river", "lake"):
+            wet = standing_water(terrain.recipe, layer, np.array([x]), np.array([y]), ground)
+            assert not wet.any(), (kind, layer)
+        near = terrain.heights(x + np.array([0.0, 4.0, 0.0]), y + np.array([0.0, 0.0, 4.0]))
+        assert np.hypot(near[1] - near[0], near[2] - near[0]) / 4.0 < 0.3, kind
+        ahead = camera.forward[:2] / np.hypot(*camera.forward[:2])
+        run = np.linspace(3.0, 30.0, 10)
+        rise = terrain.heights(x + ahead[0] * run, y + ahead[1] * run) - ground[0]
+        assert (rise < 0.5 * run).all(), kind
 
 
 def test_stands_are_dry_open_and_in_the_sketch(terrain: st.Terrain) -> None:
@@ -92,7 +91,7 @@ def test_stands_are_dry_open_and_in_the_sketch(terrain: st.Terrain) -> None:
     assert np.median(terrain.heights(x, y) - around) > 1.0
 
 
-def test_shores_are_as_far_as_they_say(terrain: st.Terrain) -> None:
+def test_distances_to_shores_are_measured_from_the_bank(terrain: st.Terrain) -> None:
     cover = Cover(terrain, sample_heights(terrain, (1500.0, 1125.0), 3900.0, 128))
     river = terrain.features.rivers[0]
     middle = len(river.centreline) // 2
@@ -104,7 +103,7 @@ def test_shores_are_as_far_as_they_say(terrain: st.Terrain) -> None:
     assert cover.wet(*places.T).tolist() == [True, False, False]
 
 
-def test_a_plant_in_the_way_is_as_far_as_it_is(terrain: st.Terrain) -> None:
+def test_the_view_ahead_ends_at_the_first_plant(terrain: st.Terrain) -> None:
     plants = terrain.foliage(0.0, 0.0, *terrain.size)
     plant = plants[len(plants) // 2]
     eye = np.array([plant["x"] - 8.0, plant["y"], 0.0])
@@ -124,7 +123,7 @@ def test_light_from_the_side_is_preferred_to_light_from_behind() -> None:
     assert light_of(Weather(hour=None))(np.array([side, behind])).tolist() == [0.0, 0.0]
 
 
-def test_another_view_and_the_night_are_refused(terrain: st.Terrain) -> None:
+def test_unknown_views_and_hours_of_the_night_are_refused(terrain: st.Terrain) -> None:
     with pytest.raises(InputError, match="expected a view, one of auto, ground, hill, air, got 'moon'"):
         find_view(terrain, "moon")
     with pytest.raises(InputError, match="expected an hour from"):

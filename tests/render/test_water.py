@@ -1,4 +1,4 @@
-"""The functions of water's shaders against NumPy, closed forms and integrals."""
+"""Functions of the shaders of water against NumPy, closed forms and integrals."""
 
 from __future__ import annotations
 
@@ -23,14 +23,10 @@ def rows(*columns):
 
 
 @pytest.mark.gl
-def test_rays_bend_by_snells_law(gl):
+def test_smooth_water_refracts_by_snell_and_mirrors_by_schlick(gl):
     angle = np.linspace(0.0, np.pi / 2, 91)
     got = evaluate(gl, OPTICS, "vec4(refracted_cosine(a.x))", rows(np.cos(angle)))[:, 0]
     np.testing.assert_allclose(np.sqrt(1 - got**2) * INDEX, np.sin(angle), atol=2e-4)
-
-
-@pytest.mark.gl
-def test_smooth_water_mirrors_as_schlick_says(gl):
     cosine = np.linspace(0.0, 1.0, 101)
     got = evaluate(gl, OPTICS, "vec4(mirrored_share(a.x, 0.0))", rows(cosine))[:, 0]
     head_on = ((INDEX - 1) / (INDEX + 1)) ** 2
@@ -46,34 +42,34 @@ def seen_mean(function, cosine, spread):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("spread", [0.03, 0.1, 0.2])
-def test_rough_water_mirrors_about_the_mean_of_what_is_seen(gl, spread):
+def test_rough_water_mirrors_about_the_mean_of_its_visible_facets(gl):
     cosine = np.linspace(0.03, 1.0, 40)
-    got = evaluate(gl, OPTICS, f"vec4(mirrored_share(a.x, {spread}))", rows(cosine))[:, 0]
+    for spread in (0.03, 0.1, 0.2):
+        got = evaluate(gl, OPTICS, f"vec4(mirrored_share(a.x, {spread}))", rows(cosine))[:, 0]
 
-    def mean(c):
-        def schlick(s):
-            tilted = np.clip((c + s * np.sqrt(1 - c * c)) / np.hypot(1, s), 0, 1)
-            return 0.0203 + 0.9797 * (1 - tilted) ** 5
+        def mean(c, spread=spread):
+            def schlick(s):
+                tilted = np.clip((c + s * np.sqrt(1 - c * c)) / np.hypot(1, s), 0, 1)
+                return 0.0203 + 0.9797 * (1 - tilted) ** 5
 
-        return seen_mean(schlick, c, spread)
+            return seen_mean(schlick, c, spread)
 
-    np.testing.assert_allclose(got, [mean(c) for c in cosine], atol=0.06)
+        np.testing.assert_allclose(got, [mean(c) for c in cosine], atol=0.06, err_msg=f"spread {spread}")
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("spread", [0.02, 0.1, 0.3])
-def test_facets_that_lean_to_the_eye_are_seen_the_most(gl, spread):
+def test_the_mean_slope_of_visible_facets_is_exact(gl):
     cosine = np.linspace(0.005, 0.999, 60)
-    got = evaluate(gl, OPTICS, f"vec4(seen_slope(a.x, {spread}))", rows(cosine))[:, 0]
-    a = cosine / (spread * np.sqrt(1 - cosine**2))
-    exact = spread / (a + np.exp(norm.logpdf(a) - norm.logcdf(a)))
-    np.testing.assert_allclose(got, exact, rtol=2e-3)
-    np.testing.assert_allclose(exact, [seen_mean(lambda s: s, c, spread) for c in cosine], rtol=2e-3)
+    for spread in (0.02, 0.1, 0.3):
+        got = evaluate(gl, OPTICS, f"vec4(seen_slope(a.x, {spread}))", rows(cosine))[:, 0]
+        a = cosine / (spread * np.sqrt(1 - cosine**2))
+        exact = spread / (a + np.exp(norm.logpdf(a) - norm.logcdf(a)))
+        np.testing.assert_allclose(got, exact, rtol=2e-3, err_msg=f"spread {spread}")
+        np.testing.assert_allclose(exact, [seen_mean(lambda s: s, c, spread) for c in cosine], rtol=2e-3)
 
 
 @pytest.mark.gl
-def test_facets_hide_each_other_as_smith_says(gl):
+def test_facets_hide_each_other_by_smiths_term(gl):
     spread = 0.15
     cosine = np.linspace(0.02, 0.9, 60)
     got = evaluate(gl, OPTICS, f"vec4(hidden_share(a.x, {spread}))", rows(cosine))[:, 0]
@@ -83,23 +79,22 @@ def test_facets_hide_each_other_as_smith_says(gl):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize(("spread", "height"), [(0.05, 0.7), (0.15, 0.3), (0.25, 0.15)])
-def test_glitter_is_no_more_than_the_sun(gl, spread, height):
-    """Over all directions water mirrors the share that Fresnel's term gives it and no more."""
+def test_glitter_sends_no_more_light_than_fresnel_mirrors(gl):
     up, azimuth = np.meshgrid((np.arange(300) + 0.5) / 300, (np.arange(600) + 0.5) / 600 * 2 * np.pi)
     side = np.sqrt(1 - up**2)
     eyes = rows(side.ravel() * np.cos(azimuth.ravel()), side.ravel() * np.sin(azimuth.ravel()), up.ravel())
-    sun = f"vec3({np.sqrt(1 - height**2)}, 0.0, {height})"
-    call = f"vec4(glitter(a.xyz, {sun}, vec2(0.0), {spread}))"
-    got = evaluate(gl, OPTICS, call, eyes)[:, 0].astype(np.float64)
-    sent = np.sum(got * eyes[:, 2]) * 2 * np.pi / eyes.shape[0]
-    share = evaluate(gl, OPTICS, "vec4(mirrored_share(a.x, a.y))", rows([height], [spread]))[0, 0]
-    assert 0.5 * share * height < sent < 1.1 * share * height
-    assert (got >= 0).all()
+    for spread, height in ((0.05, 0.7), (0.15, 0.3), (0.25, 0.15)):
+        sun = f"vec3({np.sqrt(1 - height**2)}, 0.0, {height})"
+        call = f"vec4(glitter(a.xyz, {sun}, vec2(0.0), {spread}))"
+        got = evaluate(gl, OPTICS, call, eyes)[:, 0].astype(np.float64)
+        sent = np.sum(got * eyes[:, 2]) * 2 * np.pi / eyes.shape[0]
+        share = evaluate(gl, OPTICS, "vec4(mirrored_share(a.x, a.y))", rows([height], [spread]))[0, 0]
+        assert 0.5 * share * height < sent < 1.1 * share * height, (spread, height)
+        assert (got >= 0).all(), (spread, height)
 
 
 @pytest.mark.gl
-def test_light_is_lost_by_the_way_through_water(gl):
+def test_light_is_absorbed_along_its_path_through_water(gl):
     depth, up, down = np.meshgrid(np.linspace(0, 30, 16), [0.67, 0.8, 1.0], [0.7, 1.0])
     inputs = rows(depth.ravel(), up.ravel(), down.ravel())
     call = "vec4(let_through(vec3(0.5, 0.2, 0.1), a.x, a.y, a.z), 0.0)"
@@ -112,27 +107,25 @@ def test_light_is_lost_by_the_way_through_water(gl):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("amount", [0.05, 0.2, 0.5])
-def test_far_foam_covers_what_near_foam_does(gl, amount):
+def test_far_foam_covers_what_near_foam_does(gl):
     noise = 0.5 * norm.ppf((np.arange(2000) + 0.5) / 2000)
-    call = "vec4(foam_share(a.x, a.z, a.y))"
-    near = evaluate(gl, ["render/water_foam.glsl"], call, rows(noise, 0.0, amount))[:, 0].mean()
-    far = evaluate(gl, ["render/water_foam.glsl"], call, rows([0.0], 0.5, amount))[0, 0]
-    assert far == pytest.approx(near, abs=0.13)
-    call = "vec4(foam_cover(a.x, a.z, a.y))"
-    share, web = np.linspace(0, 1, 21), np.linspace(-1, 1, 21)
-    got = evaluate(gl, ["render/water_foam.glsl"], call, rows(share, web, amount))[:, 0]
-    threads = 1 - smoothstep(0.02, 0.28, np.abs(web))
-    blanket = smoothstep(0.06, 0.4, amount) * share
-    expected = 0.85 * share * (0.75 * threads * (1 - blanket) + blanket)
-    np.testing.assert_allclose(got, expected, atol=1e-6)
-    call = "vec4(foam_share(a.x, a.z, a.y))"
-    none = evaluate(gl, ["render/water_foam.glsl"], call, rows(noise, 0.0, 0.0))
-    assert (none == 0).all()
+    shared, covered = "vec4(foam_share(a.x, a.z, a.y))", "vec4(foam_cover(a.x, a.z, a.y))"
+    files = ["render/water_foam.glsl"]
+    for amount in (0.05, 0.2, 0.5):
+        near = evaluate(gl, files, shared, rows(noise, 0.0, amount))[:, 0].mean()
+        far = evaluate(gl, files, shared, rows([0.0], 0.5, amount))[0, 0]
+        assert far == pytest.approx(near, abs=0.13), amount
+        share, web = np.linspace(0, 1, 21), np.linspace(-1, 1, 21)
+        got = evaluate(gl, files, covered, rows(share, web, amount))[:, 0]
+        threads = 1 - smoothstep(0.02, 0.28, np.abs(web))
+        blanket = smoothstep(0.06, 0.4, amount) * share
+        expected = 0.85 * share * (0.75 * threads * (1 - blanket) + blanket)
+        np.testing.assert_allclose(got, expected, atol=1e-6, err_msg=str(amount))
+    assert (evaluate(gl, files, shared, rows(noise, 0.0, 0.0)) == 0).all()
 
 
 @pytest.mark.gl
-def test_foam_is_where_streams_are_steep_and_at_shores(gl):
+def test_foam_lies_on_steep_streams_and_at_shores(gl):
     across = np.linspace(-1, 1, 41)
     calm, steep = (
         evaluate(gl, ["render/water_foam.glsl"], f"vec4(stream_foam({fall}, a.x))", rows(across))[:, 0]
@@ -157,7 +150,7 @@ def test_banks_are_wet_near_the_water_and_low_above_it(gl):
 
 
 @pytest.mark.gl
-def test_what_flows_is_taken_up_anew_where_it_is_not_seen(gl):
+def test_flowing_textures_restart_where_they_are_not_seen(gl):
     time = np.linspace(0.0, 3.0, 301)
     call = "vec4(flow_phase(a.x, 0.0), flow_phase(a.x, 1.0))"
     text = [source("render/water_waves.glsl")]

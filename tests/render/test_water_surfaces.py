@@ -1,4 +1,4 @@
-"""Water's surfaces and waves, and a river that is never too thin to see."""
+"""Surfaces and waves of water, and rivers thinner than a pixel."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_waves_run_with_the_wind_and_come_back_after_a_side():
     assert wave_layers((3.0, 4.0), 1)[0, 2] == 1.0
 
 
-def test_a_river_runs_as_manning_says():
+def test_the_speed_of_a_river_follows_mannings_formula():
     line = straight((5.0, 0.0), width=18.0)
     speed, fall = current(line.centreline, line.centreline_width)
     np.testing.assert_allclose(fall, 0.005)
@@ -90,6 +90,11 @@ def test_a_river_runs_as_manning_says():
     speed, fall = current(still.centreline, still.centreline_width)
     assert (fall == 0).all()
     assert (speed == 0.25).all()
+    line = straight((20.0, 0.0), width=18.0)
+    surface = strip(line.centreline, line.centreline_width)
+    assert (surface.nature[:, 3] == 9.0).all()
+    assert (surface.nature[:, 2] == 1.0).all()
+    np.testing.assert_allclose(surface.nature[:, 1], 0.02)
 
 
 def features(*rivers, lakes=()):
@@ -142,7 +147,7 @@ void main() { if (wet_room < 0.0) discard; radiance = vec4(1.0, 1.0, 1.0, covera
 
 
 @pytest.mark.gl
-def test_a_far_river_fades_by_its_share_and_never_goes(gl, monkeypatch):
+def test_a_far_river_fades_by_its_share_of_a_pixel(gl, monkeypatch):
     """Its light in a column of the picture is its width in pixels, from many of them to a fifth of one."""
     read = source
 
@@ -190,14 +195,6 @@ def test_a_far_river_fades_by_its_share_and_never_goes(gl, monkeypatch):
 
 
 @pytest.mark.gl
-def test_water_that_is_left_out_is_not_drawn(gl):
+def test_water_left_out_is_not_drawn(gl):
     assert not Water(gl, features(straight()), part=False)
     assert not Water(gl, features())
-
-
-def test_a_strip_knows_how_it_flows():
-    line = straight((20.0, 0.0), width=18.0)
-    surface = strip(line.centreline, line.centreline_width)
-    assert (surface.nature[:, 3] == 9.0).all()
-    assert (surface.nature[:, 2] == 1.0).all()
-    np.testing.assert_allclose(surface.nature[:, 1], 0.02)

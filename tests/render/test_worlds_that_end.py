@@ -1,4 +1,4 @@
-"""A ground that ends: no tile, no hole, no wall at its ends, and the picture is the terrain's own."""
+"""Worlds with bounds: no tile beyond them, no hole within, and the picture of their terrain."""
 
 from __future__ import annotations
 
@@ -81,13 +81,6 @@ def eyes(world):
     ]
 
 
-def test_a_terrain_has_no_end_and_a_stored_world_has(terrain, world):
-    assert isinstance(world, Bounded)
-    assert not isinstance(terrain, Bounded)
-    assert rectangle_of(terrain) == (0.0, 0.0, *terrain.size)
-    assert rectangle_of(world) == (0.0, -401 * CELL, 512 * CELL, 0.0)
-
-
 def test_every_tile_that_is_drawn_has_ground_and_nothing_opens_between_them(world):
     from .test_cracks import view_from
 
@@ -130,9 +123,13 @@ def test_every_tile_that_is_drawn_has_ground_and_nothing_opens_between_them(worl
     assert moved
 
 
-def test_what_lies_outside_the_eye_looks_for_no_tiles(world):
+def test_tiles_are_streamed_only_within_the_bounds_of_a_world(world, terrain):
     from .test_cracks import view_from
 
+    assert isinstance(world, Bounded)
+    assert not isinstance(terrain, Bounded)
+    assert rectangle_of(terrain) == (0.0, 0.0, *terrain.size)
+    assert rectangle_of(world) == (0.0, -401 * CELL, 512 * CELL, 0.0)
     stream, store = stream_of(world)
     for eye, reach in (((1e6, 1e6, 500.0), 3000.0), ((1000.0, -800.0, 500.0), REACH)):
         view = view_from(eye)

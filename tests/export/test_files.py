@@ -14,6 +14,7 @@ import pytest
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export import move_into, prepare_folder, staging, write_json
 from sketchterrain.export.files import files_without_successor
+from sketchterrain.export.sidecar import SIDECAR, replaced_files
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -145,3 +146,19 @@ def test_only_files_of_the_folder_itself_have_no_successor(tmp_path: Path) -> No
     (tmp_path / "inner" / "d").write_bytes(b"")
     before = ["a", "b", "gone", "inner", "inner/d", "../" + tmp_path.name + "/c", "", "."]
     assert files_without_successor(tmp_path, before, ["b", "new"]) == [tmp_path / "a"]
+
+
+def test_only_an_earlier_export_of_the_same_sketch_and_target_is_replaced(tmp_path: Path) -> None:
+    def sidecar(*names: str, target: str = "raw") -> dict[str, object]:
+        files = [{"file": name} for name in names]
+        return {"format": 1, "target": target, "sketch": "a", "files": files}
+
+    (tmp_path / "old").write_bytes(b"")
+    (tmp_path / "kept").write_bytes(b"")
+    told = sidecar("kept", "new")
+    assert replaced_files(tmp_path, told) == []
+    for content in ("[]", "{", json.dumps(sidecar("old", "kept", target="png16"))):
+        (tmp_path / SIDECAR).write_text(content)
+        assert replaced_files(tmp_path, told) == [], content
+    (tmp_path / SIDECAR).write_text(json.dumps(sidecar("old", "kept")))
+    assert replaced_files(tmp_path, told) == [tmp_path / "old"]

@@ -74,7 +74,7 @@ def test_fixed_spacing_and_multiples_are_kept() -> None:
     assert grid_of(WIDE.replace(extent=1025.0), regions).columns == 1280
 
 
-def test_refused_sizes_name_the_nearest_and_overlaps_are_bounded() -> None:
+def test_refusals_name_the_option_and_the_nearest_size() -> None:
     for size, tiles, nearest in [
         (64, (1, 1), "33 or 65"),
         (130, (1, 1), "129 "),
@@ -86,6 +86,14 @@ def test_refused_sizes_name_the_nearest_and_overlaps_are_bounded() -> None:
 
     with pytest.raises(InputError, match="cannot share 70 vertices"):
         grid_of(WIDE, SQUARE, tiles=(2, 2), overlap=70)
+    with pytest.raises(InputError, match="size = 1: expected 2 or more vertices"):
+        grid_of(WIDE, PLAIN, size=1)
+    with pytest.raises(InputError, match="expected two finite numbers, m"):
+        grid_of(WIDE, target_named("geotiff"), origin=(np.nan, 0.0))
+    with pytest.raises(InputError, match="only 16-bit numbers have a range"):
+        grid_of(WIDE, target_named("raw"), format="r32", heights=(0.0, 1.0))
+    with pytest.raises(InputError, match=r"expected one of .* as target, got 'quake'"):
+        target_named("quake")
 
 
 def test_every_target_declares_known_options_and_sizes_that_can_be_planned() -> None:

@@ -148,6 +148,7 @@ def test_locking_changes_nothing(plain: Terrain, context: ComputeContext) -> Non
     np.testing.assert_array_equal(plain.heights(x, y), after.heights(x, y))
 
 
+@pytest.mark.slow
 def test_an_edit_matters_no_farther_than_the_stated_distance(context: ComputeContext) -> None:
     bare = _sketch().replace(density={"hill": 0.8, "forest": 0.5}, extent=64_000.0)
     before = build(bare, device=context)

@@ -27,16 +27,13 @@ def test_slopes_are_those_of_differences() -> None:
             np.testing.assert_allclose((after - before) / (2 * STEP), slope, atol=1e-7)
 
 
-def test_what_is_left_of_the_height_has_no_kink_where_the_crest_ends() -> None:
+def test_the_height_has_no_kink_where_the_crest_ends_and_is_round_without_one() -> None:
     end = 800 * HALF
     for beside in (-1e-6, 1e-6):
         x, y = (np.array([part * (1 + beside)]) for part in end)
         keep = seen(x, y)[1]
         np.testing.assert_allclose(keep.value, 1 - CREST[3], atol=1e-9)
         np.testing.assert_allclose([keep.east, keep.north], 0, atol=1e-7)
-
-
-def test_a_feature_without_a_crest_is_round() -> None:
     x, y = np.random.default_rng(2).uniform(-1600, 1600, (2, 1000))
     away, keep = approached(np.stack([x, y]), 1 / 800, LEVEL)
     np.testing.assert_allclose(away.value, np.hypot(x, y) / 800, rtol=1e-14)

@@ -36,7 +36,8 @@ def test_plants_stand_on_the_ground_inside_the_rectangle(valley: st.Terrain) -> 
     np.testing.assert_array_equal(part, plants[inside])
 
 
-def test_forests_are_where_they_are_painted(valley: st.Terrain) -> None:
+def test_forests_are_where_they_are_painted(valley: st.Terrain, desert: st.Terrain) -> None:
+    assert len(desert.foliage(2000, 2000, 4000, 4000)) < 40
     forest = valley.sketch.layers["forest"] > 0
     plants = valley.foliage(0, 0, *valley.size)
     column = (plants["x"] / valley.sketch.pixel_size).astype(int)
@@ -44,6 +45,7 @@ def test_forests_are_where_they_are_painted(valley: st.Terrain) -> None:
     inside = forest[row, column].mean()
     assert inside > 0.6  # groves of the fill and lone trees stand elsewhere
     assert inside > 5 * forest.mean()
+    assert len(plants) <= valley.foliage_estimate(0, 0, *valley.size)[0] <= 2 * len(plants)
 
 
 def test_a_forest_has_the_share_of_conifers_of_its_label(
@@ -128,8 +130,3 @@ def test_no_tree_stands_in_a_lake(make_recipe: Callable[..., TerrainRecipe], con
     field = ShapeField(1700.0, 1700.0, 10.0, np.full((61, 61), 300.0, np.float32))
     flooded = make_recipe(wide_forest(1.0), lakes=(Lake(1, 1, field, 10.0, 5.0),))
     assert FoliageSampler(Evaluator(flooded, context)).within(1900, 1900, 2100, 2100).size == 0
-
-
-def test_deserts_have_few_plants(desert: st.Terrain) -> None:
-    plants = desert.foliage(2000, 2000, 4000, 4000)
-    assert len(plants) < 40

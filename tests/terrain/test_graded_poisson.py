@@ -162,7 +162,7 @@ def test_a_place_with_room_is_taken(context: ComputeContext) -> None:
     points = sampler(context, waves).within(square(0, 900))
     place = np.stack([points["x"], points["y"]], axis=1) / METRE
     rng = np.random.default_rng(3)
-    at = rng.uniform(100, 800, (40_000, 2))
+    at = rng.uniform(100, 800, (10_000, 2))
     spacing = waves(at[:, 0], at[:, 1])
     at, spacing = at[spacing < 58], spacing[spacing < 58]
     tree, free = cKDTree(place), np.ones(len(at), bool)

@@ -56,7 +56,7 @@ __kernel void weights(RULE_ARGUMENTS, __global const REAL *values, __global cons
 """
 
 
-def sites(count: int = 20_000, *, seed: int = 1, real: Any = np.float64) -> Site:
+def sites(count: int = 8_000, *, seed: int = 1, real: Any = np.float64) -> Site:
     """Points of all kinds, half of each mask 0 or 1."""
     rng = np.random.default_rng(seed)
     masks = np.clip(rng.uniform(-0.5, 1.5, (4, count)), 0, 1)

@@ -43,13 +43,10 @@ def written(
     return store.download()[slots], facts[np.argsort(order)]
 
 
-def test_a_vertex_is_32_bytes() -> None:
-    assert VERTEX.itemsize == 32
-    assert [VERTEX.fields[name][1] for name in VERTEX.names] == [0, 4, 8, 12, 16, 24]
-
-
 def test_vertices_are_the_tiles(valley: st.Terrain) -> None:
     """Heights to the bit, also the parents'; slopes and weights to half a step of what they are packed in."""
+    assert VERTEX.itemsize == 32
+    assert [VERTEX.fields[name][1] for name in VERTEX.names] == [0, 4, 8, 12, 16, 24]
     vertices, facts = written(valley, list(range(len(FAMILY))))
     for vertex, fact, tile, (_, parent) in zip(vertices, facts, valley.tiles(KEYS), FAMILY, strict=True):
         np.testing.assert_array_equal(vertex["height"], tile.height)
@@ -185,7 +182,7 @@ def test_the_error_is_what_a_close_look_finds(valley: st.Terrain) -> None:
 
 
 @pytest.mark.parametrize(
-    "quads", [pytest.param(n, marks=() if n in {64, 256} else pytest.mark.slow) for n in TILE_QUADS]
+    "quads", [pytest.param(n, marks=() if n == 64 else pytest.mark.slow) for n in TILE_QUADS]
 )
 def test_squares_are_the_same_as_the_whole(
     valley: st.Terrain, quads: int, monkeypatch: pytest.MonkeyPatch

@@ -245,3 +245,20 @@ def test_fast_is_told_and_close(call: Callable[..., Any], tiny: Path, tmp_path: 
     assert (report(tmp_path / "exact")["fast"], report(tmp_path / "fast")["fast"]) == (False, True)
     heights = [rasterio.open(tmp_path / name / "height.tif").read(1) for name in ("exact", "fast")]
     np.testing.assert_allclose(*heights, atol=1e-3, rtol=0)
+
+
+@two_devices
+def test_a_device_that_fails_its_self_test_is_replaced(
+    call: Callable[..., Any], tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def verdict(device: object, *, compare: bool) -> Verdict:
+        if device == DEVICES[0]:
+            return Verdict("failed", "the self-test crashed (SIGSEGV)")
+        return Verdict("same", "")
+
+    monkeypatch.setattr(sketchterrain.jobs, "self_test", verdict)
+    done = generate(call, tiny, tmp_path, "--device", DEVICES[0].index)
+    assert done.code == 0
+    (restart,) = report(tmp_path)["restarts"]
+    assert f"{DEVICES[0].name} ({DEVICES[0].platform}) failed: the self-test crashed (SIGSEGV)" in restart
+    assert report(tmp_path)["device"]["platform"] != DEVICES[0].platform

@@ -101,6 +101,22 @@ def test_a_device_that_fails_the_self_test_is_told_and_kept(job, heard, monkeypa
     ]
 
 
+@two_devices
+def test_a_device_that_crashes_in_its_self_test_is_replaced(job, monkeypatch) -> None:
+    def verdict(device: Any, *, compare: bool) -> Verdict:
+        if device == KNOWN[0]:
+            return Verdict("failed", "the self-test crashed (SIGSEGV)")
+        return Verdict("same", "")
+
+    monkeypatch.setattr(sketchterrain.world.alone, "self_test", verdict)
+    notes: list[str] = []
+    crew = AloneCrew(job, device=str(KNOWN[0].index), note=notes.append)
+    assert crew._device == KNOWN[1]
+    assert crew.own_bits == ""
+    (note,) = notes
+    assert f"{KNOWN[0].platform}) failed: the self-test crashed (SIGSEGV); {KNOWN[1].name}" in note
+
+
 def test_the_next_is_evaluated_while_one_is_written(job, heard, monkeypatch) -> None:
     end, begin = Maker.end, Maker.begin
     threads, under_way, most = set(), [], []

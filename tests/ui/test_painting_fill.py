@@ -32,7 +32,7 @@ def test_a_fill_is_the_component() -> None:
         region = components == components[row, column]
         wanted = np.where(region, 9, image)
         box = flood(image, row, column, 9)
-        np.testing.assert_array_equal(image, wanted)
+        np.testing.assert_array_equal(image, wanted, err_msg=f"seed {seed}")
         rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
         assert box == (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1), seed
 

@@ -67,10 +67,9 @@ def test_a_dab_is_the_disc() -> None:
             image = drawn([(*centre, radius)])
             x, y = centres(image)
             wanted = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= radius**2
-            wanted |= (
-                np.maximum(np.abs(x - centre[0]), np.abs(y - centre[1])) <= 0.5
-            )  # never less than a pixel
-            np.testing.assert_array_equal(image == 1, wanted)
+            # Never less than a pixel.
+            wanted |= np.maximum(np.abs(x - centre[0]), np.abs(y - centre[1])) <= 0.5
+            np.testing.assert_array_equal(image == 1, wanted, err_msg=f"{centre}, {radius}")
 
 
 def test_a_sweep_is_every_disc_on_its_way() -> None:
@@ -82,9 +81,8 @@ def test_a_sweep_is_every_disc_on_its_way() -> None:
         image = empty()
         box = paint_sweep(image, a, b, 3)
         inside = depth(image, a, b)
-        np.testing.assert_array_equal(
-            (image == 3)[np.abs(inside) > 1e-6], (inside > 0)[np.abs(inside) > 1e-6]
-        )
+        clear = np.abs(inside) > 1e-6
+        np.testing.assert_array_equal((image == 3)[clear], (inside > 0)[clear], err_msg=f"seed {seed}")
         assert box == box_of(image), seed
 
 
@@ -144,8 +142,7 @@ def test_more_places_on_a_straight_line_paint_the_same() -> None:
                 (16.5 + (end[0] - 16.5) * k / count, 20.5 + (end[1] - 20.5) * k / count, radius)
                 for k in range(count + 1)
             ]
-            np.testing.assert_array_equal(drawn(many), few)
-            np.testing.assert_array_equal(drawn(many), few)
+            np.testing.assert_array_equal(drawn(many), few, err_msg=f"{end}, {radius}, {count}")
 
 
 def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel() -> None:
@@ -176,10 +173,12 @@ def test_a_straight_line_is_one_whatever_the_grain_and_a_still_pen_paints_a_disc
     for grain in [0.0, 1.0, 4.0]:
         few = drawn([(16.5, 20.5, 3.0), (80.5, 20.5, 3.0)])
         many = [(16.5 + k, 20.5, 3.0) for k in range(65)]
-        np.testing.assert_array_equal(drawn(many, grain=grain), few)
-        np.testing.assert_array_equal(drawn([many[0], *many, many[-1]], grain=grain), few)
+        np.testing.assert_array_equal(drawn(many, grain=grain), few, err_msg=f"grain {grain}")
+        np.testing.assert_array_equal(
+            drawn([many[0], *many, many[-1]], grain=grain), few, err_msg=f"grain {grain}"
+        )
         still = [(40.5, 40.5, 6.0)] * 4
-        np.testing.assert_array_equal(drawn(still, grain=grain), drawn(still[:1]))
+        np.testing.assert_array_equal(drawn(still, grain=grain), drawn(still[:1]), err_msg=f"grain {grain}")
         there_and_back = [(40.5, 40.5, 6.0), (41.5, 40.5, 6.0), (40.5, 40.5, 6.0)]
         assert drawn(there_and_back, grain=grain).sum() >= drawn(still).sum(), grain
 
@@ -202,10 +201,18 @@ def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture() -> Non
     for seed in range(8):
         places = scribble(seed)
         image = drawn(places)
-        np.testing.assert_array_equal(drawn([(SIDE - x, y, r) for x, y, r in places]), image[:, ::-1])
-        np.testing.assert_array_equal(drawn([(x, SIDE - y, r) for x, y, r in places]), image[::-1])
-        np.testing.assert_array_equal(drawn([(y, x, r) for x, y, r in places]), image.T)
-        np.testing.assert_array_equal(drawn([(y, SIDE - x, r) for x, y, r in places]), np.rot90(image))
+        np.testing.assert_array_equal(
+            drawn([(SIDE - x, y, r) for x, y, r in places]), image[:, ::-1], err_msg=f"seed {seed}"
+        )
+        np.testing.assert_array_equal(
+            drawn([(x, SIDE - y, r) for x, y, r in places]), image[::-1], err_msg=f"seed {seed}"
+        )
+        np.testing.assert_array_equal(
+            drawn([(y, x, r) for x, y, r in places]), image.T, err_msg=f"seed {seed}"
+        )
+        np.testing.assert_array_equal(
+            drawn([(y, SIDE - x, r) for x, y, r in places]), np.rot90(image), err_msg=f"seed {seed}"
+        )
 
 
 def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide() -> None:
@@ -222,7 +229,7 @@ def test_what_crosses_the_edge_is_cut_and_beyond_it_nothing_is_painted() -> None
     for seed in range(6):
         places = [(2 * x - 48, 2 * y - 48, r) for x, y, r in scribble(seed)]
         wide = drawn([(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200))
-        np.testing.assert_array_equal(drawn(places), wide[100:-100, 100:-100])
+        np.testing.assert_array_equal(drawn(places), wide[100:-100, 100:-100], err_msg=f"seed {seed}")
 
     image = empty()
     stroke = Stroke(image, 1)

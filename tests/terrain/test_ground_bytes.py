@@ -33,18 +33,18 @@ pytestmark = pytest.mark.skipif(not WITH_DOUBLE, reason="no device with 64-bit f
 
 
 @pytest.fixture(scope="module")
-def context() -> ComputeContext:
+def with_double() -> ComputeContext:
     return ComputeContext(WITH_DOUBLE[0])
 
 
 @pytest.fixture(scope="module")
-def valley(valley: Terrain, context: ComputeContext) -> Terrain:
-    return Terrain(valley.sketch, valley.recipe, context)
+def valley(valley: Terrain, with_double: ComputeContext) -> Terrain:
+    return Terrain(valley.sketch, valley.recipe, with_double)
 
 
 @pytest.fixture(scope="module")
-def desert(desert: Terrain, context: ComputeContext) -> Terrain:
-    return Terrain(desert.sketch, desert.recipe, context)
+def desert(desert: Terrain, with_double: ComputeContext) -> Terrain:
+    return Terrain(desert.sketch, desert.recipe, with_double)
 
 
 def test_devices_without_doubles_are_refused_and_the_host_packs(desert: Terrain) -> None:
@@ -144,7 +144,7 @@ def weights_of(kind: str, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
 
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_weights_are_rounded_as_numpy_rounds_them(real: str) -> None:
-    context = ComputeContext(real=real)
+    context = ComputeContext(WITH_DOUBLE[0], real=real)
     for kind in ("one", "equal", "ties", "tiny", "random"):
         plane = weights_of(kind, (4 * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1)).astype(context.real_dtype)
         ground = np.zeros((*plane.shape[:2], 4), context.real_dtype)
@@ -153,25 +153,25 @@ def test_weights_are_rounded_as_numpy_rounds_them(real: str) -> None:
         np.testing.assert_array_equal(weight, quantised_weights(plane).transpose(2, 0, 1), err_msg=kind)
 
 
-def test_bytes_of_unit_vectors(context: ComputeContext) -> None:
+def test_bytes_of_unit_vectors(with_double: ComputeContext) -> None:
     plane = np.zeros((SIDE, ACROSS * (SIDE - 1) + 1, 4), np.float32)
     plane[..., :3] = [-1.0, 0.0, 1.0]
     plane[..., 3] = np.arange(plane[..., 3].size).reshape(plane.shape[:2])
     weights = weights_of("equal", plane.shape[:2])
-    height, normal, _, _ = launched(context, patches_of(plane), patches_of(weights))
+    height, normal, _, _ = launched(with_double, patches_of(plane), patches_of(weights))
     np.testing.assert_array_equal(height, plane[..., 3])
     for part, value in zip(normal, (0, 128, 255), strict=True):  # 127.5 goes to the even one
         assert (part == value).all()
 
 
-def test_non_finite_values_are_counted(context: ComputeContext) -> None:
+def test_non_finite_values_are_counted(with_double: ComputeContext) -> None:
     shape = (SIDE, ACROSS * (SIDE - 1) + 1)
     for value in (np.nan, np.inf, -np.inf):
         for where in ("height", "normal", "weight"):
             plane, weights = np.zeros((*shape, 4), np.float32), weights_of("equal", shape)
             target, part = {"height": (plane, 3), "normal": (plane, 1), "weight": (weights, 7)}[where]
             target[2, 2, part] = value
-            assert launched(context, patches_of(plane), patches_of(weights))[3] == 1, (where, value)
+            assert launched(with_double, patches_of(plane), patches_of(weights))[3] == 1, (where, value)
 
 
 def test_non_finite_ground_and_empty_windows_are_errors(

@@ -75,10 +75,16 @@ def test_missing_implementations_say_how_to_get_them(
     assert "does not work" in rival.reason
 
 
-def test_bands_cover_every_row_once() -> None:
+def test_bands_cover_every_row_and_the_thesis_works_without_features(context: TimedContext) -> None:
     seen: list[int] = []
     in_threads(lambda first, last: seen.extend(range(first, last)), side=7, threads=3)
     assert sorted(seen) == list(range(7))
+
+    tiles = ThesisTiles(open_ground(BARE, context).recipe, context, central_keys(3, 4))
+    tiles.launch(Sampling(8, 1))
+    found = tiles.heights()
+    assert np.all(np.isfinite(found))
+    assert np.ptp(found) > 1.0
 
 
 def test_thesis_tiles_meet_and_agree_with_their_double_build(context: TimedContext) -> None:
@@ -93,11 +99,3 @@ def test_thesis_tiles_meet_and_agree_with_their_double_build(context: TimedConte
         assert west.shape == (65, 65)
         assert np.max(np.abs(west[:, -1] - east[:, 0])) < 1e-2
     assert np.max(np.abs(heights["float"] - heights["double"])) < 1e-2
-
-
-def test_thesis_works_without_features_and_rivers(context: TimedContext) -> None:
-    tiles = ThesisTiles(open_ground(BARE, context).recipe, context, central_keys(3, 4))
-    tiles.launch(Sampling(8, 1))
-    found = tiles.heights()
-    assert np.all(np.isfinite(found))
-    assert np.ptp(found) > 1.0

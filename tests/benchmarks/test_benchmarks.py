@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import TimedContext
 
 
-pytestmark = pytest.mark.slow
-
 BEST = 0.4
 """The best quality of pictures here; the program's own takes three times as long."""
+DEFAULT = ("noise", "culling", "foliage", "splines")
+"""Benchmarks of the default tier."""
 
 
 class Outcomes(dict[str, Outcome]):
@@ -80,7 +80,9 @@ def rows(outcome: Outcome, table: int = 0) -> list[Any]:
     return list(outcome.tables[table].rows)
 
 
-@pytest.mark.parametrize("name", BENCHMARKS)
+@pytest.mark.parametrize(
+    "name", [name if name in DEFAULT else pytest.param(name, marks=pytest.mark.slow) for name in BENCHMARKS]
+)
 def test_every_shown_value_is_there_and_finite(outcomes: dict[str, Outcome], name: str) -> None:
     for table in outcomes[name].tables:
         assert table.rows
@@ -91,6 +93,7 @@ def test_every_shown_value_is_there_and_finite(outcomes: dict[str, Outcome], nam
             assert all(len(v) >= 2 for v in row.values() if isinstance(v, list))
 
 
+@pytest.mark.slow
 def test_every_kernel_was_timed_with_its_bytes(outcomes: dict[str, Outcome]) -> None:
     found = rows(outcomes["kernels"])
     assert {row["kernel"] for row in found} == set(WRITTEN)
@@ -107,10 +110,12 @@ def test_noise_kernel_agrees_with_numpy(outcomes: dict[str, Outcome]) -> None:
     assert numpy["of_numpy"] == 1.0
 
 
+@pytest.mark.slow
 def test_batches_larger_than_the_ground_are_left_out(outcomes: dict[str, Outcome]) -> None:
     assert [(row["ground"], row["batch"]) for row in rows(outcomes["tiles"])] == [(BARE, 1), (BARE, 4)]
 
 
+@pytest.mark.slow
 def test_parts_are_those_of_the_ground(outcomes: dict[str, Outcome]) -> None:
     found = rows(outcomes["parts"])
     assert [row["part"] for row in found] == [
@@ -120,6 +125,7 @@ def test_parts_are_those_of_the_ground(outcomes: dict[str, Outcome]) -> None:
     assert all(row["tiles"] == 1 for row in found)
 
 
+@pytest.mark.slow
 def test_features_report_each_stage(outcomes: dict[str, Outcome]) -> None:
     found = {row["stage"]: row["found"] for row in rows(outcomes["features"])}
     assert list(found) == ["shapes", "darts", "place", "rivers", "recipe"]
@@ -136,6 +142,7 @@ def test_plants_are_counted_by_storey(outcomes: dict[str, Outcome], tiny: Effort
         assert row["hectares_per_s"] == pytest.approx((row["side"] / 100.0) ** 2 / row["median_ms"] * 1e3)
 
 
+@pytest.mark.slow
 def test_errors_of_float_exceed_those_of_double(outcomes: dict[str, Outcome]) -> None:
     found = rows(outcomes["accuracy"])
     assert {row["method"] for row in found} == {FLOAT, DOUBLE, NUMPY}
@@ -148,6 +155,7 @@ def test_errors_of_float_exceed_those_of_double(outcomes: dict[str, Outcome]) ->
         assert 0 <= single["material"] < 1e-2
 
 
+@pytest.mark.slow
 def test_every_choice_has_one_way_that_is_used(outcomes: dict[str, Outcome]) -> None:
     found = rows(outcomes["accuracy"], 1)
     assert list(dict.fromkeys(row["subject"] for row in found)) == list(SUBJECTS)
@@ -161,6 +169,7 @@ def test_every_choice_has_one_way_that_is_used(outcomes: dict[str, Outcome]) -> 
     assert error["culling", "all of the reach"] == 0.0
 
 
+@pytest.mark.slow
 def test_flight_compares_every_way_at_every_setting(outcomes: dict[str, Outcome], tiny: Effort) -> None:
     points, generation, drawn, reached, first = (rows(outcomes["flight"], table) for table in range(5))
     measured = [row for row in points if "most_px" in row]
@@ -180,6 +189,7 @@ def test_flight_compares_every_way_at_every_setting(outcomes: dict[str, Outcome]
         assert len(row["seconds"]) == tiny.flight_frames
 
 
+@pytest.mark.slow
 def test_pictures_are_compared_with_the_best(outcomes: dict[str, Outcome], tiny: Effort) -> None:
     qualities, parts = (rows(outcomes["pictures"], table) for table in range(2))
     assert [row["number"] for row in qualities] == [*tiny.picture_numbers, BEST]
@@ -190,6 +200,7 @@ def test_pictures_are_compared_with_the_best(outcomes: dict[str, Outcome], tiny:
     assert all(row["difference"] >= 0.0 for row in parts)
 
 
+@pytest.mark.slow
 def test_packing_shows_what_worlds_use_among_other_ways(outcomes: dict[str, Outcome]) -> None:
     found = rows(outcomes["packing"])
     for layer in ("height", "normal", "materials"):
@@ -201,6 +212,7 @@ def test_packing_shows_what_worlds_use_among_other_ways(outcomes: dict[str, Outc
     assert steps[0]["share"] == 1 > steps[1]["share"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", charts.CHARTS)
 def test_charts_are_pictures(outcomes: dict[str, Outcome], name: str) -> None:
     pytest.importorskip("matplotlib")

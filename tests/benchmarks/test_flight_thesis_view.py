@@ -25,15 +25,22 @@ def levels(view: ThesisView, tiles: list[ThesisTile]) -> np.ndarray:
     return level
 
 
-def test_the_world_is_covered_once_and_neighbours_differ_by_one_level() -> None:
+def test_tiles_cover_the_world_once_in_balance_and_finer_at_features() -> None:
     for discs, tessellation in itertools.product([(), (Disc(3000.0, 3000.0, 200.0, 8.0),)], [0.5, 4.0, 30.0]):
         view = ThesisView(4096.0, 32, tessellation, discs=discs)
         found = levels(view, view.tiles(EYE, 10.0))
         for axis in (0, 1):
             assert np.abs(np.diff(found, axis=axis)).max() <= 1, (discs, tessellation)
 
+    view = ThesisView(4096.0, 64, 2.0)
+    near = ThesisView(4096.0, 64, 2.0, discs=(Disc(3000.0, 3000.0, 100.0, 4.0),))
+    plain, finer = (levels(each, each.tiles(EYE, 10.0)) for each in (view, near))
+    place = int(3000 / 4096 * len(plain))
+    assert finer[place, place] > plain[place, place]
+    assert finer[0, -1] >= plain[0, -1]
 
-def test_no_quad_is_longer_than_the_metric_says_nor_needlessly_short() -> None:
+
+def test_quads_are_as_long_as_the_metric_allows() -> None:
     view = ThesisView(4096.0, 64, 6.0)
     for tile in view.tiles(EYE, 10.0):
         width = view.extent / 2**tile.level
@@ -43,22 +50,11 @@ def test_no_quad_is_longer_than_the_metric_says_nor_needlessly_short() -> None:
         assert width / 64 <= longest or tile.level == view.finest
         assert width / 64 > longest / 8  # finer only for a neighbour's or a parent's sake
 
-
-def test_the_finest_quad_is_no_shorter_than_asked() -> None:
     for quads in (32, 64, 128, 256):
         view = ThesisView(4096.0, quads, 1000.0)
         cell = view.extent / 2**view.finest / quads
         assert 0.2 <= cell < 0.4
     assert {tile.level for tile in ThesisView(64.0, 32, 1000.0).tiles((5.0, 5.0, 0.0), 0.0)} == {3}
-
-
-def test_features_make_tiles_finer_where_they_reach() -> None:
-    view = ThesisView(4096.0, 64, 2.0)
-    near = ThesisView(4096.0, 64, 2.0, discs=(Disc(3000.0, 3000.0, 100.0, 4.0),))
-    plain, finer = (levels(each, each.tiles(EYE, 10.0)) for each in (view, near))
-    place = int(3000 / 4096 * len(plain))
-    assert finer[place, place] > plain[place, place]
-    assert finer[0, -1] >= plain[0, -1]
 
 
 def test_cases_say_where_the_coarser_neighbours_are() -> None:

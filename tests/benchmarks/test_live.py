@@ -9,13 +9,11 @@ from sketchterrain.benchmarks.live import STAGES, _found, measure, sketch_with_t
 from sketchterrain.features.shapes import regions_of
 
 
-def test_the_sketch_has_twenty_shapes():
+def test_the_sketch_has_twenty_shapes_and_stages_add_up_to_the_whole():
     sketch = sketch_with_twenty_shapes()
     assert sketch.layers["river"].shape == (512, 512)
     assert sum(len(list(regions_of(image))) for image in sketch.layers.values()) == 20
 
-
-def test_the_stages_add_up_to_the_whole():
     times = [(0.0, 0.01, 0.05, 0.06, 0.07, 0.1), (1.0, 1.03, 1.05, 1.06, 1.09, 1.2)]
     row = _found("strokes", times, [0.001, 0.004])
     assert row["updates"] == 2

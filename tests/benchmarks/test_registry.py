@@ -16,13 +16,17 @@ from sketchterrain.errors import InputError
 from sketchterrain.resources import preset_names
 
 
-def test_every_benchmark_names_surface_seed_and_method() -> None:
+def test_every_benchmark_describes_itself_and_charts_and_efforts_name_known_ones() -> None:
     for name, benchmark in BENCHMARKS.items():
         assert benchmark.name == name
         assert benchmark.surface
         assert benchmark.seed
         assert re.search(r"second|time|nanoseconds|Milliseconds", benchmark.method)
         assert "." in benchmark.method
+
+    assert set(CHARTS) <= set(BENCHMARKS)
+    for effort in (QUICK, FULL):
+        assert effort.presets == preset_names()
 
 
 def test_benchmarks_are_chosen_by_name_in_the_order_of_the_registry() -> None:
@@ -47,9 +51,3 @@ def test_every_kernel_is_timed() -> None:
     }
     # These decide on a device, and on how OpenGL gets what it writes; they make no terrain.
     assert found == set(WRITTEN) | {"self_test", "probe"}
-
-
-def test_charts_and_efforts_name_known_benchmarks_and_presets() -> None:
-    assert set(CHARTS) <= set(BENCHMARKS)
-    for effort in (QUICK, FULL):
-        assert effort.presets == preset_names()

@@ -56,7 +56,7 @@ def test_a_slanted_plane_is_drawn_where_it_is() -> None:
     assert len(points) == np.sum((t > 0) & (np.abs(at[:, :2]) <= 400).all(axis=1))
 
 
-def test_a_parabolas_triangles_err_by_what_the_formula_says() -> None:
+def test_the_error_of_a_parabola_is_its_formula_and_summaries_count_quantiles() -> None:
     # Chords of a·x² over pieces of width s lie up to a·s²/4 above it; level from afar that is so many pixels.
     a, s, distance = 0.001, 10.0, 1000.0
 
@@ -72,8 +72,12 @@ def test_a_parabolas_triangles_err_by_what_the_formula_says() -> None:
     largest = a * s * s / 4 * picture.pixels_per_radian(camera) / distance
     assert ErrorSummary.of(found).worst == pytest.approx(largest, rel=0.03)
 
+    found = ErrorSummary.of(np.concatenate([np.full(9_990, 0.5), np.full(10, 3.0)]))
+    assert (found.samples, found.within, found.most, found.worst) == (10_000, 0.999, 0.5, 3.0)
+    assert ErrorSummary.of(np.array([0.25])).most == 0.25
 
-def test_what_is_nearer_hides_what_is_behind_in_any_order() -> None:
+
+def test_nearer_triangles_hide_others_and_those_behind_the_eye_are_clipped() -> None:
     camera = Camera((0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     square = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
     triangles = [[0, 1, 2], [0, 2, 3]]
@@ -83,8 +87,6 @@ def test_what_is_nearer_hides_what_is_behind_in_any_order() -> None:
             samples.add(square * 20 + [0, far, 0], triangles)
         assert samples.seen()[:, 1] == pytest.approx(10.0)
 
-
-def test_triangles_that_reach_behind_the_eye_are_drawn_and_those_behind_are_not() -> None:
     camera = Camera((0.0, 0.0, 2.0), (0.0, 10.0, 1.0))
     floor = np.array([[-1000.0, -1000, 0], [1000, -1000, 0], [0, 1000, 0]])
     samples = ScreenSamples(camera, PICTURE)
@@ -95,9 +97,3 @@ def test_triangles_that_reach_behind_the_eye_are_drawn_and_those_behind_are_not(
     behind = ScreenSamples(camera, PICTURE)
     behind.add(floor - [0, 2000, 0], [[0, 1, 2]])
     assert not len(behind.seen())
-
-
-def test_the_summary_of_errors() -> None:
-    found = ErrorSummary.of(np.concatenate([np.full(9_990, 0.5), np.full(10, 3.0)]))
-    assert (found.samples, found.within, found.most, found.worst) == (10_000, 0.999, 0.5, 3.0)
-    assert ErrorSummary.of(np.array([0.25])).most == 0.25

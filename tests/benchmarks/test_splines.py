@@ -118,12 +118,20 @@ def test_in_double_all_roots_are_the_reference() -> None:
     np.testing.assert_allclose(queries.distances("all roots", 1.0), expected, rtol=0, atol=1e-6)
 
 
-def test_cubics_are_the_spline() -> None:
+def test_cubics_are_the_spline_and_pieces_join_in_order() -> None:
     controls = splines_and_places("random", 1, each=1, seed=1)[0][0]
     u = np.linspace(0, 5, 501)[:-1]
     piece = u.astype(int)
     at = position(cubics(controls)[piece], (u - piece)[:, None])[:, 0]
     np.testing.assert_allclose(at, catmull_rom(controls, u), atol=1e-9)
+
+    controls, _ = splines_and_places("loops", 5, each=1, seed=2)
+    starts, begins, chords = pieces_of(cubics(controls), 0.02, arcs=True)
+    assert starts[0] == 0
+    assert starts[-1] == len(begins)
+    for first, last in itertools.pairwise(starts):
+        ends = begins[first:last] + chords[first:last, :2]
+        np.testing.assert_allclose(begins[first + 1 : last], ends[:-1], atol=1e-9)
 
 
 def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends() -> None:
@@ -152,13 +160,3 @@ def test_arcs_of_a_circle_are_few_and_straight_lines_one() -> None:
     line = cubics(np.array([[0.0, 0.0], [10.0, 5.0], [30.0, 15.0]]))
     assert len(flattened(line, 1e-6).bend) == 2
     assert np.all(flattened(line, 1e-6).bend == 0.0)
-
-
-def test_pieces_join_and_stay_in_order() -> None:
-    controls, _ = splines_and_places("loops", 5, each=1, seed=2)
-    starts, begins, chords = pieces_of(cubics(controls), 0.02, arcs=True)
-    assert starts[0] == 0
-    assert starts[-1] == len(begins)
-    for first, last in itertools.pairwise(starts):
-        ends = begins[first:last] + chords[first:last, :2]
-        np.testing.assert_allclose(begins[first + 1 : last], ends[:-1], atol=1e-9)

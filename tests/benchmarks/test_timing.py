@@ -22,7 +22,7 @@ def test_spread_is_the_median_and_the_95th_percentile() -> None:
     assert outlier.p95 > 1.0
 
 
-def test_rivals_warm_up_once_and_then_alternate() -> None:
+def test_rivals_alternate_and_device_time_is_the_sum_of_the_launches() -> None:
     calls: list[str] = []
 
     def work(name: str) -> Lap:
@@ -34,8 +34,6 @@ def test_rivals_warm_up_once_and_then_alternate() -> None:
     assert [one.wall for one in laps["a"]] == [3.0, 6.0, 7.0]
     assert [one.wall for one in laps["b"]] == [4.0, 5.0, 8.0]
 
-
-def test_device_time_is_the_sum_of_the_launches() -> None:
     one = Lap(1.0, (Launch("a", 8, 0.25), Launch("b", 8, 0.5)))
     assert one.device == 0.75
     assert lap(lambda: None).launches == ()

@@ -77,7 +77,8 @@ def drawn(gl, waves, weather, quality, clock=0.0):
 
 
 @pytest.mark.gl
-@pytest.mark.parametrize("number", [0.1, pytest.param(0.5, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [0.1, 0.5])
 def test_clouds_whiten_the_sky_and_the_wind_moves_them(gl, waves, number):
     plain = Quality.of(number, without=["trees", "grass", "rocks", "water", "detail"])
     quality = dataclasses.replace(plain, quads=64, map_texels=64, material_texels=64, tile_memory=64 << 20)

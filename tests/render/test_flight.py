@@ -90,10 +90,16 @@ def test_around_a_circle_at_even_speed_with_the_target_amid_the_picture():
     assert np.degrees(np.arccos(np.minimum(cosine, 1.0))).max() < 0.1
 
 
-def test_it_turns_the_shorter_way():
+def test_turns_are_the_shorter_way_and_keep_the_heading_when_looking_down():
     keys = [Key(t, (0, 0, 0), (np.sin(h), np.cos(h), 0)) for t, h in enumerate(np.radians([350.0, 10.0]))]
     forward = Flight(tuple(keys)).at(0.5).target[0]
     assert forward == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+
+    targets = [(0, 0, -9), (50, 0, 0), (0, 0, -9), (0, 0, 9)]
+    keys = [Key(t, (0, 0, 0), target) for t, target in enumerate(targets)]
+    views = Flight(tuple(keys)).at(np.linspace(0.0, 2.9, 30))
+    assert np.abs(views.target[:, 1]).max() < 1e-6
+    assert (views.target[:, 0] > -1e-6).all()
 
 
 def test_a_camera_that_halts_or_only_turns_does_not_move():
@@ -113,44 +119,32 @@ def test_a_camera_that_halts_or_only_turns_does_not_move():
     assert all((a == b).all() for a, b in itertools.pairwise(views.eye))
 
 
-def test_looking_straight_down_keeps_the_heading_of_the_key_before():
-    targets = [(0, 0, -9), (50, 0, 0), (0, 0, -9), (0, 0, 9)]
-    keys = [Key(t, (0, 0, 0), target) for t, target in enumerate(targets)]
-    views = Flight(tuple(keys)).at(np.linspace(0.0, 2.9, 30))
-    assert np.abs(views.target[:, 1]).max() < 1e-6
-    assert (views.target[:, 0] > -1e-6).all()
-
-
-def test_frames_are_evenly_spaced_and_as_many_as_asked_for():
+def test_times_of_frames_and_of_recorded_keys_are_even():
     flight = circle(seconds=10.0)
     assert flight.times(25) == pytest.approx(np.arange(250) / 25)
     assert flight.times(25, 2.0) == pytest.approx(np.arange(50) / 25)
     assert len(flight.times(25, 100.0)) == 250
     assert flight.times(0.001) == pytest.approx([0.0])
 
+    shots = [(t / 60, Camera((t, 2.0 * t, 30.0), (t, 2.0 * t + 100.0, 0.0))) for t in range(100)]
+    flight = Flight.recorded(shots)
+    assert [key.time for key in flight.keys] == pytest.approx([0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 99 / 60])
+    times = np.array([time for time, _ in shots])
+    assert flight.at(times).eye == pytest.approx(np.array([camera.eye for _, camera in shots]), abs=1e-3)
 
-def test_a_flight_above_ground_never_is_in_it():
+
+def test_heights_above_ground_follow_the_ground():
     for seed in range(4):
         flight = random_flight(seed, heights="above ground").over(hills, clearance=3.0)
         assert flight.heights == "absolute"
         eye = flight.at(np.linspace(0.0, flight.duration, 20_000)).eye
         assert (eye[:, 2] - hills(eye[:, 0], eye[:, 1])).min() > 2.9, seed
 
-
-def test_heights_above_ground_are_those_over_flat_ground():
     keys = tuple(Key(t, (90.0 * t, 0.0, 20.0), (90.0 * t, 50.0, 1.0)) for t in range(4))
     flight = Flight(keys, "above ground").over(lambda x, y: np.full(np.shape(x), 700.0))
     assert [key.eye[2] for key in flight.keys] == [720.0] * 4
     assert [key.target[2] for key in flight.keys] == [701.0] * 4
     assert flight.over(hills) is flight
-
-
-def test_a_recording_has_a_key_each_quarter_of_a_second_and_both_ends():
-    shots = [(t / 60, Camera((t, 2.0 * t, 30.0), (t, 2.0 * t + 100.0, 0.0))) for t in range(100)]
-    flight = Flight.recorded(shots)
-    assert [key.time for key in flight.keys] == pytest.approx([0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 99 / 60])
-    times = np.array([time for time, _ in shots])
-    assert flight.at(times).eye == pytest.approx(np.array([camera.eye for _, camera in shots]), abs=1e-3)
 
 
 def test_a_saved_flight_loads_as_the_same(tmp_path):
@@ -177,10 +171,18 @@ target = [50, 100, 0]
 """
 
 
-def test_missing_values_have_their_defaults():
+def test_missing_values_have_the_documented_defaults():
     flight = parse_flight(f"format = 1\n{TWO}".encode())
     assert (flight.heights, flight.duration, flight.keys[0].fov) == ("absolute", 4.5, 50.0)
     assert isinstance(flight.keys[0].eye[0], float)
+
+    page = (Path(__file__).parents[2] / "docs/flying.md").read_text(encoding="utf-8")
+    for name, key in KEY.items():
+        assert f"| `{name}` | {key.range} {key.unit} | {key.help}" in page
+    assert f"`heights` says {HEIGHTS.help}" in " ".join(page.split())
+    (example,) = re.findall(r"```toml\n(.*?)```", page, re.S)
+    flight = parse_flight(example.encode())
+    assert (flight.heights, flight.duration, flight.keys[1].fov) == ("above ground", 8.0, KEY["fov"].default)
 
 
 def changed(old, new):
@@ -222,13 +224,3 @@ def test_invalid_files_are_refused_with_file_key_and_value(tmp_path):
     for name, told in (("missing", "cannot be read"), (".", "cannot be read"), (path.name, "is not UTF-8")):
         with pytest.raises(InputError, match=told):
             load_flight(tmp_path / name)
-
-
-def test_the_documentation_lists_the_keys_of_a_flight():
-    page = (Path(__file__).parents[2] / "docs/flying.md").read_text(encoding="utf-8")
-    for name, key in KEY.items():
-        assert f"| `{name}` | {key.range} {key.unit} | {key.help}" in page
-    assert f"`heights` says {HEIGHTS.help}" in " ".join(page.split())
-    (example,) = re.findall(r"```toml\n(.*?)```", page, re.S)
-    flight = parse_flight(example.encode())
-    assert (flight.heights, flight.duration, flight.keys[1].fov) == ("above ground", 8.0, KEY["fov"].default)

@@ -47,6 +47,7 @@ def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality
 
 
 @pytest.mark.gl
+@pytest.mark.slow
 @pytest.mark.usefixtures("gl")
 def test_frames_as_a_viewer_shows_them_are_never_empty(waves, views):
     frames = list(footage(waves, views, fps=30.0, size=SIZE, complete=False, quality=QUICK))

@@ -72,6 +72,7 @@ def test_without_trees_nothing_is_planted_and_nothing_throws_a_shadow():
     assert 0.01 < plants.mean() < 0.9 * changed.mean()  # the shadows are gone, the plants are not
 
 
+@pytest.mark.slow
 def test_the_clock_moves_plants_only_in_the_wind():
     assert (picture(clock=0.0) == picture(clock=3.3)).all()
     windy = [picture(clock=clock, wind=12.0) for clock in (0.0, 3.3)]
@@ -82,7 +83,8 @@ def test_the_clock_moves_plants_only_in_the_wind():
     assert not (moved & ~plants).any()
 
 
-@pytest.mark.parametrize("maps", [pytest.param(0, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("maps", [0, 2])
 def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel(monkeypatch, maps):
     bare = picture(without=(*STILL, "trees"), shade_maps=maps)
     coarse = {"leaves": 0.03, "shade_maps": maps}  # all of them coarse

@@ -130,6 +130,7 @@ def test_draw_distance_grows_with_height_and_has_an_end(gl, waves):
         assert 0.1 <= camera.near <= 100.0
 
 
+@pytest.mark.slow
 def test_water_hides_under_no_ground_that_is_within_the_tolerance(gl, waves):
     """Seen from above the river is a band of water of its own width, however coarse the ground is."""
     blue = []

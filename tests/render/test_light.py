@@ -58,7 +58,7 @@ def test_squares_lie_on_whole_blocks_near_their_middle():
         assert abs(square.south + 0.5 * square.width - y) <= 0.5 * block + 1e-6
 
 
-def test_a_pace_learns_what_fits():
+def test_a_pace_learns_what_fits_and_recovers_from_slow_moments():
     pace = Pace(1e-3)
     assert pace.fits(Allowance(0.0104, timer=Clock())) == 10
     pace.took(10, 0.0204)
@@ -68,8 +68,6 @@ def test_a_pace_learns_what_fits():
         pace.took(10, 0.0104)
     assert pace.fits(Allowance(0.0105, timer=Clock())) == 10
 
-
-def test_a_pace_recovers_from_one_slow_moment_and_from_a_large_budget():
     pace = Pace(1e-3)
     pace.took(1, 1.0)
     tries = 0
@@ -84,7 +82,7 @@ def test_a_pace_recovers_from_one_slow_moment_and_from_a_large_budget():
 
 
 @pytest.mark.gl
-def test_a_wall_throws_a_shadow_away_from_the_sun(gl):
+def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
     maker = LightMaker(gl, Wall(), SUN)
     wide = LightMap(maker, Square(-50, -50, 100, 40.0))
     wide.finish()
@@ -96,6 +94,13 @@ def test_a_wall_throws_a_shadow_away_from_the_sun(gl):
     assert light[(x > -105) & (x < -40), 0].max() < 0.1
     assert light[(x < -160) | (x > 40), 0].min() > 0.9
     assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()
+
+    maker = LightMaker(gl, Wall(), Sun(90.0, 5.0), shadows=False)
+    made = LightMap(maker, Square(-64, -64, 128, 4.0))
+    made.finish()
+    light = texels(made).astype(float)
+    assert (light[..., 0] == 1.0).all()
+    assert light[..., 1].min() < 0.9
 
 
 @pytest.mark.gl
@@ -125,16 +130,6 @@ def test_a_close_map_is_sharper_near_what_throws_the_shadow(gl):
     assert across[-10:].max() < 0.05
     assert across[:10].min() > 0.95
     assert 1 <= len(half) <= 12
-
-
-@pytest.mark.gl
-def test_without_shadows_all_ground_sees_the_sun(gl):
-    maker = LightMaker(gl, Wall(), Sun(90.0, 5.0), shadows=False)
-    made = LightMap(maker, Square(-64, -64, 128, 4.0))
-    made.finish()
-    light = texels(made).astype(float)
-    assert (light[..., 0] == 1.0).all()
-    assert light[..., 1].min() < 0.9
 
 
 @pytest.mark.gl

@@ -96,7 +96,7 @@ def test_weights_are_continuous_across_hexagons(gl):
         assert np.abs(weight_of(here, each) - weight_of(there, each)).max() < 5e-3
 
 
-def test_hexagons_repeat_after_the_period(gl):
+def test_hexagons_repeat_after_the_period_and_are_independent_within_it(gl):
     places = np.round(uniform(200, 0.0, 8.0, 2) * 1024) / 1024
     chance = f"vec4(hex_chance({CORNERS}.first), {CORNERS}.weight.x)"
     for shift in ((PERIOD, 0), (0, PERIOD), (-PERIOD, 2 * PERIOD)):
@@ -105,8 +105,6 @@ def test_hexagons_repeat_after_the_period(gl):
         )
         assert np.allclose(here, there, atol=1e-4)
 
-
-def test_shifts_and_turns_of_hexagons_are_uniform_and_independent(gl):
     ids = np.stack(np.meshgrid(np.arange(64), np.arange(64)), axis=-1).reshape(-1, 2)
     got = evaluate(gl, HEX, "vec4(hex_chance(ivec2(a.xy)), 0.0)", np.c_[ids, ids])[:, :3]
     assert np.allclose(got[:, :2].mean(axis=0), 0.5, atol=0.02)

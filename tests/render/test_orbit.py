@@ -80,7 +80,7 @@ def test_a_zoom_keeps_its_point_in_the_picture_up_to_its_ends():
     assert orbit.distance == pytest.approx(5e6)
 
 
-def test_a_pan_drags_the_ground_with_the_mouse():
+def test_a_pan_drags_the_ground_and_the_pivot_follows_it():
     for heading in (0.0, 130.0):
         orbit = Orbit(plain, (0.0, 0.0, 0.0), distance=500.0, heading=heading, elevation=89.0)
         orbit.pan(0.25, 0.125)  # the eye goes right and up: the pivot's old place, left and down
@@ -88,8 +88,6 @@ def test_a_pan_drags_the_ground_with_the_mouse():
         found = place(camera(orbit), (0.0, 0.0, 0.0))
         assert found == pytest.approx([-0.5 / ASPECT, -0.25], rel=0.02), heading
 
-
-def test_the_pivot_follows_the_ground():
     orbit = Orbit(hills, (10.0, 20.0, float(hills(10.0, 20.0)) + 5.0))
     for _ in range(20):
         orbit.pan(0.2, 0.3)
@@ -116,7 +114,7 @@ def test_the_eye_is_lifted_out_of_the_ground_without_a_jump():
     assert np.ptp(np.array(eyes)[:, 2]) > 300.0
 
 
-def test_a_jump_takes_no_time():
+def test_a_jump_takes_no_time_and_an_orbit_at_rest_does_not_move():
     orbit = Orbit(plain, (0.0, 0.0, 0.0), heading=10.0, distance=300.0)
     orbit.turn(-40.0, 10.0)
     orbit.jump((5e5, 6e5, 7.0), distance=90.0)
@@ -125,8 +123,6 @@ def test_a_jump_takes_no_time():
     orbit.advance(1.0)
     assert camera(orbit) == before
 
-
-def test_an_orbit_at_rest_does_not_move():
     orbit = Orbit(hills, (1e6, 1e6, 0.0))
     orbit.turn(50.0, 10.0)
     orbit.zoom(0.3, about=(1e6 + 100.0, 1e6, 0.0))

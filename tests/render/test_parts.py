@@ -16,7 +16,7 @@ from sketchterrain.render.sky import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.textures import tileable_noise
 
 
-def test_irradiance_of_a_uniform_sky_is_pi_and_the_brighter_side_lies_towards_the_sun():
+def test_irradiance_of_the_sky_and_suns_below_twilight():
     harmonics = irradiance_harmonics(np.ones((64, 64, 3)), Sun(40.0, 30.0), np.zeros(3))
     # Overhead sky of radiance 1 over ground that returns its albedo of it.
     assert np.allclose(sky_irradiance(harmonics, np.array([0.0, 0.0, 1.0])), np.pi, rtol=0.04)
@@ -28,8 +28,6 @@ def test_irradiance_of_a_uniform_sky_is_pi_and_the_brighter_side_lies_towards_th
     east, west = (sky_irradiance(harmonics, np.array([x, 0.0, 0.0])) for x in (1.0, -1.0))
     assert (east > 1.5 * west).all()
 
-
-def test_a_sun_below_civil_twilight_is_refused():
     for elevation in (-4.1, -10.0, 91.0, np.nan):
         with pytest.raises(InputError, match="elevation"):
             Sun(0.0, elevation)

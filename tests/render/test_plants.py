@@ -56,7 +56,7 @@ def in_order(stand):
     return rows[np.lexsort((rows[:, 0], rows[:, 1]))]
 
 
-def test_plants_of_cells_are_those_of_the_whole_rectangle():
+def test_plants_of_cells_are_those_of_the_terrain():
     meadow = Meadow()
     cells, whole = PlantCells(meadow), PlantCells(meadow)
     places = [(col, row) for col in range(-2, 2) for row in range(3)]
@@ -73,8 +73,6 @@ def test_plants_of_cells_are_those_of_the_whole_rectangle():
     assert (stands[0] == stands[1]).all()
     assert len(stands[0]) == len(places) * (CELL / 16) ** 2
 
-
-def test_plants_stand_where_the_terrain_says():
     cells = PlantCells(Meadow())
     cells.want([(3, -2)])
     cells.finish()

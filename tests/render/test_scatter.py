@@ -50,7 +50,7 @@ def seeds_and_ranks():
 
 
 @pytest.mark.gl
-def test_places_of_the_shader_are_those_of_the_oracle(gl):
+def test_places_and_presence_in_the_shader_are_those_of_the_oracle(gl):
     seed, rank = seeds_and_ranks()
     whole = "uint(a.x) * 65536u + uint(a.y)"
     halves = np.c_[seed >> 16, seed & 0xFFFF, rank, np.zeros(300)]
@@ -58,9 +58,6 @@ def test_places_of_the_shader_are_those_of_the_oracle(gl):
     off = np.abs(got - strewn(seed, rank))
     assert np.minimum(off, 1.0 - off).max() < 1e-6
 
-
-@pytest.mark.gl
-def test_presence_is_its_formula(gl):
     rng = np.random.default_rng(4)
     rank, away = rng.integers(0, 320, 400), rng.uniform(0.0, 90.0, 400)
     got = evaluate(
@@ -103,7 +100,7 @@ def test_a_place_is_the_same_for_every_eye():
             )
 
 
-def test_all_places_that_are_present_are_requested():
+def test_all_present_places_are_requested_in_order_of_distance():
     eye = EYES[0]
     cells = cells_within(eye, STREWING.reach, STREWING.cell)
     places = places_of(STREWING, cells, eye, 0.0)
@@ -118,8 +115,6 @@ def test_all_places_that_are_present_are_requested():
     assert (asked >= present.sum(axis=1)).all()
     assert asked.sum() < 1.1 * present.sum()
 
-
-def test_details_follow_in_order_of_distance():
     eye = EYES[0]
     cells = cells_within(eye, STREWING.reach, STREWING.cell)
     places = places_of(STREWING, cells, eye, 0.0)

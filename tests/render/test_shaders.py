@@ -65,13 +65,11 @@ def test_facets_cover_the_surface_once(gl):
         assert projected == pytest.approx(1.0, abs=2e-3), roughness
 
 
-def test_schlick_is_its_formula(gl):
+def test_schlick_is_its_formula_and_a_white_surface_reflects_no_more_than_it_receives(gl):
     cosine = np.linspace(0, 1, 50)
     got = evaluate(gl, ["render/surface.glsl"], "vec4(schlick(vec3(0.04), a.x), 0.0)", np.c_[[cosine] * 4].T)
     assert np.allclose(got[:, 0], 0.04 + 0.96 * (1 - cosine) ** 5, atol=1e-6)
 
-
-def test_a_white_surface_reflects_no_more_than_it_receives(gl):
     light = unit_vectors(40_000, seed=5)
     light[:, 2] = np.abs(light[:, 2])
     to_eye = "normalize(vec3(0.6, 0, 0.8))"

@@ -38,15 +38,13 @@ def way(elevation, azimuth=0.0):
     return np.stack(np.broadcast_arrays(np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
 
 
-def test_vertical_transmittance_is_its_closed_form(air):
+def test_transmittance_agrees_with_its_closed_form_and_a_sum_of_short_steps(air):
     molecules = RAYLEIGH * RAYLEIGH_HEIGHT
     aerosols = share_aerosols_take(air) * AEROSOL_HEIGHT
     ozone = OZONE * 15e3
     got = air.transmittance(np.array(GROUND), np.array(1.0))
     assert np.allclose(got, np.exp(-molecules - aerosols - ozone), rtol=5e-4)
 
-
-def test_transmittance_agrees_with_a_sum_of_short_steps(air):
     rng = np.random.default_rng(1)
     height = rng.uniform(0.0, 1.0, 60) ** 3 * 60e3
     dip = -np.sqrt(1.0 - (GROUND / (GROUND + height)) ** 2)
@@ -93,16 +91,14 @@ def test_the_sky_is_as_bright_as_a_photon_simulation(air, elevation):
         assert got[channel] == pytest.approx(expected, rel=0.1)
 
 
-def test_noon_is_deep_blue_above_and_whitish_at_the_horizon(air):
+def test_the_sky_has_the_colours_of_noon_and_dusk(air):
     table = sky_table(air, Sun(0.0, 50.0), 0.0)[SIZE:]
     overhead, horizon = table[-1, 0], table[4, 40]
     assert overhead[2] / overhead[0] > 3.0
     assert horizon[2] / horizon[0] < 1.6
     assert horizon.mean() > 1.5 * overhead.mean()
 
-
-def test_at_dusk_a_rosy_belt_stands_over_the_earths_blue_shadow(air):
-    """Away from a sun just under the horizon; reddest over the shadow, which rises as the sun sinks."""
+    # Away from a sun just under the horizon; reddest over the shadow, which rises as the sun sinks.
     elevation = 90.0 * np.linspace(0.0, 1.0, SIZE) ** 2
     tops = []
     for height in (-1.0, -2.5):
@@ -189,7 +185,7 @@ def looked_up(gl, sky, call, rows, *, eye=50.0):
 
 
 @pytest.mark.gl
-def test_the_shaders_sky_is_its_table(gl):
+def test_the_sky_of_shaders_is_its_table_and_continues_the_air_at_the_horizon(gl):
     sun = Sun(120.0, 20.0)
     sky = Sky(gl, sun, CLEAR)
     share = np.linspace(0.0, 1.0, SIZE)
@@ -203,10 +199,7 @@ def test_the_shaders_sky_is_its_table(gl):
     # Half floats, and a share of a texel by the angles' rounding; at the zenith all azimuths are one.
     assert np.abs(got / expected - 1.0)[:-1].max() < 5e-3
 
-
-@pytest.mark.gl
-def test_air_ends_where_the_sky_begins(gl):
-    """What lies far away at the horizon has become the sky behind it."""
+    # What lies far away at the horizon has become the sky behind it.
     sky = Sky(gl, Sun(120.0, 20.0), CLEAR)
     azimuth = np.linspace(0.0, 2.0 * np.pi, 90)
     rows = np.stack([np.sin(azimuth), np.cos(azimuth), 0.0 * azimuth, 0.0 * azimuth], axis=-1)

@@ -144,14 +144,12 @@ def test_what_stands_stands_on_the_drawn_ground_not_on_the_true_one(gl, waves):
     assert np.abs(got - true)[known].min() > 0.5 * lift
 
 
-def test_beyond_the_map_the_true_foot_counts(gl, waves):
+def test_weights_are_those_of_the_vertices_and_beyond_the_map_the_true_foot_counts(gl, waves):
     scene = Scene(gl, waves, EYES[0])
     rows = [[0.0, 5000.0, -12.5, 0.0], [-900.0, 3.0, 77.0, 0.0]]
     assert (scene.ask("vec4(standing_height(a.xyz))", rows)[:, 0] == [-12.5, 77.0]).all()
     assert (scene.ask("vec4(drawn_normal(drawn_surface(a.xy)), 1.0)", rows)[:, :3] == [0.0, 0.0, 1.0]).all()
 
-
-def test_weights_are_those_of_the_vertices(gl, waves):
     scene = Scene(gl, waves, EYES[0])
     rows = np.random.default_rng(4).uniform(-90.0, 90.0, (40, 4))
     got = scene.ask("drawn_weights_low(a.xy)", rows)
@@ -159,7 +157,7 @@ def test_weights_are_those_of_the_vertices(gl, waves):
     assert (scene.ask("drawn_weights_high(a.xy)", rows) == 0.0).all()
 
 
-def test_an_eye_that_moves_does_not_move_what_stands(gl, waves):
+def test_heights_stay_when_the_eye_moves_also_with_an_old_map(gl, waves):
     eye = np.array(EYES[0])
     scene = Scene(gl, waves, eye)
     places = np.random.default_rng(6).uniform(-60.0, 60.0, (50, 2)) + eye[:2]
@@ -172,8 +170,6 @@ def test_an_eye_that_moves_does_not_move_what_stands(gl, waves):
     heights = np.array(heights)
     assert np.abs(heights - heights[0]).max() < 0.01
 
-
-def test_an_old_square_is_right_for_a_new_eye(gl, waves):
     eye = np.array(EYES[0])
     scene = Scene(gl, waves, eye)
     place = eye[:2] + np.array([20.0, 30.0])

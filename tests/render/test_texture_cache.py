@@ -21,13 +21,11 @@ def ask(maker, folder, recipe="recipe", family="materials-8"):
     return bytes(kept(family, recipe, len(maker.content), maker, folder))
 
 
-def test_cached_bytes_are_read_the_next_time(tmp_path):
+def test_cached_bytes_are_read_again_until_the_recipe_changes(tmp_path):
     maker = Maker()
     assert ask(maker, tmp_path / "new") == ask(maker, tmp_path / "new") == maker.content
     assert maker.calls == 1
 
-
-def test_another_recipe_replaces_the_old_one_of_its_family(tmp_path):
     maker, other = Maker(), Maker(b"others of the family, as many bytes"[:22])
     ask(maker, tmp_path)
     ask(maker, tmp_path, family="materials-16")

@@ -71,7 +71,7 @@ def test_pictures_replace_the_maps_they_name(levels, tmp_path):
     assert np.abs(relief[sand, ..., :2].astype(int) - 128).max() <= 1
 
 
-def test_rows_of_a_picture_go_southward(tmp_path):
+def test_heights_are_read_southward_or_follow_the_colour(tmp_path, levels):
     rows = np.zeros((SIZE, SIZE), np.uint8)
     rows[0] = 255
     save(tmp_path, "snow_height.png", rows)
@@ -79,8 +79,6 @@ def test_rows_of_a_picture_go_southward(tmp_path):
     assert (height[-1] == 1.0).all()
     assert (height[:-1] == 0.0).all()
 
-
-def test_heights_follow_the_colour_where_none_are_given(levels, tmp_path):
     grey = np.zeros((SIZE, SIZE, 3), np.uint8)
     grey[:, SIZE // 2 :] = 255
     save(tmp_path, "rock.jpg", grey)
@@ -139,6 +137,7 @@ def test_opengl_holds_every_level(gl, levels, tmp_path, monkeypatch):
 
 
 @pytest.mark.gl
+@pytest.mark.slow
 @pytest.mark.usefixtures("gl")
 def test_a_picture_shows_the_textures_of_the_folder(waves, tmp_path):
     for name in ("grass", "rock"):

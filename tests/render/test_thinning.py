@@ -83,7 +83,7 @@ def test_whims_are_even_and_go_by_level():
         assert whim[level == above].max() <= whim[level > above].min()
 
 
-def test_n_times_as_small_plants_are_kept_n_squared_times_as_rarely():
+def test_plants_are_kept_by_the_square_of_their_size_and_fade_gradually():
     rng = np.random.default_rng(2)
     whim = rng.uniform(0.0, 1.0, 200_000)
     hold = hold_of(np.full(whim.size, 10.0), whim)
@@ -95,8 +95,6 @@ def test_n_times_as_small_plants_are_kept_n_squared_times_as_rarely():
         assert width == pytest.approx(np.clip(ratio, 1.0, WIDEST))
         assert ratio > WIDEST or kept * width[0] ** 2 == pytest.approx(1.0, rel=0.05)  # cover
 
-
-def test_a_plant_fades_gradually():
     away = np.linspace(500.0, 2500.0, 4001)
     share = share_of(np.full(away.size, 10.0), away, 0.01)
     width = width_of(np.full(away.size, 10.0), away, 0.01)

@@ -64,9 +64,7 @@ def test_the_path_does_not_depend_on_the_frame_rate():
             assert np.linalg.norm(end - ends["240"]) < 1e-3 * way, (ground, on_foot, name)
         assert np.linalg.norm(ends["60"] - ends["240"]) < 1e-6 * way, (ground, on_foot)
 
-
-def test_turning_while_flying_does_not_depend_on_the_frame_rate():
-    """The mouse itself moves in steps of a frame: 2 % of the way."""
+    # The mouse itself moves in steps of a frame: 2 % of the way.
     ends = [
         fly(Walk(plain, (0.0, 0.0, 300.0)), [1 / rate] * (5 * rate), look=40.0, forward=1.0)
         for rate in (60, 240)
@@ -166,7 +164,7 @@ def test_the_look_follows_and_stops_short_of_straight_up():
     assert (camera.heading, camera.pitch) == pytest.approx((20.0, 89.0))
 
 
-def test_a_jump_takes_no_time_and_ends_above_the_ground():
+def test_jumps_and_long_pauses_end_above_the_ground():
     walk = Walk(hills, (0.0, 0.0, 500.0))
     fly(walk, [1 / 60] * 30, forward=1.0)
     walk.jump((1e6, 2e6, -900.0), heading=45.0, pitch=-10.0)
@@ -176,8 +174,6 @@ def test_a_jump_takes_no_time_and_ends_above_the_ground():
     walk.advance(0.1)
     assert walk.camera(draw_distance=100.0).forward == pytest.approx(before.forward, abs=1e-12)
 
-
-def test_no_time_is_no_motion_and_a_long_pause_is_bounded():
     walk = Walk(hills, (0.0, 0.0, 100.0))
     walk.advance(0.0, forward=1.0)
     assert walk.eye == (0.0, 0.0, 100.0)

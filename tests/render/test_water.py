@@ -58,7 +58,7 @@ def test_rough_water_mirrors_about_the_mean_of_its_visible_facets(gl):
 
 
 @pytest.mark.gl
-def test_the_mean_slope_of_visible_facets_is_exact(gl):
+def test_visible_facets_have_the_exact_mean_slope_and_smiths_shadowing(gl):
     cosine = np.linspace(0.005, 0.999, 60)
     for spread in (0.02, 0.1, 0.3):
         got = evaluate(gl, OPTICS, f"vec4(seen_slope(a.x, {spread}))", rows(cosine))[:, 0]
@@ -67,9 +67,6 @@ def test_the_mean_slope_of_visible_facets_is_exact(gl):
         np.testing.assert_allclose(got, exact, rtol=2e-3, err_msg=f"spread {spread}")
         np.testing.assert_allclose(exact, [seen_mean(lambda s: s, c, spread) for c in cosine], rtol=2e-3)
 
-
-@pytest.mark.gl
-def test_facets_hide_each_other_by_smiths_term(gl):
     spread = 0.15
     cosine = np.linspace(0.02, 0.9, 60)
     got = evaluate(gl, OPTICS, f"vec4(hidden_share(a.x, {spread}))", rows(cosine))[:, 0]
@@ -150,7 +147,7 @@ def test_banks_are_wet_near_the_water_and_low_above_it(gl):
 
 
 @pytest.mark.gl
-def test_flowing_textures_restart_where_they_are_not_seen(gl):
+def test_streams_flow_fastest_in_the_middle_and_textures_restart_unseen(gl):
     time = np.linspace(0.0, 3.0, 301)
     call = "vec4(flow_phase(a.x, 0.0), flow_phase(a.x, 1.0))"
     text = [source("render/water_waves.glsl")]
@@ -163,9 +160,6 @@ def test_flowing_textures_restart_where_they_are_not_seen(gl):
         assert (np.minimum(weight[:-1], weight[1:])[jumps] < 0.03).all()
         np.testing.assert_allclose(np.diff(offset)[~jumps], 3.2 * 0.01, atol=1e-3)
 
-
-@pytest.mark.gl
-def test_a_stream_is_fastest_in_its_middle(gl):
     across = np.linspace(-1.5, 1.5, 61)
     call = "vec4(stream_profile(a.x))"
     got = evaluate(_with_waves(gl), ["render/water_waves.glsl"], call, rows(across))[:, 0]

@@ -60,12 +60,10 @@ def test_weather_has_the_ranges_of_the_sketch():
                 dataclasses.replace(Weather(), **{name: value})
 
 
-def test_without_an_hour_the_sun_suits_the_view(waves):
+def test_the_sun_follows_the_hour_or_the_view_and_drift_follows_the_wind(waves):
     camera = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
     assert sun_of(waves, camera, Weather()) == find_sun(waves, camera)
     assert sun_of(waves, camera, Weather(hour=12.0, latitude=30.0)) == sun_at(12.0, 30.0)
 
-
-def test_drift_goes_where_the_wind_blows_to():
     assert np.allclose(Weather(wind=3.0, wind_from=270.0).drift, (3.0, 0.0))
     assert np.allclose(Weather(wind=2.0, wind_from=0.0).drift, (0.0, -2.0))

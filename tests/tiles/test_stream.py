@@ -72,9 +72,9 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
     near = rng.normal(0, 300.0, (30, 2)) + eye[:2]
     x, y = (near * (toy.LATTICE / toy.EXTENT)).T
     before, levels = None, set()
-    for frame in range(140):
+    for frame in range(100):
         # It stands, flies off, stands again.
-        if 50 <= frame < 90:
+        if 30 <= frame < 65:
             eye += np.array([9.0, 4.0, 0.0])
         view = toy.view_from(eye)
         draws = toy.go(stream, view, tiles=9)

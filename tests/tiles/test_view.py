@@ -72,7 +72,7 @@ def test_metrics_measure_in_units_of_their_limits_and_refuse_invalid_ones():
             metric(**options)
 
 
-def test_codes_are_places():
+def test_codes_name_places_and_their_neighbours():
     codes = codes_of(KEYS)
     assert keys_of(codes) == KEYS
     assert keys_of(parent_of(codes)) == [TileKey(k.level - 1, k.col >> 1, k.row >> 1) for k in KEYS]
@@ -81,8 +81,6 @@ def test_codes_are_places():
         assert keys_of(children)[1] == TileKey(key.level + 1, 2 * key.col + 1, 2 * key.row)
         assert keys_of(beside) == [TileKey(key.level, key.col + x, key.row + y) for x, y in AROUND]
 
-
-def test_neighbours_of_plain_integers_are_those_of_arrays():
     everywhere = (-(1 << 40), 1 << 40, -(1 << 40), 1 << 40)
     for code in codes_of(KEYS):
         one = np.array([code])

@@ -116,13 +116,12 @@ def choose_device(selector: str | None = None) -> Device:
     if not fitting:
         names = "; ".join(f"{d.index}: {d.name} ({d.platform}, {d.type})" for d in devices)
         raise DeviceError(f"no OpenCL device fits {origin}; there are {names}")
-    usable = next(filter(is_usable, fitting), None)
-    if usable is None:
+    if all(check_device(d).failure for d in fitting):  # stops at the first that works
         failures = "; ".join(f"{d.name} ({d.platform}): {check_device(d).failure}" for d in fitting)
         raise DeviceFailedError(
             f"no OpenCL device {f'that fits {origin} ' if origin else ''}works: {failures}"
         )
-    return usable
+    return next(filter(is_usable, fitting))
 
 
 def spare_device(failed: Collection[Device]) -> Device | None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from sketchterrain.compute import Device, choose_device, list_devices
+from sketchterrain.compute.device_check import DeviceCheck
 from sketchterrain.errors import DeviceError
 
 DEVICES = list_devices()
@@ -55,7 +56,8 @@ def test_selectors_match_types_then_platforms_then_vendors_then_names(
         device(5, "AMD Accelerated Parallel Processing", "Advanced Micro Devices, Inc.", "gfx1100", "GPU"),
     )
     monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: devices)
-    monkeypatch.setattr("sketchterrain.compute.device.is_usable", lambda _: True)
+    for function in ("device.check_device", "device_check.check_device"):
+        monkeypatch.setattr(f"sketchterrain.compute.{function}", lambda _: DeviceCheck(""))
     chosen = {
         None: 0,
         "0": 0,

@@ -101,8 +101,8 @@ def stroke(sketch: Sketch, rng: np.random.Generator) -> Sketch:
 @pytest.mark.parametrize(
     ("seed", "fidelity"),
     [
-        (1, 0.0),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((2, 0.4), (3, 0.8), (4, 0.8), (5, 1.0))),
+        (3, 0.8),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1, 0.0), (2, 0.4), (4, 0.8), (5, 1.0))),
     ],
 )
 def test_random_strokes_give_the_bits_of_a_fresh_placing(seed: int, fidelity: float) -> None:
@@ -170,7 +170,7 @@ def world(**changes: object) -> Sketch:
     return bare.replace(**changes)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
+@pytest.mark.parametrize("seed", [0, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 3))])
 def test_random_strokes_on_any_layer_give_the_bits_of_fresh_recipes(seed: int) -> None:
     rng, memory = np.random.default_rng(seed), ShapeMemory()
     sketch = world()

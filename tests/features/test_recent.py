@@ -5,7 +5,7 @@ import pytest
 from sketchterrain.features.recent import Recent, Same
 
 
-def test_cached_values_are_not_computed_again() -> None:
+def test_the_most_recent_values_are_cached_and_failures_are_not() -> None:
     recent, made = Recent(2), []
 
     def make(value: int) -> int:
@@ -14,11 +14,7 @@ def test_cached_values_are_not_computed_again() -> None:
 
     for value in (1, 2, 1, 3, 1, 2):
         assert recent.of(value, lambda value=value: make(value)) == value
-    assert made == [1, 2, 3, 2]  # 2 was not asked for the longest when 3 came
-
-
-def test_failures_are_not_cached() -> None:
-    recent = Recent(2)
+    assert made == [1, 2, 3, 2]  # 2 was the least recent when 3 came
 
     def fail() -> None:
         raise KeyError("no")
@@ -28,7 +24,7 @@ def test_failures_are_not_cached() -> None:
     assert recent.of("a", lambda: 5) == 5
 
 
-def test_a_thing_is_the_same_only_as_itself() -> None:
+def test_same_compares_by_identity() -> None:
     one, other = [1], [1]
     assert Same(one) == Same(one)
     assert hash(Same(one)) == hash(Same(one))

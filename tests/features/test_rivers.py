@@ -145,7 +145,7 @@ def test_a_tributary_painted_short_of_its_stem_joins_it() -> None:
         assert (longer.centreline == joining.centreline[-1]).all(axis=1).any(), gap
 
 
-def test_a_river_far_from_another_or_beside_it_does_not_join_it() -> None:
+def test_rivers_apart_beside_or_end_to_end_do_not_join() -> None:
     far = painted([(20, 70), (70, 70)])
     far[:, 80 - 2 - 8 :] = 0
     beside = painted([(72, 30), (72, 120)])
@@ -153,9 +153,6 @@ def test_a_river_far_from_another_or_beside_it_does_not_join_it() -> None:
         first, second = trace(painted([(80, 20), (80, 140)]) | other, southward)
         assert not (first.centreline == second.centreline[-1]).all(axis=1).any()
         assert not (second.centreline == first.centreline[-1]).all(axis=1).any()
-
-
-def test_two_ends_that_meet_stay_two_rivers() -> None:
     assert len(trace(painted([(80, 20), (80, 70)]) | painted([(80, 78), (80, 140)]), southward)) == 2
 
 
@@ -244,9 +241,7 @@ def test_a_river_through_the_sketch_runs_on_at_both_ends() -> None:
     entry = int(np.argmax(river.centreline[:, 0] < 10 * SIZE))
     assert river.centreline_width[entry] > 0.9 * river.centreline_width[-1]
     assert river.centreline_width[0] == pytest.approx(0.4 * river.centreline_width[-1])
-
-
-def test_an_end_near_the_edge_but_running_along_it_stays_inside() -> None:
+    # An end near the edge that runs along it stays inside.
     (river,) = trace(painted([(40, 156), (120, 156)], half=1.5))
     assert river.centreline[:, 1].min() > 0
 

@@ -21,13 +21,10 @@ def test_diagonal_neighbours_are_one_shape_and_other_labels_are_others() -> None
         (3, 1, 11),
         (1, 1, 12),
     ]
-
-
-def test_a_lone_pixel_is_half_a_pixel_deep() -> None:
     picture = np.zeros((32, 40), np.uint8)
     picture[20, 30] = 5
     (shape,) = label_shapes("hill", picture)
-    assert shape.depth.tolist() == [[0.5]]
+    assert shape.depth.tolist() == [[0.5]]  # a lone pixel is half a pixel deep
     assert shape.centre == (20.0, 30.0)
     assert (shape.label, shape.id, shape.image_width) == (5, 20 * 40 + 30, 40)
 

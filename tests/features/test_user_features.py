@@ -62,12 +62,9 @@ def test_discs_stay_inside_the_shape() -> None:
     assert np.all(features["disc"] <= np.maximum(depth[features["row"], features["column"]], 1.0))
 
 
-def test_multitude_counts_the_summits() -> None:
+def test_multitude_counts_the_summits_and_they_keep_apart() -> None:
     for multitude in (1, 2, 5, 12):
         assert broken_up(blob(), multitude=multitude)["summit"].sum() == multitude
-
-
-def test_summits_keep_apart() -> None:
     features = broken_up(blob(), multitude=8)
     summits = features[features["summit"]]
     row, column = summits["row"].astype(float), summits["column"].astype(float)

@@ -17,8 +17,13 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
 
 SIDE, EXTENT = 160, 32_000.0
-SEEDS = [pytest.param(seed, marks=() if seed in {0, 6, 9, 12} else pytest.mark.slow) for seed in range(20)]
-FARTHER_SEEDS = [pytest.param(seed, marks=() if seed in {7, 14} else pytest.mark.slow) for seed in range(32)]
+SEEDS = [
+    pytest.param(seed, marks=() if seed in {0, 3, 6, 7, 9, 12, 14, 15} else pytest.mark.slow)
+    for seed in range(20)
+]
+FARTHER_SEEDS = [
+    pytest.param(seed, marks=() if seed in {0, 4, 7, 12, 14, 22} else pytest.mark.slow) for seed in range(32)
+]
 
 
 def _disc(image: np.ndarray, row: float, column: float, radius: float, label: int = 1) -> None:

@@ -203,18 +203,15 @@ def test_the_content_of_new_buffers_changes_nothing(
         np.testing.assert_array_equal(found, expected, err_msg=hex(byte))
 
 
-def test_nothing_stands_where_the_distance_is_more_than_the_greatest(context: ComputeContext) -> None:
+def test_thin_places_have_fewer_levels_and_beyond_the_greatest_distance_none(context: ComputeContext) -> None:
     def shore(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.where(x < 200.0, 5.0, 61.0) + 0 * y
 
     points = sampler(context, shore).within(square(0, 400))
     assert 0 < points["x"].max() < (200 + STEP / METRE) * METRE
     assert len(sampler(context, lambda x, y: 1e6 + x * y).within(square(0, 400))) == 0
-
-
-def test_thin_places_have_fewer_levels(context: ComputeContext) -> None:
-    points = sampler(context, waves).within(square(0, 1500))
     # The coarsest of four grids has distances of 32 to 64 m: 2^3 times 4 to 8 m, 2^0 times more than 32 m.
+    points = sampler(context, waves).within(square(0, 1500))
     assert points["level"][points["spacing"] < 7.9 * METRE].max() == 3
     assert points["level"][points["spacing"] > 32.1 * METRE].max() == 0
 

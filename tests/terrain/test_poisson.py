@@ -164,21 +164,18 @@ def test_a_schedule_throws_all_its_darts_once() -> None:
         assert all(tries in (1, 2) or tries % 4 == 0 for _, tries in rounds), trials
 
 
-def test_degenerate_rectangles(context: ComputeContext) -> None:
-    assert poisson_disk(context, (5, 5, 5, 9), 900, seed=1).shape == (0, 2)
-    assert poisson_disk(context, (9, 9, 5, 5), 900, seed=1).shape == (0, 2)
-    assert len(poisson_disk(context, (0, 0, 10, 10), 900, seed=1)) <= 1
-    # A distance of more than the whole world that is asked for.
-    assert len(poisson_disk(context, (0, 0, 5000, 5000), 1 << 40, seed=1)) <= 1
-
-
-def test_refused_distances_options_and_sizes(context: ComputeContext) -> None:
+def test_degenerate_areas_and_refused_options(context: ComputeContext) -> None:
     for radius in (0, -5, 1, math.nan, math.inf):
         with pytest.raises(InputError, match=r"distance between points must be .* lattice units, not"):
             poisson_disk(context, (0, 0, 10, 10), radius, seed=1)  # type: ignore[arg-type]
     for option in ({"trials": 0}, {"trials": 256}, {"levels": -1}, {"levels": 13}):
         with pytest.raises(InputError, match="must be"):
             poisson_disk(context, (0, 0, 10, 10), 900, seed=1, **option)
+    assert poisson_disk(context, (5, 5, 5, 9), 900, seed=1).shape == (0, 2)
+    assert poisson_disk(context, (9, 9, 5, 5), 900, seed=1).shape == (0, 2)
+    assert len(poisson_disk(context, (0, 0, 10, 10), 900, seed=1)) <= 1
+    # A distance of more than the whole area.
+    assert len(poisson_disk(context, (0, 0, 5000, 5000), 1 << 40, seed=1)) <= 1
     side = math.isqrt(round(1e8 / GREATEST_DENSITY)) * RADIUS
     with pytest.raises(InputError, match=r"about 1e\+08 points \(3\.\d GiB\); at most 40000000 fit"):
         poisson_disk(context, (0, 0, side, side), RADIUS, seed=1)

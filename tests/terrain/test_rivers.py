@@ -149,7 +149,7 @@ def test_in_the_presets_no_bed_rises_and_every_bank_holds(name: str, context: Co
 @pytest.mark.parametrize(
     "seed",
     [
-        pytest.param(seed, marks=() if seed in {0, 115, 205} else pytest.mark.slow)
+        pytest.param(seed, marks=() if seed in {0, 100, 115, 172, 205} else pytest.mark.slow)
         for seed in [*range(40), 100, 115, 130, 172, 175, 205, 287]
     ],
 )

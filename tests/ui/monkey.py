@@ -45,7 +45,7 @@ _KEYS = (
 )
 _MOVES = (Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown, Qt.Key.Key_Home)
 _BUTTONS = (Qt.MouseButton.LeftButton, Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton)
-_NOT = ("quit", "restart", "full-screen")
+UNTRIGGERED = ("quit", "restart", "full-screen")
 """Of the actions: the program shall go on, and the engine is tested elsewhere."""
 
 
@@ -104,11 +104,11 @@ class Monkey:
 
     def trigger(self) -> None:
         """Do something of the menus; dialogs are closed as they come."""
-        actions = [each for each in self._window.actions_by_name if each.objectName() not in _NOT]
+        actions = [each for each in self._window.actions_by_name if each.objectName() not in UNTRIGGERED]
         action = self._random.choice(actions)
         self.did[-1] += f" {action.objectName()}"
         if action.isEnabled():
-            closing = _Closing()
+            closing = DialogCloser()
             action.trigger()
             QApplication.processEvents()
             closing.stop()
@@ -125,7 +125,7 @@ class Monkey:
         ]
         control = self._random.choice([*controls, *buttons])
         self.did[-1] += f" {type(control).__name__} {control.accessibleName()}"
-        closing = _Closing()
+        closing = DialogCloser()
         if isinstance(control, QAbstractButton):
             QTest.mouseClick(control, Qt.MouseButton.LeftButton)
         else:
@@ -189,7 +189,7 @@ class Monkey:
             return
         button = self._random.choice(_BUTTONS)
         place = self._place(widget)
-        closing = _Closing()  # a right click may open a menu
+        closing = DialogCloser()  # a right click may open a menu
         QTest.mousePress(widget, button, Qt.KeyboardModifier.NoModifier, place)
         for _ in range(self._random.randrange(6)):
             place += QPoint(self._random.randrange(-60, 61), self._random.randrange(-60, 61))
@@ -203,7 +203,7 @@ class Monkey:
         return QPoint(self._random.randrange(width), self._random.randrange(height))
 
 
-class _Closing:
+class DialogCloser:
     """Closes whatever waits for an answer, as long as it is not stopped."""
 
     def __init__(self) -> None:

@@ -240,7 +240,6 @@ def test_heights_that_do_not_fit_leave_nothing(qtbot, opened, tmp_path) -> None:
     qtbot.waitUntil(lambda: not dialog.job.is_running)
 
 
-@pytest.mark.slow
 def test_a_cancelled_export_to_a_target_leaves_nothing(qtbot, opened, tmp_path) -> None:
     dialog = opened("gltf")
     dialog._begin()
@@ -304,7 +303,6 @@ def test_a_cancelled_export_leaves_nothing(qtbot, small, tmp_path, exporting_int
     assert dialog.isHidden()
 
 
-@pytest.mark.slow
 def test_an_export_that_cannot_be_written_says_why(qtbot, small, tmp_path, exporting_into) -> None:
     (tmp_path / "file").write_text("")
     dialog = ExportDialog(small, exporting_into(tmp_path / "file" / "out"))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
 from PyQt6.QtGui import QDropEvent, QKeySequence
-from PyQt6.QtWidgets import QFileDialog, QMenu, QMessageBox
+from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
 from sketchterrain.ui.banner import Message
@@ -19,6 +19,9 @@ from sketchterrain.ui.engine.messages import Trouble
 from sketchterrain.ui.engine.orders import MeasureAdherence
 from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.workspace import Chosen
+
+from .monkey import UNTRIGGERED, DialogCloser
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,6 +97,42 @@ def test_undo_redo_and_a_new_seed_are_steps(window, document) -> None:
     assert document.sketch.seed != before
     do(window, "undo")
     assert document.sketch.seed == before
+
+
+def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_can_be_triggered(
+    window, document, workspace, link, placed, monkeypatch, tmp_path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scale, brush = window.canvas.viewport.scale, workspace.brush
+    do(window, "zoom-in")
+    assert window.canvas.viewport.scale > scale
+    do(window, "zoom-out")
+    assert window.canvas.viewport.scale == pytest.approx(scale)
+    do(window, "actual-size")
+    assert window.canvas.viewport.scale == 1.0
+    do(window, "brush-larger")
+    assert workspace.brush == pytest.approx(1.25 * brush)
+    do(window, "brush-smaller")
+    assert workspace.brush == pytest.approx(brush)
+
+    link.placed = placed
+    link.placed_changed.emit(placed)
+    workspace.chosen = Chosen("feature", int(placed.points["id"][0]))
+    do(window, "lock-chosen")
+    assert [edit.action for edit in document.sketch.edits] == ["lock"]
+    do(window, "delete-chosen")
+    assert [edit.action for edit in document.sketch.edits] == ["delete"]
+    assert workspace.chosen is None
+
+    document.saved(document.sketch, tmp_path / "a.sketch")
+    for action in actions(window):
+        if action.objectName() not in UNTRIGGERED and action.isEnabled():
+            closer = DialogCloser()
+            action.trigger()
+            QApplication.processEvents()
+            closer.stop()
+    assert window.isVisible()
+    assert window.banner.message is None or window.banner.message.kind != "error"
 
 
 def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, workspace, qtbot, link) -> None:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 BEST = 0.4
 """The best quality of pictures here; the program's own takes three times as long."""
-DEFAULT = ("noise", "culling", "foliage", "splines")
+DEFAULT = ("noise", "splines")
 """Benchmarks of the default tier."""
 
 
@@ -133,6 +133,7 @@ def test_features_report_each_stage(outcomes: dict[str, Outcome]) -> None:
     assert found["darts"] == found["place"] >= found["shapes"] > 0
 
 
+@pytest.mark.slow
 def test_plants_are_counted_by_storey(outcomes: dict[str, Outcome], tiny: Effort) -> None:
     found = rows(outcomes["foliage"])
     assert [row["storey"] for row in found] == list(STOREYS) * len(tiny.presets)

@@ -16,7 +16,7 @@ from .ground_pictures import Shade, camera_towards, change
 
 pytestmark = pytest.mark.gl
 
-SIZE = (128, 72)
+SIZE = (192, 108)
 RATE = 30.0
 SMALL = Quality(quads=64, tile_memory=600 * TILE_BYTES)
 REACH = 16_000.0

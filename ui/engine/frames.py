@@ -57,5 +57,6 @@ class FrameMemory:
 def _nameless() -> int:
     if sys.platform == "linux":
         return os.memfd_create("frames")
-    with tempfile.TemporaryFile() as file:
-        return os.dup(file.fileno())
+    else:  # noqa: RET505 # mypy knows only branches to belong to a platform
+        with tempfile.TemporaryFile() as file:
+            return os.dup(file.fileno())

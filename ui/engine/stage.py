@@ -178,11 +178,10 @@ class Stage:
 
 def _step_back() -> None:
     """Let the threads of a driver that draws on the CPU come after those that place and compute."""
-    if sys.platform != "linux":
-        return
-    for thread in Path("/proc/self/task").glob("*"):
-        if (thread / "comm").read_text(encoding="ascii", errors="replace").startswith(_DRAWING_THREADS):
-            os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)
+    if sys.platform == "linux":
+        for thread in Path("/proc/self/task").glob("*"):
+            if (thread / "comm").read_text(encoding="ascii", errors="replace").startswith(_DRAWING_THREADS):
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)
 
 
 def _sun(terrain: Terrain, camera: Camera, weather: Weather) -> tuple[Sun, str]:

@@ -67,7 +67,7 @@ def _from_line(across: Floats, spacing: float) -> Floats:
 
 
 def _peaks(x: Floats, y: Floats) -> tuple[Floats, float]:
-    tooth = np.abs((x % np.float32(8.0)) - np.float32(4.0))
+    tooth: Floats = np.abs((x % np.float32(8.0)) - np.float32(4.0))
     return _from_line(y + np.float32(0.9) * tooth, 8.0) * np.float32(0.743), 0.5 * _LINE
 
 

@@ -334,9 +334,11 @@ def test_a_killed_engine_is_told_and_comes_back(running, qapp):
 @pytest.mark.soak
 def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running, qapp):
     document, link, listener = running
-    os.kill(link._children._placer.pid, signal.SIGKILL)
-    wait(qapp, lambda: listener.troubles)
-    listener.troubles.clear()
+    link.start()  # crashes before do not count
+    for _ in range(2):
+        os.kill(link._children._placer.pid, signal.SIGKILL)
+        wait(qapp, lambda: listener.troubles)
+        listener.troubles.clear()
     wait(qapp, lambda: link.facts.no_picture)
     placed = newest(link)
     stroke(document, 10, 70).commit("Paint mountains")

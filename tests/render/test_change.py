@@ -327,7 +327,7 @@ def test_the_overlay_of_features_follows(gl, view, camera, before):
     assert not same(pictures[0], view.settled(camera))
 
 
-@pytest.mark.parametrize("steps", [60, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [30, pytest.param(200, marks=pytest.mark.slow)])
 def test_changes_leave_no_opengl_objects_behind(view, camera, before, steps):
     wet, areas = river(before)
     terrains = [wet, before]
@@ -336,7 +336,7 @@ def test_changes_leave_no_opengl_objects_behind(view, camera, before, steps):
         view.renderer.change(terrains[step % 2], areas)
         if step % 10 == 0:
             view.frame(camera)
-        if step in (19, steps - 1):
+        if step in (9, steps - 1):
             counts.append([alive(what) for what in KINDS])
     assert np.all(np.array(counts[1]) <= np.array(counts[0]) + 12), counts
 

@@ -63,6 +63,7 @@ def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
         return read_picture(texture).astype(int)
 
 
+@pytest.mark.slow
 def test_without_trees_nothing_is_planted_and_nothing_throws_a_shadow():
     bare, planted = picture(without=(*STILL, "trees")), picture()
     changed = np.abs(planted - bare).max(axis=2) > 12

@@ -13,7 +13,7 @@ from sketchterrain.render.frame import NOISE_PERIOD, within_period
 SIZE = (160, 90)
 SUN = Sun(250.0, 35.0)
 CHEAP = dataclasses.replace(
-    Quality.of(0.3),
+    Quality.of(0.25),
     quads=64,
     map_texels=128,
     material_texels=128,

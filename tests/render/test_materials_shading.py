@@ -124,7 +124,8 @@ def roughness_of(picture):
     return np.abs(np.diff(ground, axis=1)).mean()
 
 
-@pytest.mark.parametrize("number", [0.0, pytest.param(1.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [0.0, 1.0])
 def test_without_detail_the_ground_is_smooth(gl, waves, number):
     camera = Camera((500.0, 100.0, 130.0), (500.0, 300.0, 60.0), far=20_000.0)
     others = ("grass", "rocks", "trees", "clouds", "shadows")

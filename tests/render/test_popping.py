@@ -24,7 +24,8 @@ BOUND = 4.0
 """Of 255 levels, at 30 frames a second; beyond what an edge that moves by a pixel brings."""
 
 
-@pytest.mark.parametrize(("z", "pitch"), [(95.0, -4.0), pytest.param(180.0, -25.0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("z", "pitch"), [(95.0, -4.0), (180.0, -25.0)])
 def test_tiles_morph_without_a_pop_before_a_camera_at_rest(gl, waves, z, pitch):
     stream = GroundStream(gl, waves, SMALL, metric=ScreenError(tolerance=0.3, quad=10.0))
     shade = Shade(gl, stream, SIZE)

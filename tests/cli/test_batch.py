@@ -172,6 +172,7 @@ def test_previews_are_those_of_generate_and_come_on_a_sheet(
     assert (small == shown).all()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(len([each for each in list_devices() if each.known]) < 2, reason="there is one device")
 def test_a_device_that_fails_is_left_and_the_terrain_made_again(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

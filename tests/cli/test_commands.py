@@ -174,6 +174,7 @@ def test_render_draws_a_map_by_the_files_name(call: Callable[..., Any], sketch: 
         assert image.height == pytest.approx(400, abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_render_is_a_picture_of_its_camera(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
     for name, eye in {"a": "-200,-200,300", "b": "700,600,300"}.items():

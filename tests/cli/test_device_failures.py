@@ -169,6 +169,7 @@ def test_values_that_are_no_numbers_are_a_failure(
     assert files(tmp_path / "out") == files(tmp_path / "whole")
 
 
+@pytest.mark.slow
 @two_devices
 def test_a_failure_in_the_preview_starts_all_again_too(
     call: Callable[..., Any], tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -236,6 +237,7 @@ def test_a_device_with_other_bits_is_told_of_when_it_is_used(
     assert "self-test" not in generate(call, tiny, tmp_path, "--fast").err  # it was asked to
 
 
+@pytest.mark.slow
 def test_fast_is_told_and_close(call: Callable[..., Any], tiny: Path, tmp_path: Path) -> None:
     import rasterio
 

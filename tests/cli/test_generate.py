@@ -245,6 +245,7 @@ def test_plants_come_as_what_is_asked_for(
     )
 
 
+@pytest.mark.slow
 def test_grass_is_added_to_the_cloud(
     call: Callable[..., Any], generated: Path, sketch: Path, tmp_path: Path
 ) -> None:
@@ -280,6 +281,7 @@ def test_where_nothing_grows_the_files_of_plants_are_valid_and_empty(
     assert told["foliage"]["plants"] == told["foliage"]["plants_per_second"] == 0
 
 
+@pytest.mark.slow
 def test_a_forest_of_one_pixel_is_a_forest(call: Callable[..., Any], tmp_path: Path) -> None:
     forest = np.zeros((30, 30), np.uint8)
     forest[10, 20] = 1  # 10 m wide, its middle 205 m east and 195 m north

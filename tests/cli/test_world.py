@@ -53,6 +53,7 @@ def test_a_world_is_the_terrain_at_its_vertices(
     assert (height == terrain.heights(x[None], y[:, None], cell_size=4.0)).all()
 
 
+@pytest.mark.slow
 def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(
     call: Callable[..., Any], sketch: Path, tmp_path: Path
 ) -> None:

@@ -65,7 +65,7 @@ def test_kernels_name_double_only_where_there_is_one() -> None:
             assert not re.search(r"double", code), file.name
 
 
-@pytest.mark.parametrize("real", ["float", "double"])
+@pytest.mark.parametrize("real", ["float", pytest.param("double", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)
 def test_every_kernel_builds_on_every_device(device, real: str) -> None:
     if real == "double" and not device.has_double:

@@ -47,6 +47,7 @@ def test_errors_of_two_triangles_are_analytic():
     assert mesh_error(half, np.zeros((9, 9))) == np.inf
 
 
+@pytest.mark.slow
 def test_any_triangles_against_another_interpolation():
     for seed in range(4):
         rng = np.random.default_rng(seed)

@@ -327,6 +327,7 @@ def test_the_overlay_of_features_follows(gl, view, camera, before):
     assert not same(pictures[0], view.settled(camera))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [30, pytest.param(200, marks=pytest.mark.slow)])
 def test_changes_leave_no_opengl_objects_behind(view, camera, before, steps):
     wet, areas = river(before)

@@ -25,6 +25,7 @@ def views():
     return Flight(tuple(keys)).at([0.0, 2.0, 2.001, 3.0])
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 @pytest.mark.usefixtures("gl")
 @pytest.mark.parametrize("quality", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])

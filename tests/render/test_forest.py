@@ -100,6 +100,7 @@ def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel
     assert light == pytest.approx(exact, rel=0.25)
 
 
+@pytest.mark.slow
 def test_feet_stand_on_the_ground_as_it_is_drawn():
     """With coarse tiles the drawn ground is off the true one; feet follow it."""
     quality = Quality(

@@ -64,6 +64,7 @@ def test_places_repeat_and_do_not_jump_near_the_origin():
     assert np.allclose([within_period(x + 3.0 * NOISE_PERIOD) for x in near], near, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_streamed_picture_ends_as_the_prepared_one(gl, waves):
     framebuffer = canvas(gl)
     still = Renderer(gl, waves, sun=SUN, quality=HASTY)

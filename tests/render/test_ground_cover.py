@@ -88,6 +88,7 @@ def scene(gl):
     return Scene(gl)
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_a_tuft_keeps_its_place_when_the_eye_moves(scene):
     x, y = 600.0, 300.0
@@ -171,6 +172,7 @@ def test_grass_grows_on_grass_and_stones_lie_on_scree(scene, monkeypatch):
     assert stones_on_scree > 5 * stones_on_grass
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_grass_moves_only_in_the_wind_and_pictures_are_repeatable(gl, scene):
     camera = camera_at(600.0, 300.0)

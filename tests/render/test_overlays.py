@@ -159,6 +159,7 @@ def test_an_overlay_without_tiles_draws_nothing(gl, waves):
     assert set(texture.read()) == {9}
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_footage_and_pictures_draw_overlays(gl, waves, monkeypatch):
     drawn = []

@@ -168,6 +168,7 @@ def forest_of(gl):
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_a_forest_of_hundreds_of_thousands_keeps_to_its_budget(forest_of):
     forest, lit = forest_of(plants=10**9, thin=1e-3)
@@ -218,6 +219,7 @@ def test_plants_are_not_chosen_again_for_an_eye_at_rest(forest_of, monkeypatch):
     assert forest.settled
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_a_flight_that_comes_to_rest_shows_what_a_still_does(forest_of):
     still, lit = forest_of(plants=3000)

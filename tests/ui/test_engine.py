@@ -102,6 +102,7 @@ def running(qapp):
     assert listener.troubles == []
 
 
+@pytest.mark.slow
 def test_strokes_are_placed_drawn_picked_and_undone(running, qapp) -> None:
     document, link, listener = running
     assert link.facts.device

@@ -23,7 +23,7 @@ test-slow: $(VENV)/test.stamp
 	$(PYTEST) -m slow
 
 soak: $(VENV)/test.stamp
-	SOAK_TILES=10000 SKETCHTERRAIN_SOAK=1 $(PYTEST) -m soak
+	$(PYTEST) -m soak
 
 gpu: $(VENV)/test.stamp
 	@bash .ci/gpu

@@ -199,6 +199,7 @@ def test_a_device_that_fails_is_left_and_the_terrain_made_again(
         assert one == other
 
 
+@pytest.mark.slow
 def test_a_terminal_gets_a_bar_and_what_is_in_work(
     monkeypatch: pytest.MonkeyPatch, call: Callable[..., Any], sketch: Path, tmp_path: Path
 ) -> None:

@@ -64,6 +64,7 @@ def test_new_leaves_a_folder_alone_that_holds_something(call: Callable[..., Any]
     assert [entry.name for entry in tmp_path.iterdir()] == ["mine"]
 
 
+@pytest.mark.slow
 def test_devices_tells_each_and_which_is_taken(call: Callable[..., Any]) -> None:
     told = json.loads(call("devices", "--json").out)
     assert [entry["name"] for entry in told] == [device.name for device in list_devices()]
@@ -162,6 +163,7 @@ def test_render_passes_on_what_a_picture_shall_be(
     assert (shot["textures"], shot["camera"]) == (tmp_path, None)
 
 
+@pytest.mark.slow
 def test_render_draws_a_map_by_the_files_name(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
     done = call("render", sketch, "-o", tmp_path / "a.svg", "--map")
     assert (done.code, done.out) == (0, f"{tmp_path / 'a.svg'}\n"), done.err

@@ -192,6 +192,7 @@ class AbandonedError(Exception):
     pass
 
 
+@pytest.mark.slow
 def test_an_abandoned_recipe_leaves_a_good_memory() -> None:
     rng, memory = np.random.default_rng(9), ShapeMemory()
     sketch = world()
@@ -221,6 +222,7 @@ def test_an_abandoned_recipe_leaves_a_good_memory() -> None:
     assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch))
 
 
+@pytest.mark.slow
 def test_threads_share_a_memory() -> None:
     rng, memory = np.random.default_rng(12), ShapeMemory()
     sketches = [world()]

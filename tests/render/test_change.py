@@ -249,6 +249,7 @@ def test_water_comes_and_goes(gl, view, camera, before):
     assert same(view.settled(camera), dry)
 
 
+@pytest.mark.slow
 def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
     forest = view.renderer.scenery.forest
     many = forest.count
@@ -272,6 +273,7 @@ def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
     assert forest.count > 0.8 * many
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slow", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_sharpens_again_if_not(gl, camera, before, slow):
     clock = [0.0]
@@ -306,6 +308,7 @@ def alive(what):
     return sum(bool(is_one(name)) for name in range(1, 6000))
 
 
+@pytest.mark.slow
 def test_the_overlay_of_features_follows(gl, view, camera, before):
     overlay = Overlay(gl, before, view.renderer.ground)
     known = KnownHeights()

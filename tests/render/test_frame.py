@@ -81,6 +81,7 @@ def test_a_streamed_picture_ends_as_the_prepared_one(gl, waves):
     assert stats[-1].triangles > 1000
 
 
+@pytest.mark.slow
 def test_a_moving_eye_gets_a_smaller_picture_at_once(gl, waves):
     framebuffer = canvas(gl)
     renderer = Renderer(gl, waves, sun=SUN, quality=HASTY)

@@ -58,8 +58,8 @@ SCENES = {
 }
 
 
-DEFAULT = ("desert_mountains-air", "valley_river-ground", "valley_river-air")
-"""Scenes of the default tier: one of the best quality, two that are cheap under an overcast sky."""
+DEFAULT = ("desert_mountains-air", "rolling_hills-air", "valley_river-air")
+"""Scenes of the default tier, which are cheap under an overcast sky."""
 
 
 @lru_cache(maxsize=1)

@@ -111,6 +111,7 @@ def test_a_tuft_keeps_its_place_when_the_eye_moves(scene):
     assert change.sum() < 0.08 * tall[same].sum()
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_grass_covers_as_much_far_away_as_near(scene):
     eye = camera_at(640.0, 320.0, heading=(0.0, 0.02, -1.0), above=20.0)

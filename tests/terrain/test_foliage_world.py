@@ -71,7 +71,7 @@ def test_plants_are_a_function_of_the_world(
 @pytest.mark.parametrize(
     ("storey", "place"),
     [
-        ("woody", PLACES[0]),
+        pytest.param("woody", PLACES[0], marks=pytest.mark.slow),
         ("grass", PLACES[2]),
         pytest.param("grass", PLACES[0], marks=pytest.mark.slow),
         pytest.param("woody", PLACES[2], marks=pytest.mark.slow),

@@ -159,6 +159,7 @@ def test_a_pool_that_is_too_small_allows_more_error_and_never_a_hole(toy):
     assert toy.rim(toy.open_edges(toy.drawn_triangles(draws, toy.QUADS)), view).all()
 
 
+@pytest.mark.slow
 def test_walking_far_keeps_to_the_slots_and_forgets_what_is_behind(toy):
     stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9), slots=800), 40)
     eye = np.array([0.0, 0.0, 30.0])

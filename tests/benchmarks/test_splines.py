@@ -41,6 +41,7 @@ def suite(context: TimedContext) -> dict[str, tuple[SplineQueries, np.ndarray]]:
 Suite = dict[str, tuple[SplineQueries, np.ndarray]]
 
 
+@pytest.mark.slow
 def test_exact_methods_are_never_wrong_by_a_hundredth_of_a_cell(suite: Suite) -> None:
     for kind, (queries, expected) in suite.items():
         for method, cell in itertools.product(NEVER_WRONG, CELL_SIZES):
@@ -94,6 +95,7 @@ def bounded_distance(curve: np.ndarray, place: np.ndarray, *, gap: float) -> tup
     return min(dropped, best), best
 
 
+@pytest.mark.slow
 def test_every_device_gives_the_same_bits() -> None:
     devices = list_devices()
     if len(devices) < 2:

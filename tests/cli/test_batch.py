@@ -100,6 +100,7 @@ def test_a_target_s_files_are_those_of_export(call: Callable[..., Any], sketch: 
     assert manifest(tmp_path / "all")["items"][0]["adherence"]["lost"] == 0
 
 
+@pytest.mark.slow
 def test_bad_items_are_told_in_a_table(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "sketch.toml").write_text("extent = 'far'")

@@ -141,7 +141,7 @@ def test_without_another_device_nothing_is_written(
 @pytest.mark.parametrize(
     ("foliage", "found"),
     [
-        ("none", "computed normals and heights, 1 of"),
+        pytest.param("none", "computed normals and heights, 1 of", marks=pytest.mark.slow),
         ("csv", "computed heights, 1 of"),
     ],  # plants are reckoned first
 )

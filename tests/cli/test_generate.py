@@ -347,6 +347,7 @@ def test_the_preview_is_a_picture(call: Callable[..., Any], sketch: Path, tmp_pa
     assert 0 < sum(told["rendering"].values()) <= told["timings"]["preview"]
 
 
+@pytest.mark.slow
 def test_generate_draws_a_map_and_the_view_that_is_asked_for(
     call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -222,6 +222,7 @@ def test_labels_keep_off_each_other_and_off_the_border(frame: Frame, sheet: Shee
     assert apart.min() > 1.5
 
 
+@pytest.mark.slow
 def test_the_legend_lists_what_is_on_the_sheet(terrain: st.Terrain, sheet: Sheet, tmp_path: Path) -> None:
     told = words(sheet)
     assert {"River, flow", "Forest", "Lake, water level (m)", "Summit, height (m)", "N"} <= set(told)

@@ -170,7 +170,7 @@ def world(**changes: object) -> Sketch:
     return bare.replace(**changes)
 
 
-@pytest.mark.parametrize("seed", [0, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 3))])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_random_strokes_on_any_layer_give_the_bits_of_fresh_recipes(seed: int) -> None:
     rng, memory = np.random.default_rng(seed), ShapeMemory()
     sketch = world()

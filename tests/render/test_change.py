@@ -167,6 +167,7 @@ def test_a_settled_picture_is_that_of_a_fresh_renderer(gl, view, camera, before)
     assert same(now, View(gl, new).settled(camera))
 
 
+@pytest.mark.slow
 def test_a_still_picture_after_a_change_is_that_of_a_fresh_renderer(gl, camera, before):
     new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
     pictures = []

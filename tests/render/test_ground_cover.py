@@ -187,6 +187,7 @@ def test_grass_moves_only_in_the_wind_and_pictures_are_repeatable(gl, scene):
     assert (scene.see(camera) == first).all()
 
 
+@pytest.mark.slow
 @pytest.mark.gl
 def test_parts_left_out_by_quality_are_not_drawn(gl):
     camera = camera_at(600.0, 300.0)

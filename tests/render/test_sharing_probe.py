@@ -95,6 +95,7 @@ def test_a_probe_that_fails_ends_in_a_copy_with_its_reason(monkeypatch: pytest.M
     assert probe_sharing(MAPPED) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", each_in_its_tier(CPUS))
 def test_a_driver_without_the_extension_is_not_asked_for_it(
     gl: object, device: Device, monkeypatch: pytest.MonkeyPatch

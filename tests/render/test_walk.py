@@ -45,6 +45,7 @@ def fly(walk, steps, *, look=0.0, **keys):
     return np.array(walk.eye)
 
 
+@pytest.mark.slow
 def test_the_path_does_not_depend_on_the_frame_rate():
     """A tenth of a percent of the way after ten seconds, also where steps are irregular (0 … 150 ms)."""
     rates = {

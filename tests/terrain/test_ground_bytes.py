@@ -81,6 +81,7 @@ def test_bytes_are_the_same_on_every_device(desert: Terrain) -> None:
         np.testing.assert_array_equal(one.materials, two.materials, err_msg=device.platform)
 
 
+@pytest.mark.slow
 def test_doubles_differ_by_a_step_at_most(valley: Terrain, double_context: ComputeContext) -> None:
     window = {"cell": 4.0, **WINDOWS["whole"]}
     double = Terrain(valley.sketch, valley.recipe, double_context)

@@ -106,6 +106,7 @@ def areas(rng, count):
         yield (x, y, x + wide, y + wide * rng.uniform(0.3, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 def test_a_moving_eye_sees_only_the_newest_ground(toy, world, seed):
     stream, written = world

@@ -258,6 +258,7 @@ def test_only_tiles_hidden_by_nearer_ground_are_left_out(toy):
     assert len(triangles) < len(hidden)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "steps"),
     [

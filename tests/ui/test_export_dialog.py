@@ -240,6 +240,7 @@ def test_heights_that_do_not_fit_leave_nothing(qtbot, opened, tmp_path) -> None:
     qtbot.waitUntil(lambda: not dialog.job.is_running)
 
 
+@pytest.mark.slow
 def test_a_cancelled_export_to_a_target_leaves_nothing(qtbot, opened, tmp_path) -> None:
     dialog = opened("gltf")
     dialog._begin()

@@ -248,6 +248,7 @@ def test_names_are_those_of_contradictions_and_missing_things_change_nothing(pla
     assert edits.point_moved(sketch, placed, short, 0.0, 0.0) is sketch
 
 
+@pytest.mark.slow
 def test_a_hundred_random_drags_stay_valid() -> None:
     sketch = load_sketch("valley_river")
     now = placed_of(sketch)

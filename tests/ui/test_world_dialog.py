@@ -132,6 +132,7 @@ def test_what_was_asked_for_is_there_again(opened) -> None:
     assert again.wishes.form == "tiles"
 
 
+@pytest.mark.slow
 def test_a_world_is_estimated_before_it_is_begun(qtbot, opened, tmp_path) -> None:
     dialog = opened()
     told = begun(qtbot, dialog)

@@ -301,6 +301,7 @@ def test_the_process_draws_tells_and_ends(world, qapp):
     assert child.poll() is not None
 
 
+@pytest.mark.slow
 def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp):
     link = WorldLink(tmp_path)
     troubles = []

@@ -84,7 +84,7 @@ def test_no_device_that_is_left_passes_the_self_test(job, heard, monkeypatch) ->
     monkeypatch.setattr(
         sketchterrain.world.alone,
         "own_bits",
-        lambda device, *, fast: "its own" if device == KNOWN[1] else own(device, fast=fast),
+        lambda device, *, fast: "its own" if device != KNOWN[0] else own(device, fast=fast),
     )
     with pytest.raises(DeviceFailedError, match="gave up; there is no other device to go on"):
         run_world(job, device=str(KNOWN[0].index), watcher=heard)

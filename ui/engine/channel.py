@@ -183,4 +183,4 @@ def _parts(message: Any) -> list[memoryview]:
     """Return a message as the parts that are written: its pickle and its arrays' bytes."""
     data, buffers = io.BytesIO(), list[pickle.PickleBuffer]()
     _Pickler(data, protocol=5, buffer_callback=buffers.append).dump(message)
-    return [data.getbuffer(), *(buffer.raw() for buffer in buffers)]
+    return [memoryview(data.getvalue()), *(buffer.raw() for buffer in buffers)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from types import SimpleNamespace
 
 import pytest
 
@@ -151,3 +152,13 @@ def test_a_worker_that_was_ready_once_may_die_preparing_as_often_again() -> None
             roster.ready(f"tcp://{number}", "a on here", 1)
         roster.update({})
         assert not roster.dies_preparing("a")
+
+
+def test_workers_have_their_name_and_host_or_a_number_or_an_address(monkeypatch) -> None:
+    pytest.importorskip("distributed")
+    from sketchterrain.world import worker
+
+    monkeypatch.setattr(worker.socket, "gethostname", lambda: "rock")
+    names = ("big", "tcp://10.0.0.1:8000", 3)
+    shown = [worker._name_of(SimpleNamespace(name=name)) for name in names]
+    assert shown == ["big on rock", "tcp://10.0.0.1:8000", "worker 3"]

@@ -14,7 +14,7 @@ from sketchterrain.errors import SketchterrainError, one_line
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["ChildFailedError", "module_result", "run_child"]
+__all__ = ["ChildFailedError", "ChildTimedOutError", "module_result", "run_child"]
 
 _LONGEST: Final = 200  # characters of the line that the child wrote last
 # Words that a driver writes to stderr before it aborts, and what helps.
@@ -25,6 +25,10 @@ _INSTALL_DRIVER: Final = "update or reinstall the driver"
 
 class ChildFailedError(SketchterrainError):
     """A child process crashed, hung, did not start or exited with an error; the message is one line."""
+
+
+class ChildTimedOutError(ChildFailedError):
+    """A child process did not answer in time; the load of the machine may be why."""
 
 
 def run_child(
@@ -58,7 +62,7 @@ def run_child(
             env=environment,
         )
     except subprocess.TimeoutExpired:
-        raise ChildFailedError(f"{name} did not answer within {timeout:g} s") from None
+        raise ChildTimedOutError(f"{name} did not answer within {timeout:g} s") from None
     except OSError as error:
         raise ChildFailedError(f"{name} did not start: {error}") from error
     if child.returncode:

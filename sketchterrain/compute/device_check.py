@@ -17,7 +17,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain import resources
-from sketchterrain.child_process import ChildFailedError, module_result
+from sketchterrain.child_process import ChildFailedError, ChildTimedOutError, module_result
 from sketchterrain.disk import cache_folder
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.whole_files import write_whole
@@ -62,6 +62,8 @@ def check_device(device: Device) -> DeviceCheck:
             result = module_result(
                 _MODULE, str(device.index), name="the self-test", timeout=_TIMEOUT, environment=environment
             )
+        except ChildTimedOutError:
+            raise
         except ChildFailedError as error:
             return {"failure": str(error), "wrong": []}
         return {"failure": "", "wrong": json.loads(result)}
@@ -70,7 +72,10 @@ def check_device(device: Device) -> DeviceCheck:
         resources.source("self_test.cl"),
         files("sketchterrain.compute").joinpath("arithmetic.py").read_text(),
     )
-    found = cached_on_disk("arithmetic", (device,), test, check)
+    try:
+        found = cached_on_disk("arithmetic", (device,), test, check)
+    except ChildTimedOutError as error:
+        return DeviceCheck(str(error))
     return DeviceCheck(found["failure"], tuple(found["wrong"]))
 
 
@@ -102,7 +107,7 @@ def cached_on_disk(
         The test's source code. A change of it, of a driver's version or of the linker in the PATH makes the
         stored result stale.
     run
-        Runs the test; returns what JSON can hold.
+        Runs the test; returns what JSON can hold. A test that raises, as one that timed out, is not stored.
     """
     drivers = [(device.platform, device.name, device.driver, device.version) for device in devices]
     key = _digest([drivers, shutil.which("ld"), *sources])

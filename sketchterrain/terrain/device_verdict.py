@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sketchterrain import resources
-from sketchterrain.child_process import ChildFailedError, module_result
+from sketchterrain.child_process import ChildFailedError, ChildTimedOutError, module_result
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
 from sketchterrain.errors import SketchterrainError
@@ -108,9 +108,12 @@ def self_test(device: Device, *, compare: bool = True) -> Verdict:
         if other != device and other.known and check_device(other) == DeviceCheck("")
     )
     sources = (resources.kernels_digest(), Path(__file__).read_text(encoding="utf-8"))
-    found = cached_on_disk(
-        "terrain", (device, *others), sources, lambda: asdict(_compared(device, others, check.wrong))
-    )
+    try:
+        found = cached_on_disk(
+            "terrain", (device, *others), sources, lambda: asdict(_compared(device, others, check.wrong))
+        )
+    except ChildTimedOutError as error:
+        return Verdict("failed", str(error))
     return Verdict(**found)
 
 
@@ -150,6 +153,8 @@ def _places() -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
 def _compared(device: Device, others: tuple[Device, ...], wrong: tuple[str, ...]) -> Verdict:
     try:
         own = _probe_in_child(device)
+    except ChildTimedOutError:
+        raise
     except ChildFailedError as error:
         return Verdict("failed", str(error))
     for other in others:

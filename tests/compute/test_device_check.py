@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from sketchterrain.child_process import ChildFailedError, module_result, run_child
+from sketchterrain.child_process import ChildFailedError, ChildTimedOutError, module_result, run_child
 from sketchterrain.compute import choose_device, device_check, is_usable, list_devices
 from sketchterrain.compute.device_check import DeviceCheck, cached_on_disk, check_device
 from sketchterrain.errors import DeviceFailedError
@@ -170,3 +170,16 @@ def test_failures_of_a_child_are_one_line() -> None:
         run_child(["/no/such/program"], name="it", timeout=1.0)
     with pytest.raises(ChildFailedError, match="it exited early"):
         module_result("this", name="it", timeout=10.0)
+
+
+def test_a_check_that_timed_out_is_not_cached(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def slow(*_: str, **__: object) -> bytes:
+        raise ChildTimedOutError("the self-test did not answer within 60 s")
+
+    monkeypatch.setattr(device_check, "module_result", slow)
+    device = list_devices()[0]
+    assert check_device(device) == DeviceCheck("the self-test did not answer within 60 s")
+    assert not list(empty_cache.glob("device-*.json"))
+    monkeypatch.setattr(device_check, "module_result", lambda *_, **__: b"[]")
+    check_device.cache_clear()
+    assert check_device(device) == DeviceCheck("")

@@ -23,7 +23,7 @@ test-slow: $(VENV)/test.stamp
 	$(PYTEST) -m slow
 
 soak: $(VENV)/test.stamp
-	$(PYTEST) -m soak
+	$(PYTEST) -m soak -o faulthandler_timeout=0
 
 gpu: $(VENV)/test.stamp
 	@bash .ci/gpu

@@ -104,3 +104,10 @@ def test_relief_is_slope_roughness_and_openness_of_the_heights(context):
     assert np.abs(got - expected).max() < 2e-6
     flat = embossed(context, np.full((16, 16, 4), 0.5), Layer(1.0, 0.1, 0.9, 0.7))
     assert np.allclose(flat, [0.0, 0.0, 0.8, 1.0], atol=1e-6)
+
+
+def test_roughness_lies_between_a_mirror_and_lambert_and_is_greatest_in_hollows() -> None:
+    for name, layer in LAYERS.items():
+        assert 0.0 < layer.high < layer.low <= 1.0, name
+        assert 0.0 < layer.bump < 0.5, name
+        assert layer.width > 0.0, name

@@ -133,19 +133,6 @@ def test_what_was_asked_for_is_there_again(opened) -> None:
 
 
 @pytest.mark.slow
-def test_a_world_is_estimated_before_it_is_begun(qtbot, opened, tmp_path) -> None:
-    dialog = opened()
-    told = begun(qtbot, dialog)
-    assert not (tmp_path / "world.zarr").exists()
-    assert (told["done"], told["problem"]) == (0, "")
-    assert dialog.go.text() == "Start"
-    assert "Memory: about" in dialog.told.text()
-    dialog.wishes.normals.setChecked(False)  # of that one nothing is known
-    assert dialog.go.text() == "Estimate"
-    assert "Memory" not in dialog.told.text()
-
-
-@pytest.mark.slow
 def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tmp_path) -> None:
     dialog = opened()
     told = begun(qtbot, dialog)

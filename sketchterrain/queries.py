@@ -1,4 +1,4 @@
-# ruff: noqa: TC001, TC003 - typer reads the commands' annotations at run time
+
 """Commands that make no terrain of a sketch: a starter sketch, and what there is and how fast it is."""
 
 from __future__ import annotations

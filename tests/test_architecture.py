@@ -1,9 +1,8 @@
-"""Imports between rooms and the lists of files in ARCHITECTURE.md."""
+"""Imports between rooms."""
 
 from __future__ import annotations
 
 import ast
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -118,27 +117,3 @@ def test_importing_loads_no_driver() -> None:
     code += f"print(*sorted({drivers} & set(sys.modules)))"
     shown = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert shown.stdout.strip() == ""
-
-
-def named_by_room() -> dict[str, list[str]]:
-    """What the first cells of tables name, under headings that name a room."""
-    named: dict[str, list[str]] = {}
-    room = None
-    for line in (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").splitlines():
-        if line.startswith("#"):
-            room = re.search(r"`([\w/]+)/`", line)
-        elif room and line.startswith("| `"):
-            named.setdefault(room[1], []).extend(re.findall(r"`([\w.]+)`", line.split("|")[1]))
-    return named
-
-
-def test_every_file_of_a_room_is_listed_once() -> None:
-    rooms = ("terrain", "tiles", "look", "render", "export", "trace", "world")
-    parts = ("models", "commands", "painting", "engine", "canvas", "view3d", "panels", "dialogs", "look")
-    patterns = {room: f"sketchterrain/{room}/*.py" for room in rooms}
-    patterns |= {"ui": "ui/*.py"} | {f"ui/{part}": f"ui/{part}/*.py" for part in parts}
-    patterns |= {"kernels": "kernels/*.c*", "kernels/render": "kernels/render/*.glsl"}
-    named = named_by_room()
-    for room, pattern in patterns.items():
-        there = [path.stem if path.suffix == ".py" else path.name for path in ROOT.glob(pattern)]
-        assert sorted(named[room]) == sorted(name for name in there if name != "__init__"), room

@@ -1,4 +1,4 @@
-# ruff: noqa: TC001 - typer reads the commands' annotations at run time
+
 """The command that makes many terrains: what it was asked for, and what came of it."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-# ruff: noqa: TC001 - typer reads the commands' annotations at run time
+
 """Commands that take a terrain to a program, and that tell which programs there are."""
 
 from __future__ import annotations

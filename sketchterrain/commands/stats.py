@@ -1,4 +1,4 @@
-# ruff: noqa: TC001, TC003 - typer reads the command's annotations at run time
+
 """The command that measures a written world, and checks whether its files are what was written."""
 
 from __future__ import annotations

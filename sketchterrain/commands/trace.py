@@ -1,4 +1,4 @@
-# ruff: noqa: TC001, TC003 - typer reads the command's annotations at run time
+
 """The command `trace`: a starting sketch from a picture, a paint program's layers, a GIS's vectors."""
 
 from __future__ import annotations

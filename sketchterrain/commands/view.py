@@ -1,4 +1,4 @@
-# ruff: noqa: TC003 - typer reads the command's annotations at run time
+
 """The command `view`: a written world in a window, or a picture of it."""
 
 from __future__ import annotations

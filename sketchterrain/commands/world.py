@@ -1,4 +1,4 @@
-# ruff: noqa: TC001 - typer reads the command's annotations at run time
+
 """The command that writes worlds larger than memory: what is asked for, what it takes, what came of it."""
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import msgspec
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.whole_files import telling_failure
-from sketchterrain.world.made import Task, WrittenFile  # noqa: TC001 - msgspec reads them
+from sketchterrain.world.made import Task, WrittenFile
 from sketchterrain.world.roots import is_inside
 
 if TYPE_CHECKING:

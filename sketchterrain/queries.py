@@ -1,4 +1,3 @@
-
 """Commands that make no terrain of a sketch: a starter sketch, and what there is and how fast it is."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-
 """The command that makes many terrains: what it was asked for, and what came of it."""
 
 from __future__ import annotations

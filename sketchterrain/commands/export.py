@@ -1,4 +1,3 @@
-
 """Commands that take a terrain to a program, and that tell which programs there are."""
 
 from __future__ import annotations

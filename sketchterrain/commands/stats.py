@@ -1,4 +1,3 @@
-
 """The command that measures a written world, and checks whether its files are what was written."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-
 """The command `trace`: a starting sketch from a picture, a paint program's layers, a GIS's vectors."""
 
 from __future__ import annotations

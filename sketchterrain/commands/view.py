@@ -1,4 +1,3 @@
-
 """The command `view`: a written world in a window, or a picture of it."""
 
 from __future__ import annotations

@@ -1,4 +1,3 @@
-
 """The command that writes worlds larger than memory: what is asked for, what it takes, what came of it."""
 
 from __future__ import annotations

@@ -19,6 +19,7 @@ MAY_IMPORT = {
     "gdal_paths": set(),
     "lazily": set(),
     "disk": {"errors", "whole_files"},
+    "estimate": {"errors", "disk", "system"},
     "child_process": {"errors"},
     "system": set(),
     "sketch": {"errors", "resources", "whole_files"},

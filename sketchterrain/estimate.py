@@ -1,0 +1,96 @@
+"""Estimates of the disk space and memory that a world or a batch takes, checked before the start."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sketchterrain.disk import amount, check_disk, disk_left
+from sketchterrain.errors import InputError
+from sketchterrain.system import physical_memory, proc_memory
+
+# Bytes on disk, compressed: the most that the presets took as Zarr and as GeoTIFF.
+_LAYER_BYTES = {"height": 2.9, "normal": 2.0, "materials": 1.1}
+_PLANT_BYTES = {"none": 0, "csv": 84, "ply": 36, "both": 120, "parquet": 40, "flatgeobuf": 190}
+_WOODY, _GRASS = 0.004, 2.0  # plants per square metre
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Bytes on disk by part, those that are there already, and bytes of memory that are in use at once."""
+
+    disk: dict[str, float]
+    memory: float
+    present: float = 0.0
+
+    @property
+    def disk_needed(self) -> float:
+        """Bytes still to be written."""
+        return max(sum(self.disk.values()) - self.present, 0.0)
+
+    def check(self, path: Path, what: str) -> None:
+        """Raise an InputError if the disk of a path has no room for it, or this machine no memory.
+
+        `what` names what is written, in the plural: "the world's files".
+        """
+        check_disk(path, self.disk_needed, what)
+        if self.memory > memory_left():
+            raise InputError(
+                f"{what} need about {amount(self.memory)} of memory at once, {amount(memory_left())} are left"
+            )
+
+    def as_dict(self, path: Path) -> dict[str, Any]:
+        """Return it as JSON has it, with what is left on the disk of a path and of memory."""
+        return {
+            "disk": {
+                "parts": {name: round(size) for name, size in self.disk.items()},
+                "needed": round(self.disk_needed),
+                "there": round(self.present),
+                "left": disk_left(path),
+            },
+            "memory": {"needed": round(self.memory), "left": memory_left()},
+        }
+
+    def lines(self, path: Path) -> list[str]:
+        """Return it as text: a line for the disk and one for memory."""
+        parts = ", ".join(f"{name} {amount(size)}" for name, size in self.disk.items())
+        parts = f" ({parts})" if len(self.disk) > 1 else ""
+        present = f", {amount(self.present)} are there" if self.present else ""
+        return [
+            f"disk: up to {amount(sum(self.disk.values()))}{parts}{present}, "
+            f"{amount(disk_left(path))} are left",
+            f"memory: about {amount(self.memory)} at once, {amount(memory_left())} are left",
+        ]
+
+
+def layer_disk(vertices: float, layers: Iterable[str]) -> dict[str, float]:
+    """Return the bytes on disk of each layer of so many vertices, compressed."""
+    return {name: vertices * _LAYER_BYTES[name] for name in layers}
+
+
+def plant_disk(area: float, form: str, *, grass: bool = False) -> float:
+    """Return the bytes on disk of the plants of so many square metres in a file format."""
+    return area * (_WOODY + _GRASS * grass) * _PLANT_BYTES[form]
+
+
+def memory_left() -> int:
+    """Return the bytes of memory that are free; all that there are where the system does not tell."""
+    free = proc_memory("meminfo", "MemAvailable")
+    return physical_memory() if free is None else free
+
+
+def count_text(count: float) -> str:
+    """Return a large number as text.
+
+    >>> count_text(12345.6), count_text(1.4e9)
+    ('12 346', '1400 million')
+    """
+    return f"{count:,.0f}".replace(",", " ") if count < 1e6 else f"{count / 1e6:.4g} million"
+
+
+def duration(seconds: float) -> str:
+    """Return seconds as text: ``40 s``, ``12 min``, ``3 h 20 min``."""
+    if seconds < 90:
+        return f"{max(round(seconds), 1)} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"

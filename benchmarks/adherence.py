@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
 
-__all__ = ["measure"]
-
 _COLUMNS = (
     Column("preset", "preset"),
     Column("fidelity", "fidelity"),

@@ -9,8 +9,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_adherence"]
-
 _MARKERS = "osD^v"
 _ASKED = "#999999"
 

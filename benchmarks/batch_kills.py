@@ -19,8 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Kill", "differences", "killed"]
-
 _MEASURED = ("timings", "rendering", "writing", "peak_memory")
 
 

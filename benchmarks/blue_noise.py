@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Key = TypeVar("Key")
 
-__all__ = ["ASKED", "DARTS", "GTX_580", "SEED", "measure"]
-
 SEED = 7
 GTX_580: Final[Mapping[tuple[int, int], float]] = {
     (1, 4): 8.03,

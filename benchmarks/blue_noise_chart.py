@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_room", "draw_spectra", "draw_table_6_1"]
-
 _OWN, _THESIS, _GTX = "#0072B2", "#777777", "#D55E00"
 _MORE = ("#E69F00", "#AA5586", "#009E73", "#333333")
 _SMALL = 8.0

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Outcome, Row
 
-__all__ = ["CHARTS", "MORE", "available", "draw"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"
 _HUES = (_BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE)

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.floating[Any]]
 
-__all__ = ["CELLS", "GROUND", "SUBJECTS", "table"]
-
 GROUND = "valley_river"
 SUBJECTS: Mapping[str, str] = {
     "octaves": "octaves left out: heights at full detail, mm",

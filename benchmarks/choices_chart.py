@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_choices"]
-
 _CHOSEN, _OTHER = "#0072B2", "#777777"
 _COLUMNS = 3
 _APART = 0.07  # of a panel's height, between labels

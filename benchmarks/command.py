@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.registry import Benchmark
 
-__all__ = ["run"]
-
 
 def run(
     names: Sequence[str],

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
 
-__all__ = ["DENSITY", "measure"]
-
 DENSITY = 25.0
 """Hills a square kilometre; about ten of them reach a tile."""
 

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_culling"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _LINES = (
     ("tile_us", "a tile on new ground", "#D55E00"),

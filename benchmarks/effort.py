@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from sketchterrain.render.quality import PARTS
 from sketchterrain.resources import preset_names
 
-__all__ = ["FULL", "QUICK", "Effort"]
-
 
 @dataclass(frozen=True)
 class Effort:

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Integers = npt.NDArray[np.int64]
 
-__all__ = ["PRESET", "catchments", "measure", "receivers"]
-
 PRESET = "alpine_range"
 
 _CELL = 8.0  # m

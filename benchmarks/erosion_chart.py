@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_erosion", "draw_normals"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#AA5586"
 _COLOURS = {"fBm": _PURPLE, "no gullies": _GREEN, "gullies": _VERMILION, "fastscapelib": _BLUE}

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.outcome import Table
     from sketchterrain.benchmarks.timing import TimedContext
 
-__all__ = ["measure"]
-
 
 def measure(context: TimedContext, effort: Effort) -> Outcome:
     """Compare ways to choose triangles for views of a world, by screen error, triangles and time.

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_errors", "draw_frames", "draw_generation"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _SKY, _VERMILION, _ORANGE, _GREEN, _PURPLE, _GREY = (
     "#0072B2",

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.terrain import Terrain
 
-__all__ = ["MOST", "at_one_pixel", "points", "reaching"]
-
 MOST = "most_px"
 """The key of the measured error that ways are compared at: what 99.9 % of the samples stay within, px."""
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.stats import FrameStats
     from sketchterrain.terrain import Terrain
 
-__all__ = ["SHARE_WITHIN", "frames"]
-
 SHARE_WITHIN = 99.0
 """% of the frames with new tiles that are to make them within the budget; all within twice it."""
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 Ints = npt.NDArray[np.int64]
 
-__all__ = ["BUDGET", "first_views", "flights"]
-
 BUDGET: Final = 8e-3
 """s that this program may generate in a frame."""
 _SPEED_UP = 10.0

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.screen_error import Picture
     from sketchterrain.terrain import Terrain
 
-__all__ = ["Drawn", "Mesh", "Tiles", "View", "drawn", "height_range", "measured", "uniform_tiles"]
-
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.flight_meshes import View
     from sketchterrain.terrain import Terrain
 
-__all__ = ["MESHERS", "Mesher", "Rasters", "Square", "mesher"]
-
 Floats = npt.NDArray[np.float64]
 Heights = npt.NDArray[np.float32]
 

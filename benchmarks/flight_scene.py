@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Terrain
 
-__all__ = ["EXTENT", "FINEST_CELL", "PICTURE", "RATE", "Stop", "open_world", "recorded", "stops"]
-
 EXTENT: Final = 4096.0
 """m; the thesis's terrain (section 7.1)."""
 FINEST_CELL: Final = 0.2

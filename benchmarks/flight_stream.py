@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Terrain
     from sketchterrain.tiles import Batch, DrawList
 
-__all__ = ["OwnFrame", "OwnTiles", "view_of", "within_world"]
-
 _BYTES = 2040 << 20  # of a pool: large tiles need much
 _MOST_SLOTS = 8192
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.flight_peers import Mesher
     from sketchterrain.terrain import Terrain
 
-__all__ = ["OURS", "SAMPLING", "THESIS", "Shown", "Way", "thesis_seconds", "thesis_view", "ways"]
-
 OURS = "this program"
 THESIS = "the thesis's metric"
 SAMPLING = Sampling(8, 3)

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import Terrain
 
-__all__ = ["LIGHTS", "VIEWS", "main", "pictures"]
-
 VIEWS: Final = ("ground", "hill", "air")
 LIGHTS: Final = {
     "dawn": {"hour": 6.5, "clouds": 0.25},

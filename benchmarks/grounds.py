@@ -12,8 +12,6 @@ from sketchterrain.terrain import Terrain, build
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["BARE", "BARE_SEED", "TileKey", "central_keys", "open_ground", "scattered_keys"]
-
 BARE = "bare"
 """Ground of the default relief over 4096 m: octaves of noise and no feature at all."""
 BARE_SEED = 7

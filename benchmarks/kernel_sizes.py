@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import Lap
     from sketchterrain.terrain import TerrainRecipe
 
-__all__ = ["SIZES", "table"]
-
 SIZES = (16, 32, 64, 128)
 """Quads along a tile's side; tiles have 64."""
 

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import Lap, TimedContext
     from sketchterrain.terrain import Terrain
 
-__all__ = ["WRITTEN", "measure"]
-
 _REAL = 4
 _POINT_RADIUS = 1 << 14  # lattice units
 _POINT_STEP = 1 << 15

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.ui.rehearsal import Painted
 
-__all__ = ["SEED", "STAGES", "measure"]
-
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")
 _SIDE, _BLOBS = 512, 18

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["GOAL", "draw_live"]
-
 GOAL = 150.0
 """ms, within which 95 % of strokes shall be there."""
 # Okabe and Ito's palette, which colour-blind people can tell apart.

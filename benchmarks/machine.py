@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sketchterrain.compute import Device
 
-__all__ = ["describe"]
-
 _PACKAGES = (
     "sketchterrain",
     "numpy",

@@ -20,8 +20,6 @@ from sketchterrain.whole_files import write_whole
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["draw_materials"]
-
 _SIDE = 1024  # texels
 _PANEL = 320  # px
 _ACROSS = 3  # materials side by side

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["draw_meshes", "main"]
-
 _PRESET: Final = "alpine_range"
 _PLACE: Final = (0.62, 0.52, 0.1)  # of the preset's width: west, south, side
 _INK: Final = "#333333"

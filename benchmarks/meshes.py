@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import Lap, TimedContext
     from sketchterrain.terrain import Terrain
 
-__all__ = ["measure", "uniform_mesh"]
-
 _TITLE = "Meshes at an error bound"
 _COLUMNS = (
     Column("ground", "ground"),

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     Pixels = npt.NDArray[np.float64]
 
-__all__ = ["PICTURES", "main"]
-
 COLOURS = {
     "grass": "#7BA05B",
     "soil": "#8A6642",

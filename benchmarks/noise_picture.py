@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["draw_noise"]
-
 _EXTENT, _SEED = 4096.0, 7
 _LONGEST, _GAIN = 512.0, 0.5
 _SIDE, _STEP = 420, 5.0  # vertices, and metres between them

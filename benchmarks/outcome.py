@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING, TypeAlias
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-__all__ = ["Cell", "Column", "Outcome", "Row", "Table", "samples_of", "value_of"]
-
 Cell: TypeAlias = "str | int | float | Sequence[float] | None"
 """A value: text, a count, a measure, the samples behind it, or nothing."""
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.terrain import Terrain
 
-__all__ = ["measure"]
-
 _CELL = 1.0  # m
 _WAYS = {
     "height": (

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_packing"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _HUES = ("#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00", "#56B4E9", "#333333", "#8C6D31")
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Tile
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["measure"]
-
 _LEVEL = 4
 _GROUNDS = ("valley_river", "desert_mountains")
 _FEATURES = ("mountain", "hill", "dune", "forest")

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
     Pixels = npt.NDArray[np.uint8]
 
-__all__ = ["difference", "measure"]
-
 BEST: Final = 1.0
 RATE: Final = 30.0
 """Frames a second of a moving picture."""

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_parts", "draw_qualities"]
-
 _HUES: Final = ("#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00")
 _SMALL: Final = 7.5
 

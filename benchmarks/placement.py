@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["measure"]
-
 _RIVER_CELLS_PER_EXTENT = 256  # as make_recipe shows the ground to rivers
 
 _COLUMNS = (

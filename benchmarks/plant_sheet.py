@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import Terrain
 
-__all__ = ["main"]
-
 LEAVES: Final = (10.0, 0.7, 0.26, 0.12, 0.05)
 """`Quality.leaves` at which plants of the sheet's size are drawn at each level of detail."""
 EACH: Final = 2

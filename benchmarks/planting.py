@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.timing import Lap, TimedContext
     from sketchterrain.terrain import Terrain
 
-__all__ = ["measure"]
-
 _NARROWER = {"grass": 8}
 
 _PLANT_COLUMNS = (

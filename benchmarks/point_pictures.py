@@ -13,8 +13,6 @@ from sketchterrain.terrain.spacing_raster import SpacingRaster
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["draw_points"]
-
 _COLOURS = ("#333333", "#0072B2", "#009E73", "#D55E00")
 _LEAST = 1 << 14  # lattice units
 _WIDE = 24  # distances that the pictures are wide

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.outcome import Outcome
     from sketchterrain.benchmarks.timing import TimedContext
 
-__all__ = ["BENCHMARKS", "Benchmark", "choose"]
-
 
 @dataclass(frozen=True)
 class Benchmark:

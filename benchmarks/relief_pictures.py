@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     Pixels = npt.NDArray[np.float64]
     Window = tuple[float, float, float]
 
-__all__ = ["PICTURES", "main"]
-
 _SUN = np.array([-0.55, 0.55, 0.6]) / np.linalg.norm([-0.55, 0.55, 0.6])
 _SIDE = 500
 _SKETCH = 128  # px

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.outcome import Cell, Outcome
     from sketchterrain.benchmarks.registry import Benchmark
 
-__all__ = ["Report"]
-
 _SIGNIFICANT = 6
 
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
 
-__all__ = ["OPERATIONS", "table"]
-
 OPERATIONS = 97
 """Of an octave of simplex noise at a point, whole and real, as a compiler counts them; loads are none."""
 

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_scaling"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _GREEN, _PURPLE, _ORANGE = "#0072B2", "#D55E00", "#009E73", "#AA5586", "#E69F00"
 _INK = "#333333"

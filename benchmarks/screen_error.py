@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Camera
 
-__all__ = ["ErrorSummary", "Picture", "ScreenSamples", "screen_distances"]
-
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 

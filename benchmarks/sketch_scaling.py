@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["SEED", "STAGES", "measure", "sketch_of"]
-
 SEED = 5
 STAGES = ("labelling", "distance maps", "darts", "placement", "rivers")
 

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     Points = npt.NDArray[np.float64]
 
-__all__ = ["draw_spectra", "main"]
-
 _AROUND: Final = 8.0  # distances that the sets are wider than the square that is measured
 _SHOWN: Final = 20.0  # distances across the points that are drawn
 _TRIALS: Final = 4  # of the thesis's way

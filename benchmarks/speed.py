@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import Lap
 
-__all__ = ["ASKED", "measure"]
-
 ASKED: Mapping[str, float] = {"FastNoise2": 1.0, "numba, a point": 8.0, "NumPy": 25.0}
 """How many times as fast as each rival the first device shall be."""
 

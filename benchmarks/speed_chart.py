@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_rates", "draw_thesis"]
-
 _OWN, _OTHER = "#0072B2", "#999999"
 _LEAST = 1e-4  # mm; what is exact stands there
 

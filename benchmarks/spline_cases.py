@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["CONTROLS", "KINDS", "SPACING", "distances", "splines_and_places"]
-
 CONTROLS = 6
 """Control points of each spline."""
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_splines"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _COLOURS = {
     "Newton": "#E69F00",

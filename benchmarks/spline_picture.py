@@ -21,8 +21,6 @@ from sketchterrain.features.splines import catmull_rom
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["draw_fields"]
-
 CONTROLS = np.array(
     [
         [-150, -50],

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["CELL_SIZES", "EACH", "SEED", "failures", "measure"]
-
 SEED = 20131
 EACH = 64
 """Places a spline."""

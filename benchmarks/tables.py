@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Cell, Table
 
-__all__ = ["markdown", "shown", "terminal"]
-
 _DIGITS = 3
 _NOTHING = "–"
 

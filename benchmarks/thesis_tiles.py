@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import TerrainRecipe
 
-__all__ = ["ALONE", "ASKED", "OURS", "table"]
-
 OURS = "this program"
 ALONE = "this program, heights and normals alone"
 ASKED = 10.0

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import TerrainRecipe
 
-__all__ = ["PLAIN", "Disc", "ThesisTile", "ThesisView", "feature_discs"]
-
 Floats = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 

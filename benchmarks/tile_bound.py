@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.kernel_arguments import Reaching
     from sketchterrain.terrain.patch_places import Patches
 
-__all__ = ["BYTES", "KINDS", "Counts", "Probe", "counted", "probes", "slope"]
-
 BYTES = 64
 """Of a tile's vertex: height, normal, eight weights, its parent's height and normal."""
 

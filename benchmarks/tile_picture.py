@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import Terrain, Tile
 
-__all__ = ["draw_tiles"]
-
 _PRESET = "valley_river"
 _LEVEL = 5
 _LEVELS = range(2, 9)

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.tile_bound import Counts
     from sketchterrain.benchmarks.timing import Lap, TimedContext
 
-__all__ = ["ASKED", "LEVEL", "measure"]
-
 LEVEL = 5
 """256 tiles of it lie within a sketch; on the presets a cell is 1.5 to 8 m."""
 

@@ -14,8 +14,6 @@ from sketchterrain.compute import ComputeContext
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-__all__ = ["Lap", "Launch", "Spread", "TimedContext", "alternate", "lap", "spread"]
-
 Name = TypeVar("Name")
 
 

@@ -18,8 +18,6 @@ from sketchterrain.trace.preview import preview_png
 from sketchterrain.trace.sheet import Sheet
 from sketchterrain.whole_files import write_whole
 
-__all__ = ["draw_map", "main"]
-
 _SIZE: Final = (600, 420)
 _FINER: Final = 4  # times as large it is drawn, then scaled down: antialiased
 _QUALITY: Final = 70  # of the JPEG

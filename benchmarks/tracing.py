@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     Labels = npt.NDArray[np.int64]
 
-__all__ = ["NEAREST", "OWN", "measure"]
-
 OWN: Final = "this program"
 NEAREST: Final = "nearest colour of each pixel"
 

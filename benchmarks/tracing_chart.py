@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_tracing"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _COLOURS = {OWN: "#D55E00", NEAREST: "#0072B2"}
 

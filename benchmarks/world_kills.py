@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["Killed", "differences", "with_kills"]
-
 
 class Killed(NamedTuple):
     """What became of a run whose workers were killed.

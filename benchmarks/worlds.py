@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
     from sketchterrain.benchmarks.timing import TimedContext
 
-__all__ = ["SKETCH", "measure"]
-
 SKETCH: Final = "valley_river"
 
 _SIZES = (

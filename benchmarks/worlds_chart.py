@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.outcome import Row
 
-__all__ = ["draw_worlds"]
-
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _BLUE, _VERMILION, _INK = "#0072B2", "#D55E00", "#333333"
 

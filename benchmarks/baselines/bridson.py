@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-__all__ = ["FASTER_POISSON", "NODE_MODULES", "Scatterer", "in_node", "in_numba", "in_rust", "in_scipy"]
-
 FASTER_POISSON = "SKETCHTERRAIN_FASTER_POISSON"
 """Names the program that ``faster_poisson.rs`` becomes."""
 NODE_MODULES = "SKETCHTERRAIN_NODE_MODULES"

@@ -18,8 +18,6 @@ from sketchterrain.benchmarks.baselines.problem import Absent, Rival, in_threads
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.baselines.problem import NoiseProblem
 
-__all__ = ["OPTIONS", "rival"]
-
 OPTIONS = ("-O3", "-march=native", "-ffp-contract=off", "-shared", "-fPIC")
 """No contraction, as in the kernels."""
 _COMPILERS = ("clang", "cc", "gcc")

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Points = npt.NDArray[np.float64]
 
-__all__ = ["throw_darts"]
-
 _FINEST = 1e-7  # of the distance: free ground that is narrower is as good as none
 
 

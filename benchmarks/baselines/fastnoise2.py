@@ -19,8 +19,6 @@ from sketchterrain.benchmarks.baselines.problem import Absent, Rival, in_threads
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.baselines.problem import NoiseProblem
 
-__all__ = ["VARIABLE", "rival"]
-
 VARIABLE = "SKETCHTERRAIN_FASTNOISE2"
 """Names the shared library."""
 

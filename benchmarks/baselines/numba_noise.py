@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.benchmarks.baselines.problem import NoiseProblem
 
-__all__ = ["by_rows", "rival"]
-
 _HALF, _ZERO = np.float32(0.5), np.float32(0)
 _UNSKEW = np.float32(0.21138669673055244)
 _BACK = np.float32(0.21138669673055244 - 1)

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float32]
     Words = npt.NDArray[np.uint32]
 
-__all__ = ["rival"]
-
 _UNSKEW = np.float32(0.21138669673055244)
 _SCALE = np.float32(3.259629011154175e-08)
 _STRIDE_U, _STRIDE_V = (np.uint32(stride) for stride in STRIDES)

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["PhaseGroups"]
-
 _FILE = "baselines/phase_groups.cl"
 _GROUP = 64
 _EMPTY = -1

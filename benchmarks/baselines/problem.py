@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["Absent", "NoiseProblem", "Rival", "in_threads"]
-
 _BANDS = 4  # a thread: where one is held up, the others do more
 
 

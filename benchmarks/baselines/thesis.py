@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.floating]
 
-__all__ = ["Sampling", "ThesisTiles"]
-
 _FILE = "baselines/thesis.cl"
 _RISING = ("hill", "mountain")
 _DEPTH = 2.0  # m, of a river's bed

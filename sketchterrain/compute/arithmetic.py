@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float32]
     Words = npt.NDArray[np.uint32]
 
-__all__ = ["wrong_arithmetic"]
-
 _COUNT = 1 << 12
 _SEED = 754
 _STEPS = 32

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute.gl_interop import GLHandles
 
-__all__ = ["ComputeContext", "KernelTime"]
-
 _OPTIONS = ("-cl-std=CL1.2",)
 # They let a compiler reorder and contract, which gives other bits on other devices.
 _FAST_OPTIONS = ("-DFAST", "-cl-fast-relaxed-math")

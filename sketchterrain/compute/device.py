@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sketchterrain.compute.device_check import check_device, is_usable
 from sketchterrain.compute.drivers import all_drivers_visible
@@ -18,11 +19,6 @@ with all_drivers_visible():
         _PLATFORMS = tuple(cl.get_platforms())
     except cl.LogicError:  # the loader's way to say that there is no driver at all
         _PLATFORMS = ()
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-__all__ = ["Device", "choose_device", "list_devices", "spare_device"]
 
 _TYPES = {cl.device_type.GPU: "GPU", cl.device_type.CPU: "CPU", cl.device_type.ACCELERATOR: "accelerator"}
 _INTEL, _POCL = "Intel", "Portable Computing Language"

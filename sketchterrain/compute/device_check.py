@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute.device import Device
 
-__all__ = ["DeviceCheck", "cached_on_disk", "check_device", "forget_checks", "is_usable"]
-
 _MODULE: Final = "sketchterrain.compute.arithmetic"
 _TIMEOUT: Final = 60.0  # s
 _LOG = logging.getLogger("sketchterrain")

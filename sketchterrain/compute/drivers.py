@@ -11,15 +11,10 @@ import ctypes
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-__all__ = ["all_drivers_visible"]
 
 _SYSTEM_VENDORS = Path("/etc/OpenCL/vendors")
 _VENDORS_VARIABLE = "OCL_ICD_VENDORS"

@@ -11,8 +11,6 @@ from sketchterrain.errors import BuildError, DeviceError, DeviceFailedError, Dev
 if TYPE_CHECKING:
     from sketchterrain.compute.device import Device
 
-__all__ = ["build_failure", "call_failure"]
-
 _STATUS = cl.status_code
 # CL_OUT_OF_RESOURCES is not one of them: drivers say it of a kernel that crashed, too.
 _NO_ROOM = {

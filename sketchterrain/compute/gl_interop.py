@@ -19,8 +19,6 @@ from sketchterrain.errors import DeviceError
 if TYPE_CHECKING:
     from sketchterrain.compute.device import Device
 
-__all__ = ["GLHandles", "acquire", "buffer_of", "context_beside", "current_handles", "release"]
-
 # Names of properties in the order of cl.h, cl_gl.h.
 _PLATFORM: Final = 0x1084
 _GL_CONTEXT, _EGL_DISPLAY, _GLX_DISPLAY, _WGL_HDC = 0x2008, 0x2009, 0x200A, 0x200B

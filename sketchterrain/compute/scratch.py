@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute.context import ComputeContext
 
-__all__ = ["Room", "Scratch"]
-
 
 class Room:
     """Named buffers of one borrower; what they hold at first is anything."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Parts = Sequence[tuple[int, int]]
 
-__all__ = ["KINDS", "CopiedMemory", "ExtensionMemory", "MappedMemory", "kinds_for"]
-
 KINDS: Final = ("extension", "mapped", "copy")
 
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute.context import ComputeContext
 
-__all__ = ["Staging"]
-
 # Parts start where any device lets a buffer start, and no two of them share a cache line.
 _ALIGNED = 512
 # How many transfers may be under way before the oldest is waited for.

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.memory import ShapeMemory
     from sketchterrain.sketch import Sketch
 
-__all__ = ["CoverMemory", "lay_covers"]
-
 # Pixels around a cover that its border may take, at fidelity 1 and at 0 (``terrain/field_packing.py``).
 _MARGIN = (1.0, 7.0)
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.fill_proposals import Proposal
     from sketchterrain.sketch.document import Sketch
 
-__all__ = ["HomeMemory", "home_of"]
-
 _EXTENTS, _RADII = 0.4, 2.0  # around the sketch: as far as rivers run on, and what reaches them there
 _MOST_CANDIDATES = 6000
 

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import TYPE_CHECKING, Any, TypeVar
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
-
-__all__ = ["Recent", "Same"]
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
 
 Value = TypeVar("Value")
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["shape_field"]
-
 # Standard deviation of the blur that rounds an outline at fidelity 0, pixels.
 _BLUR = 4.0
 # A blur is no wider than this share of the shape's greatest depth: a small shape keeps its form.

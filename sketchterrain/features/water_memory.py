@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 
 from sketchterrain.features.recent import Recent
 
-__all__ = ["WaterMemory"]
-
 
 @dataclass(frozen=True)
 class WaterMemory:

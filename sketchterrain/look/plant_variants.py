@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["plant_chances", "plant_variants"]
-
 
 def plant_chances(plants: npt.NDArray[np.void]) -> tuple[Floats, Floats]:
     """Return two numbers in 0..1 for each plant (`PLANT`) from its place alone."""

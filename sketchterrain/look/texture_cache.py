@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
 
 from sketchterrain.disk import cache_folder
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-__all__ = ["kept"]
 
 _SUFFIX: Final = ".textures"
 _DIGEST: Final = hashlib.sha256().digest_size

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.look.texture_mips import linear
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-__all__ = ["Pictures", "read_pictures"]
 
 KINDS: Final = ("", "_height", "_normal", "_roughness")
 """What follows a material's name: nothing for the colour."""

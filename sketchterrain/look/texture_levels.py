@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.look.texture_files import Pictures
 
-__all__ = ["Levels", "changed_levels", "made_levels"]
-
 Levels = list[tuple["npt.NDArray[np.uint8]", "npt.NDArray[np.uint8]"]]
 """Colour and relief, (layers, n, n, 4) each, from whole textures to single texels; see `texture_mips`."""
 

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["LAYERS", "SOURCE", "Layer", "embossed", "painted_layer"]
-
 SOURCE: Final = "material_textures.cl"
 """In `kernels/`."""
 

@@ -20,18 +20,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float32]
 
-__all__ = [
-    "Moments",
-    "decoded",
-    "encoded",
-    "halved",
-    "linear",
-    "linear_of",
-    "mipmaps",
-    "moments",
-    "roughened",
-]
-
 Moments = tuple["Floats", "Floats"]
 """(n, n, 4) linear albedo and height; (n, n, 5) slopes, the mean of both squared slopes, α², openness."""
 

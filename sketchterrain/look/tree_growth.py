@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["GOLDEN_ANGLE", "Wood", "frames", "grow_crown", "grow_whorls"]
-
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 STEPS = 5
 """Pieces of a bough; a twig has fewer."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Openness", "leaves_of_crown", "leaves_of_whorls"]
-
 UP: Final = np.array([0.0, 0.0, 1.0])
 
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["CUT", "DETAILS", "VARIANTS", "level"]
-
 DETAILS: Final = 6
 """Levels of detail, 0 the finest."""
 CUT: Final = 2

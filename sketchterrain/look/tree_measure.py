@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Seen", "seen", "sprig"]
-
 VIEWS: Final = (0.4, 1.9)
 """rad; azimuths from which a plant is looked at."""
 CELLS: Final = 48

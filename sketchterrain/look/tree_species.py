@@ -7,8 +7,6 @@ from typing import Final
 
 from sketchterrain.look.tree_shape import BROAD, NEEDLES
 
-__all__ = ["HEIGHTS", "SPECIES", "Colours", "Crown", "Whorls", "forms"]
-
 Colour = tuple[float, float, float]
 
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["sheets", "spears", "tubes"]
-
 BOUNDS = (-0.02, 1.08)
 """Heights of the plant between which all leaves lie, however large."""
 ROOT_SHADE = 0.72

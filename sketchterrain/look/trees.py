@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.look.tree_levels import CUT, DETAILS, VARIANTS, level
 from sketchterrain.look.tree_species import HEIGHTS, SPECIES
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
 
 __all__ = ["CUT", "DETAILS", "HEIGHTS", "SPECIES", "VARIANTS", "plant_mesh"]
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["ACROSS", "Surface", "current", "sheet", "strip", "surfaces"]
-
 ACROSS: Final = 9
 """Vertices from bank to bank."""
 OVERLAP: Final = 1.7

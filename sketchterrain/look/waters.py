@@ -10,8 +10,6 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["Features", "Field", "Pool", "Reach"]
-
 
 class Reach(Protocol):
     """A river's centreline: x, y and water surface z (m), springs first, and its width (m)."""

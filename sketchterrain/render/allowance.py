@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Final
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-__all__ = ["Allowance", "Pace"]
+from collections.abc import Callable
+from typing import Final
 
 _LAUNCH: Final = 0.0004
 """s that a piece of work takes however small it is."""

@@ -15,22 +15,6 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-__all__ = [
-    "AEROSOL",
-    "AEROSOL_ABSORBED",
-    "AEROSOL_HEIGHT",
-    "GROUND",
-    "GROUND_ALBEDO",
-    "OZONE",
-    "RAYLEIGH",
-    "RAYLEIGH_HEIGHT",
-    "TOP",
-    "Air",
-    "Path",
-    "aerosol_phase",
-    "rayleigh_phase",
-]
-
 Floats = npt.NDArray[np.float64]
 
 GROUND: Final = 6360e3

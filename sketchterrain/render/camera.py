@@ -12,8 +12,6 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 
-__all__ = ["Camera", "Ground", "Vector", "clip_planes", "direction"]
-
 Floats: TypeAlias = npt.NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]
 Ground: TypeAlias = Callable[[npt.ArrayLike, npt.ArrayLike], npt.NDArray[Any]]

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.targets import Targets
     from sketchterrain.render.weather import Weather
 
-__all__ = ["Clouds", "cloud_defines", "cloud_field", "cloud_puffs"]
-
 SIZE: Final = 512
 """Texels a side of the field, 32 m each."""
 PUFFS: Final = 64

@@ -8,8 +8,6 @@ import moderngl
 
 from sketchterrain.errors import DeviceError
 
-__all__ = ["VERSION", "close_context", "delete_dead", "open_context"]
-
 VERSION = 430
 """OpenGL 4.3 core: the ground is drawn by one indirect multi-draw."""
 

@@ -10,8 +10,6 @@ from sketchterrain.render.camera import clip_planes
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
 
-__all__ = ["clipped", "draw_distance"]
-
 CLIMB: Final = 8.0
 """m by which the draw distance grows with each metre of height above the ground."""
 FARTHEST: Final = 16.0

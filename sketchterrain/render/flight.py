@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Camera, Floats, Ground, Vector
 
-__all__ = ["HEIGHTS", "KEY", "MOST_KEYS", "Flight", "Key", "Views"]
-
 MOST_KEYS: Final = 20_000
 """Of one flight."""
 

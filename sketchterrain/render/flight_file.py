@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.render.flight import HEIGHTS, KEY, MOST_KEYS, Flight, Key
 from sketchterrain.sketch.toml_reading import load_toml
 from sketchterrain.sketch.wording import did_you_mean, shown
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-__all__ = ["FORMAT", "flight_text", "load_flight", "parse_flight", "save_flight"]
 
 FORMAT: Final = 1
 _LARGEST = 8 << 20  # bytes, of a file

@@ -11,8 +11,6 @@ from sketchterrain.features.splines import catmull_rom
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Floats
 
-__all__ = ["Motion"]
-
 _PER_SEGMENT: Final = 64
 """Samples of the curve between two keys, for the length of its arc."""
 _MOMENT: Final = 1e-5

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
-__all__ = ["Shot", "footage"]
-
 
 @dataclass(frozen=True)
 class Shot:

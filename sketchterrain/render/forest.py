@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Forest", "shares"]
-
 PIXELS: Final = (170.0, 60.0, 30.0, 14.0, 6.0)
 """Height of a plant in pixels under which the next coarser detail does."""
 HULL: Final = 20.0

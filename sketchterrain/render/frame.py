@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
-__all__ = ["NOISE_PERIOD", "FrameBlock", "within_period"]
-
 NOISE_PERIOD: Final = 65_536.0
 """m; all noise that is looked up by place repeats after this, so the eye is given modulo it."""
 

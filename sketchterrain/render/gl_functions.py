@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     import moderngl
 
-__all__ = ["COMMAND", "clipping", "gl_function", "wait_for_gl"]
-
 COMMAND: Final = np.dtype(
     [
         ("count", "<u4"),

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
 
-__all__ = ["Grass"]
-
 STREWN: Final = {
     "meadow": Strewing(salt=101, density=85.0, full=4.2, reach=110.0, cell=3.0, details=(4.5, 18.0)),
     "tall": Strewing(salt=202, density=7.0, full=12.0, reach=80.0, cell=6.0, details=(6.0, 22.0)),

@@ -7,21 +7,17 @@ goes along in floating point.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Final, Protocol
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.gl_functions import COMMAND, clipping
 from sketchterrain.render.programs import build_program, set_uniforms
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.tiles import QUADS, borders
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-__all__ = ["Draws", "GroundPool"]
 
 _VERTEX_ATTRIBUTES: Final = ("4u4 4u4", "ground", "materials")
 """32 bytes, `sketchterrain.terrain.vertices.VERTEX`; kernels/render/ground.glsl."""

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.shading import Shading
 
-__all__ = ["GroundCover"]
-
 
 class GroundCover:
     """Stones and grass around an eye.

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
 
     Box = tuple[float, float, float, float]
 
-__all__ = ["GroundStream"]
-
 QUAD, QUAD_A_PIXEL = 24.0, 8.0
 """px; quads are no wider than the first and so much more for each pixel of tolerance."""
 LEAP: Final = 0.1

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.light_map import LightMap
     from sketchterrain.render.light_square import Box, Square
 
-__all__ = ["FADE", "Layer", "Window", "whole"]
-
 FADE: Final = 0.5
 """s that each step from one map to the next takes, at least."""
 SOFT: Final = 0.04

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-__all__ = ["BLOCK", "Box", "Rectangle", "Square", "joined", "overlap", "place_in"]
 
 BLOCK: Final = 64
 """Squares lie on whole blocks of so many texels, so that mipmaps of two squares agree where both lie."""

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
-__all__ = ["LitGround"]
-
 NEAR: Final = 1.3
 """Width of the near map, extents."""
 FAR: Final = 5.0

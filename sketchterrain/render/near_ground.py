@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.relief import HeightMap
     from sketchterrain.render.scene import Terrain
 
-__all__ = ["NearGround"]
-
 NARROWEST: Final = 48.0
 """m, side of the smallest map."""
 SPREADS: Final = 4.0

@@ -12,8 +12,6 @@ from sketchterrain.render.camera import Camera, clip_planes, direction
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Floats, Ground, Vector
 
-__all__ = ["Orbit"]
-
 CLEARANCE: Final = 1.0
 """Height above the ground (m) below which the eye never is."""
 DISTANCES: Final = (2.0, 5e6)

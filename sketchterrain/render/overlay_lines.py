@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
     Colour = tuple[int, int, int]
 
-__all__ = ["COLOURS", "FeatureLines", "KnownHeights"]
-
 COLOURS: Final[dict[str, Colour]] = {
     "mountain": (230, 60, 40),
     "hill": (250, 190, 40),

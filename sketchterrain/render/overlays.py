@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Box = tuple[float, float, float, float]
 
-__all__ = ["OVERLAYS", "Legend", "Overlay", "check_overlays"]
-
 OVERLAYS: Final = {
     "wireframe": "the triangles that are drawn, coloured by their tile's level",
     "levels": "tiles, coloured by level",

@@ -9,8 +9,6 @@ import numpy as np
 if TYPE_CHECKING:
     import moderngl
 
-__all__ = ["PictureTarget"]
-
 
 class PictureTarget:
     """A texture with a framebuffer that draws into it, made anew for another size.

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
 
 import moderngl
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.look.trees import DETAILS, SPECIES, VARIANTS, plant_mesh
 from sketchterrain.render.programs import set_uniforms
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy.typing as npt
-
-__all__ = ["KINDS", "Instances", "PlantMeshes"]
 
 KINDS: Final = len(SPECIES) * VARIANTS
 """Of plants: every species' first variant, second, … follow each other."""

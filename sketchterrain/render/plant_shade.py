@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["PlantShade", "shade_matrix", "sun_axes"]
-
 MAPS: Final = ((0.06, 0.075), (0.45, 0.60))
 """Near and far: where ahead its middle lies and half its side, in reaches of the woods."""
 FINE: Final = (2, 5)

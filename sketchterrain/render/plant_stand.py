@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["CELL", "SINK", "Stand", "joined_stands", "stand_of"]
-
 CELL: Final = 256.0
 """m. Smaller ones take as long, larger ones longer than a frame can spare."""
 SINK: Final = 0.15

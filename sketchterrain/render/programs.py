@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import moderngl
 
 from sketchterrain.errors import BuildError
 from sketchterrain.resources import source
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-__all__ = ["FRAME_BINDING", "build_program", "build_transform", "fill_screen", "set_uniforms"]
 
 FRAME_BINDING = 0
 """Binding point of the uniform block ``Frame`` (kernels/render/frame.glsl)."""

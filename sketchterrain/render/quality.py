@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-__all__ = ["PARTS", "Quality"]
 
 PARTS: Final = ("shadows", "clouds", "haze", "water", "trees", "rocks", "grass", "detail")
 """Of a picture, that can be left out; ``detail`` is the relief and the fine structure of textures."""

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["HeightMap", "sample_heights"]
-
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
-__all__ = ["Renderer"]
-
 REST: Final = 0.25
 """s for which the eye must stand still, with nothing missing, before a picture of full size is drawn."""
 QUICK: Final = 0.1

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Triangles = npt.NDArray[np.int64]
 
-__all__ = ["DETAILS", "SHAPES", "VERTEX", "rock_mesh"]
-
 VERTEX: Final = np.dtype([("place", "<f4", 3), ("outward", "<f4", 3)])
 """In radii of the stone; a unit normal."""
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scatter import Places
 
-__all__ = ["Rocks", "by_mesh"]
-
 
 @dataclass(frozen=True)
 class _Stones:

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["BAND", "SEED", "Nearby", "Places", "Strewing", "cells_within", "hashed", "in_sight", "places_of"]
-
 BAND: Final = 0.3
 """Over this share of the number of places shown at a distance the last ones come up; as in scatter.glsl."""
 STEEPEST: Final = 1.5

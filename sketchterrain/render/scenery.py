@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
     Box = tuple[float, float, float, float]
 
-__all__ = ["Scenery"]
-
 QUAD: Final = 32.0
 """px that a quad of the ground is wide at most, where its tolerance is up to 2 px; more in proportion."""
 WATER_LIFT: Final = 1.5

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.targets import Targets
 
-__all__ = ["Shading"]
-
 STRAW: Final = np.array([1.5, 1.2, 1.0])
 """Colour of grass where aridity is 1, over its own."""
 RED: Final = np.array([1.35, 0.98, 0.72])

@@ -15,8 +15,6 @@ from sketchterrain.errors import SketchterrainError
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device
 
-__all__ = ["Sharing", "beside_gl", "on_context", "open_device", "probe_sharing"]
-
 T = TypeVar("T")
 
 _MODULE: Final = "sketchterrain.render.sharing_probe"

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Ground, Vector
 
-__all__ = ["sight"]
-
 _SAMPLES: Final = 256
 _ROUNDS: Final = 4
 _NEAREST: Final = 0.5  # m

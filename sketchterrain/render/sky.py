@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.atmosphere import Air
     from sketchterrain.render.weather import Weather
 
-__all__ = ["LOWEST_SUN", "Sky", "Sun"]
-
 LOWEST_SUN: Final = -4.0
 """Degrees: below, in civil twilight, it gets too dark for a picture by the sky alone."""
 SIZE: Final = 64

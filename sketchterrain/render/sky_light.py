@@ -12,8 +12,6 @@ from sketchterrain.render.atmosphere import GROUND_ALBEDO
 if TYPE_CHECKING:
     from sketchterrain.render.sky import Sun
 
-__all__ = ["irradiance_harmonics", "sky_irradiance"]
-
 Floats = npt.NDArray[np.float64]
 
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Terrain
     from sketchterrain.render.sky import Sun
 
-__all__ = ["canvas", "check_size", "read_picture", "render_picture"]
-
 LARGEST = 8192
 """Pixels along a side."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["EYE", "standing_view"]
-
 EYE: Final = {False: 2.2, True: 4.0}
 """m above the ground, of one who stands there, and on a rise (of one who climbed a rock)."""
 FOV: Final = {False: 44.0, True: 40.0}

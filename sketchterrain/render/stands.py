@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["Cover", "find_stands", "free_ahead", "height_over"]
-
 MOST: Final = 220
 """Stands that are looked from."""
 GRID: Final = 22

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.scatter import Places
 
-__all__ = ["Mesh", "Strewn"]
-
 VECTOR: Final = 4 * 4
 """Bytes of each vector that is captured."""
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Terrain
 
-__all__ = ["Studio"]
-
 
 class Studio:
     """Takes pictures as :func:`~sketchterrain.render.render_picture` does: the same bytes, in less time.

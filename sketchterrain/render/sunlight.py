@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["find_sun", "sun_at", "sun_of"]
-
 ELEVATION: Final = 27.0
 """Degrees: long shadows that model the ground, and still the colours of day."""
 TO_THE_SIDE: Final = 108.0

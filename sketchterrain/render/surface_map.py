@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Eye = tuple[float, float, float]
 
-__all__ = ["NEAR_WIDTH", "SurfaceMap"]
-
 NEAR_WIDTH: Final = 200.0
 """m, side of the near square."""
 STEP: Final = 16

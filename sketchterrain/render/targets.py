@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import moderngl
 
-__all__ = ["Targets"]
-
 
 class Targets:
     """Framebuffers for pictures of one size.

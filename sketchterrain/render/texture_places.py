@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.look.texture_maker import LAYERS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    import numpy.typing as npt
-
-__all__ = ["OCTAVES", "PERIOD", "RATIO", "texture_phases", "texture_uniforms", "texture_widths"]
 
 OCTAVES: Final = 6
 """Sizes in which textures are laid."""

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.scene import Terrain
 
-__all__ = ["MaterialTextures", "noise_texture", "tileable_noise"]
-
 NOISE_SIZE: Final = 512
 _TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x1401
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.floating]
 
-__all__ = ["Thinning", "bulk_of", "hold_of", "share_of", "whim_of", "width_of"]
-
 LEVELS_KEEP: Final = 0.25
 """Share of a level's plants that are of a higher one: as many as stand at twice the distance."""
 TALL: Final = 12.0

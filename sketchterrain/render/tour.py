@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["tour"]
-
 FOV: Final = 50.0
 TEXELS: Final = 256
 BEARINGS: Final = 72

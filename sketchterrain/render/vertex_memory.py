@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["DrawnMemory", "open_vertex_memory"]
-
 _TARGET: Final = 0x8F37  # GL_COPY_WRITE_BUFFER: no one else's binding is disturbed
 _READ, _WRITE, _PERSISTENT, _COHERENT = 0x1, 0x2, 0x40, 0x80
 _STORAGE_VERSION: Final = 440

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["VIEWS", "check_view", "find_view", "water_map"]
-
 VIEWS: Final = ("auto", "ground", "hill", "air")
 """Kinds of views, see `find_view`."""
 STANDS: Final = 14

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     Light = Callable[[Floats], Floats]
     """What the light adds to views along bearings (rad)."""
 
-__all__ = ["HIGHEST", "aim", "light_of", "window"]
-
 HIGHEST: Final = 0.80
 """Half heights above the picture's middle that no peak rises over."""
 SIDE: Final = (75.0, 45.0)

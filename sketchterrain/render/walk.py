@@ -12,8 +12,6 @@ from sketchterrain.render.camera import Camera, clip_planes, direction
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Floats, Ground, Vector
 
-__all__ = ["CLEARANCE", "EYE_HEIGHT", "Walk"]
-
 EYE_HEIGHT: Final = 1.7
 """Height above the ground (m) at which the eye comes to rest."""
 CLEARANCE: Final = 1.0

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Features
     from sketchterrain.render.targets import Targets
 
-__all__ = ["Water"]
-
 OVER: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 UNDER: Final = (moderngl.ONE, moderngl.SRC_ALPHA)
 """How what is drawn is dimmed and added to: water_bank.frag.glsl."""

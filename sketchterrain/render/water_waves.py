@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["LAYERS", "wave_layers", "wave_mipmaps", "wave_phases", "wave_slopes", "wave_texture"]
-
 SIZE: Final = 256
 """Texels along a side of the texture."""
 BAND: Final = (3.0, 56.0)

@@ -11,8 +11,6 @@ from sketchterrain.errors import InputError
 if TYPE_CHECKING:
     from sketchterrain.render.scene import Sketch
 
-__all__ = ["Weather"]
-
 
 @dataclass(frozen=True)
 class Weather:

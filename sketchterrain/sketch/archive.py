@@ -5,16 +5,11 @@ from __future__ import annotations
 import io
 import stat
 import zipfile
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping
+from pathlib import Path
 
 from sketchterrain.sketch.contents import LARGEST_TOTAL, SETTINGS, file_limit, sketch_files
 from sketchterrain.sketch.safe_zip import open_zip
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-    from pathlib import Path
-
-__all__ = ["pack_zip", "read_zip"]
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 

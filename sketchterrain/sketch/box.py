@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["Box", "around"]
-
 Box = tuple[int, int, int, int]
 """Top, left, bottom, right: rows and columns of a sketch, the last two exclusive."""
 

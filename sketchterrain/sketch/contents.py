@@ -14,15 +14,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from importlib.resources.abc import Traversable
 
-__all__ = [
-    "LARGEST_FILE",
-    "LARGEST_TOTAL",
-    "SETTINGS",
-    "file_limit",
-    "read_folder",
-    "sketch_files",
-]
-
 SETTINGS = "sketch.toml"
 """The file of settings; each layer's image is ``<layer>.png``."""
 

@@ -8,18 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.parameter import Parameter, Value, named, several, table_of
 from sketchterrain.sketch.parameters import LAYERS
 from sketchterrain.sketch.wording import did_you_mean, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-__all__ = ["ACTIONS", "ADDED_BIT", "MOST_EDITS", "POINT_TYPES", "Action", "Edit", "checked_edits", "edit_of"]
 
 POINT_TYPES = ("mountain", "hill", "dune", "forest")
 """What can be added and locked; rivers are changed by their control points."""

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch.document import LabelImage, Sketch
 
-__all__ = ["load_sketch", "new_sketch", "packed_sketch", "save_sketch"]
-
 _ZIP_SUFFIX = ".sketch"
 
 _last_written: dict[str, tuple[ref[LabelImage], bytes]] = {}

@@ -10,18 +10,13 @@ from __future__ import annotations
 import os
 import secrets
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.archive import pack_zip, read_zip
 from sketchterrain.sketch.contents import read_folder
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
-
-__all__ = ["PLEDGE", "read_saved_folder", "replace_files"]
 
 PLEDGE = ".unfinished.sketch"
 """What a save that did not come to its end leaves in the folder, until the next one."""

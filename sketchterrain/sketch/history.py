@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch.box import Box
 
-__all__ = ["MOST_BYTES", "MOST_STEPS", "History"]
-
 MOST_BYTES = 256 << 20
 MOST_STEPS = 1000
 

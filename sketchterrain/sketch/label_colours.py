@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 from sketchterrain.sketch.parameters import LAYERS
 
-__all__ = ["DRAW_ORDER", "LIGHT_HATCH", "label_rgb", "to_oklab"]
-
 Floats = npt.NDArray[np.float64]
 
 DRAW_ORDER: Final = ("material", "mountain", "hill", "dune", "forest", "lake", "river")

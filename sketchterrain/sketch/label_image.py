@@ -10,8 +10,6 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError
 
-__all__ = ["LARGEST_SIDE", "MOST_LABELS", "LabelImage", "checked_image", "kept_image", "labels_in"]
-
 LabelImage: TypeAlias = npt.NDArray[np.uint8]
 
 LARGEST_SIDE = 16384

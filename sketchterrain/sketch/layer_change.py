@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from sketchterrain.sketch.box import Box
     from sketchterrain.sketch.label_image import LabelImage
 
-__all__ = ["TILE", "LayerChange"]
-
 TILE = 64
 """Pixels along a side of the tiles that are kept."""
 

@@ -14,8 +14,6 @@ from PIL.PngImagePlugin import PngImageFile
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.document import LARGEST_SIDE, MOST_LABELS, LabelImage, labels_in
 
-__all__ = ["decode_layer", "encode_layer"]
-
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _GREY, _PALETTE = 0, 3
 _COLOUR_TYPES = {2: "RGB", 4: "grey with alpha", 6: "RGBA"}

@@ -5,26 +5,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.parameter import Parameter, Value, several, table_of
 from sketchterrain.sketch.parameters import MATERIALS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-__all__ = [
-    "FACTOR",
-    "INPUTS",
-    "MOST_FACTORS",
-    "MOST_INPUTS",
-    "RULE",
-    "Factor",
-    "MaterialRule",
-    "RuleChange",
-]
 
 MOST_FACTORS = 4
 """The most factors of a rule."""

@@ -6,17 +6,13 @@ Each rule lays its material over what the rules before it left.
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias, cast
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.material_rule import FACTOR, RULE, Factor, MaterialRule, RuleChange
 from sketchterrain.sketch.parameter import named
 from sketchterrain.sketch.wording import did_you_mean, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-__all__ = ["DEFAULT_RULES", "MOST_RULES", "change_of", "checked_changes", "resolved_rules"]
 
 MOST_RULES = 32
 """The most rules of a sketch, those of the default table included."""

@@ -13,8 +13,6 @@ from typing import Any, TypeAlias, TypeVar
 from sketchterrain.errors import InputError
 from sketchterrain.sketch.wording import did_you_mean, shown
 
-__all__ = ["Parameter", "Properties", "Value", "named", "number_text", "several", "table_of"]
-
 Value: TypeAlias = int | float | str
 
 _T = TypeVar("_T")

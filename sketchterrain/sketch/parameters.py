@@ -6,14 +6,11 @@ tables below; whoever adds a parameter adds it here and nowhere else.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 from sketchterrain.sketch.parameter import Parameter, table_of
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 __all__ = [
     "CLIMATE",

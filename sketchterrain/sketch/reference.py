@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch.material_rule import Factor, MaterialRule
 
-__all__ = ["reference_table", "rule_table"]
-
 
 def reference_table() -> str:
     """Return every parameter as Markdown: one section a table of the sketch file."""

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sketchterrain.sketch.document import DEFAULT_SIDE, LabelImage, Sketch
 from sketchterrain.sketch.parameters import LAYERS
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-__all__ = ["starter_sketch"]
 
 _Dab = tuple[float, float, float]
 """Column, row and radius of a round brush, px."""

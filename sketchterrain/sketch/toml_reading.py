@@ -6,8 +6,6 @@ import tomllib
 
 from sketchterrain.errors import InputError, one_line
 
-__all__ = ["load_toml"]
-
 _MOST_DOTS = 250
 
 

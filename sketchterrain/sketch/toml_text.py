@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch.parameter import Parameter, Properties, Value
 
-__all__ = ["parse_settings", "settings_text"]
-
 _Row = TypeVar("_Row")
 
 _COMMENT_COLUMN = 28

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import TYPE_CHECKING
 
 from sketchterrain.errors import one_line
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-__all__ = ["did_you_mean", "shown"]
 
 _LONGEST = 60
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.adherence_rivers import RiverAdherence
     from sketchterrain.terrain.terrain import Terrain
 
-__all__ = ["AREA_LAYERS", "Adherence", "LayerSummary", "PeakSummary", "measure_adherence"]
-
 AREA_LAYERS = ("mountain", "hill", "dune", "forest", "lake", "river")
 """Layers whose painted areas are measured, in the order of the report."""
 

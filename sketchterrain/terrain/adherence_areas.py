@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     Image = npt.NDArray[np.float32]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["LEAST_WIDTH", "AreaImages", "Sampled", "ShapeAdherence", "agreement", "measure_layer"]
-
 LEAST_WIDTH = 6.0
 """Shapes narrower than so many pixels are counted, but left out of the figures of areas and heights."""
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["RiverAdherence", "along", "measure_rivers"]
-
 _STEP = 1.0  # m along a centreline
 _MOST_STEPS = 50_000
 _RISE = 0.01  # m: what still counts as not rising

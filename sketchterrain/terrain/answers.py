@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["Band", "Raster", "TerrainFeatures", "Tile"]
-
 
 @dataclass(frozen=True)
 class Tile:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.intp]
 
-__all__ = ["Pieces", "flattened", "nearest_on_arc", "position"]
-
 _CHECKS = 15  # places inside a piece where the curve is compared
 _SHARE = 0.9  # of the tolerance that may be seen there: the rest is for what lies between, and for rounding
 _MOST_BEND = 0.25  # a tangent: no arc of more than 56°, so that places have one nearest point beside it

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["BalanceMemory", "balanced"]
-
 _ROUNDS = 12
 _ERODED_ROUNDS = 4  # the last ones: erosion is little beside the rest
 # A feature that its neighbours already lift above its own height keeps a little strength of its own: more

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
 
-__all__ = ["Heights"]
-
 _SAY = 0.1  # share of the sum of powers from which on a feature answers for the height of a place
 _CELLS_ERODED = 512  # coarser: fine gullies raise no summit
 _SLACK = 1e-6  # m, more than rounding

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     Ints = npt.NDArray[np.int64]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["Places", "same_features"]
-
 # Places around a centre where the height is looked for, as ridges may carry the highest point off the centre.
 # How many depends on a feature's own size alone, so that far-away features never change it.
 _PLACES = 240

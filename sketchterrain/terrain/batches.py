@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from sketchterrain.errors import DeviceMemoryError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-__all__ = ["Batches"]
 
 
 class Batches:

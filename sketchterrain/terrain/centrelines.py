@@ -19,18 +19,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
 
-__all__ = [
-    "LARGEST_TOLERANCE",
-    "TOLERANCE_CELLS",
-    "Course",
-    "Reach",
-    "as_arcs",
-    "course_of",
-    "meetings_on",
-    "tolerance_cell",
-    "valley_reach",
-]
-
 _CELL_SHARE = 0.01  # of a cell: how near arcs stay to the spline
 _MOST_DOUBLINGS = 8  # of the finest cell: arcs for coarser ones would be hardly fewer
 _SAME = 1e-6  # m

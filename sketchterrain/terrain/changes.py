@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.catalogue import Points
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["EVERYWHERE", "Box", "changed_areas", "touches"]
-
 Box = tuple[float, float, float, float]
 
 EVERYWHERE: Box = (-math.inf, -math.inf, math.inf, math.inf)

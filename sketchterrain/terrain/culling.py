@@ -22,16 +22,6 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Lists = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
 
-__all__ = [
-    "feature_index",
-    "feature_lists",
-    "features_near",
-    "field_index",
-    "item_lists",
-    "painted_near",
-    "river_index",
-]
-
 _painted: WeakKeyDictionary[TerrainRecipe, ReachIndex] = WeakKeyDictionary()
 
 

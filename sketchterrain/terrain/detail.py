@@ -26,8 +26,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["DetailBound"]
-
 NOISE_PEAK = 1.01
 """No octave of noise goes farther from 0: a simplex's corners give no more, each with its worst gradient."""
 

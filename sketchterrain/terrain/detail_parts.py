@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["Near", "Tail"]
-
 
 @dataclass(frozen=True)
 class Tail:

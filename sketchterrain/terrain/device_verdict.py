@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import Device
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["Verdict", "probe_terrain", "self_test"]
-
 _EXTENT = 1024.0
 _PIXELS = 32
 _VERTICES = 33

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["DryGround", "GroundMemory"]
-
 # Rivers see the ground as samples so far apart would: its lie, not its stones.
 _CELLS_PER_EXTENT = 256
 _FARTHEST = 2**31  # lattice units: farther places are not remembered

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.changes import Box
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["MASKS", "Evaluator"]
-
 MASKS = ("mountain", "dune", "forest", "water")
 """What the four masks of a point say: see ``Ground`` in ``kernels/world.clh``."""
 

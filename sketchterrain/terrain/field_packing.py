@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sketchterrain.features import ShapeField
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["PackedCovers", "PackedFields", "PackedLakes", "pack_covers", "pack_fields", "pack_lakes"]
-
 # Samples repeated around a field, so that a spline at its rim reads nothing but the rim.
 _PAD = 2
 # The margin's end stands a little within the field's rim, so that rounding leaves no effect there.

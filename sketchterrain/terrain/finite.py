@@ -13,8 +13,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import Device
 
-__all__ = ["require_finite"]
-
 
 def require_finite(values: npt.NDArray[Any], what: str, device: Device) -> None:
     """Refuse values of which some are not finite: no recipe gives them, so the device went wrong.

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     Area = tuple[int, int, int, int]
     Plants = npt.NDArray[np.void]
 
-__all__ = ["MOST_PLANTS", "FoliageSampler"]
-
 MOST_PLANTS: Final = 20_000_000
 """Plants that are given back at once at most."""
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain.changes import Box
 
-__all__ = ["build", "make_recipe", "rebuild"]
-
 
 def build(
     sketch: Sketch,

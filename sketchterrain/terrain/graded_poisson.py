@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute.scratch import Room
     from sketchterrain.terrain.spacing_raster import SpacingRaster
 
-__all__ = ["GRADED", "GradedPoisson"]
-
 GRADED: Final = np.dtype([("x", "i8"), ("y", "i8"), ("spacing", "f4"), ("level", "u1")])
 """A point: lattice position, distance to others (lattice units), level."""
 

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.raster_windows import Strip
     from sketchterrain.terrain.surfaces import SurfaceStore
 
-__all__ = ["GroundBytes", "byte_bands"]
-
 _FILE = "ground_bytes.cl"
 
 

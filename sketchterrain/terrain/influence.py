@@ -17,8 +17,6 @@ from sketchterrain.terrain.packing import pack_rivers, support_radii
 if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["influence"]
-
 # Samples around a field that its spline may read, and by how many its border may be moved.
 _FIELD_MARGIN = 2 * math.sqrt(2) + 2
 

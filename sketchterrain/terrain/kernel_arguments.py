@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
     from sketchterrain.terrain.surroundings import Gathered
 
-__all__ = ["KernelArguments", "Reaching"]
-
 K = TypeVar("K", bound="Hashable")
 V = TypeVar("V")
 

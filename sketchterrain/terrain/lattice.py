@@ -2,26 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-__all__ = [
-    "COARSEST_LEVEL",
-    "FINEST_LEVEL",
-    "LATTICE_BITS",
-    "QUADS",
-    "finest_level",
-    "level_step",
-    "metres_per_unit",
-    "tile_axes",
-    "to_lattice",
-]
 
 LATTICE_BITS = 24
 QUADS = 64

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Factor
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["PackedRules", "pack_rules"]
-
 _MASKS = ("mountain", "dune", "forest", "water")
 _KERNEL_INPUTS = ("height", "steepness", "hollow", "mottle", *_MASKS, "wetness")
 _ROUNDING = 1e-3

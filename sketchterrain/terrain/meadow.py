@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Reals = npt.NDArray[np.floating]
 
-__all__ = ["Meadow"]
-
 LEAST: Final = 0.5
 """m between tufts where they stand thickest."""
 MOST: Final = 4.0

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["Naturalness", "measure_naturalness", "outline_ratio"]
-
 _LAYERS = ("mountain", "hill")
 _NEAR = 1.5  # px: pixel centres so near to unpainted (or painted) ones are along the outline
 _BESIDE = (3.0, 9.0)  # px: the bands on both sides with which the outline is compared

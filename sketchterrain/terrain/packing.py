@@ -24,16 +24,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.octaves import OctaveTable
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = [
-    "PackedFeatures",
-    "PackedRivers",
-    "PackedWorld",
-    "courses_of",
-    "pack_features",
-    "pack_rivers",
-    "pack_world",
-]
-
 # The noise seldom leaves ±0.55 of its bound, so this brings the ground to about the asked relief.
 _GROUND_SPAN = 1.8
 # Ridges push outlines further than the warp does; the noise stays within [-1, 1].

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Keys = Sequence[tuple[int, int]] | Lattice
 
-__all__ = ["Patches", "sample_stride", "tile_patches", "tile_samples"]
-
 
 @dataclass(frozen=True, eq=False)
 class Patches:

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["GROUP", "PatchLauncher", "rounded_up"]
-
 GROUP = 64
 """Work items of a group."""
 

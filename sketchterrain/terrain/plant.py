@@ -6,8 +6,6 @@ from typing import Final
 
 import numpy as np
 
-__all__ = ["PLANT", "SPECIES", "STOREYS"]
-
 STOREYS: Final = {
     "woody": ("spruce", "pine", "oak", "birch", "shrub"),
     "grass": ("grass", "flower", "fern"),

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Reals = npt.NDArray[np.floating]
 
-__all__ = ["Footing"]
-
 _FOOT = 0.5  # m over which a plant's ground is taken to be even
 
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Reals = npt.NDArray[np.float64]
 
-__all__ = ["PlantNoise", "ramp"]
-
 
 class PlantNoise:
     """The noise of a recipe's plants: functions of the place and of what they are for.

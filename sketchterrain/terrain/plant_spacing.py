@@ -18,17 +18,6 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = [
-    "BLOCK",
-    "FILL",
-    "SpacingBlocks",
-    "SpacingRule",
-    "density_of",
-    "spacing_of",
-    "whole_step",
-    "widened",
-]
-
 BLOCK = 64
 """Vertices along a block's side."""
 FILL = 0.65

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.compute.scratch import Room
 
-__all__ = ["GREATEST_DENSITY", "TRIALS", "PoissonDisk", "poisson_disk"]
-
 TRIALS = 24
 """Darts a cell throws: over nine tenths of the points a maximal set would have."""
 GREATEST_DENSITY = 0.6966

@@ -18,27 +18,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.compute.scratch import Room
 
-__all__ = [
-    "GROUP",
-    "MOST_POINTS",
-    "ROUNDING",
-    "SIDE",
-    "WINDOW",
-    "Area",
-    "Cells",
-    "Grid",
-    "Points",
-    "Round",
-    "bands",
-    "counted",
-    "joined",
-    "merged",
-    "rounded_up",
-    "salt_of",
-    "schedule",
-    "thrown_by",
-]
-
 MOST_POINTS: Final = 40_000_000
 """Points that are given back at once at most."""
 ROUNDING: Final = math.sqrt(2.0)

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain.evaluation import Evaluator
 
-__all__ = ["Strip", "bands", "strips", "window_axes", "window_bands"]
-
 # As many patches as one launch takes: fewer would leave a device idle, more would only take memory.
 _PATCHES_PER_BAND = 256
 

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["ReachIndex"]
-
 # Blocks times items up to which comparing them all is quicker than looking them up.
 _FEW = 1 << 14
 # Cells of one size are so many times as long as those of the next smaller one, as a power of two.

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sketchterrain.features.contradictions import Resolution
     from sketchterrain.sketch import MaterialRule
 
-__all__ = ["FeatureSource", "NoFill", "TerrainRecipe"]
-
 FINEST_CELL = FINEST_WAVELENGTH / 4
 """Cell size that shows every octave, m: finer ones see the same terrain."""
 

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["field_distance", "lay_lakes"]
-
 _RIM = 0.15
 _SOFTNESS = 0.5
 

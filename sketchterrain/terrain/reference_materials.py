@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["Site", "patch_weights", "rule_weights"]
-
 _MOTTLE_CONTRAST = 2.2
 
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["Slope", "fbm", "fbm_slope", "gradients", "ridged", "ridged_slope", "simplex", "skewed"]
-
 _RIDGE_WEIGHT = 1.5
 _RIDGE_EDGE = 0.125
 

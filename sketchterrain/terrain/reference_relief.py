@@ -25,18 +25,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Lattice = npt.NDArray[np.int64]
 
-__all__ = [
-    "Reached",
-    "Relief",
-    "Rise",
-    "Site",
-    "hills",
-    "joined_mountains",
-    "mountains",
-    "relief_at",
-    "risen",
-]
-
 _MOUNTAIN, _HILL = 0, 1
 _HILL_SWELL = 0.4
 

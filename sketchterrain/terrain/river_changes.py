@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Box = tuple[float, float, float, float]
 
-__all__ = ["river_areas"]
-
 _OVERLAP = 0.5  # of the smaller rectangle, beyond what joining two neighbours adds
 
 

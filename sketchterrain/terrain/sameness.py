@@ -10,8 +10,6 @@ import numpy as np
 if TYPE_CHECKING:
     from sketchterrain.terrain.recipe import TerrainRecipe
 
-__all__ = ["of_the_world", "same"]
-
 
 def of_the_world(recipe: TerrainRecipe) -> tuple[object, ...]:
     """Return what is on the device once for all the world."""

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-__all__ = ["SpacingRanges", "SpacingRaster"]
+import numpy.typing as npt
 
 _POOLED: Final = 4  # quads of the raster along the squares whose ranges are kept
 

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     Area = tuple[int, int, int, int]
     Plants = npt.NDArray[np.void]
 
-__all__ = ["LEVELS", "Storey"]
-
 LEVELS: Final = 3
 """Coarser Poisson-disk sets among the plants, at twice the distance each."""
 

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["Ground", "Surface", "SurfaceStore"]
-
 
 @dataclass(frozen=True)
 class Ground:

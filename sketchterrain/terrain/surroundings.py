@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["Gathered", "Surroundings"]
-
 _MOST_SHEETS = 4096
 _MOST_GATHERED = 64
 # A sheet is at least so many times as wide as half of the painted features reach.

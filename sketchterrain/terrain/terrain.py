@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from sketchterrain.terrain.surfaces import Surface
     from sketchterrain.terrain.vertices import VertexMemory
 
-__all__ = ["Terrain"]
-
 
 class Terrain:
     """A terrain on a device; made by :func:`sketchterrain.build`.

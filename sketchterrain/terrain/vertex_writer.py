@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
     Lattice = npt.NDArray[np.int64]
 
-__all__ = ["VertexWriter", "geometric_error"]
-
 _FILE = "tiles.cl"
 _MOST_QUADS = 1 << 20  # of the tiles of a launch
 # Wide patches are cut into squares, which fewer features reach: of so many vertices a side at least, so wide.

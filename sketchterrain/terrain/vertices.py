@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
 
-__all__ = ["FACTS", "TILE_QUADS", "VERTEX", "VertexMemory", "VertexStore"]
-
 VERTEX: Final = np.dtype(
     [
         ("height", "<f4"),

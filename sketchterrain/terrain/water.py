@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     Reals = npt.NDArray[np.float64]
     Flags = npt.NDArray[np.bool_]
 
-__all__ = ["standing_water"]
-
 
 def standing_water(
     recipe: TerrainRecipe, layer: str, x: Reals, y: Reals, ground: npt.NDArray[np.float32]

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float32]
     _Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]
 
-__all__ = ["WideErrors"]
-
 _WIDEST = 17e3  # m
 _MOST_KEPT = 256
 

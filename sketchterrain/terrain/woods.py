@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     Lattice = npt.NDArray[np.int64]
     Reals = npt.NDArray[np.floating]
 
-__all__ = ["Woods"]
-
 LEAST: Final = 4.0
 """m between trees or shrubs where they stand thickest."""
 MOST: Final = 63.9

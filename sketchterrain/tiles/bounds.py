@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     Bounds = tuple[float, float, float, float]
 
-__all__ = ["EVERYWHERE", "clipped", "meets", "places_within"]
-
 EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 """West, south, east, north (m) of a world without end."""
 

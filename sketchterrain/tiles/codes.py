@@ -19,26 +19,6 @@ if TYPE_CHECKING:
     Codes = npt.NDArray[np.int64]
     Floats = npt.NDArray[np.float64]
 
-__all__ = [
-    "AROUND",
-    "FARTHEST_TILE",
-    "Boxes",
-    "TileKey",
-    "around",
-    "boxes_of",
-    "children_of",
-    "code_of",
-    "codes_of",
-    "contains",
-    "control_codes",
-    "index_in",
-    "keys_of",
-    "neighbours_of",
-    "parent_of",
-    "parents_around",
-    "place_of",
-]
-
 _BITS: Final = 28
 _MIDDLE: Final = 1 << (_BITS - 1)
 _MASK: Final = (1 << _BITS) - 1

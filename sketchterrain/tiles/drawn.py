@@ -38,8 +38,6 @@ if TYPE_CHECKING:
     Flags = npt.NDArray[np.bool_]
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["DrawnTree", "Goals"]
-
 # Neighbours (codes.AROUND) that a control touches, row 0 north, column 0 west.
 _TOUCHED: Final = (((0, 1, 3), (1,), (1, 2, 4)), ((3,), (), (4,)), ((3, 5, 6), (6,), (4, 6, 7)))
 _BORDERS: Final = ((1, NORTH), (6, SOUTH), (3, WEST), (4, EAST))

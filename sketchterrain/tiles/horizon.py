@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
 
-__all__ = ["behind_ground"]
-
 _BEARINGS: Final = 2048
 """Of the horizon, all round."""
 _SHELL: Final = 1.15

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
-__all__ = ["Metric", "QuadLength", "ScreenError", "across", "nearest", "screen_errors"]
-
 _NEAREST: Final = 0.5
 """m; nothing is looked at from nearer."""
 

@@ -8,14 +8,10 @@ controls, and both tiles along it compute the same bits.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-__all__ = ["RAMP", "morph_weights"]
+import numpy.typing as npt
 
 RAMP: Final = 0.25
 """Share of a tile's width in which weights go over from border to middle; a power of two is exact."""

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
 
-__all__ = ["Batch", "DrawList"]
-
 
 @dataclass(frozen=True, eq=False)
 class Batch:

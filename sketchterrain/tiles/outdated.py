@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     Box = tuple[float, float, float, float]
     Slots = npt.NDArray[np.int64]
 
-__all__ = ["batch_of", "outdate", "outdated_above", "rewriting", "written"]
-
 _MARGIN: Final = 2
 """Quads beyond a tile's border that its parent's normals read."""
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Slots = npt.NDArray[np.int64]
 
-__all__ = ["TilePool"]
-
 _FREE = -1
 _ANY_HEIGHT = 1e5
 """m"""

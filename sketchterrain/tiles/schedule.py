@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.tiles.codes import Codes
 
-__all__ = ["CostModel"]
-
 _FIRST_GUESS: Final = (0.0005, 0.0005, 0.0005, 0.004)
 """s a batch, a level, a tile and a wide tile, before anything is known."""
 _WIDE: Final = -2

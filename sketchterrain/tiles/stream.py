@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int64]
 
-__all__ = ["MORPH_SECONDS", "QUADS", "TileStream", "finest_level"]
-
 QUADS: Final = 64
 """Along a tile's side, unless another number is asked for."""
 LATTICE_BITS: Final = 24

@@ -11,8 +11,6 @@ import numpy.typing as npt
 if TYPE_CHECKING:
     from sketchterrain.tiles.codes import Boxes
 
-__all__ = ["View", "inside_frustum"]
-
 Floats = npt.NDArray[np.float64]
 
 

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Range = tuple[int, int, int, int]
 
-__all__ = ["ROOT_LEVEL", "UNSEEN", "Excess", "Selection", "Wanted"]
-
 ROOT_LEVEL: Final = -4
 """Roots are 16 extents wide: as wide as the farthest draw distance."""
 UNSEEN: Final = 0.5

@@ -11,29 +11,6 @@ from typing import Annotated, Any
 
 import typer
 
-__all__ = [
-    "AsJson",
-    "DeviceName",
-    "Fast",
-    "FilmPlace",
-    "FilmSize",
-    "FlightFile",
-    "Folder",
-    "FoliageKind",
-    "Fps",
-    "FrameQuality",
-    "Grass",
-    "OptionalPictureFile",
-    "PictureFile",
-    "PictureSize",
-    "RealTime",
-    "Seconds",
-    "Seed",
-    "SketchName",
-    "Vertices",
-]
-
-
 _PIXELS = range(16, 8193)  # what the renderer can draw
 _LONGEST = 3600.0  # s, of a flight
 _FILMS = (".mp4", ".webp", ".gif")  # what is no folder of frames

@@ -12,8 +12,6 @@ from typing import Final
 
 from sketchterrain.errors import SketchterrainError, one_line
 
-__all__ = ["ChildFailedError", "ChildTimedOutError", "module_result", "run_child"]
-
 _LONGEST: Final = 200  # characters of the line that the child wrote last
 # Words that a driver writes to stderr before it aborts, and what helps.
 _LINKER: Final = ("linker", "'ld'", '"ld"')

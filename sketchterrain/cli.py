@@ -42,8 +42,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain import Adherence, Terrain
 
-__all__ = ["app", "main"]
-
 app = typer.Typer(
     name="sketchterrain",
     help="Paint a rough sketch, get a seamless terrain that does what the sketch says.",

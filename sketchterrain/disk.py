@@ -9,8 +9,6 @@ from pathlib import Path
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.whole_files import telling_failure
 
-__all__ = ["amount", "cache_folder", "check_disk", "disk_left", "gibibytes"]
-
 
 def cache_folder() -> Path:
     """Return the folder for what the program can compute again: ``$XDG_CACHE_HOME/sketchterrain``.

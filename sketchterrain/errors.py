@@ -2,16 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = [
-    "BuildError",
-    "DeviceError",
-    "DeviceFailedError",
-    "DeviceMemoryError",
-    "InputError",
-    "SketchterrainError",
-    "one_line",
-]
-
 
 class SketchterrainError(Exception):
     """Something went wrong that one clear line can tell (exit code 1)."""

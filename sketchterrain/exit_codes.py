@@ -9,8 +9,6 @@ import typer
 
 from sketchterrain.errors import SketchterrainError
 
-__all__ = ["DEBUG", "FAILED", "INTERRUPTED", "PARTIAL", "USAGE_ERROR", "fail", "told"]
-
 FAILED = 1
 PARTIAL = 5
 INTERRUPTED = 130

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.sketch import Sketch
 
-__all__ = ["memory_needed", "plan_of"]
-
 _BYTES_AT_LEAST = 500 << 20  # the program, what a device compiles, a band of rows
 
 

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
 
-__all__ = ["SECONDS", "Take", "fly"]
-
 SECONDS = 20.0
 """Of a flight without a path, if nothing else is asked for."""
 

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["plain_path"]
-
 
 @contextmanager
 def plain_path(path: Path) -> Iterator[Path]:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.compute import Device
     from sketchterrain.progress import Stages
 
-__all__ = ["Devices", "run_job"]
-
 T = TypeVar("T")
 
 

@@ -17,25 +17,6 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Verdict
 
-__all__ = [
-    "adherence_lines",
-    "counted",
-    "device_entry",
-    "device_lines",
-    "exported_lines",
-    "flown_lines",
-    "generated_lines",
-    "legend_lines",
-    "preset_entry",
-    "preset_lines",
-    "say",
-    "say_json",
-    "target_entry",
-    "target_lines",
-    "tested_entry",
-    "undescribed_labels",
-]
-
 _NAME = 10  # columns of the first word
 _FILES_SHOWN = 6  # of an export, if there are many
 _GL_SHARING = {

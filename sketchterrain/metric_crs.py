@@ -10,8 +10,6 @@ from sketchterrain.errors import InputError, one_line
 if TYPE_CHECKING:
     from rasterio.crs import CRS
 
-__all__ = ["is_westward", "metric_crs", "named_crs"]
-
 # A code of an authority, WKT or a PROJ string: GDAL would open files and addresses too.
 _FORMS = re.compile(r"[A-Za-z]+:[0-9A-Za-z]+(\+[0-9]+)?|urn:ogc:def:crs:[\w:.]+|\+[^/]*|[A-Z_]+\s*\[.*", re.S)
 _WESTWARD = re.compile(r'AXIS\["[^"]*",\s*WEST\b', re.I)

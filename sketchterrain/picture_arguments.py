@@ -16,24 +16,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.scene import Terrain
 
-__all__ = [
-    "Clouds",
-    "Eye",
-    "Hour",
-    "LookAt",
-    "MapFlag",
-    "MapKind",
-    "OverlayNames",
-    "Point",
-    "QualityNumber",
-    "StillFile",
-    "Textures",
-    "ViewKind",
-    "Without",
-    "camera_at",
-    "refuse_together",
-]
-
 Point = tuple[float, float, float]
 
 _FARTHEST = 1e9  # m

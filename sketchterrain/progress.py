@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     Show = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 
-__all__ = ["Stages"]
-
 _QUIET = 1.0  # s until a stage is worth a line in a log
 
 

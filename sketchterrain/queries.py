@@ -19,8 +19,6 @@ from sketchterrain.listings import (
 )
 from sketchterrain.progress import Stages
 
-__all__ = ["bench", "devices", "new", "presets"]
-
 
 def new(folder: Annotated[Path, typer.Argument(metavar="DIR", help="A new or an empty folder.")]) -> None:
     """Write a starter sketch, to be painted in any paint program."""

@@ -20,15 +20,6 @@ if TYPE_CHECKING:
     from sketchterrain.progress import Stages
     from sketchterrain.terrain import Raster, Terrain
 
-__all__ = [
-    "REPORT",
-    "replaced_files",
-    "report_of",
-    "rounded",
-    "said_of",
-    "work_of",
-]
-
 REPORT = "report.json"
 """The file's name."""
 

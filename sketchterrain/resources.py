@@ -13,8 +13,6 @@ from sketchterrain.errors import InputError
 if TYPE_CHECKING:
     from importlib.resources.abc import Traversable
 
-__all__ = ["kernels_digest", "preset", "preset_names", "preset_picture", "source"]
-
 _BASELINES = "baselines/"
 _INCLUDE = re.compile(r'^[ \t]*#include[ \t]+"([^"]+)"[ \t]*$', re.MULTILINE)
 

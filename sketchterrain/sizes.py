@@ -11,8 +11,6 @@ from sketchterrain.system import physical_memory
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
 
-__all__ = ["LARGEST_SIZE", "check_size", "memory_needed"]
-
 LARGEST_SIZE = 16385
 """The most vertices along the longer side."""
 

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.overlays import Legend
     from sketchterrain.sketch import Sketch
 
-__all__ = ["Still", "draw", "weather_at"]
-
 
 @dataclass(frozen=True)
 class Still:

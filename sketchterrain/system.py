@@ -17,19 +17,6 @@ else:
     import fcntl
     import resource
 
-__all__ = [
-    "cpu_count",
-    "lock_file",
-    "lock_folder",
-    "lower_priority",
-    "memory_in_use",
-    "peak_memory",
-    "physical_memory",
-    "proc_memory",
-    "resident_memory",
-    "unlock_folder",
-]
-
 _LOCKED_BYTE = 0x7FFFFFFE
 """Offset of the byte that a lock covers on Windows: past any content, for locked bytes cannot be written."""
 

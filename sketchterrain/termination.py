@@ -7,8 +7,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["ended_at_once", "ended_like_ctrl_c"]
-
 
 @contextmanager
 def ended_like_ctrl_c() -> Iterator[None]:

@@ -11,8 +11,6 @@ from typing import BinaryIO
 
 from sketchterrain.errors import SketchterrainError, one_line
 
-__all__ = ["telling_failure", "whole_file", "whole_path", "write_whole"]
-
 
 @contextmanager
 def telling_failure(path: Path) -> Iterator[None]:

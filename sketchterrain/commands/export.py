@@ -8,8 +8,6 @@ from sketchterrain.commands.sketches import read_sketch
 from sketchterrain.listings import exported_lines, say, say_json, target_entry, target_lines
 from sketchterrain.progress import Stages
 
-__all__ = ["export", "targets"]
-
 
 def export(
     sketch: given.SketchName,

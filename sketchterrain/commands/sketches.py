@@ -8,8 +8,6 @@ if TYPE_CHECKING:
     from sketchterrain.progress import Stages
     from sketchterrain.sketch import Sketch
 
-__all__ = ["read_sketch"]
-
 
 def read_sketch(name: str, seed: int | None, stages: Stages) -> Sketch:
     """Read the sketch that a command was given, with another seed if one was asked for.

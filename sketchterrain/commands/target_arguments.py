@@ -16,24 +16,6 @@ from sketchterrain.picture_arguments import refuse_together
 if TYPE_CHECKING:
     from sketchterrain.export.target import ExportOptions
 
-__all__ = [
-    "Crs",
-    "Format",
-    "GrassToo",
-    "Heights",
-    "MeshError",
-    "Origin",
-    "Overlap",
-    "Plants",
-    "TargetName",
-    "TileFirst",
-    "TileName",
-    "Tiles",
-    "TilesFromSouth",
-    "WholeSize",
-    "options_of",
-]
-
 # As in sketchterrain.export.targets, which is not loaded for a line of help; a test compares them.
 TARGETS = (
     "unity",

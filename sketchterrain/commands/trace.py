@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from sketchterrain.trace.sheet import Sheet
     from sketchterrain.trace.traced import Traced
 
-__all__ = ["trace"]
-
 _ZIP = ".sketch"
 # Which options are about which kind of source; the others are about all.
 _ONLY = {

@@ -15,8 +15,6 @@ from sketchterrain.listings import legend_lines, say
 from sketchterrain.progress import Stages
 from sketchterrain.termination import ended_at_once
 
-__all__ = ["view"]
-
 
 def _check_picture(path: Path | None) -> Path | None:
     if path is not None and (path.suffix.lower() != ".png" or path.is_dir()):

@@ -19,32 +19,12 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.recovery import Recovery
     from sketchterrain.ui.window import MainWindow
 
-__all__ = ["run"]
-
 FIRST = "valley_river"
 """The preset that a new user sees first."""
 
 
 def run(name: str | None = None) -> int:
-    """Show the window until it is closed.
-
-    Parameters
-    ----------
-    name
-        A sketch's folder, its file, or a preset's name; by default the first preset.
-
-    Returns
-    -------
-    int
-        The exit code.
-
-    Raises
-    ------
-    InputError
-        If there is no such sketch; before any window.
-    SketchterrainError
-        If there is no screen, or Qt lacks something.
-    """
+    """Show the window until it is closed."""
     check_screen()
     sketch, path = load_sketch(name or FIRST), _path_of(name)
     from sketchterrain.ui.application import named_application
@@ -72,7 +52,7 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     link.device = preferences.device
     link.start()  # its processes load their libraries while this one builds the window
     apply_theme(app, preferences.theme)
-    from sketchterrain.ui.garbage import Garbage
+    from sketchterrain.ui.application import Garbage
     from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.bookmarks import Bookmarks
     from sketchterrain.ui.models.recent import RecentFiles

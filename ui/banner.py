@@ -1,24 +1,35 @@
-"""Messages that float at the top of the window: one at a time, and nothing moves to make room."""
+"""Messages that float at the top of the window, and the errors that are reported there."""
 
 from __future__ import annotations
 
+import sys
+import threading
+import traceback
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from types import TracebackType
 
-from PyQt6.QtCore import Qt, QTimer
-from PyQt6.QtGui import QColor, QPainter
-from PyQt6.QtWidgets import QFrame, QHBoxLayout, QLabel, QPushButton, QSizePolicy, QWidget
+from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QColor, QGuiApplication, QPainter, QPaintEvent
+from PyQt6.QtWidgets import (
+    QDialog,
+    QDialogButtonBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QPlainTextEdit,
+    QPushButton,
+    QSizePolicy,
+    QVBoxLayout,
+    QWidget,
+)
 
+from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import Trouble
 from sketchterrain.ui.look.icons import draw_icon
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, looks, theme
 from sketchterrain.ui.look.tool_buttons import tool_button
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from PyQt6.QtGui import QPaintEvent
-
-__all__ = ["Banner", "Message"]
 
 _LONG = 8000  # ms that good news stay
 _MOST = 8  # messages that wait
@@ -27,34 +38,17 @@ _WIDE = 640  # px
 
 @dataclass(frozen=True)
 class Message:
-    """One line for a person.
-
-    Attributes
-    ----------
-    kind : {'info', 'good', 'warning', 'error'}
-    line : str
-    about : str
-        What it is about; `Banner.withdraw` takes it back by that.
-    buttons : tuple of (str, callable)
-        What a person can do about it.
-    """
+    """One line for a person."""
 
     kind: str
     line: str
-    about: str = ""
+    about: str = ""  # What it is about; `Banner.withdraw` takes it back by that
+    # What a person can do about it
     buttons: tuple[tuple[str, Callable[[], object]], ...] = field(default=(), compare=False)
 
 
 class Banner(QFrame):
-    """Shows the last of the messages that were not dismissed; hidden when there is none.
-
-    Parameters
-    ----------
-    window
-        Over which it floats.
-    below
-        The bar under which it does so.
-    """
+    """Shows the last of the messages that were not dismissed; hidden when there is none."""
 
     def __init__(self, window: QWidget, *, below: QWidget) -> None:
         super().__init__(window)
@@ -173,3 +167,102 @@ class _Mark(QWidget):
         painter = QPainter(self)
         draw_icon(painter, name, self.rect().toRectF(), QColor(colour))
         painter.end()
+
+
+class ErrorReporter(QObject):
+    """Tells the engine's troubles in the banner, and takes them back when they are over."""
+
+    def __init__(self, banner: Banner, link: EngineLink) -> None:
+        super().__init__(banner)
+        self._banner = banner
+        self._link = link
+        link.trouble.connect(self._tell)
+        link.placed_changed.connect(self._placed)
+        link.frame_shown.connect(self._drawn)
+        link.facts_changed.connect(self._begun)
+
+    def _placed(self, _: object) -> None:
+        self._banner.withdraw("sketch")
+
+    def _drawn(self, _: object) -> None:
+        self._banner.withdraw("view")
+
+    def _begun(self, _: object) -> None:
+        self._banner.withdraw("engine")
+
+    def _tell(self, trouble: Trouble) -> None:
+        if trouble.what == "engine":
+            buttons = (("Start again", self._link.start),)
+            self._banner.tell(Message("error", trouble.line, "engine", buttons))
+        else:
+            kind = "warning" if trouble.what in ("sketch", "view") else "error"
+            self._banner.tell(Message(kind, trouble.line, trouble.what))
+
+
+class UncaughtExceptions(QObject):
+    """Catches errors that nothing else caught: a line in the banner, the rest on request.
+
+    The window stays, and what was painted stays in it.
+    """
+
+    _happened = pyqtSignal(str, str)
+
+    def __init__(self, banner: Banner, window: QWidget) -> None:
+        super().__init__(banner)
+        self._banner = banner
+        self._window = window
+        self._happened.connect(self._tell)  # from any thread, told on the window's
+
+    def catch_all(self) -> None:
+        """Be told from now on of every error in this process that is not caught."""
+        sys.excepthook = self.catch
+        threading.excepthook = lambda given: self.catch(
+            given.exc_type, given.exc_value or given.exc_type(), given.exc_traceback
+        )
+
+    def let_go(self) -> None:
+        """Be told of no more."""
+        sys.excepthook = sys.__excepthook__
+        threading.excepthook = threading.__excepthook__
+
+    def catch(self, kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        """Tell an error; one that asks to end the program ends it."""
+        if issubclass(kind, (KeyboardInterrupt, SystemExit)):
+            app = QGuiApplication.instance()
+            if app is not None:
+                app.quit()
+            return
+        details = "".join(traceback.format_exception(kind, error, trace))
+        sys.stderr.write(details)
+        if issubclass(kind, SketchterrainError):
+            line = str(error)
+        else:
+            line = f"Something went wrong ({kind.__name__}: {one_line(error)}). Your sketch is as it was."
+        self._happened.emit(line, details)
+
+    def _tell(self, line: str, details: str) -> None:
+        buttons = (("Details…", lambda: self.show_details(details)),)
+        self._banner.tell(Message("error", line, "surprise", buttons))
+
+    def show_details(self, details: str) -> None:
+        """Show where an error came from."""
+        dialog = QDialog(self._window)
+        dialog.setWindowTitle("What went wrong")
+        text = QPlainTextEdit(details)
+        text.setReadOnly(True)
+        text.setAccessibleName("Where the error came from")
+        buttons = QDialogButtonBox(QDialogButtonBox.StandardButton.Close)
+        copy = buttons.addButton("Copy", QDialogButtonBox.ButtonRole.ActionRole)
+        clipboard = QGuiApplication.clipboard()
+        if copy is not None and clipboard is not None:
+            copy.clicked.connect(lambda: clipboard.setText(details))
+        buttons.rejected.connect(dialog.reject)
+        column = QVBoxLayout(dialog)
+        column.setContentsMargins(MARGIN, MARGIN, MARGIN, MARGIN)
+        column.setSpacing(SPACING)
+        column.addWidget(QLabel("If you report this, please send these lines with it."))
+        column.addWidget(text)
+        column.addWidget(buttons)
+        dialog.resize(640, 360)
+        dialog.exec()
+        dialog.deleteLater()

@@ -17,7 +17,7 @@ from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Chosen, Workspace
 

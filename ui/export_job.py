@@ -5,31 +5,20 @@ from __future__ import annotations
 import json
 import pickle
 import sys
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from PyQt6.QtCore import QObject, QProcess, QTimer, pyqtSignal
 
-from sketchterrain.ui.export_wish import WorldWish
+from sketchterrain.sketch import Sketch
+from sketchterrain.ui.export_wish import TargetWish, Wish, WorldWish
 from sketchterrain.ui.models.reading import Reading
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.export_wish import TargetWish, Wish
-
-__all__ = ["ExportJob"]
 
 _PATIENCE = 5000  # ms until a process that was asked to end is ended
 _WORLDS_PATIENCE = 60_000  # it ends what it has begun
 
 
 class ExportJob(QObject):
-    """Exports one sketch.
-
-    Parameters
-    ----------
-    wish, sketch
-        Which files, of what.
-    """
+    """Exports one sketch."""
 
     stage_changed = pyqtSignal(str)
     """What is being done."""

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sketchterrain.progress import Stages
     from sketchterrain.sketch import Sketch
 
-__all__ = ["main"]
-
 
 def main() -> int:
     """Export what stdin asks for; 0 if all went well."""

@@ -11,74 +11,37 @@ if TYPE_CHECKING:
     from sketchterrain.export.target import ExportOptions
     from sketchterrain.world.asked import Wishes
 
-__all__ = ["TargetWish", "Wish", "WorldWish"]
-
 
 @dataclass(frozen=True)
 class Wish:
-    """What shall be exported, as `generate` writes it.
-
-    Attributes
-    ----------
-    folder : Path
-    size : int
-        Vertices along the longer side.
-    foliage : {'csv', 'ply', 'both', 'none'}
-    grass : bool
-    preview : bool
-    view : {'auto', 'ground', 'hill', 'air'}
-        Of the preview.
-    map : {'png', 'svg'} or None
-    device : str or None
-    """
+    """What shall be exported, as `generate` writes it."""
 
     folder: Path
-    size: int = 1025
+    size: int = 1025  # Vertices along the longer side
     foliage: str = "csv"
     grass: bool = False
     preview: bool = True
-    view: str = "auto"
+    view: str = "auto"  # auto, ground, hill, air: Of the preview
     map: str | None = None
     device: str | None = None
 
 
 @dataclass(frozen=True)
 class TargetWish:
-    """What shall be exported to a target.
-
-    Attributes
-    ----------
-    folder : Path
-    target : str
-        One of `sketchterrain.export.targets.TARGET_NAMES`.
-    options : ExportOptions
-    device : str or None
-    """
+    """What shall be exported to a target."""
 
     folder: Path
-    target: str
+    target: str  # One of `sketchterrain.export.targets.TARGET_NAMES`
     options: ExportOptions
     device: str | None = None
 
 
 @dataclass(frozen=True)
 class WorldWish:
-    """What world shall be written, or gone on with.
+    """What world shall be written, or gone on with."""
 
-    Attributes
-    ----------
-    output : Path
-        Its ending says the form.
-    wishes : Wishes
-    workers : int
-        Processes that share it; 0: one does it.
-    device : str or None
-    only_estimate : bool
-        Nothing is written: it is asked what it will take.
-    """
-
-    output: Path
+    output: Path  # Its ending says the form
     wishes: Wishes
-    workers: int = 0
+    workers: int = 0  # Processes that share it; 0: one does it
     device: str | None = None
-    only_estimate: bool = False
+    only_estimate: bool = False  # Nothing is written: it is asked what it will take

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from PyQt6.QtCore import QObject, QTimer
-from PyQt6.QtWidgets import QFileDialog, QMessageBox
+from PyQt6.QtWidgets import QFileDialog, QMessageBox, QWidget
 
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch
+from sketchterrain.sketch.document import LabelImage
 from sketchterrain.sketch.layer_images import decode_layer
-from sketchterrain.ui.banner import Message
+from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.reading import Reading
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from PyQt6.QtWidgets import QWidget
-
-    from sketchterrain.sketch.document import LabelImage
-    from sketchterrain.ui.banner import Banner
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.preferences import Preferences
-    from sketchterrain.ui.models.recent import RecentFiles
-    from sketchterrain.ui.models.saving import Saving
-
-__all__ = ["Files"]
+from sketchterrain.ui.models.recent import RecentFiles
+from sketchterrain.ui.models.saving import Saving
 
 _PATIENCE = 400  # ms that a file may take until that is told
 _ZIP, _SETTINGS = ".sketch", "sketch.toml"
@@ -37,14 +29,7 @@ _ONE_FILE, _FOLDER = f"Sketch in one file (*{_ZIP})", "Sketch as a folder of ima
 
 
 class Files(QObject):
-    """Brings sketches from the disk into a document and back. Failures become messages.
-
-    Parameters
-    ----------
-    window
-        Whose dialogs are shown.
-    document, preferences, recent, saving, banner
-    """
+    """Brings sketches from the disk into a document and back. Failures become messages."""
 
     def __init__(
         self,
@@ -75,14 +60,7 @@ class Files(QObject):
         saving.failed.connect(self._not_saved)
 
     def begin(self, sketch: Sketch, *, modified: bool = False) -> None:
-        """Work on a sketch that is saved nowhere, if the one that is open may go.
-
-        Parameters
-        ----------
-        sketch
-        modified
-            Whether there is work in it, so that it is asked about before it goes.
-        """
+        """Work on a sketch that is saved nowhere, if the one that is open may go."""
         if self.may_leave():
             self._document.open(sketch, modified=modified)
 

@@ -1,22 +1,110 @@
-"""Where the parts of the window stand: the sketch in the middle, panels left, the 3-D view right."""
+"""Layout of the window: docks around the sketch, one part alone, the whole screen."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from PyQt6.QtCore import QObject, Qt, QTimer
-from PyQt6.QtWidgets import QToolBar
+from PyQt6.QtCore import QByteArray, QObject, QSize, Qt, QTimer
+from PyQt6.QtWidgets import (
+    QDockWidget,
+    QHBoxLayout,
+    QLabel,
+    QMainWindow,
+    QMenu,
+    QSizePolicy,
+    QToolBar,
+    QToolButton,
+    QWidget,
+)
 
-from sketchterrain.ui.dock import Dock
+from sketchterrain.ui.actions import Actions
+from sketchterrain.ui.look.theme import SMALL, SPACING
+from sketchterrain.ui.look.tool_buttons import tool_button
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
-    from PyQt6.QtCore import QByteArray
-    from PyQt6.QtWidgets import QMainWindow, QMenu, QWidget
+class Dock(QDockWidget):
+    """A panel at the side of a window."""
 
-__all__ = ["PARTS", "Layout", "Part"]
+    def __init__(self, name: str, title: str, content: QWidget, parent: QWidget) -> None:
+        super().__init__(title, parent)
+        self.setObjectName(f"dock-{name}")
+        self.name = name
+        self.setWidget(content)
+        self.setFeatures(
+            QDockWidget.DockWidgetFeature.DockWidgetMovable
+            | QDockWidget.DockWidgetFeature.DockWidgetFloatable
+            | QDockWidget.DockWidgetFeature.DockWidgetClosable
+        )
+        self._title = _Title(self)
+        self.setTitleBarWidget(self._title)
+        self.topLevelChanged.connect(self._title.show_state)
+
+    def bring_up(self) -> None:
+        """Show it, before others of its tabs."""
+        self.show()
+        self.raise_()
+
+    def show_title(self, shown: bool) -> None:
+        """Have a title above it, or leave that to its tab."""
+        self._title.show_all(shown)
+
+
+class _Title(QWidget):
+    """The title and two buttons. Presses beside these are the dock's: it is dragged by them."""
+
+    def __init__(self, dock: Dock) -> None:
+        super().__init__(dock)
+        self._dock = dock
+        row = QHBoxLayout(self)
+        row.setContentsMargins(SPACING, SMALL, SMALL, 0)
+        row.setSpacing(0)
+        name = QLabel(dock.windowTitle())
+        font = name.font()
+        font.setBold(True)
+        name.setFont(font)
+        row.addWidget(name)
+        row.addStretch(1)
+        self._float = _button("float", f"Float {dock.windowTitle()}")
+        self._float.clicked.connect(self._float_or_dock)
+        close = _button("close", f"Close {dock.windowTitle()}")
+        close.clicked.connect(dock.close)
+        row.addWidget(self._float)
+        row.addWidget(close)
+        self._parts = (name, self._float, close)
+        self._shown = True
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Fixed)
+
+    def _float_or_dock(self) -> None:
+        self._dock.setFloating(not self._dock.isFloating())
+
+    def show_state(self, floats: bool) -> None:
+        """Say what the button does now."""
+        what = "Dock" if floats else "Float"
+        self._float.setToolTip(f"{what} {self._dock.windowTitle()}")
+
+    def show_all(self, shown: bool) -> None:
+        if shown != self._shown:
+            self._shown = shown
+            for part in self._parts:
+                part.setVisible(shown)
+            self.updateGeometry()
+
+    def sizeHint(self) -> QSize:
+        return super().sizeHint() if self._shown else QSize(60, 0)
+
+    def minimumSizeHint(self) -> QSize:
+        # A long title must not keep a narrow panel from being narrow.
+        return QSize(60, super().minimumSizeHint().height() if self._shown else 0)
+
+
+def _button(name: str, title: str) -> QToolButton:
+    button = tool_button(name, title, side=12)
+    button.setFocusPolicy(Qt.FocusPolicy.TabFocus)
+    button.setAutoRaise(True)
+    return button
+
 
 _VERSION = 1  # of the panels that there are: a layout of others is not restored
 
@@ -46,14 +134,7 @@ _BELOW = 190
 
 
 class Layout(QObject):
-    """The panels of a window.
-
-    Parameters
-    ----------
-    window
-    contents
-        A widget for each of `PARTS`.
-    """
+    """The panels of a window."""
 
     def __init__(self, window: QMainWindow, contents: Mapping[str, QWidget]) -> None:
         super().__init__(window)
@@ -122,13 +203,7 @@ class Layout(QObject):
         self._window.resizeDocks([view, history], [height - _BELOW, _BELOW], down)
 
     def show_alone(self, part: str) -> None:
-        """Give the window to one part.
-
-        Parameters
-        ----------
-        part
-            ``canvas`` or ``view``; empty: show everything again, as it was.
-        """
+        """Give the window to one part."""
         if part == self._alone:
             return
         canvas = self._window.centralWidget()
@@ -166,3 +241,56 @@ class Layout(QObject):
         # What is a tab says its name there.
         for dock in self.docks.values():
             dock.show_title(dock.isFloating() or not self._window.tabifiedDockWidgets(dock))
+
+
+class FullViews(QObject):
+    """Binds the actions that make something large, and shows which of them is on."""
+
+    def __init__(self, window: QMainWindow, actions: Actions, layout: Layout) -> None:
+        super().__init__(window)
+        self._window, self._actions, self._layout = window, actions, layout
+        self._was_maximised = False
+        actions.bind({"leave": self.leave, "reset-layout": self._reset})
+        actions.bind_checked(
+            {
+                "canvas-only": lambda on: self.show_alone("canvas" if on else ""),
+                "view-only": lambda on: self.show_alone("view" if on else ""),
+                "full-screen": self.fill_screen,
+            }
+        )
+        self._refresh()
+
+    def show_alone(self, part: str) -> None:
+        """Give the window to ``canvas`` or ``view``; empty: to all as before."""
+        self._layout.show_alone(part)
+        self._refresh()
+
+    def fill_screen(self, on: bool) -> None:
+        """Use the whole screen, or go back to how the window was."""
+        if on:
+            self._was_maximised = self._window.isMaximized()
+            self._window.showFullScreen()
+        elif self._was_maximised:
+            self._window.showMaximized()
+        else:
+            self._window.showNormal()
+        self._refresh()
+
+    def leave(self) -> None:
+        """Go back by one step."""
+        if self._layout.alone:
+            self.show_alone("")
+        else:
+            self.fill_screen(False)
+
+    def _reset(self) -> None:
+        self._layout.reset()
+        self._refresh()
+
+    def _refresh(self) -> None:
+        alone, actions = self._layout.alone, self._actions
+        actions["canvas-only"].setChecked(alone == "canvas")
+        actions["view-only"].setChecked(alone == "view")
+        actions["full-screen"].setChecked(self._window.isFullScreen())
+        # Esc is others' as long as there is nothing to leave.
+        actions["leave"].setEnabled(bool(alone) or self._window.isFullScreen())

@@ -12,7 +12,7 @@ from PyQt6.QtWidgets import QFileDialog
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Message
-from sketchterrain.ui.engine.orders import TakePicture
+from sketchterrain.ui.engine.protocol import TakePicture
 from sketchterrain.ui.models.background import Background
 
 if TYPE_CHECKING:

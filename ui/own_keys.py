@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from PyQt6.QtCore import QEvent, QObject
 from PyQt6.QtGui import QKeyEvent
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from PyQt6.QtWidgets import QWidget
-
-__all__ = ["OwnKeys"]
+from PyQt6.QtWidgets import QWidget
 
 
 class OwnKeys(QObject):
     """Accepts a widget's keys before the window looks for shortcuts.
 
     A filter, and no `event` of the widget's own: that would be running while Qt deletes the widget in it.
-
-    Parameters
-    ----------
-    widget
-    wants
-        Whether a key is the widget's.
     """
 
     def __init__(self, widget: QWidget, wants: Callable[[QKeyEvent], bool]) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from sketchterrain.errors import DeviceError
-from sketchterrain.ui.garbage import Garbage
+from sketchterrain.ui.application import Garbage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch import Sketch
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import Trouble
-    from sketchterrain.ui.engine.plan import Followed
+    from sketchterrain.ui.engine.protocol import Followed, Trouble
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.window import MainWindow
 

@@ -14,8 +14,6 @@ from sketchterrain.errors import SketchterrainError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-__all__ = ["check_screen"]
-
 _PACKAGES = {
     "libxcb-cursor": "libxcb-cursor0",
     "libxkbcommon-x11": "libxkbcommon-x11-0",
@@ -36,18 +34,7 @@ _PACKAGES = {
 
 
 def check_screen(environment: Mapping[str, str] = os.environ) -> None:
-    """Make sure that Qt finds a screen.
-
-    Parameters
-    ----------
-    environment
-        In place of the process's own.
-
-    Raises
-    ------
-    SketchterrainError
-        In one line, what is missing and what to do.
-    """
+    """Make sure that Qt finds a screen."""
     _check_qt()
     platform = environment.get("QT_QPA_PLATFORM", "").split(";")[0].split(":")[0]
     if platform and platform not in ("xcb", "wayland"):

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.actions import Actions
     from sketchterrain.ui.banner import Banner
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Chosen, Workspace
 

@@ -1,69 +1,124 @@
-"""The window: the sketch, the 3-D view, the panels around them, and what joins them."""
+"""The main window: the sketch, the 3-D view, the panels around them, and what connects them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QSize, Qt
+from PyQt6.QtCore import QObject, QSize, Qt
+from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QScreen, QShowEvent
 from PyQt6.QtWidgets import QMainWindow, QMenu, QSizePolicy, QTabWidget, QWidget
 
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.engine.orders import GoTo
+from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
+from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import MODES, GoTo, MeasureAdherence
 from sketchterrain.ui.files import Files
-from sketchterrain.ui.full_views import FullViews
-from sketchterrain.ui.layout import Layout
+from sketchterrain.ui.layout import FullViews, Layout
 from sketchterrain.ui.look.app_icon import app_icon
 from sketchterrain.ui.menus import add_last, add_menus, add_tool_bars
+from sketchterrain.ui.models.bookmarks import Bookmarks
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.preferences import Preferences
+from sketchterrain.ui.models.recent import RecentFiles
+from sketchterrain.ui.models.saving import Saving
+from sketchterrain.ui.models.workspace import OVERLAYS, Workspace
 from sketchterrain.ui.open_dialogs import OpenDialogs
-from sketchterrain.ui.parts import Parts
+from sketchterrain.ui.panels.adherence import AdherencePanel
+from sketchterrain.ui.panels.contradictions import ContradictionsPanel
+from sketchterrain.ui.panels.history import HistoryPanel
+from sketchterrain.ui.panels.layers import LayersPanel
+from sketchterrain.ui.panels.properties import PropertiesPanel
+from sketchterrain.ui.panels.status_line import StatusLine
+from sketchterrain.ui.panels.view import ViewPanel
+from sketchterrain.ui.panels.world import WorldPanel
 from sketchterrain.ui.recent_menu import RecentMenu
 from sketchterrain.ui.sketch_actions import SketchActions
 from sketchterrain.ui.tool_options import ToolOptions
-from sketchterrain.ui.troubles import Surprises, Troubles
-from sketchterrain.ui.view_actions import ViewActions
+from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
+from sketchterrain.ui.view3d.view import View3D
 
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QScreen, QShowEvent
 
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.preferences import Preferences
-    from sketchterrain.ui.models.recent import RecentFiles
-    from sketchterrain.ui.models.saving import Saving
-    from sketchterrain.ui.models.workspace import Workspace
+class Parts:
+    """Makes every part once."""
 
-__all__ = ["MainWindow"]
+    def __init__(
+        self, document: Document, workspace: Workspace, link: EngineLink, bookmarks: Bookmarks
+    ) -> None:
+        self.canvas = Canvas(document, workspace, link)
+        self.view = View3D(document, workspace, link)
+        self.layers = LayersPanel(document, workspace)
+        self.contradictions = ContradictionsPanel(workspace, link)
+        self.bookmarks = BookmarksPanel(link, bookmarks)
+        self.status = StatusLine(document, workspace, link)
+        self.panels: dict[str, QWidget] = {
+            "layers": self.layers,
+            "properties": PropertiesPanel(document, workspace, link),
+            "world": WorldPanel(document),
+            "light": ViewPanel(document, link),
+            "view": self.view,
+            "history": HistoryPanel(document),
+            "adherence": AdherencePanel(workspace, link),
+            "contradictions": self.contradictions,
+            "bookmarks": self.bookmarks,
+        }
+
+    def tell_by(self, say: Callable[[str], None]) -> None:
+        """Let a function show what parts have to say; the line at the foot shows what the mouse is over."""
+        for part in (self.canvas, self.view):
+            part.hovered.connect(self.status.hover)
+            part.message.connect(say)
+        self.layers.message.connect(say)
+
+
+class ViewActions(QObject):
+    """Binds actions to the workspace's overlays and the engine's view, and shows how these are."""
+
+    def __init__(self, actions: Actions, workspace: Workspace, link: EngineLink) -> None:
+        super().__init__(actions)
+        self._actions = actions
+        self._workspace = workspace
+        self._link = link
+        actions.bind(
+            {
+                "measure": self._measure,
+                **{f"mode-{mode}": partial(self._move_by, mode) for mode in MODES},
+            }
+        )
+        actions.bind_checked(
+            {
+                "play": lambda on: link.show(replace(link.view, plays=on)),
+                **{f"overlay-{name}": partial(workspace.show_overlay, name) for name in OVERLAYS},
+            }
+        )
+        workspace.overlays_changed.connect(self.refresh)
+        link.view_changed.connect(self.refresh)
+        self.refresh()
+
+    def refresh(self, *_: object) -> None:
+        """Show what is shown now."""
+        for name in OVERLAYS:
+            self._actions[f"overlay-{name}"].setChecked(name in self._workspace.overlays)
+        self._actions[f"mode-{self._link.view.mode}"].setChecked(True)
+        self._actions["play"].setChecked(self._link.view.plays)
+
+    def _move_by(self, mode: str) -> None:
+        self._link.show(replace(self._link.view, mode=mode))
+
+    def _measure(self) -> None:
+        self._workspace.show_overlay("adherence", True)
+        self._link.tell(MeasureAdherence())
+
 
 _SIZE = QSize(1500, 920)
 _LEAST = QSize(720, 480)
 
 
 class MainWindow(QMainWindow):
-    """The program's window.
-
-    Parameters
-    ----------
-    document, workspace, link
-        What it shows. The link is started and stopped by whoever made it.
-    preferences, recent, saving, bookmarks
-        What is remembered, and who writes files.
-
-    Attributes
-    ----------
-    actions_by_name : Actions
-        All that can be done, by name.
-    canvas, view : QWidget
-        The sketch and the 3-D view.
-    layout_of_parts : Layout
-    files : Files
-    dialogs : OpenDialogs
-    banner : Banner
-    surprises : Surprises
-    """
+    """The program's window."""
 
     def __init__(
         self,
@@ -97,7 +152,7 @@ class MainWindow(QMainWindow):
         commands.addWidget(_stretch())
         add_last(commands, self.actions_by_name)
         self.banner = Banner(self, below=commands)
-        self.surprises = Surprises(self.banner, self)
+        self.surprises = UncaughtExceptions(self.banner, self)
         self._parts = Parts(document, workspace, link, bookmarks)
         self.canvas, self.view = self._parts.canvas, self._parts.view
         self.setCentralWidget(self.canvas)
@@ -115,7 +170,7 @@ class MainWindow(QMainWindow):
         if status is not None:
             status.setSizeGripEnabled(False)
             status.addPermanentWidget(self._parts.status, 1)
-        Troubles(self.banner, link)
+        ErrorReporter(self.banner, link)
         self._parts.tell_by(self._say)
         self.view.picture_wanted.connect(self.actions_by_name["save-picture"].trigger)
         self._parts.contradictions.show_place.connect(self._show_place)

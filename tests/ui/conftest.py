@@ -66,7 +66,7 @@ def placed():
     import numpy as np
 
     from sketchterrain.terrain import make_recipe
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
 
     sketch = load_sketch("valley_river")
     recipe = make_recipe(sketch)

@@ -11,8 +11,7 @@ from PyQt6.QtGui import QColor, QImage
 from PyQt6.QtWidgets import QListWidget, QToolButton
 
 from sketchterrain.sketch import load_sketch
-from sketchterrain.ui.engine.messages import FrameFacts
-from sketchterrain.ui.engine.orders import Look, Pose
+from sketchterrain.ui.engine.protocol import FrameFacts, Look, Pose
 from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.view3d.bookmarks import BookmarksPanel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sketchterrain.ui.canvas.flattening import MASK, Flattening, Paint, level_for
-from sketchterrain.ui.canvas.hatch_table import HatchTable, LayerHatch
+from sketchterrain.ui.canvas.layer_brushes import HatchTable, LayerHatch
 from sketchterrain.ui.look.hatching import HATCHES, hatch, hatch_period
 
 

@@ -13,10 +13,9 @@ from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.canvas.hands import Hands
-from sketchterrain.ui.canvas.shown import Shown
-from sketchterrain.ui.engine.messages import Adherence, FrameFacts, Placed, Relief
-from sketchterrain.ui.engine.orders import Pose
+from sketchterrain.ui.canvas.canvas_input import CanvasInput
+from sketchterrain.ui.canvas.sketch_image import SketchPicture
+from sketchterrain.ui.engine.protocol import Adherence, FrameFacts, Placed, Pose, Relief
 from sketchterrain.ui.look.layer_colours import DRAW_ORDER, label_colour
 from sketchterrain.ui.models.document import Document
 
@@ -261,7 +260,7 @@ def test_no_timer_goes_on(canvas, workspace) -> None:
 def test_canvases_go_away(plain, workspace, link, qtbot) -> None:
     def living() -> int:
         gc.collect()
-        return sum(isinstance(each, Canvas | Hands | Shown) for each in gc.get_objects())
+        return sum(isinstance(each, Canvas | CanvasInput | SketchPicture) for each in gc.get_objects())
 
     QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)  # of the test before
     before, widgets = living(), len(QApplication.allWidgets())

@@ -17,8 +17,7 @@ from PyQt6.QtWidgets import QApplication, QMenu
 
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.engine.messages import Placed, Relief
-from sketchterrain.ui.engine.orders import GoTo
+from sketchterrain.ui.engine.protocol import GoTo, Placed, Relief
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.handles import handles_of
 from sketchterrain.ui.models.workspace import Chosen
@@ -483,7 +482,7 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
 
 
 def test_the_menu_of_a_feature(full, document, workspace, placed) -> None:
-    from sketchterrain.ui.canvas.feature_menu import feature_menu
+    from sketchterrain.ui.canvas.canvas_input import feature_menu
 
     peak = mountain(placed)
     chosen = Chosen("feature", int(peak["id"]))

@@ -22,7 +22,7 @@ from sketchterrain.ui.dialogs.picture import PictureDialog
 from sketchterrain.ui.dialogs.preferences import PreferencesDialog
 from sketchterrain.ui.dialogs.presets import PresetsDialog
 from sketchterrain.ui.dialogs.recovery import RecoveryDialog
-from sketchterrain.ui.engine.messages import EngineFacts
+from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.recovery import Recovery
 

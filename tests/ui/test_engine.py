@@ -14,7 +14,7 @@ from PyQt6.QtCore import QEventLoop
 
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.orders import (
+from sketchterrain.ui.engine.protocol import (
     Fly,
     GoTo,
     Look,
@@ -376,7 +376,7 @@ def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
 
     code = (
         "import sys, time\n"
-        "from sketchterrain.ui.engine.children import Children\n"
+        "from sketchterrain.ui.engine.link import Children\n"
         "c = Children()\n"
         "print(c._engine.pid, c._placer.pid, flush=True)\n"
         "time.sleep(60)\n"

@@ -15,24 +15,34 @@ from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.ui.engine import link as link_module
+from sketchterrain.ui.engine.background import JobQueue
 from sketchterrain.ui.engine.channel import Channel, pickled
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.jobs import Jobs
-from sketchterrain.ui.engine.land import Land
+from sketchterrain.ui.engine.land import TerrainSession
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.messages import Adherence, EngineFacts, Picked, Relief, Trouble, Working
-from sketchterrain.ui.engine.mirror import settings_of
-from sketchterrain.ui.engine.orders import (
+from sketchterrain.ui.engine.protocol import (
+    Adherence,
+    Coming,
+    EngineFacts,
+    Followed,
     LayerPatch,
     MeasureAdherence,
     Pick,
+    Picked,
+    PictureWritten,
+    Plan,
     Quit,
+    Relief,
     SketchUpdate,
+    StillPlaced,
+    StillRelief,
     TakePicture,
+    Trouble,
     Turn,
+    Working,
 )
-from sketchterrain.ui.engine.plan import Coming, Followed, PictureWritten, Plan, StillPlaced, StillRelief
+from sketchterrain.ui.engine.sketch_updates import settings_of
 
 
 class Around:
@@ -45,7 +55,7 @@ class Around:
         self.its = Channel(its_window, patient=False), Channel(its_placer)
         self.land = land
         self.engine = Engine(
-            *self.its, land=land, show=None, jobs=Jobs(), facts=EngineFacts(no_device=land.lacks)
+            *self.its, land=land, show=None, jobs=JobQueue(), facts=EngineFacts(no_device=land.lacks)
         )
         self.thread = threading.Thread(target=self.engine.run, daemon=True)
         self.thread.start()
@@ -82,7 +92,7 @@ def blob(column):
 
 @pytest.fixture
 def around():
-    made = Around(Land(ComputeContext))
+    made = Around(TerrainSession(ComputeContext))
     yield made
     made.end()
 
@@ -148,7 +158,7 @@ def test_before_there_is_a_terrain_nothing_is_measured(around):
 
 
 def test_without_a_device_it_says_what_to_do_and_runs_on():
-    around = Around(Land(ComputeContext, device="no such device"))
+    around = Around(TerrainSession(ComputeContext, device="no such device"))
     facts, _ = around.answer(EngineFacts)
     assert "no such device" in facts.no_device
     around.plan(blob(20))
@@ -199,7 +209,7 @@ def test_a_defect_is_a_message(around, monkeypatch, capsys):
 
 
 def test_it_ends_when_the_window_is_gone():
-    around = Around(Land(ComputeContext))
+    around = Around(TerrainSession(ComputeContext))
     around.answer(EngineFacts)
     around.window.close()
     around.thread.join(20.0)

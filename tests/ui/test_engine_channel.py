@@ -12,7 +12,7 @@ import pytest
 
 from sketchterrain.ui.engine.channel import Channel, pickled, ready, unpickled
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.orders import LayerPatch, Turn
+from sketchterrain.ui.engine.protocol import LayerPatch, Turn
 
 
 @pytest.fixture

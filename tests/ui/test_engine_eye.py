@@ -7,7 +7,7 @@ import pytest
 
 from sketchterrain.render import Camera
 from sketchterrain.ui.engine.eye import Eye
-from sketchterrain.ui.engine.orders import Fly, GoTo, Pan, Turn, Zoom
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Turn, Zoom
 
 ASPECT = 1.6
 EXTENT = 4000.0

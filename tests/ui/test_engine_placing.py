@@ -12,20 +12,25 @@ import pytest
 
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
-from sketchterrain.ui.engine import placing
+from sketchterrain.ui.engine import placer
 from sketchterrain.ui.engine.channel import Channel, unpickled
-from sketchterrain.ui.engine.messages import Placed, Trouble, Working
-from sketchterrain.ui.engine.mirror import settings_of
-from sketchterrain.ui.engine.orders import LayerPatch, Quit, SketchUpdate
-from sketchterrain.ui.engine.placer import Placer
-from sketchterrain.ui.engine.placing import Abandoned, Patience
-from sketchterrain.ui.engine.plan import StillPlaced
+from sketchterrain.ui.engine.placer import CancellationPolicy, Placer, Superseded
+from sketchterrain.ui.engine.protocol import (
+    LayerPatch,
+    Placed,
+    Quit,
+    SketchUpdate,
+    StillPlaced,
+    Trouble,
+    Working,
+)
+from sketchterrain.ui.engine.sketch_updates import settings_of
 
 
 class Clock:
     def __init__(self, monkeypatch):
         self.now = 100.0
-        monkeypatch.setattr(placing, "time", SimpleNamespace(monotonic=lambda: self.now))
+        monkeypatch.setattr(placer, "time", SimpleNamespace(monotonic=lambda: self.now))
 
     def spend(self, seconds):
         self.now += seconds
@@ -43,27 +48,27 @@ def attempt(patience, clock, seconds) -> bool:
         for _ in range(round(seconds / 0.01)):
             clock.spend(0.01)
             patience.checkpoint()
-    except Abandoned:
+    except Superseded:
         return False
     patience.end()
     return True
 
 
 def test_short_work_and_work_that_nothing_supersedes_is_finished(clock) -> None:
-    patience = Patience(lambda: False)
+    patience = CancellationPolicy(lambda: False)
     assert all(attempt(patience, clock, 0.5) for _ in range(3))
 
-    patience = Patience(lambda: True)
+    patience = CancellationPolicy(lambda: True)
     assert all(attempt(patience, clock, 0.09) for _ in range(5))
 
 
 def test_superseded_work_is_abandoned_unless_half_done_and_never_twice_in_a_row(clock) -> None:
-    patience = Patience(lambda: True)
+    patience = CancellationPolicy(lambda: True)
     done = [attempt(patience, clock, 0.5) for _ in range(9)]
     assert done == [True, False, True, False, True, False, True, False, True]
 
     newer = []
-    patience = Patience(lambda: bool(newer))
+    patience = CancellationPolicy(lambda: bool(newer))
     assert attempt(patience, clock, 0.5)
     patience.begin()
     clock.spend(0.26)

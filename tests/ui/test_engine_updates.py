@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.ui.engine.mirror import SketchMirror, settings_of
-from sketchterrain.ui.engine.updates import UpdateMaker
+from sketchterrain.ui.engine.sketch_updates import SketchMirror, UpdateMaker, settings_of
 from sketchterrain.ui.models.document import Document
 
 

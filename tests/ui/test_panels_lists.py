@@ -12,8 +12,14 @@ from PyQt6.QtTest import QTest
 from sketchterrain.sketch import LAYERS
 from sketchterrain.system import memory_in_use
 from sketchterrain.ui.commands.settings import WORLD, set_setting
-from sketchterrain.ui.engine.messages import Adherence, EngineFacts, FrameFacts, Trouble
-from sketchterrain.ui.engine.orders import MeasureAdherence, Pose
+from sketchterrain.ui.engine.protocol import (
+    Adherence,
+    EngineFacts,
+    FrameFacts,
+    MeasureAdherence,
+    Pose,
+    Trouble,
+)
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.contradictions import ContradictionsPanel
 from sketchterrain.ui.panels.history import HistoryPanel

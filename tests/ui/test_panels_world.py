@@ -8,7 +8,7 @@ from PyQt6.QtTest import QTest
 
 from sketchterrain.sketch import SKETCH, TABLES, load_sketch
 from sketchterrain.ui.commands.settings import setting
-from sketchterrain.ui.engine.orders import ViewState
+from sketchterrain.ui.engine.protocol import ViewState
 from sketchterrain.ui.panels.view import OVERLAY_TITLES, ViewPanel
 from sketchterrain.ui.panels.world import WorldPanel
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.orders import FrameTaken, Pick, ViewState
-from sketchterrain.ui.picture_source import PictureSource
+from sketchterrain.ui.engine.link import PictureSource
+from sketchterrain.ui.engine.protocol import FrameTaken, Pick, ViewState
 
 
 class Source(PictureSource):

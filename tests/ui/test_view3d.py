@@ -12,23 +12,25 @@ from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.doing_menu import DoingMenu
-from sketchterrain.ui.engine.messages import EngineFacts, FrameFacts, Picked, Relief, Trouble
-from sketchterrain.ui.engine.orders import (
+from sketchterrain.ui.engine.protocol import (
+    EngineFacts,
     Fly,
+    FrameFacts,
     GoTo,
     Look,
     Pan,
     Pick,
+    Picked,
     Pose,
+    Relief,
+    Trouble,
     Turn,
     ViewState,
     Zoom,
 )
 from sketchterrain.ui.models.workspace import Chosen
-from sketchterrain.ui.view3d.aim import overview
-from sketchterrain.ui.view3d.bar import Bar
-from sketchterrain.ui.view3d.card import Card
-from sketchterrain.ui.view3d.compass import Compass
+from sketchterrain.ui.view3d.hud import Bar, Card, Compass
+from sketchterrain.ui.view3d.navigation import overview
 from sketchterrain.ui.view3d.view import View3D
 
 WIDTH, HEIGHT = 640, 480

@@ -7,15 +7,20 @@ import pytest
 
 from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render.camera import Camera
-from sketchterrain.ui.engine.messages import FrameFacts, Placed, Relief
-from sketchterrain.ui.engine.orders import Pose
+from sketchterrain.ui.engine.protocol import FrameFacts, Placed, Pose, Relief
 from sketchterrain.ui.models.workspace import Chosen
-from sketchterrain.ui.view3d.aim import overview
-from sketchterrain.ui.view3d.compass import heading_of
-from sketchterrain.ui.view3d.draped import Ground, ring
+from sketchterrain.ui.view3d.hud import heading_of
 from sketchterrain.ui.view3d.marks import marks_of
-from sketchterrain.ui.view3d.projection import Projection
-from sketchterrain.ui.view3d.readout import length_text, round_length, scale_bar, standing_text
+from sketchterrain.ui.view3d.navigation import overview
+from sketchterrain.ui.view3d.projection import (
+    Ground,
+    Projection,
+    length_text,
+    ring,
+    round_length,
+    scale_bar,
+    standing_text,
+)
 
 PLACE = (10.0, 20.0, 640.0, 480.0)
 EYE, TARGET = (1000.0, -500.0, 800.0), (1200.0, 900.0, 100.0)

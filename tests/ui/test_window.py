@@ -15,8 +15,7 @@ from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
 from sketchterrain.ui.banner import Message
-from sketchterrain.ui.engine.messages import Trouble
-from sketchterrain.ui.engine.orders import MeasureAdherence
+from sketchterrain.ui.engine.protocol import MeasureAdherence, Trouble
 from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Chosen
@@ -254,7 +253,7 @@ def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
     from PyQt6.QtGui import QImage
 
     from sketchterrain.ui.dialogs.picture import PictureDialog
-    from sketchterrain.ui.engine.orders import TakePicture
+    from sketchterrain.ui.engine.protocol import TakePicture
 
     path = tmp_path / "best.png"
     monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))

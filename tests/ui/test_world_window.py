@@ -18,18 +18,21 @@ from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.engine.channel import Channel
-from sketchterrain.ui.engine.messages import FrameFacts, Picked, Trouble, Working
-from sketchterrain.ui.engine.orders import (
+from sketchterrain.ui.engine.protocol import (
     Fly,
+    FrameFacts,
     FrameTaken,
     GoTo,
     Look,
     Pan,
     Pick,
+    Picked,
     Pose,
     Quit,
+    Trouble,
     Turn,
     ViewState,
+    Working,
     Zoom,
 )
 from sketchterrain.ui.worlds import window as windows
@@ -161,7 +164,7 @@ class Ground:
         return np.full(np.broadcast(x, y).shape, 100.0, np.float32)
 
 
-class FakeShow:
+class FakePacer:
     """Draws nothing, and fails if it is told to."""
 
     def __init__(self):
@@ -196,7 +199,7 @@ class FakeShow:
 def test_the_engine_draws_answers_and_reports_what_fails(capsys):
     mine, its = socket.socketpair()
     window, other = Channel(mine), Channel(its, patient=False)
-    show = FakeShow()
+    show = FakePacer()
     thread = threading.Thread(target=WorldEngine(other, Ground(), show).run, daemon=True)
     thread.start()
 

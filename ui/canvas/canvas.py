@@ -2,42 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from PyQt6.QtCore import QEvent, QPointF, QRect, QRectF, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QKeyEvent, QPainter, QPen
+from PyQt6.QtGui import (
+    QContextMenuEvent,
+    QEnterEvent,
+    QFocusEvent,
+    QHideEvent,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QPen,
+    QResizeEvent,
+    QTabletEvent,
+    QWheelEvent,
+)
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.canvas.desk import Desk
-from sketchterrain.ui.canvas.hands import Hands
-from sketchterrain.ui.canvas.keys import Keys
+from sketchterrain.ui.canvas.canvas_input import CanvasInput, Keys, Tips
+from sketchterrain.ui.canvas.decorations import Overlays
 from sketchterrain.ui.canvas.marks import Marks
-from sketchterrain.ui.canvas.overlays import Overlays
-from sketchterrain.ui.canvas.shown import Shown
-from sketchterrain.ui.canvas.tips import Tips
+from sketchterrain.ui.canvas.sketch_image import SketchPicture
+from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.canvas.viewport import Viewport
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import FrameFacts
 from sketchterrain.ui.look.theme import theme
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.own_keys import OwnKeys
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import (
-        QContextMenuEvent,
-        QEnterEvent,
-        QFocusEvent,
-        QHideEvent,
-        QMouseEvent,
-        QPaintEvent,
-        QResizeEvent,
-        QTabletEvent,
-        QWheelEvent,
-    )
-
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import FrameFacts
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["Canvas"]
 
 _MARGIN = 28  # logical px around a sheet that is fitted
 _ZOOM = 1.25
@@ -49,15 +44,7 @@ _KEYS = (
 
 
 class Canvas(QWidget):
-    """Shows the sketch of a document, and lets a person paint on it.
-
-    Parameters
-    ----------
-    document
-    workspace
-    link
-    parent
-    """
+    """Shows the sketch of a document, and lets a person paint on it."""
 
     hovered = pyqtSignal(object)
     """Where the mouse is: (x, y, height or None), m; None: not on the sketch."""
@@ -68,10 +55,10 @@ class Canvas(QWidget):
         self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None
     ) -> None:
         super().__init__(parent)
-        self._desk = Desk(document, workspace, link)
+        self._desk = ToolContext(document, workspace, link)
         self._marks = Marks(self._desk)
-        self._shown = Shown(self._desk, self)
-        self._hands = Hands(self._desk, self._marks, self)
+        self._shown = SketchPicture(self._desk, self)
+        self._hands = CanvasInput(self._desk, self._marks, self)
         self._keys = Keys(self._desk, self._hands, self)
         OwnKeys(self, self._keys.wants)
         Tips(self._desk, self)

@@ -3,21 +3,15 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.sketch.box import around
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from sketchterrain.sketch.box import Box
-    from sketchterrain.sketch.document import LabelImage
-
-__all__ = ["MASK", "Flattening", "Paint", "level_for"]
+from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.document import LabelImage
 
 Colours: TypeAlias = npt.NDArray[np.uint32]
 Codes: TypeAlias = npt.NDArray[np.uint16]
@@ -35,20 +29,11 @@ _MOST_MIXTURES = 4096  # of labels, that are looked up in a table
 
 @dataclass(frozen=True, eq=False)
 class Paint:
-    """What a layer is painted with.
-
-    Attributes
-    ----------
-    layer : str
-    colours : (256, 3) float32
-        Red, green and blue by label, 0 … 1.
-    opacity : float
-        0 … 1.
-    """
+    """What a layer is painted with."""
 
     layer: str
-    colours: Floats
-    opacity: float
+    colours: Floats  # Red, green and blue by label, 0 … 1
+    opacity: float  # 0 … 1
 
 
 def level_for(scale: float) -> int:
@@ -61,13 +46,6 @@ class Flattening:
 
     At level l a pixel stands for 2^l × 2^l pixels of the sketch and has, of each layer, their greatest
     label: what is thin stays visible from afar.
-
-    Parameters
-    ----------
-    layer : callable
-        ``layer(name)`` returns the labels of a layer, (height, width) uint8.
-    paints : sequence of Paint
-        Of the visible layers, the lowest first; at most seven.
     """
 
     def __init__(self, layer: Callable[[str], LabelImage], paints: Sequence[Paint] = ()) -> None:
@@ -111,15 +89,7 @@ class Flattening:
             )
 
     def window(self, level: int, box: Box) -> tuple[Colours, Codes]:
-        """Return the pixels of a level in a box of that level's rows and columns.
-
-        Returns
-        -------
-        colours : (rows, columns) uint32
-            0xAARRGGBB, premultiplied.
-        codes : (rows, columns) uint16
-            See `MASK`; equal where the same labels are visible.
-        """
+        """Return the pixels of a level in a box of that level's rows and columns."""
         top, left, bottom, right = box
         colours = np.empty((bottom - top, right - left), np.uint32)
         codes = np.empty(colours.shape, np.uint16)

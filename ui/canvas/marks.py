@@ -1,9 +1,10 @@
-"""What was placed, drawn over the sketch: features with their rings, rivers with their banks, shores."""
+"""Placed features over the sketch: glyphs and rings, rivers with their banks, shores of lakes."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import cache, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -11,20 +12,125 @@ from PyQt6.QtCore import QLineF, QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QImage, QPainter, QPainterPath, QPen, QPolygonF
 from scipy.spatial import cKDTree
 
+from sketchterrain.features import Lake, River, ShapeField
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.ui.canvas.glyphs import DARK, draw_haloed, stamp_glyph
-from sketchterrain.ui.canvas.scrolling import scrolled
-from sketchterrain.ui.canvas.shores import shore_lines
+from sketchterrain.ui.canvas.sketch_image import scrolled
+from sketchterrain.ui.canvas.tool_context import ToolContext
+from sketchterrain.ui.canvas.viewport import Viewport
 from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
+from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.models.workspace import Chosen
 
-if TYPE_CHECKING:
-    from sketchterrain.features import Lake, River
-    from sketchterrain.ui.canvas.desk import Desk
-    from sketchterrain.ui.canvas.viewport import Viewport
-    from sketchterrain.ui.engine.messages import Placed
-    from sketchterrain.ui.models.workspace import Chosen
+LIGHT = QColor(255, 255, 255, 205)
+"""Around lines."""
+DARK = QColor(24, 26, 30)
+"""Lines."""
+CHOSEN = QColor(112, 38, 200)
+"""What is chosen: a hue that no layer has, as dark on paper in either theme."""
 
-__all__ = ["Marks", "draw_chosen"]
+
+def draw_glyph(
+    painter: QPainter, kind: str, at: QPointF, *, colour: QColor = DARK, size: float = 1.0
+) -> None:
+    """Draw the sign of a type of feature around a place."""
+    painter.save()
+    painter.translate(at)
+    painter.scale(size, size)
+    draw_haloed(painter, _glyph(kind), colour, 1.5, fill=kind in ("mountain", "forest"))
+    painter.restore()
+
+
+def stamp_glyph(painter: QPainter, kind: str, at: QPointF, *, alpha: int, size: float, ratio: float) -> None:
+    """Draw the sign of a type of feature as `draw_glyph` does, from a picture that is kept."""
+    picture = _picture(kind, alpha, round(size, 2), ratio)
+    half = 0.5 * picture.width()
+    x, y = round(at.x() * ratio - half), round(at.y() * ratio - half)
+    painter.drawImage(QPointF(x / ratio, y / ratio), picture)
+
+
+@lru_cache(maxsize=64)
+def _picture(kind: str, alpha: int, size: float, ratio: float) -> QImage:
+    side = 2 * math.ceil(9.0 * size * ratio)
+    picture = QImage(side, side, QImage.Format.Format_ARGB32_Premultiplied)
+    picture.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(picture)
+    painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+    colour = QColor(DARK)
+    colour.setAlpha(alpha)
+    draw_glyph(painter, kind, QPointF(0.5 * side, 0.5 * side), colour=colour, size=size * ratio)
+    painter.end()
+    picture.setDevicePixelRatio(ratio)
+    return picture
+
+
+def draw_haloed(
+    painter: QPainter, path: QPainterPath, colour: QColor, width: float, *, fill: bool = False
+) -> None:
+    """Draw a path in a colour, with a light border around it."""
+    join, cap = Qt.PenJoinStyle.RoundJoin, Qt.PenCapStyle.RoundCap
+    halo = QColor(LIGHT)
+    halo.setAlphaF(LIGHT.alphaF() * colour.alphaF())
+    painter.setBrush(Qt.BrushStyle.NoBrush)
+    painter.setPen(QPen(halo, width + 2.2, Qt.PenStyle.SolidLine, cap, join))
+    painter.drawPath(path)
+    painter.setPen(QPen(colour, width, Qt.PenStyle.SolidLine, cap, join))
+    if fill:
+        painter.setBrush(colour)
+    painter.drawPath(path)
+
+
+@cache
+def _glyph(kind: str) -> QPainterPath:
+    path = QPainterPath()
+    if kind == "mountain":
+        path.addPolygon(QPolygonF([QPointF(-5.0, 4.0), QPointF(0.0, -5.0), QPointF(5.0, 4.0)]))
+        path.closeSubpath()
+    elif kind == "hill":
+        path.moveTo(-5.5, 3.0)
+        path.cubicTo(-3.5, -5.0, 3.5, -5.0, 5.5, 3.0)
+    elif kind == "dune":
+        path.moveTo(-6.0, 2.5)
+        path.cubicTo(-3.0, 1.5, -1.5, -1.0, 0.5, -3.5)
+        path.cubicTo(0.5, -0.5, 2.5, 2.0, 6.0, 2.5)
+    else:
+        path.addEllipse(QRectF(-3.2, -5.5, 6.4, 6.4))
+        path.moveTo(0.0, 1.0)
+        path.lineTo(0.0, 5.0)
+    return path
+
+
+_MOST = 768  # samples along a side of a field that are looked at
+
+
+def shore_lines(field: ShapeField) -> npt.NDArray[np.float64]:
+    """Return the border of a shape."""
+    step = max(-(-max(field.inside.shape) // _MOST), 1)
+    inside = np.asarray(field.inside[::step, ::step], np.float64)
+    inside = np.where(inside == 0.0, 1e-9, inside)
+    south, north = inside[:-1], inside[1:]
+    corners = np.stack([south[:, :-1], south[:, 1:], north[:, :-1], north[:, 1:]])
+    rows, columns = np.nonzero(np.any((corners > 0.0) != (corners[0] > 0.0), axis=0))
+    a, b, c, d = corners[:, rows, columns]
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    # Where each of a square's sides is crossed, from its south-west corner: south, north, west, east.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = np.stack(
+            [
+                np.stack([a / (a - b), zero], -1),
+                np.stack([c / (c - d), one], -1),
+                np.stack([zero, a / (a - c)], -1),
+                np.stack([one, b / (b - d)], -1),
+            ],
+            axis=1,
+        )
+    crossed = np.stack([a * b < 0.0, c * d < 0.0, a * c < 0.0, b * d < 0.0], axis=1)
+    at += np.stack([columns, rows], axis=-1)[:, None, :]
+    twice = crossed.sum(axis=1) == 2
+    once = at[twice][crossed[twice]].reshape(-1, 4)
+    saddles = at[~twice][:, [[0, 2], [1, 3]]].reshape(-1, 4)
+    pieces = np.concatenate([once, saddles]) * (field.spacing * step)
+    return np.asarray(pieces + np.array([field.west, field.south, field.west, field.south]))
+
 
 _RIVER = QColor(12, 52, 110)
 _SHORE = QColor(8, 70, 110)
@@ -38,13 +144,9 @@ class Marks:
     """A picture of what was placed, kept while neither it nor the viewport changes.
 
     Rings, how far features reach, are drawn while one chooses; while one paints they would be in the way.
-
-    Parameters
-    ----------
-    desk : Desk
     """
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, desk: ToolContext) -> None:
         self._desk = desk
         self._image = QImage()
         self._of: tuple[Placed | None, Viewport | None, bool] = (None, None, False)
@@ -135,7 +237,7 @@ class Marks:
 
 
 def draw_chosen(
-    painter: QPainter, marks: Marks, desk: Desk, placed: Placed, chosen: Chosen, colour: QColor
+    painter: QPainter, marks: Marks, desk: ToolContext, placed: Placed, chosen: Chosen, colour: QColor
 ) -> None:
     """Draw what is chosen, or what the mouse is over, in a colour that stands out."""
     everywhere = QRectF(0.0, 0.0, desk.viewport.width / desk.ratio, desk.viewport.height / desk.ratio)
@@ -152,7 +254,7 @@ def draw_chosen(
 
 
 def draw_river(
-    painter: QPainter, desk: Desk, river: River, colour: QColor, area: QRectF, *, strong: bool = False
+    painter: QPainter, desk: ToolContext, river: River, colour: QColor, area: QRectF, *, strong: bool = False
 ) -> None:
     """Draw a river's course and, where there is room, its banks, as far as they show in an area."""
     line = river.centreline[:, :2]
@@ -173,7 +275,7 @@ def draw_river(
 
 def _draw_reach(
     painter: QPainter,
-    desk: Desk,
+    desk: ToolContext,
     line: npt.NDArray[np.float64],
     half: npt.NDArray[np.float64],
     kept: npt.NDArray[np.intp],
@@ -197,7 +299,7 @@ def _draw_reach(
 
 def draw_pieces(
     painter: QPainter,
-    desk: Desk,
+    desk: ToolContext,
     pieces: npt.NDArray[np.float64],
     colour: QColor,
     width: float,
@@ -219,7 +321,7 @@ def draw_pieces(
         painter.drawLines(*lines)
 
 
-def _path(desk: Desk, line: npt.NDArray[np.float64]) -> QPainterPath:
+def _path(desk: ToolContext, line: npt.NDArray[np.float64]) -> QPainterPath:
     path = QPainterPath()
     x, y = desk.all_of_world(line[:, 0], line[:, 1])
     path.addPolygon(QPolygonF([QPointF(*each) for each in zip(x.tolist(), y.tolist(), strict=True)]))

@@ -3,31 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QPointF, QRectF, Qt
-from PyQt6.QtGui import QColor, QPen
+from PyQt6.QtGui import QColor, QPainter, QPen
 
-from sketchterrain.ui.canvas.glyphs import CHOSEN
-from sketchterrain.ui.canvas.marks import draw_chosen
-from sketchterrain.ui.canvas.tool import Tool
-from sketchterrain.ui.canvas.writing import write_beside
+from sketchterrain.ui.canvas.decorations import write_beside
+from sketchterrain.ui.canvas.marks import CHOSEN, Marks, draw_chosen
+from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.commands.chosen_parts import is_there, name_of
-from sketchterrain.ui.engine.orders import GoTo
+from sketchterrain.ui.engine.protocol import GoTo, Placed
 from sketchterrain.ui.models.chosen_acts import delete
 from sketchterrain.ui.models.drags import FeatureDrag
-from sketchterrain.ui.models.handles import chosen_at, handles_of
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QPainter
-
-    from sketchterrain.ui.canvas.desk import Desk, Pointer
-    from sketchterrain.ui.canvas.marks import Marks
-    from sketchterrain.ui.engine.messages import Placed
-    from sketchterrain.ui.models.handles import Handle
-    from sketchterrain.ui.models.workspace import Chosen
-
-__all__ = ["SelectTool"]
+from sketchterrain.ui.models.handles import Handle, chosen_at, handles_of
+from sketchterrain.ui.models.workspace import Chosen
 
 _REACH = 9.0  # logical px by which a click may miss
 _DRAG = 4.0  # logical px after which a press is a drag
@@ -37,16 +25,9 @@ _DELETES = (Qt.Key.Key_Delete, Qt.Key.Key_Backspace)
 
 
 class SelectTool(Tool):
-    """A click chooses, a drag moves, handles resize.
+    """A click chooses, a drag moves, handles resize."""
 
-    Parameters
-    ----------
-    desk : Desk
-    marks : Marks
-        Knows the shores of lakes.
-    """
-
-    def __init__(self, desk: Desk, marks: Marks) -> None:
+    def __init__(self, desk: ToolContext, marks: Marks) -> None:
         super().__init__(desk)
         self._marks = marks
         self._hovered: Chosen | None = None

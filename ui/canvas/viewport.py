@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["LARGEST", "Viewport"]
-
 LARGEST: Final = 64.0
 """Most pixels of the screen along a pixel of the sketch."""
 
@@ -21,25 +19,14 @@ class Viewport:
 
     All of the screen is counted in device pixels from the widget's upper left corner; pixels of the
     sketch are counted as floats from its north-west corner, x along columns, y along rows.
-
-    Attributes
-    ----------
-    width, height : int
-        px of the screen.
-    columns, rows : int
-        px of the sketch.
-    scale : float
-        px of the screen along a pixel of the sketch.
-    left, top : int
-        The sheet's upper left corner on the screen.
     """
 
-    width: int
+    width: int  # px of the screen
     height: int
-    columns: int
+    columns: int  # px of the sketch
     rows: int
-    scale: float = 1.0
-    left: int = 0
+    scale: float = 1.0  # px of the screen along a pixel of the sketch
+    left: int = 0  # The sheet's upper left corner on the screen
     top: int = 0
 
     @property

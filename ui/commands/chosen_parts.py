@@ -10,7 +10,7 @@ from sketchterrain.features.catalogue import FEATURE_TYPES
 
 if TYPE_CHECKING:
     from sketchterrain.features import Lake, River
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.workspace import Chosen
 
 __all__ = ["is_there", "lake_of", "name_of", "parent_of", "point_of", "river_of"]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.features import River
     from sketchterrain.sketch import Parameter, Sketch
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.handles import Handle
     from sketchterrain.ui.models.workspace import Chosen
 

@@ -13,7 +13,7 @@ from sketchterrain.ui.look.app_icon import app_picture
 from sketchterrain.ui.look.theme import MARGIN, SMALL
 
 if TYPE_CHECKING:
-    from sketchterrain.ui.engine.messages import EngineFacts
+    from sketchterrain.ui.engine.protocol import EngineFacts
 
 __all__ = ["AboutDialog"]
 

@@ -13,8 +13,6 @@ import threading
 from types import MappingProxyType
 from typing import Any, Final
 
-__all__ = ["Channel", "pickled", "ready", "unpickled"]
-
 _COUNT: Final = struct.Struct("<I")
 _LENGTH: Final = struct.Struct("<Q")
 _ROOM: Final = 1 << 20  # bytes that may be on their way before a writer waits, as far as the system allows
@@ -25,13 +23,6 @@ class Channel:
 
     Messages are pickled; the bytes of their arrays travel beside the pickle, so that neither end copies them
     and large ones hold up no other thread.
-
-    Parameters
-    ----------
-    end
-        A connected stream socket; the channel closes it.
-    patient
-        Whether `send` may wait for the other end; else a thread of the channel's own writes, in order.
     """
 
     def __init__(self, end: socket.socket, *, patient: bool = True) -> None:
@@ -53,13 +44,7 @@ class Channel:
         return self._socket.fileno()
 
     def send(self, message: Any) -> None:
-        """Send a message; its arrays must stay as they are, all else is read before this returns.
-
-        Raises
-        ------
-        OSError
-            If the other end is gone; a channel that is not patient keeps silent, `receive` will tell.
-        """
+        """Send a message; its arrays must stay as they are, all else is read before this returns."""
         parts = _parts(message)
         if self._waiting is None:
             self._write(parts)
@@ -71,13 +56,7 @@ class Channel:
         return bool(ready([self], timeout))
 
     def receive(self) -> Any:
-        """Return the next message; waits for it.
-
-        Raises
-        ------
-        EOFError
-            If the other end is gone.
-        """
+        """Return the next message; waits for it."""
         (count,) = _COUNT.unpack(self._read(_COUNT.size))
         lengths = [_LENGTH.unpack(self._read(_LENGTH.size))[0] for _ in range(count)]
         first, *others = [self._read(length) for length in lengths]

@@ -10,24 +10,41 @@ from typing import TYPE_CHECKING, Any, Final
 from sketchterrain.errors import DeviceFailedError, SketchterrainError, one_line
 from sketchterrain.render import Camera, find_view
 from sketchterrain.render.weather import Weather
-from sketchterrain.ui.engine import orders
 from sketchterrain.ui.engine.channel import Channel, ready
 from sketchterrain.ui.engine.eye import Eye
-from sketchterrain.ui.engine.messages import Picked, Trouble, Working
-from sketchterrain.ui.engine.orders import ViewState
-from sketchterrain.ui.engine.plan import Coming, Followed, MeasureJob, PictureJob, Plan, StillRelief
+from sketchterrain.ui.engine.protocol import (
+    Coming,
+    Fly,
+    Followed,
+    FrameTaken,
+    GoTo,
+    Look,
+    MeasureAdherence,
+    MeasureJob,
+    Pan,
+    Pick,
+    Picked,
+    PictureJob,
+    Plan,
+    Quit,
+    StillRelief,
+    TakePicture,
+    Trouble,
+    Turn,
+    ViewState,
+    Working,
+    Zoom,
+)
 from sketchterrain.ui.engine.relief import ReliefMaker
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sketchterrain.terrain import Terrain
-    from sketchterrain.ui.engine.jobs import Jobs
-    from sketchterrain.ui.engine.land import Land
-    from sketchterrain.ui.engine.messages import EngineFacts
-    from sketchterrain.ui.engine.show import Show
-
-__all__ = ["Engine"]
+    from sketchterrain.ui.engine.background import JobQueue
+    from sketchterrain.ui.engine.frames import FramePacer
+    from sketchterrain.ui.engine.land import TerrainSession
+    from sketchterrain.ui.engine.protocol import EngineFacts
 
 _SLICE: Final = 0.008  # s that the relief gets between two frames
 _IDLE_SLICE: Final = 0.03  # s that it gets at a time while there is nothing to draw
@@ -35,30 +52,16 @@ _EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 
 
 class Engine:
-    """Listens to the window and to the placer, draws, and answers; until the window wants no more.
-
-    Parameters
-    ----------
-    window, placer
-        The others' channels.
-    land
-        The terrain on its device.
-    show
-        Draws it; None: there is no OpenGL.
-    jobs
-        For what takes long.
-    facts
-        What it all runs on.
-    """
+    """Listens to the window and to the placer, draws, and answers; until the window wants no more."""
 
     def __init__(
         self,
         window: Channel,
         placer: Channel,
         *,
-        land: Land,
-        show: Show | None,
-        jobs: Jobs,
+        land: TerrainSession,
+        show: FramePacer | None,
+        jobs: JobQueue,
         facts: EngineFacts,
     ) -> None:
         self._window, self._placer = window, placer
@@ -68,19 +71,19 @@ class Engine:
         self._eye: Eye | None = None
         self._view = ViewState()
         self._expected, self._fresh = -1, -1
-        self._wanted: orders.Look | None = None
+        self._wanted: Look | None = None
         self._busy_with = ""
         self._goes_on = True
         self._does: dict[type, Callable[[Any], None]] = {
-            orders.Quit: self._quit,
+            Quit: self._quit,
             ViewState: self._look,
-            orders.FrameTaken: self._taken,
-            orders.Look: self._be_at,
-            orders.Pick: self._pick,
-            orders.MeasureAdherence: self._measure,
-            orders.TakePicture: self._take_picture,
+            FrameTaken: self._taken,
+            Look: self._be_at,
+            Pick: self._pick,
+            MeasureAdherence: self._measure,
+            TakePicture: self._take_picture,
             Coming: self._expect,
-            **dict.fromkeys((orders.Turn, orders.Pan, orders.Zoom, orders.Fly, orders.GoTo), self._move),
+            **dict.fromkeys((Turn, Pan, Zoom, Fly, GoTo), self._move),
         }
 
     def run(self) -> None:
@@ -198,7 +201,7 @@ class Engine:
             self._draw_from_now_on(self._show, terrain, self._eye)
         self._land.owed = []
 
-    def _draw_from_now_on(self, show: Show, terrain: Terrain, eye: Eye) -> None:
+    def _draw_from_now_on(self, show: FramePacer, terrain: Terrain, eye: Eye) -> None:
         show.expect(coming=self._expected > self._land.version)
         if show.stage.is_empty:
             self._say("Preparing the picture")
@@ -221,7 +224,7 @@ class Engine:
         if made is not None:
             self._window.send(made)
 
-    def _quit(self, _: orders.Quit) -> None:
+    def _quit(self, _: Quit) -> None:
         self._goes_on = False
 
     def _look(self, view: ViewState) -> None:
@@ -231,7 +234,7 @@ class Engine:
         if self._show is not None:
             self._show.look(view)
 
-    def _taken(self, _: orders.FrameTaken) -> None:
+    def _taken(self, _: FrameTaken) -> None:
         if self._show is not None:
             self._show.taken()
 
@@ -247,7 +250,7 @@ class Engine:
         if self._eye is not None:
             self._eye.take(motion, aspect=self._view.aspect)
 
-    def _be_at(self, look: orders.Look) -> None:
+    def _be_at(self, look: Look) -> None:
         terrain = self._land.terrain
         self._wanted = look if self._eye is None else None
         if self._eye is None or terrain is None:
@@ -258,16 +261,16 @@ class Engine:
         self._say("Looking for a view")
         self._eye.be_at(find_view(terrain, weather=Weather.of(terrain.sketch)))
 
-    def _pick(self, pick: orders.Pick) -> None:
+    def _pick(self, pick: Pick) -> None:
         place = None if self._eye is None else self._eye.seen(pick.x, pick.y, aspect=self._view.aspect)
         self._window.send(Picked(pick.token, place))
 
-    def _measure(self, _: orders.MeasureAdherence) -> None:
+    def _measure(self, _: MeasureAdherence) -> None:
         if self._land.sketch is None or self._land.terrain is None:
             raise SketchterrainError(self._land.lacks or "there is no terrain yet")
         self._jobs.add(MeasureJob(self._land.version, self._land.sketch, self._land.recipe))
 
-    def _take_picture(self, wanted: orders.TakePicture) -> None:
+    def _take_picture(self, wanted: TakePicture) -> None:
         sun = None if self._show is None else self._show.stage.sun
         if sun is None or self._eye is None or self._land.sketch is None:
             lacks = self._facts.no_picture or self._facts.no_device

@@ -13,15 +13,13 @@ from sketchterrain.render.orbit import Orbit
 from sketchterrain.render.scene import Bounded, rectangle_of
 from sketchterrain.render.sight import sight
 from sketchterrain.render.walk import Walk
-from sketchterrain.ui.engine.orders import Fly, GoTo, Pan, Pose, Turn, Zoom
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Vector
     from sketchterrain.render.scene import Terrain
-
-__all__ = ["Eye"]
 
 FOV: Final = 50.0
 """Degrees, vertical."""
@@ -36,24 +34,7 @@ _RISE: Final = 0.9  # e-foldings of its distance a second
 
 
 class Eye:
-    """Follows what a person does with mouse and keys, in any mode; without OpenGL.
-
-    Parameters
-    ----------
-    terrain
-        Above which it moves.
-    aspect
-        Width over height of the picture that shall show all of the sketch to begin with.
-
-    Attributes
-    ----------
-    mode : str
-        One of `MODES`.
-    restless : bool
-        Whether `advance` may move it.
-    size : (float, float)
-        m, of the sketch that it was put above.
-    """
+    """Follows what a person does with mouse and keys, in any mode; without OpenGL."""
 
     def __init__(self, terrain: Terrain, *, aspect: float = _WIDE) -> None:
         self._terrain = terrain

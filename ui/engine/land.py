@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from sketchterrain.errors import DeviceError, one_line
 from sketchterrain.ui.engine.channel import unpickled
-from sketchterrain.ui.engine.mirror import SketchMirror
+from sketchterrain.ui.engine.sketch_updates import SketchMirror
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -15,35 +15,11 @@ if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain, TerrainRecipe
     from sketchterrain.terrain.changes import Box
-    from sketchterrain.ui.engine.plan import Plan
-
-__all__ = ["Land"]
+    from sketchterrain.ui.engine.protocol import Plan
 
 
-class Land:
-    """What the newest plan makes of the sketch.
-
-    Parameters
-    ----------
-    open_device
-        Opens a device; beside OpenGL, where there is any.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-
-    Attributes
-    ----------
-    terrain : Terrain or None
-        None before the first plan, and without a device.
-    sketch : Sketch or None
-    version : int
-        Of the sketch; −1 before the first plan.
-    recipe : bytes
-        The recipe, `pickled` but its sketch.
-    lacks : str
-        One line, why there is no device; empty where there is one.
-    owed : list of (west, south, east, north)
-        m: where heights may be others than those that were shown last; whoever shows them empties it.
-    """
+class TerrainSession:
+    """What the newest plan makes of the sketch."""
 
     def __init__(self, open_device: Callable[[Device], ComputeContext], *, device: str | None = None) -> None:
         self._open_device = open_device
@@ -68,13 +44,7 @@ class Land:
         return None if self._context is None else self._context.device
 
     def take(self, plans: list[Plan]) -> None:
-        """Take plans over, of which only the last one's terrain is made.
-
-        Raises
-        ------
-        DeviceFailedError
-            If the device fails; the plans are taken all the same.
-        """
+        """Take plans over, of which only the last one's terrain is made."""
         recipe = None
         for plan in plans:
             self._mirror.apply(plan.update)

@@ -1,41 +1,177 @@
-"""The window's end of the engine: signals for what it tells, methods for what it is asked."""
+"""The window's end of the engine: its processes, signals for what they report, methods for requests."""
 
 from __future__ import annotations
 
+import json
+import socket
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
-from PyQt6.QtCore import Qt, QTimer, pyqtSignal
+from PyQt6.QtCore import QObject, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QImage
 
-from sketchterrain.ui.engine.children import Children
-from sketchterrain.ui.engine.messages import (
+from sketchterrain.ui.engine.channel import Channel
+from sketchterrain.ui.engine.frames import FrameMemory
+from sketchterrain.ui.engine.protocol import (
     Adherence,
-    EngineFacts,
-    Picked,
-    Placed,
-    Relief,
-    Trouble,
-    Working,
-)
-from sketchterrain.ui.engine.orders import Look, ViewState
-from sketchterrain.ui.engine.plan import (
     Coming,
+    EngineFacts,
     Followed,
+    FrameTaken,
     FrameThere,
+    Look,
+    Pick,
+    Picked,
     PictureWritten,
+    Placed,
+    Quit,
+    Relief,
     StillPlaced,
     StillRelief,
+    Trouble,
+    ViewState,
+    Working,
 )
-from sketchterrain.ui.engine.updates import UpdateMaker
-from sketchterrain.ui.picture_source import PictureSource
+from sketchterrain.ui.engine.sketch_updates import UpdateMaker
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.channel import Channel
+    from sketchterrain.ui.engine.frames import FrameMemory
+    from sketchterrain.ui.engine.protocol import FrameFacts, FrameThere
     from sketchterrain.ui.models.document import Document
 
-__all__ = ["EngineLink"]
+_PATIENCE: Final = 0.4
+"""s that processes have to end by themselves."""
+
+
+class Children:
+    """An engine and a placer, connected to this process and to each other.
+
+    They see it when this process ends, even if it is killed, and end too.
+    """
+
+    def __init__(self, *, device: str | None = None, draws: bool = True) -> None:
+        self.frames = FrameMemory()
+        mine, its = socket.socketpair()
+        my_placer, its_window = socket.socketpair()
+        its_engine, engines_placer = socket.socketpair()
+        self._placer = _started(
+            "placer", [str(its_window.fileno()), str(its_engine.fileno())], its_window, its_engine
+        )
+        options = {
+            "window": its.fileno(),
+            "placer": engines_placer.fileno(),
+            "frames": self.frames.number,
+            "placer_id": self._placer.pid,
+            "device": device,
+            "draws": draws,
+        }
+        self._engine = _started("process", [json.dumps(options)], its, engines_placer, self.frames)
+        for end in (its, its_window, its_engine, engines_placer):
+            end.close()
+        self.engine, self.placer = Channel(mine, patient=False), Channel(my_placer, patient=False)
+
+    def ended(self) -> str:
+        """Wait a moment for what is ending, and say in one line how; empty: both run."""
+        for name, child in (("engine", self._engine), ("placer", self._placer)):
+            try:
+                code = child.wait(_PATIENCE)
+            except subprocess.TimeoutExpired:
+                continue
+            return f"the {name} crashed (signal {-code})" if code < 0 else f"the {name} ended (code {code})"
+        return ""
+
+    def end(self) -> None:
+        """End both, within half a second."""
+        for channel in (self.engine, self.placer):
+            channel.send(Quit())
+        for channel in (self.engine, self.placer):
+            channel.close()
+        until = time.monotonic() + _PATIENCE
+        for child in (self._engine, self._placer):
+            try:
+                child.wait(max(until - time.monotonic(), 0.0))
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+        self.frames.close()
+
+
+def _started(
+    module: str, arguments: list[str], *passed: socket.socket | FrameMemory
+) -> subprocess.Popen[bytes]:
+    numbers = [each.number if isinstance(each, FrameMemory) else each.fileno() for each in passed]
+    command = [sys.executable, "-m", f"sketchterrain.ui.engine.{module}", *arguments]
+    return subprocess.Popen(command, pass_fds=numbers, stdin=subprocess.DEVNULL)  # noqa: S603
+
+
+class PictureSource(QObject):
+    """Draws for one view. It says `FrameTaken` by itself."""
+
+    working_changed = pyqtSignal(str)
+    frame_shown = pyqtSignal(object)
+    """A new picture is there: its `FrameFacts`; see `picture`."""
+    picked = pyqtSignal(object)
+    view_changed = pyqtSignal(object)
+    trouble = pyqtSignal(object)
+    """`Trouble`."""
+
+    def __init__(self, view: ViewState) -> None:
+        super().__init__()
+        self.facts = EngineFacts()
+        self.frame: FrameFacts | None = None
+        self.picture: QImage | None = None
+        self.view = view
+        self.working = ""
+        self._token = 0
+
+    def start(self) -> None:
+        """Start what draws; anew while it runs."""
+        raise NotImplementedError
+
+    def tell(self, message: Any) -> None:
+        """Send a motion, `Look`, `Pick` and so on."""
+        raise NotImplementedError
+
+    def show(self, view: ViewState) -> None:
+        """Say what the view shall show."""
+        if view != self.view:
+            self.view = view
+            self.view_changed.emit(view)
+            self.tell(view)
+
+    def pick(self, x: float, y: float) -> int:
+        """Ask what ground is seen at a place of the picture; `picked` answers with the token returned."""
+        self._token += 1
+        self.tell(Pick(self._token, x, y))
+        return self._token
+
+    def _take_frame(self, frames: FrameMemory, there: FrameThere) -> None:
+        """Take a picture over from where it was drawn."""
+        self.picture = _picture_of(frames, there)
+        self.tell(FrameTaken())
+        self.frame = there.facts
+        self.frame_shown.emit(there.facts)
+
+    def _set_working(self, what: str) -> None:
+        if what != self.working:
+            self.working = what
+            self.working_changed.emit(what)
+
+
+def _picture_of(memory: FrameMemory, there: FrameThere) -> QImage:
+    """Return a copy of a frame in shared memory; its place may be drawn into again."""
+    width, height = there.facts.width, there.facts.height
+    with memory.view(there.start, 4 * width * height, there.capacity) as pixels:
+        shared = QImage(pixels, width, height, 4 * width, QImage.Format.Format_RGBX8888)  # type: ignore[call-overload]
+        picture: QImage = shared.convertToFormat(QImage.Format.Format_RGB32)
+        del shared
+    return picture
+
 
 _OFTEN: Final = 0.016
 """s between two sketches that are sent, at least."""
@@ -48,17 +184,6 @@ class EngineLink(PictureSource):
 
     If a process crashes, both are started again: the second time in a row without
     OpenGL, after the third only by `start`.
-
-    Attributes
-    ----------
-    device : str or None
-        Selector of the OpenCL device, for the next `start`; None: the best one.
-    placed : Placed or None
-        What was placed last.
-    relief : Relief or None
-        The last terrain at the sketch's pixels.
-    adherence : Adherence or None
-        As it was measured last.
     """
 
     facts_changed = pyqtSignal(object)

@@ -1,4 +1,4 @@
-"""The process that places what is painted: the newest sketch becomes a recipe of the terrain."""
+"""The process that places features: the newest sketch becomes a recipe of the terrain."""
 
 from __future__ import annotations
 
@@ -10,17 +10,55 @@ from typing import TYPE_CHECKING, Final
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.engine.channel import Channel, pickled
-from sketchterrain.ui.engine.messages import Placed, Trouble, Working
-from sketchterrain.ui.engine.mirror import SketchMirror
-from sketchterrain.ui.engine.orders import Quit, SketchUpdate
-from sketchterrain.ui.engine.placing import Abandoned, Patience
-from sketchterrain.ui.engine.plan import Plan, StillPlaced
+from sketchterrain.ui.engine.protocol import Placed, Plan, Quit, SketchUpdate, StillPlaced, Trouble, Working
+from sketchterrain.ui.engine.sketch_updates import SketchMirror
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import TerrainRecipe
 
-__all__ = ["Placer"]
+SHORT: Final = 0.1
+"""s; work that will probably be done sooner is finished in any case."""
+
+
+class Superseded(Exception):  # noqa: N818 # nothing is wrong
+    """There is a newer sketch to place."""
+
+
+class CancellationPolicy:
+    """Decides whether to go on placing when something newer waits.
+
+    Whoever paints without a pause must see the terrain follow: of two attempts in a row one is finished, and
+    so is what is more than half done, by what the last one took.
+    """
+
+    def __init__(self, newer: Callable[[], bool]) -> None:
+        self._newer = newer
+        self._usual = 0.0
+        self._begun = 0.0
+        self._given_up = False
+
+    def begin(self) -> None:
+        """Begin to place a sketch."""
+        self._begun = time.monotonic()
+
+    def checkpoint(self) -> None:
+        """Go on, or raise."""
+        spent = time.monotonic() - self._begun
+        if self._given_up or spent > 0.5 * self._usual or self._usual - spent < SHORT:
+            return
+        if self._newer():
+            self._given_up = True
+            raise Superseded
+
+    def end(self) -> float:
+        """Remember how long it took; return it, s."""
+        self._usual = time.monotonic() - self._begun
+        self._given_up = False
+        return self._usual
+
 
 _LOOKS: Final = frozenset({"name", "weather", "look"})
 """Settings that change nothing of the terrain's shape."""
@@ -28,13 +66,7 @@ _LONG: Final = 0.3  # s, after which a person is told that something is being wo
 
 
 class Placer:
-    """Follows the window's sketch, places it, and tells the window and the engine.
-
-    Parameters
-    ----------
-    window, engine
-        Where updates come from, and where recipes go.
-    """
+    """Follows the window's sketch, places it, and tells the window and the engine."""
 
     def __init__(self, window: Channel, engine: Channel) -> None:
         from sketchterrain.features.memory import ShapeMemory
@@ -42,7 +74,7 @@ class Placer:
         self._window, self._engine = window, engine
         self._mirror = SketchMirror()
         self._memory = ShapeMemory()
-        self._patience = Patience(self._newer)
+        self._patience = CancellationPolicy(self._newer)
         self._sketch: Sketch | None = None
         self._recipe: TerrainRecipe | None = None
         self._told = False
@@ -83,7 +115,7 @@ class Placer:
                 now = time.monotonic()
                 self._engine.send(Plan(self._mirror.changes(), None, (), now, now, now))
                 self._window.send(StillPlaced(self._mirror.version))
-        except Abandoned:
+        except Superseded:
             pass
         except SketchterrainError as error:
             self._window.send(Trouble("sketch", one_line(error)))

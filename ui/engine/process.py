@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.errors import DeviceError, one_line
 from sketchterrain.system import lower_priority, resident_memory
 from sketchterrain.ui.engine.channel import Channel
-from sketchterrain.ui.engine.messages import EngineFacts, Working
+from sketchterrain.ui.engine.protocol import EngineFacts, Working
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.stage import Stage
-
-__all__ = ["held_bytes"]
 
 _NICE = 2
 """Of the system's priorities, 0 to 19: where all want the processors, the window and the placer go first."""
@@ -27,27 +25,19 @@ def held_bytes(processes: list[int]) -> int:
 
 
 def _main(options: dict[str, Any]) -> None:
-    """Run the engine.
-
-    Parameters
-    ----------
-    options
-        ``window``, ``placer``, ``frames``: numbers of file descriptors. ``placer_id``: of the process.
-        ``device``: selector, or None. ``draws``: whether to open OpenGL.
-    """
+    """Run the engine."""
     lower_priority(_NICE)
     window = Channel.of(options["window"], patient=False)
     window.send(Working("Opening the device"))
     from sketchterrain.compute import ComputeContext
+    from sketchterrain.ui.engine.background import JobQueue
     from sketchterrain.ui.engine.engine import Engine
-    from sketchterrain.ui.engine.frames import FrameMemory
-    from sketchterrain.ui.engine.jobs import Jobs
-    from sketchterrain.ui.engine.land import Land
-    from sketchterrain.ui.engine.show import Show
+    from sketchterrain.ui.engine.frames import FrameMemory, FramePacer
+    from sketchterrain.ui.engine.land import TerrainSession
 
     stage, no_picture = _stage() if options["draws"] else (None, "OpenGL failed twice: start it again")
-    land = Land(stage.open_device if stage else ComputeContext, device=options["device"])
-    jobs, own = Jobs(), [os.getpid(), options["placer_id"]]
+    land = TerrainSession(stage.open_device if stage else ComputeContext, device=options["device"])
+    jobs, own = JobQueue(), [os.getpid(), options["placer_id"]]
     device = land.device
     facts = EngineFacts(
         device=device.name if device else "",
@@ -59,7 +49,7 @@ def _main(options: dict[str, Any]) -> None:
     show = None
     if stage is not None:
         memory = FrameMemory(options["frames"])
-        show = Show(stage, memory, held=lambda: held_bytes(own + ([jobs.pid] if jobs.pid else [])))
+        show = FramePacer(stage, memory, held=lambda: held_bytes(own + ([jobs.pid] if jobs.pid else [])))
     Engine(window, Channel.of(options["placer"]), land=land, show=show, jobs=jobs, facts=facts).run()
     window.close()
     sys.stdout.flush()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.ui.engine.messages import Relief
+from sketchterrain.ui.engine.protocol import Relief
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain import Terrain
     from sketchterrain.terrain.changes import Box
-
-__all__ = ["LARGEST", "ReliefMaker", "hill_shade"]
 
 LARGEST: Final = 1024
 """Samples along the longer side, at most."""
@@ -119,15 +117,7 @@ class ReliefMaker:
 
 
 def hill_shade(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.uint8]:
-    """Return the light on a ground from the north-west, 0 … 255; level ground has about 185.
-
-    Parameters
-    ----------
-    height : (rows, columns) float32
-        m, row 0 north.
-    cell
-        m between samples.
-    """
+    """Return the light on a ground from the north-west, 0 … 255; level ground has about 185."""
     east = np.gradient(height, cell / _STEEPER, axis=1) if height.shape[1] > 1 else np.zeros_like(height)
     south = np.gradient(height, cell / _STEEPER, axis=0) if height.shape[0] > 1 else np.zeros_like(height)
     light = (_SUN[2] - east * _SUN[0] + south * _SUN[1]) / np.sqrt(1.0 + east**2 + south**2)

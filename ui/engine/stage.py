@@ -15,7 +15,7 @@ from sketchterrain.render.picture_target import PictureTarget
 from sketchterrain.render.quality import SOFTWARE
 from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.sunlight import find_sun, sun_of
-from sketchterrain.ui.engine.orders import ViewState
+from sketchterrain.ui.engine.protocol import ViewState
 
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sketchterrain.render.sky import Sun
     from sketchterrain.render.stats import FrameStats
     from sketchterrain.terrain.changes import Box
-
-__all__ = ["Stage"]
 
 _DRAWING_THREADS = "llvmpipe-"
 _NICE = 10
@@ -43,20 +41,7 @@ class _Shown:
 
 
 class Stage:
-    """An OpenGL context and what is drawn in it.
-
-    Attributes
-    ----------
-    name : str
-        What the driver calls itself.
-    is_software : bool
-        Whether it draws on the CPU.
-
-    Raises
-    ------
-    DeviceError
-        If there is no OpenGL; one line says what to install.
-    """
+    """An OpenGL context and what is drawn in it."""
 
     def __init__(self) -> None:
         self._context = open_context()
@@ -100,21 +85,7 @@ class Stage:
             shown.renderer.release()
 
     def show(self, terrain: Terrain, areas: list[Box], camera: Camera) -> str:
-        """Draw a terrain from now on.
-
-        Parameters
-        ----------
-        terrain
-        areas
-            m; elsewhere it has the bits of the one before.
-        camera
-            For which the sun is chosen, if the sketch names no hour.
-
-        Returns
-        -------
-        str
-            One line if the sun does not stand where the sketch says; else empty.
-        """
+        """Draw a terrain from now on."""
         shown = self._shown
         weather = Weather.of(terrain.sketch)
         if shown is not None and shown.terrain.extent != terrain.extent:
@@ -140,16 +111,7 @@ class Stage:
         return line
 
     def frame(self, camera: Camera, *, elapsed: float, clock: float) -> FrameStats:
-        """Draw a frame; `pixels` has it.
-
-        Parameters
-        ----------
-        camera
-        elapsed
-            s since the last frame.
-        clock
-            s, moves water, plants and clouds.
-        """
+        """Draw a frame; `pixels` has it."""
         shown, framebuffer = self._shown, self._target.sized((self._view.width, self._view.height))
         assert shown is not None  # noqa: S101 # `show` was called before
         stats = shown.renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.ui.engine.orders import MODES, Pose
+from sketchterrain.ui.engine.protocol import MODES, Pose
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from sketchterrain.ui.commands.chosen_parts import name_of
 from sketchterrain.ui.models.workspace import Chosen
 
 if TYPE_CHECKING:
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 

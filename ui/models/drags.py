@@ -9,7 +9,7 @@ from sketchterrain.ui.commands.placed_edits import dragged, title_of
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.handles import Handle
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.features import Lake, River
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
 
 __all__ = ["Handle", "chosen_at", "handle_at", "handles_of"]
 

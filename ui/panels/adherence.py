@@ -8,7 +8,7 @@ from PyQt6.QtCore import QSignalBlocker, QTimer
 from PyQt6.QtWidgets import QCheckBox, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.engine.orders import MeasureAdherence
+from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.theme import SPACING
 from sketchterrain.ui.panels.adherence_bar import AdherenceBar
 from sketchterrain.ui.panels.group import ScrollingPanel

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Chosen, Workspace
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Chosen
 

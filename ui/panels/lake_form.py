@@ -11,7 +11,7 @@ from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import number
 
 if TYPE_CHECKING:
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.workspace import Chosen
 
 __all__ = ["LakeForm"]

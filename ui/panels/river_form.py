@@ -20,7 +20,7 @@ from sketchterrain.ui.panels.wording import number
 
 if TYPE_CHECKING:
     from sketchterrain.features import River
-    from sketchterrain.ui.engine.messages import Placed
+    from sketchterrain.ui.engine.protocol import Placed
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Chosen, Workspace
 

@@ -18,7 +18,7 @@ from sketchterrain.ui.panels.wording import number, size_text
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import EngineFacts
+    from sketchterrain.ui.engine.protocol import EngineFacts
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.workspace import Workspace
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QBuffer, QByteArray, QIODevice, QPoint, QSize, Qt
 from PyQt6.QtGui import QAction, QIcon, QImage, QPainter, QPainterPath, QPixmap
@@ -19,16 +19,11 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.doing_menu import DoingMenu
-from sketchterrain.ui.engine.orders import Look
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import Look
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
 from sketchterrain.ui.look.tool_buttons import tool_button
-from sketchterrain.ui.models.bookmarks import Bookmark
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.bookmarks import Bookmarks
-
-__all__ = ["BookmarksPanel"]
+from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 
 _PICTURE: Final = QSize(96, 60)
 """px of a bookmark's picture."""
@@ -37,13 +32,7 @@ _BY_KEY = 9  # that Alt and a figure go to
 
 
 class BookmarksPanel(QWidget):
-    """Lists bookmarks; a click looks from there.
-
-    Parameters
-    ----------
-    link, bookmarks
-    parent
-    """
+    """Lists bookmarks; a click looks from there."""
 
     def __init__(self, link: EngineLink, bookmarks: Bookmarks, parent: QWidget | None = None) -> None:
         super().__init__(parent)

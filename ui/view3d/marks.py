@@ -4,29 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.ui.canvas.shores import shore_lines
+from sketchterrain.ui.canvas.marks import shore_lines
 from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.handles import Handle, handles_of
 from sketchterrain.ui.models.workspace import Chosen
-from sketchterrain.ui.view3d.draped import ring
+from sketchterrain.ui.view3d.projection import Ground, Projection, ring
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.features import Lake, River
-    from sketchterrain.ui.engine.messages import Placed
-    from sketchterrain.ui.view3d.draped import Ground
-    from sketchterrain.ui.view3d.projection import Projection
-
-    Floats = npt.NDArray[np.float64]
-    Flags = npt.NDArray[np.bool_]
-
-__all__ = ["Dot", "Grip", "Line", "Marks", "marks_of"]
+Floats = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
 _MOST_DOTS = 300
 _MOST_PIECES = 200  # of a river's line
@@ -50,28 +42,15 @@ class Dot:
 
 @dataclass(frozen=True)
 class Grip:
-    """A handle as it is seen.
-
-    Attributes
-    ----------
-    handle : Handle
-    x, y : float
-        px.
-    base_x, base_y : float
-        px, of what it is counted from.
-    z : float
-        m, the height of the level on which it is dragged.
-    hidden : bool
-        Whether ground hides it.
-    """
+    """A handle as it is seen."""
 
     handle: Handle
-    x: float
+    x: float  # px
     y: float
-    base_x: float
+    base_x: float  # px, of what it is counted from
     base_y: float
-    z: float
-    hidden: bool
+    z: float  # m, the height of the level on which it is dragged
+    hidden: bool  # Whether ground hides it
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,22 +63,11 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """All that is laid over a picture.
+    """All that is laid over a picture."""
 
-    Attributes
-    ----------
-    dots : tuple of Dot
-        Features that can be clicked.
-    rivers : tuple of Line
-        Those that are not selected.
-    outline : tuple of Line
-        Of what is selected.
-    grips : tuple of Grip
-    """
-
-    dots: tuple[Dot, ...] = ()
-    rivers: tuple[Line, ...] = ()
-    outline: tuple[Line, ...] = ()
+    dots: tuple[Dot, ...] = ()  # Features that can be clicked
+    rivers: tuple[Line, ...] = ()  # Those that are not selected
+    outline: tuple[Line, ...] = ()  # Of what is selected
     grips: tuple[Grip, ...] = field(default=())
 
     def dot_at(self, x: float, y: float, *, reach: float) -> Dot | None:
@@ -123,18 +91,7 @@ def marks_of(
     all_features: bool,
     dragged: tuple[Handle, float, float] | None = None,
 ) -> Marks:
-    """Return what is laid over a picture.
-
-    Parameters
-    ----------
-    projection, ground, placed
-    chosen
-        What is selected.
-    all_features
-        Whether what could be selected is shown too.
-    dragged
-        A handle that is being dragged, and where it is now (m): what was placed is always a little behind.
-    """
+    """Return what is laid over a picture."""
     dots = _dots(projection, ground, placed, chosen) if all_features else ()
     others = (
         [each for each in placed.rivers if chosen is None or each.id != chosen.id] if all_features else []

@@ -1,34 +1,148 @@
-"""What the mouse does in the view: it moves the eye, selects features and drags their handles."""
+"""Mouse input of the 3-D view: it moves the camera, selects features and drags their handles."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Callable
+from functools import partial
 
 from PyQt6.QtCore import QObject, QPointF, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QMouseEvent, QWheelEvent
+from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.ui.engine.orders import GoTo
-from sketchterrain.ui.models.handles import chosen_at, handles_of
-from sketchterrain.ui.view3d.cursors import grip_cursor
-from sketchterrain.ui.view3d.feature_menu import feature_menu
-from sketchterrain.ui.view3d.grip_drag import GripDrag
-from sketchterrain.ui.view3d.motion import dragged, zoomed
-from sketchterrain.ui.view3d.picks import Picks
+from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.ui.commands.chosen_parts import is_there
+from sketchterrain.ui.doing_menu import DoingMenu, offer_chosen
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import GoTo, Picked, Placed
+from sketchterrain.ui.models.chosen_acts import add
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.drags import FeatureDrag
+from sketchterrain.ui.models.handles import Handle, chosen_at, handles_of
+from sketchterrain.ui.models.workspace import Chosen, Workspace
+from sketchterrain.ui.view3d.marks import Grip, Marks
+from sketchterrain.ui.view3d.navigation import dragged, zoomed
+from sketchterrain.ui.view3d.projection import Projection
+from sketchterrain.ui.view3d.scene import Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
-    from PyQt6.QtGui import QMouseEvent, QWheelEvent
-    from PyQt6.QtWidgets import QWidget
+class Picks(QObject):
+    """Asks the engine, and hands each answer to whom it is for."""
 
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.handles import Handle
-    from sketchterrain.ui.models.workspace import Chosen, Workspace
-    from sketchterrain.ui.view3d.marks import Marks
-    from sketchterrain.ui.view3d.projection import Projection
-    from sketchterrain.ui.view3d.scene import Scene
+    def __init__(self, link: EngineLink, parent: QObject) -> None:
+        super().__init__(parent)
+        self._link = link
+        self._waiting: dict[str, tuple[int, Callable[[tuple[float, float, float] | None], None]]] = {}
+        link.picked.connect(self._take)
 
-__all__ = ["Mouse"]
+    def ask(
+        self, kind: str, x: float, y: float, then: Callable[[tuple[float, float, float] | None], None]
+    ) -> None:
+        """Ask for a place of the picture (shares); an older question of that kind is forgotten."""
+        self._waiting[kind] = self._link.pick(x, y), then
+
+    def waits(self, kind: str) -> bool:
+        """Whether a question of a kind is not answered yet."""
+        return kind in self._waiting
+
+    def forget(self) -> None:
+        """Wait for no answer any more."""
+        self._waiting.clear()
+
+    def _take(self, picked: Picked) -> None:
+        for kind, (token, then) in tuple(self._waiting.items()):
+            if token == picked.token:
+                del self._waiting[kind]
+                then(picked.place)
+
+
+_ALONG = (
+    Qt.CursorShape.SizeHorCursor,
+    Qt.CursorShape.SizeFDiagCursor,
+    Qt.CursorShape.SizeVerCursor,
+    Qt.CursorShape.SizeBDiagCursor,
+)
+
+
+def grip_cursor(grip: Grip) -> Qt.CursorShape:
+    """Return the cursor over a handle: all ways, or along the way in which it is drawn out."""
+    if grip.handle.role in ("move", "point"):
+        return Qt.CursorShape.SizeAllCursor
+    angle = math.degrees(math.atan2(grip.y - grip.base_y, grip.x - grip.base_x))
+    return _ALONG[round(angle / 45.0) % 4]
+
+
+_FARTHEST = 3.0  # extents from the sketch's middle
+
+
+class GripDrag:
+    """Drags a handle by lines of sight.
+
+    It moves on the level plane of the place where it was taken, not on the ground that is seen: that ground
+    is what it changes, and a mountain would come nearer the more it is dragged.
+    """
+
+    def __init__(
+        self, document: Document, placed: Placed, grip: Grip, projection: Projection, x: float, y: float
+    ) -> None:
+        self._level = grip.z
+        self._middle = (0.5 * document.sketch.size[0], 0.5 * document.sketch.size[1])
+        self._reach = _FARTHEST * document.sketch.extent
+        self._grab = (x, y)
+        self._moved = False
+        start = projection.on_level(x, y, grip.z)
+        self._drag = FeatureDrag(document, placed, grip.handle, grab=start)
+
+    @property
+    def now(self) -> tuple[Handle, float, float]:
+        """The handle, and where it is (m)."""
+        return self._drag.handle, self._drag.x, self._drag.y
+
+    @property
+    def problem(self) -> str:
+        """Why the last motion changed nothing."""
+        return self._drag.problem
+
+    def to(self, projection: Projection, x: float, y: float) -> None:
+        """Drag it on, to a place (px) of a picture; over the horizon it stays where it was."""
+        if not self._moved and max(abs(x - self._grab[0]), abs(y - self._grab[1])) < 2.0:
+            return
+        self._moved = True
+        place = projection.on_level(x, y, self._level)
+        if place is None:
+            return
+        if max(abs(place[0] - self._middle[0]), abs(place[1] - self._middle[1])) <= self._reach:
+            self._drag.to(*place)
+
+    def finish(self) -> None:
+        """Let go."""
+        self._drag.finish()
+
+    def cancel(self) -> None:
+        """Let go and leave everything as it was."""
+        self._drag.cancel()
+
+
+def feature_menu(
+    parent: QWidget,
+    document: Document,
+    workspace: Workspace,
+    placed: Placed,
+    *,
+    chosen: Chosen | None,
+    place: tuple[float, float] | None,
+) -> DoingMenu:
+    """Return the menu of a place."""
+    menu = DoingMenu(parent)
+    if chosen is not None and is_there(placed, chosen):
+        offer_chosen(menu, document, workspace, placed, chosen)
+    if place is not None:
+        menu.addSeparator()
+        x, y = place
+        for kind in FEATURE_TYPES:
+            menu.offer("add", f"Add {kind} here", partial(add, document, workspace, kind, x, y))
+    return menu
+
 
 _CLICK = 4.0  # px that the mouse may move in a click
 _REACH = 11.0  # px from a handle or a mark
@@ -41,21 +155,7 @@ Place = tuple[float, float, float]
 
 
 class Mouse(QObject):
-    """Follows the mouse over a view.
-
-    Parameters
-    ----------
-    view
-        Whose events these are; it is repainted and shows the cursors.
-    scene
-        What it shows.
-    document, workspace, link
-
-    Attributes
-    ----------
-    hovered : Handle, Chosen or None
-        What is under the mouse and could be pressed.
-    """
+    """Follows the mouse over a view."""
 
     ground = pyqtSignal(object)
     """The ground under the mouse: (x, y, height) in m, or None."""

@@ -1,54 +1,163 @@
-"""The 3-D view: finished pictures of the terrain, and over them what one can take hold of."""
+"""The 3-D view: finished pictures of the terrain, marks over them, mouse and keyboard."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Final
 
-from PyQt6.QtCore import QPointF, QRectF, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QPainter
+from PyQt6.QtCore import QEvent, QObject, QPointF, QRectF, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import (
+    QFocusEvent,
+    QHideEvent,
+    QKeyEvent,
+    QMouseEvent,
+    QPainter,
+    QPaintEvent,
+    QResizeEvent,
+    QShowEvent,
+    QWheelEvent,
+)
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.engine.orders import Look
+from sketchterrain.ui.engine.link import EngineLink, PictureSource
+from sketchterrain.ui.engine.protocol import MODES, Look, Trouble
 from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.chosen_acts import delete_or_reset
-from sketchterrain.ui.view3d.aim import going_to, overview
-from sketchterrain.ui.view3d.keyboard import Keyboard
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
+from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import Mouse
-from sketchterrain.ui.view3d.over import Over
-from sketchterrain.ui.view3d.picture_size import PictureSize
+from sketchterrain.ui.view3d.navigation import FLYING_KEYS, Keys, going_to, overview
 from sketchterrain.ui.view3d.scene import Scene
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+_SETTLE: Final = 120
+"""ms without another size until a picture of the new one is asked for."""
+_LEAST: Final = 16  # px
 
-    from PyQt6.QtCore import QEvent
-    from PyQt6.QtGui import (
-        QFocusEvent,
-        QHideEvent,
-        QKeyEvent,
-        QMouseEvent,
-        QPaintEvent,
-        QResizeEvent,
-        QShowEvent,
-        QWheelEvent,
-    )
 
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.messages import Trouble
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
+class PictureSize(QObject):
+    """Asks for pictures of a view's size."""
 
-__all__ = ["View3D"]
+    def __init__(self, view: QWidget, link: PictureSource) -> None:
+        super().__init__(view)
+        self._view, self._link = view, link
+        self._ratio = view.devicePixelRatioF()
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.timeout.connect(self._ask)
+
+    def begin(self) -> None:
+        """Ask for pictures: the view is shown."""
+        self._timer.start(0)
+
+    def change(self) -> None:
+        """Ask for another picture a little later: the view has another size."""
+        self._timer.start(_SETTLE)
+
+    def compare_screen(self) -> None:
+        """Ask for another picture if the view is on a screen of another resolution now."""
+        if self._view.devicePixelRatioF() != self._ratio:
+            self._ratio = self._view.devicePixelRatioF()
+            self.change()
+
+    def end(self) -> None:
+        """Ask for none any more: the view is hidden."""
+        self._timer.stop()
+        self._link.show(replace(self._link.view, width=0, height=0))
+
+    def _ask(self) -> None:
+        if self._view.isVisible():
+            self._ratio = ratio = self._view.devicePixelRatioF()
+            sides = (self._view.width(), self._view.height())
+            width, height = (max(round(side * ratio), _LEAST) for side in sides)
+            self._link.show(replace(self._link.view, width=width, height=height))
+
+
+_Key = Qt.Key
+_Modifier = Qt.KeyboardModifier
+_MODE_KEYS: Final = dict(zip((_Key.Key_1, _Key.Key_2, _Key.Key_3), MODES, strict=True))
+_OTHERS: Final = _Modifier.ControlModifier | _Modifier.AltModifier | _Modifier.MetaModifier
+
+
+class Keyboard(QObject):
+    """Follows keys.
+
+    It looks at the view's events as a filter: a widget that handles all of its events in Python is still in
+    Python when it is deleted, which Qt's bindings do not always survive.
+    """
+
+    def __init__(
+        self,
+        view: QWidget,
+        link: EngineLink,
+        workspace: Workspace,
+        mouse: Mouse,
+        commands: Mapping[int, Callable[[], None]],
+    ) -> None:
+        super().__init__(view)
+        self._link, self._workspace, self._mouse = link, workspace, mouse
+        self._commands = commands
+        self._keys = Keys()
+        view.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
+        """Keep the view's keys from being shortcuts of the window."""
+        if (
+            isinstance(event, QKeyEvent)
+            and event.type() == QEvent.Type.ShortcutOverride
+            and self.is_own(event)
+        ):
+            event.accept()
+            return True
+        return False
+
+    def is_own(self, event: QKeyEvent) -> bool:
+        """Whether a key is the view's now; others are the window's."""
+        if event.modifiers() & _OTHERS:
+            return False
+        if event.key() == _Key.Key_Escape:
+            return self._mouse.drags or self._workspace.chosen is not None
+        return event.key() in FLYING_KEYS or event.key() in _MODE_KEYS or event.key() in self._commands
+
+    def press(self, event: QKeyEvent) -> bool:
+        """Do what a key says; return whether it was the view's."""
+        key = event.key()
+        if not self.is_own(event):
+            if key == _Key.Key_Shift:
+                self._tell(self._keys.hurry(quick=True))
+            return False
+        if event.isAutoRepeat():
+            return True
+        if key in FLYING_KEYS:
+            self._tell(self._keys.press(key))
+        elif key in _MODE_KEYS:
+            self._link.show(replace(self._link.view, mode=_MODE_KEYS[_Key(key)]))
+        elif key in self._commands:
+            self._commands[key]()
+        elif not self._mouse.cancel():
+            self._workspace.chosen = None
+        return True
+
+    def release(self, event: QKeyEvent) -> None:
+        """Let a key go."""
+        if event.isAutoRepeat():
+            return
+        if event.key() == _Key.Key_Shift:
+            self._tell(self._keys.hurry(quick=False))
+        self._tell(self._keys.release(event.key()))
+
+    def let_go(self) -> None:
+        """Let all keys go: their release is seen elsewhere."""
+        self._tell(self._keys.let_go())
+
+    def _tell(self, motion: object | None) -> None:
+        if motion is not None:
+            self._link.tell(motion)
 
 
 class View3D(QWidget):
-    """Shows the terrain.
-
-    Parameters
-    ----------
-    document, workspace, link
-    parent
-    """
+    """Shows the terrain."""
 
     hovered = pyqtSignal(object)
     """The ground under the mouse: (x, y, height) in m, or None."""
@@ -65,7 +174,7 @@ class View3D(QWidget):
         self._scene = Scene(document, workspace, link)
         self._mouse = Mouse(self, self._scene, document, workspace, link)
         self._by_key = False
-        self._size, self._over = PictureSize(self, link), Over(self, link)
+        self._size, self._over = PictureSize(self, link), Hud(self, link)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)

@@ -35,8 +35,7 @@ def run(path: str | Path, *, device: str | None = None) -> int:
     from sketchterrain.world.opening import open_world
 
     open_world(path)
-    from sketchterrain.ui.application import delete_window, named_application
-    from sketchterrain.ui.garbage import Garbage
+    from sketchterrain.ui.application import Garbage, delete_window, named_application
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.preferences import Preferences, config_folder
     from sketchterrain.ui.worlds.window import WorldWindow

@@ -11,13 +11,12 @@ from sketchterrain.render import Camera, Weather, find_view
 from sketchterrain.ui.engine import orders
 from sketchterrain.ui.engine.channel import Channel, ready
 from sketchterrain.ui.engine.eye import Eye
-from sketchterrain.ui.engine.messages import Picked, Trouble, Working
-from sketchterrain.ui.engine.orders import ViewState
+from sketchterrain.ui.engine.protocol import Picked, Trouble, ViewState, Working
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.ui.engine.show import Show
+    from sketchterrain.ui.engine.frames import FramePacer
     from sketchterrain.world.viewed import ViewedWorld
 
 __all__ = ["WorldEngine"]
@@ -36,7 +35,7 @@ class WorldEngine:
         Draws it.
     """
 
-    def __init__(self, window: Channel, world: ViewedWorld, show: Show) -> None:
+    def __init__(self, window: Channel, world: ViewedWorld, show: FramePacer) -> None:
         self._window, self._world, self._show = window, world, show
         self._eye = Eye(world)
         self._view = ViewState()

@@ -13,10 +13,17 @@ from PyQt6.QtCore import pyqtSignal
 
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.messages import EngineFacts, Picked, Trouble, Working
-from sketchterrain.ui.engine.orders import Look, Quit, ViewState
-from sketchterrain.ui.engine.plan import FrameThere
-from sketchterrain.ui.picture_source import PictureSource
+from sketchterrain.ui.engine.link import PictureSource
+from sketchterrain.ui.engine.protocol import (
+    EngineFacts,
+    FrameThere,
+    Look,
+    Picked,
+    Quit,
+    Trouble,
+    ViewState,
+    Working,
+)
 from sketchterrain.ui.worlds.messages import WorldFacts
 
 if TYPE_CHECKING:

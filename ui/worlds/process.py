@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.system import lower_priority
 from sketchterrain.ui.engine.channel import Channel
-from sketchterrain.ui.engine.messages import EngineFacts, Trouble, Working
+from sketchterrain.ui.engine.protocol import EngineFacts, Trouble, Working
 from sketchterrain.ui.worlds.messages import WorldFacts
 
 if TYPE_CHECKING:
@@ -44,9 +44,8 @@ def _main(options: dict[str, Any]) -> None:
 def _opened(window: Channel, path: Path, selector: str | None, frames: int) -> WorldEngine:
     from sketchterrain.compute import choose_device
     from sketchterrain.terrain import build
-    from sketchterrain.ui.engine.frames import FrameMemory
+    from sketchterrain.ui.engine.frames import FrameMemory, FramePacer
     from sketchterrain.ui.engine.process import held_bytes
-    from sketchterrain.ui.engine.show import Show
     from sketchterrain.ui.engine.stage import Stage
     from sketchterrain.ui.worlds.engine import WorldEngine
     from sketchterrain.world.opening import open_world
@@ -67,7 +66,7 @@ def _opened(window: Channel, path: Path, selector: str | None, frames: int) -> W
     )
     window.send(WorldFacts(world.corner, world.size, world.finest_cell, middle, tuple(world.lacks)))
     return WorldEngine(
-        window, world, Show(stage, FrameMemory(frames), held=lambda: held_bytes([os.getpid()]))
+        window, world, FramePacer(stage, FrameMemory(frames), held=lambda: held_bytes([os.getpid()]))
     )
 
 

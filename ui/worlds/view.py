@@ -8,12 +8,11 @@ from PyQt6.QtCore import QEvent, QPointF, QRectF, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QKeyEvent, QPainter
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.engine.orders import MODES, GoTo, Look, Pose
+from sketchterrain.ui.engine.protocol import MODES, GoTo, Look, Pose
 from sketchterrain.ui.look.theme import theme
-from sketchterrain.ui.view3d.aim import overview
-from sketchterrain.ui.view3d.motion import FLYING_KEYS, Keys, dragged, zoomed
-from sketchterrain.ui.view3d.over import Over
-from sketchterrain.ui.view3d.picture_size import PictureSize
+from sketchterrain.ui.view3d.hud import Hud
+from sketchterrain.ui.view3d.navigation import FLYING_KEYS, Keys, dragged, overview, zoomed
+from sketchterrain.ui.view3d.view import PictureSize
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import (
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
         QWheelEvent,
     )
 
-    from sketchterrain.ui.engine.messages import Picked, Trouble
+    from sketchterrain.ui.engine.protocol import Picked, Trouble
     from sketchterrain.ui.worlds.link import WorldLink
 
 __all__ = ["WorldView"]
@@ -64,7 +63,7 @@ class WorldView(QWidget):
         self._keys = Keys()
         self._last: QPointF | None = None
         self._asked: int | None = None
-        self._size, self._over = PictureSize(self, link), Over(self, link)
+        self._size, self._over = PictureSize(self, link), Hud(self, link)
         self.bar, self._card = self._over.bar, self._over.card
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)

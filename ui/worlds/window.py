@@ -14,14 +14,14 @@ from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.look.app_icon import app_icon
 from sketchterrain.ui.models.background import Background
-from sketchterrain.ui.view3d.readout import length_text
+from sketchterrain.ui.view3d.projection import length_text
 from sketchterrain.ui.worlds.link import WorldLink
 from sketchterrain.ui.worlds.view import WorldView
 
 if TYPE_CHECKING:
     from PyQt6.QtGui import QCloseEvent, QImage, QResizeEvent
 
-    from sketchterrain.ui.engine.messages import FrameFacts, Trouble
+    from sketchterrain.ui.engine.protocol import FrameFacts, Trouble
     from sketchterrain.ui.worlds.messages import WorldFacts
 
 __all__ = ["WorldWindow"]

@@ -1,29 +1,65 @@
-"""What mouse and pen do on the canvas: to the tool, to the sheet, to the brush."""
+"""Mouse, pen and keyboard input of the canvas, and its tool tips and menus."""
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QEvent, QObject, QPointF, Qt
-from PyQt6.QtGui import QPointingDevice
+from PyQt6.QtGui import QHelpEvent, QPointingDevice
+from PyQt6.QtWidgets import QToolTip
 
-from sketchterrain.ui.canvas.brush_tool import BrushTool
-from sketchterrain.ui.canvas.desk import Pointer
-from sketchterrain.ui.canvas.feature_menu import feature_menu
-from sketchterrain.ui.canvas.fill_tools import FillTool, PickTool, pick_label
-from sketchterrain.ui.canvas.line_tool import LineTool
+from sketchterrain.features.catalogue import FEATURE_TYPES
+from sketchterrain.ui.canvas.decorations import warning_at
+from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
-from sketchterrain.ui.canvas.tool import Tool
-from sketchterrain.ui.engine.orders import GoTo
+from sketchterrain.ui.canvas.tool_context import Pointer, Tool
+from sketchterrain.ui.doing_menu import DoingMenu, offer_chosen
+from sketchterrain.ui.engine.protocol import GoTo
+from sketchterrain.ui.models.chosen_acts import add
 
 if TYPE_CHECKING:
-    from PyQt6.QtGui import QContextMenuEvent, QMouseEvent, QTabletEvent, QWheelEvent
+    from PyQt6.QtGui import QContextMenuEvent, QKeyEvent, QMouseEvent, QTabletEvent, QWheelEvent
+    from PyQt6.QtWidgets import QWidget
 
     from sketchterrain.ui.canvas.canvas import Canvas
-    from sketchterrain.ui.canvas.desk import Desk
     from sketchterrain.ui.canvas.marks import Marks
+    from sketchterrain.ui.canvas.tool_context import ToolContext
+    from sketchterrain.ui.models.workspace import Chosen
 
-__all__ = ["Hands", "PanTool"]
+
+def feature_menu(parent: QWidget, desk: ToolContext, chosen: Chosen | None, x: float, y: float) -> DoingMenu:
+    """Return the menu for what is chosen and for a place."""
+    menu = DoingMenu(parent)
+    document, workspace, placed = desk.document, desk.workspace, desk.link.placed
+    if chosen is not None and placed is not None:
+        offer_chosen(menu, document, workspace, placed, chosen)
+        menu.addSeparator()
+    adding = menu.within("add", "Add here")
+    for kind in FEATURE_TYPES:
+        adding.offer("", kind.capitalize(), partial(add, document, workspace, kind, x, y))
+    menu.offer("orbit", "Look here in 3-D", partial(desk.link.tell, GoTo(x, y)))
+    return menu
+
+
+class Tips(QObject):
+    """Shows tool tips on a canvas."""
+
+    def __init__(self, desk: ToolContext, canvas: QWidget) -> None:
+        super().__init__(canvas)
+        self._desk, self._canvas = desk, canvas
+        canvas.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
+        """Show a tip where there is something to tell, and take it away elsewhere."""
+        if not isinstance(event, QHelpEvent) or event.type() != QEvent.Type.ToolTip:
+            return False
+        text = ""
+        if "contradictions" in self._desk.workspace.overlays:
+            text = warning_at(self._desk, QPointF(event.pos()))
+        QToolTip.showText(event.globalPos(), text, self._canvas)
+        return True
+
 
 _WHEEL_ZOOM = 1.2  # a notch
 _WHEEL_BRUSH = 1.15
@@ -40,17 +76,10 @@ class PanTool(Tool):
         self.desk.link.tell(GoTo(*self.desk.metres(pointer.x, pointer.y)))
 
 
-class Hands(QObject):
-    """Brings mouse and pen to the tool that the workspace says.
+class CanvasInput(QObject):
+    """Brings mouse and pen to the tool that the workspace says."""
 
-    Parameters
-    ----------
-    desk : Desk
-    marks : Marks
-    canvas : Canvas
-    """
-
-    def __init__(self, desk: Desk, marks: Marks, canvas: Canvas) -> None:
+    def __init__(self, desk: ToolContext, marks: Marks, canvas: Canvas) -> None:
         super().__init__(canvas)  # which ends its connections
         self._desk = desk
         self._canvas = canvas
@@ -253,3 +282,62 @@ class Hands(QObject):
             if row < relief.height.shape[0] and column < relief.height.shape[1]:
                 height = float(relief.height[row, column])
         self._canvas.hovered.emit((*self._desk.metres(x, y), height))
+
+
+_STEP = 64.0  # logical px that an arrow key moves the sheet
+_BRUSH = 1.2
+_ZOOM = 1.25
+_MOVES = {
+    Qt.Key.Key_Left: (1, 0),
+    Qt.Key.Key_Right: (-1, 0),
+    Qt.Key.Key_Up: (0, 1),
+    Qt.Key.Key_Down: (0, -1),
+}
+_BRUSHES = {Qt.Key.Key_BracketLeft: 1.0 / _BRUSH, Qt.Key.Key_BracketRight: _BRUSH}
+_ZOOMS = {Qt.Key.Key_Plus: _ZOOM, Qt.Key.Key_Equal: _ZOOM, Qt.Key.Key_Minus: 1.0 / _ZOOM}
+
+
+class Keys:
+    """Does what keys mean on the canvas."""
+
+    def __init__(self, desk: ToolContext, hands: CanvasInput, canvas: Canvas) -> None:
+        self._desk = desk
+        self._hands = hands
+        self._canvas = canvas
+
+    def wants(self, event: QKeyEvent) -> bool:
+        """Whether a key means something here, so that no shortcut of the window has it."""
+        if event.modifiers() & (Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.AltModifier):
+            return False
+        key = event.key()
+        own = (*_MOVES, *_BRUSHES, *_ZOOMS, Qt.Key.Key_Space, Qt.Key.Key_Home)
+        return key in own or self._hands.tool.takes(key)
+
+    def press(self, event: QKeyEvent) -> bool:
+        """Do what a key means; return whether it means anything."""
+        if not self.wants(event):
+            return False
+        key = event.key()
+        if self._hands.tool.key(key):
+            return True
+        if key == Qt.Key.Key_Space:
+            if not event.isAutoRepeat():
+                self._hands.hold_space(True)
+        elif key == Qt.Key.Key_Home:
+            self._canvas.fit()
+        elif key in _MOVES:
+            right, down = _MOVES[Qt.Key(key)]
+            self._canvas.scroll_by(right * _STEP, down * _STEP)
+        elif key in _BRUSHES:
+            self._desk.workspace.brush *= _BRUSHES[Qt.Key(key)]
+        else:
+            self._canvas.zoom(_ZOOMS[Qt.Key(key)], QPointF(self._canvas.rect().center()))
+        return True
+
+    def release(self, event: QKeyEvent) -> bool:
+        """Let go of the space bar; return whether that is what was let go."""
+        if event.key() != Qt.Key.Key_Space:
+            return False
+        if not event.isAutoRepeat():
+            self._hands.hold_space(False)
+        return True

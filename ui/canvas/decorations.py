@@ -1,35 +1,45 @@
-"""What stands on the canvas beside the sketch: scale bar, the eye of the 3-D view, warnings, figures."""
+"""Decorations of the canvas: scale bar, the camera of the 3-D view, warnings, adherence."""
 
 from __future__ import annotations
 
 import math
 from functools import cache
-from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QPointF, QRectF, Qt
-from PyQt6.QtGui import QColor, QFontMetricsF, QPainterPath, QPen, QPolygonF
+from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
+from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.canvas.glyphs import CHOSEN, DARK
-from sketchterrain.ui.canvas.underlays import AGREEMENT
-from sketchterrain.ui.canvas.writing import plate
+from sketchterrain.ui.canvas.marks import CHOSEN, DARK, Marks
+from sketchterrain.ui.canvas.sketch_image import AGREEMENT
+from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
+from sketchterrain.ui.engine.protocol import FrameFacts, Pose
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular, theme
 
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QPainter
+_PAD = 5.0
 
-    from sketchterrain.ui.canvas.desk import Desk
-    from sketchterrain.ui.engine.orders import Pose
 
-__all__ = [
-    "draw_agreement",
-    "draw_eye",
-    "draw_scale_bar",
-    "draw_warnings",
-    "eye_area",
-    "nice_length",
-    "warning_at",
-]
+def write_beside(painter: QPainter, at: QPointF, text: str) -> QRectF:
+    """Write a line on a plate whose lower left corner is at a place; return the plate's rectangle."""
+    painter.save()
+    painter.setFont(tabular(painter.font()))
+    metrics = QFontMetricsF(painter.font())
+    size = (metrics.horizontalAdvance(text) + 2.0 * _PAD, metrics.height() + _PAD)
+    place = QRectF(at.x(), at.y() - size[1], *size)
+    plate(painter, place)
+    painter.setPen(theme().text)
+    painter.drawText(place, Qt.AlignmentFlag.AlignCenter, text)
+    painter.restore()
+    return place
+
+
+def plate(painter: QPainter, place: QRectF) -> None:
+    """Draw a plate to write on, in the colours of the theme."""
+    ground, line = QColor(theme().window), QColor(theme().line)
+    ground.setAlpha(228)
+    painter.setPen(line)
+    painter.setBrush(ground)
+    painter.drawRoundedRect(place.adjusted(0.5, 0.5, -0.5, -0.5), 4.0, 4.0)
+
 
 _BAR = 120.0  # px, about as long as the scale bar is
 _EYE = 34.0  # px, how far the eye's cone reaches
@@ -42,7 +52,7 @@ def nice_length(most: float) -> float:
     return max(step for step in (1.0, 2.0, 5.0) if step * power <= most * (1.0 + 1e-9)) * power
 
 
-def draw_scale_bar(painter: QPainter, desk: Desk, height: float) -> None:
+def draw_scale_bar(painter: QPainter, desk: ToolContext, height: float) -> None:
     """Draw how long a round number of metres is, in the lower left corner."""
     metres = nice_length(_BAR / desk.per_metre)
     length = metres * desk.per_metre
@@ -60,13 +70,13 @@ def draw_scale_bar(painter: QPainter, desk: Desk, height: float) -> None:
     painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in ends]))
 
 
-def eye_area(desk: Desk, pose: Pose) -> QRectF:
+def eye_area(desk: ToolContext, pose: Pose) -> QRectF:
     """Return the rectangle (logical px) of the canvas in which `draw_eye` draws."""
     at = _eye_place(desk, pose)
     return QRectF(at.x() - _EYE - 4, at.y() - _EYE - 4, 2 * _EYE + 8, 2 * _EYE + 8)
 
 
-def draw_eye(painter: QPainter, desk: Desk, pose: Pose) -> None:
+def draw_eye(painter: QPainter, desk: ToolContext, pose: Pose) -> None:
     """Draw where the 3-D view looks from, and which way; at the border if that is outside of the canvas."""
     at = _eye_place(desk, pose)
     east, north = pose.target[0] - pose.eye[0], pose.target[1] - pose.eye[1]
@@ -89,7 +99,7 @@ def draw_eye(painter: QPainter, desk: Desk, pose: Pose) -> None:
     painter.drawEllipse(at, 4.5, 4.5)
 
 
-def _eye_place(desk: Desk, pose: Pose) -> QPointF:
+def _eye_place(desk: ToolContext, pose: Pose) -> QPointF:
     at = desk.of_world(pose.eye[0], pose.eye[1])
     width, height = desk.viewport.width / desk.ratio, desk.viewport.height / desk.ratio
     edge = 14.0
@@ -98,7 +108,7 @@ def _eye_place(desk: Desk, pose: Pose) -> QPointF:
     )
 
 
-def draw_warnings(painter: QPainter, desk: Desk) -> None:
+def draw_warnings(painter: QPainter, desk: ToolContext) -> None:
     """Mark the places where layers contradict each other."""
     placed = desk.link.placed
     for _, x, y in placed.resolutions if placed is not None else ():
@@ -122,7 +132,7 @@ def _warning() -> QPainterPath:
     return path
 
 
-def warning_at(desk: Desk, place: QPointF) -> str:
+def warning_at(desk: ToolContext, place: QPointF) -> str:
     """Return what was decided at a place of the screen, a line each; empty where nothing was."""
     placed = desk.link.placed
     lines = []
@@ -133,7 +143,7 @@ def warning_at(desk: Desk, place: QPointF) -> str:
     return "\n".join(lines)
 
 
-def draw_agreement(painter: QPainter, desk: Desk, width: float) -> None:
+def draw_agreement(painter: QPainter, desk: ToolContext, width: float) -> None:
     """Write in the upper right corner how far a layer is as painted, and what the colours mean."""
     adherence, placed, layer = desk.link.adherence, desk.link.placed, desk.workspace.layer
     title = LAYERS[layer].title
@@ -163,3 +173,41 @@ def draw_agreement(painter: QPainter, desk: Desk, width: float) -> None:
             row.setLeft(row.left() + 18.0)
         painter.setPen(theme().text)
         painter.drawText(row, Qt.AlignmentFlag.AlignVCenter | Qt.AlignmentFlag.AlignLeft, text)
+
+
+class Overlays:
+    """Draws what lies over the sketch."""
+
+    def __init__(self, desk: ToolContext, marks: Marks) -> None:
+        self._desk = desk
+        self._marks = marks
+        self._eye: Pose | None = None
+
+    def forget_eye(self) -> None:
+        """Forget where the eye was drawn: all is drawn anew."""
+        self._eye = None
+
+    def eye_moved(self, facts: FrameFacts) -> tuple[QRectF, ...]:
+        """Return the rectangles (logical px) of the canvas in which the eye is not as it was."""
+        before, pose = self._eye, facts.pose
+        if pose == before or "eye" not in self._desk.workspace.overlays:
+            return ()
+        self._eye = pose
+        return tuple(eye_area(self._desk, each) for each in (before, pose) if each is not None)
+
+    def draw(self, painter: QPainter, area: QRect, tool: Tool, width: float, height: float) -> None:
+        """Draw into an area (logical px) of a canvas of a size."""
+        desk, shown, placed = self._desk, self._desk.workspace.overlays, self._desk.link.placed
+        if placed is not None and "features" in shown:
+            image, ratio = self._marks.image(placed), desk.ratio
+            source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
+            painter.drawImage(QRectF(area), image, source)
+        painter.setRenderHint(QPainter.RenderHint.Antialiasing)
+        if "contradictions" in shown:
+            draw_warnings(painter, desk)
+        if "eye" in shown and desk.link.frame is not None:
+            draw_eye(painter, desk, desk.link.frame.pose)
+        tool.draw(painter)
+        draw_scale_bar(painter, desk, height)
+        if "adherence" in shown:
+            draw_agreement(painter, desk, width)

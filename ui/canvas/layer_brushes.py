@@ -1,22 +1,18 @@
-"""The hatches of any mixture of layers, and the lines around what is painted, for pixels of the screen."""
+"""Colours, opacities and hatches of the visible layers, and hatches of any mixture of them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.ui.canvas.flattening import MASK
+from sketchterrain.ui.canvas.flattening import MASK, Codes, Colours, Floats, Paint
 from sketchterrain.ui.look.hatching import hatch, hatch_period
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.ui.canvas.flattening import Codes, Colours
-
-__all__ = ["HatchTable", "LayerHatch"]
+from sketchterrain.ui.look.layer_colours import DRAW_ORDER, hatch_colour, label_colour, layer_pattern
+from sketchterrain.ui.models.workspace import Workspace
 
 _BENEATH = 0.35  # share of its strength that a hatch keeps below another layer
 _OUTLINE = (30, 26, 22)  # red, green, blue
@@ -25,33 +21,15 @@ _OUTLINE_STRENGTH = 0.5
 
 @dataclass(frozen=True)
 class LayerHatch:
-    """A layer's hatch.
+    """A layer's hatch."""
 
-    Attributes
-    ----------
-    kind : str
-        One of `sketchterrain.ui.look.hatching.HATCHES`.
-    colour : (int, int, int)
-        Red, green, blue, 0 to 255.
-    strength : float
-        0 … 1.
-    """
-
-    kind: str
-    colour: tuple[int, int, int]
-    strength: float
+    kind: str  # One of `sketchterrain.ui.look.hatching.HATCHES`
+    colour: tuple[int, int, int]  # Red, green, blue, 0 to 255
+    strength: float  # 0 … 1
 
 
 class HatchTable:
-    """Draws hatches and outlines from codes.
-
-    Parameters
-    ----------
-    hatches : sequence of LayerHatch
-        By bit of `MASK`.
-    ratio : float
-        Device pixels a logical one.
-    """
+    """Draws hatches and outlines from codes."""
 
     def __init__(self, hatches: Sequence[LayerHatch], ratio: float) -> None:
         self._period = hatch_period(ratio)
@@ -66,19 +44,7 @@ class HatchTable:
         return self._line
 
     def drawn(self, codes: Codes, x: int, y: int) -> Colours:
-        """Return hatches and outlines.
-
-        Parameters
-        ----------
-        codes : (height + 2·halo, width + 2·halo) uint16
-            Of each pixel of the screen, and of those around them.
-        x, y : int
-            Of the first pixel, from the sheet's corner, so that hatches move with the sheet.
-
-        Returns
-        -------
-        (height, width) uint32, 0xAARRGGBB, premultiplied.
-        """
+        """Return hatches and outlines."""
         halo, period = self._line, self._period
         inner = codes[halo:-halo, halo:-halo]
         height, width = inner.shape
@@ -114,3 +80,39 @@ def _table(hatches: Sequence[LayerHatch], period: int) -> Colours:
     packed = np.rint(255.0 * alpha[..., 0]).astype(np.uint32) << np.uint32(24)
     table: npt.NDArray[np.uint32] = packed | red << np.uint32(16) | green << np.uint32(8) | blue
     return table.ravel()
+
+
+def visible_layers(workspace: Workspace) -> tuple[str, ...]:
+    """Return the layers that are shown, the lowest first."""
+    looks = {name: workspace.look(name) for name in DRAW_ORDER}
+    return tuple(name for name, look in looks.items() if look.visible and look.opacity > 0.0)
+
+
+def paints_of(workspace: Workspace) -> tuple[Paint, ...]:
+    """Return the paints of the layers that are shown, the lowest first."""
+    return tuple(
+        Paint(name, _colours(name), workspace.look(name).opacity) for name in visible_layers(workspace)
+    )
+
+
+def hatches_of(workspace: Workspace) -> tuple[LayerHatch, ...]:
+    """Return the hatches of the layers that are shown, in the order of `paints_of`."""
+    hatches = []
+    for name in visible_layers(workspace):
+        colour, opacity = hatch_colour(name), workspace.look(name).opacity
+        # A hatch stays readable where its paint is thin.
+        strength = colour.alphaF() * (0.4 + 0.6 * opacity)
+        hatches.append(
+            LayerHatch(layer_pattern(name), (colour.red(), colour.green(), colour.blue()), strength)
+        )
+    return tuple(hatches)
+
+
+@lru_cache(maxsize=16)
+def _colours(layer: str) -> Floats:
+    colours = np.zeros((256, 3), np.float32)
+    for label in range(1, 256):
+        colour = label_colour(layer, label)
+        colours[label] = colour.redF(), colour.greenF(), colour.blueF()
+    colours.flags.writeable = False
+    return colours

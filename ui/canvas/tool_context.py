@@ -1,73 +1,45 @@
-"""What tools work at: the models, where the sheet lies, and what they tell the canvas."""
+"""What tools of the canvas share: pointer, models, viewport, and the interface of a tool."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
-from PyQt6.QtCore import QObject, QPointF, pyqtSignal
+import numpy as np
+import numpy.typing as npt
+from PyQt6.QtCore import QObject, QPointF, QRectF, Qt, pyqtSignal
+from PyQt6.QtGui import QPainter
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.canvas.viewport import Viewport
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
 
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-    from PyQt6.QtCore import QRectF
-
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-    Floats = npt.NDArray[np.float64]
-
-__all__ = ["Desk", "Pointer", "Tells"]
+Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Pointer:
-    """Where the mouse or the pen is.
+    """Where the mouse or the pen is."""
 
-    Attributes
-    ----------
-    x, y : float
-        px of the sketch, to the right and down, centres of pixels at +0.5.
-    pressure : float
-        0 … 1; 1 of a mouse.
-    erases : bool
-        Whether the right button or a pen's eraser is used.
-    picks : bool
-        Whether Alt is held.
-    adds : bool
-        Whether Shift is held.
-    """
-
-    x: float
+    x: float  # px of the sketch, to the right and down, centres of pixels at +0.5
     y: float
-    pressure: float = 1.0
-    erases: bool = False
-    picks: bool = False
-    adds: bool = False
+    pressure: float = 1.0  # 0 … 1; 1 of a mouse
+    erases: bool = False  # Whether the right button or a pen's eraser is used
+    picks: bool = False  # Whether Alt is held
+    adds: bool = False  # Whether Shift is held
 
 
 @dataclass(eq=False)
-class Desk:
-    """The models, where the sheet lies, and what tools tell the canvas.
-
-    Attributes
-    ----------
-    document, workspace, link
-    viewport : Viewport
-    ratio : float
-        Device pixels a logical one.
-    tells : Tells
-    """
+class ToolContext:
+    """The models, where the sheet lies, and what tools tell the canvas."""
 
     document: Document
     workspace: Workspace
     link: EngineLink
     viewport: Viewport = field(default_factory=lambda: Viewport(1, 1, 1, 1))
-    ratio: float = 1.0
+    ratio: float = 1.0  # Device pixels a logical one
     tells: Tells = field(default_factory=lambda: Tells())
 
     @property
@@ -136,3 +108,58 @@ class Tells(QObject):
     def redraw(self, area: QRectF | None = None) -> None:
         """Tell that what a tool draws changed."""
         self.stale.emit(area)
+
+
+class Tool:
+    """A tool that does nothing; others say what they do."""
+
+    cursor = Qt.CursorShape.ArrowCursor
+
+    def __init__(self, desk: ToolContext) -> None:
+        self.desk = desk
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something was begun that can be finished or cancelled."""
+        return False
+
+    def press(self, pointer: Pointer) -> None:
+        """Begin: a button is pressed, or the pen touches."""
+
+    def move(self, pointer: Pointer) -> None:
+        """Go on: the mouse moves, with or without a button."""
+
+    def release(self, pointer: Pointer) -> None:
+        """Let go."""
+
+    def double(self, pointer: Pointer) -> None:
+        """Do what a double click means: a second press."""
+        self.press(pointer)
+
+    def key(self, key: int) -> bool:
+        """Take a key (`Qt.Key`); return whether it meant something."""
+        return False
+
+    def takes(self, key: int) -> bool:
+        """Whether `key` would take a key now, so that no shortcut has it."""
+        return False
+
+    def finish(self) -> None:
+        """Come to an end with what was begun: the focus is lost, or another tool is chosen."""
+
+    def cancel(self) -> None:
+        """Forget what was begun."""
+
+    def leave(self) -> None:
+        """Forget where the mouse was: it left the canvas."""
+
+    def draw(self, painter: QPainter) -> None:
+        """Draw what the tool shows over the sketch, in logical pixels."""
+
+    def cursor_at(self, place: QPointF) -> Qt.CursorShape:
+        """Return the shape of the mouse's cursor at a place of the screen."""
+        return self.cursor
+
+    def extent(self) -> QRectF:
+        """Return the rectangle (logical px) outside of which `draw` draws nothing; empty: all of it."""
+        return QRectF()

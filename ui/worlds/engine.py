@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import DeviceFailedError, SketchterrainError, one_line
 from sketchterrain.render import Camera, Weather, find_view
-from sketchterrain.ui.engine import orders
+from sketchterrain.ui.engine import protocol as orders
 from sketchterrain.ui.engine.channel import Channel, ready
 from sketchterrain.ui.engine.eye import Eye
 from sketchterrain.ui.engine.protocol import Picked, Trouble, ViewState, Working

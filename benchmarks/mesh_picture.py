@@ -14,9 +14,8 @@ from PIL import Image
 
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.timing import TimedContext
-from sketchterrain.export.adaptive_mesh import adaptive_mesh
-from sketchterrain.export.grid import Grid
-from sketchterrain.export.sampled import sample
+from sketchterrain.export.mesh import adaptive_mesh
+from sketchterrain.export.sampled import Grid, sample
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:

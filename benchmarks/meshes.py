@@ -10,11 +10,8 @@ import numpy as np
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.timing import alternate, lap, spread
-from sketchterrain.export.adaptive_mesh import adaptive_mesh
-from sketchterrain.export.grid import Grid
-from sketchterrain.export.mesh import Mesh, grid_mesh
-from sketchterrain.export.mesh_error import mesh_error
-from sketchterrain.export.sampled import sample
+from sketchterrain.export.mesh import Mesh, adaptive_mesh, grid_mesh, mesh_error
+from sketchterrain.export.sampled import Grid, sample
 
 if TYPE_CHECKING:
     from collections.abc import Callable

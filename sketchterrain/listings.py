@@ -121,7 +121,7 @@ def generated_lines(report: dict[str, Any], folder: Path) -> list[str]:
 
 def exported_lines(report: dict[str, Any], folder: Path, seconds: float) -> list[str]:
     """Return what was written, where it lies, and what to type in where it is imported."""
-    from sketchterrain.export.typed_settings import typed_rows
+    from sketchterrain.export.sidecar import typed_rows
 
     grid, heights, tiles = report["grid"], report["heights"], report["tiles"]
     cut = f" in {len(tiles)} tiles" if len(tiles) > 1 else ""

@@ -12,15 +12,13 @@ from sketchterrain.lazily import lazily
 if TYPE_CHECKING:
     from sketchterrain.export.agreement import agreement_picture, write_agreement
     from sketchterrain.export.features import write_features
-    from sketchterrain.export.files import move_into, prepare_folder, write_json
+    from sketchterrain.export.files import move_into, prepare_folder, staging, write_json
     from sketchterrain.export.film import check_film
     from sketchterrain.export.foliage_files import FoliageFiles, WrittenFoliage, check_room, write_foliage
     from sketchterrain.export.geotiff import write_height_tif
-    from sketchterrain.export.hidden_folder import staging
-    from sketchterrain.export.images import write_height_png, write_normals
+    from sketchterrain.export.images import write_height_png, write_materials, write_normals, write_picture
     from sketchterrain.export.map import MAP_WIDTH, write_map, write_sheet
-    from sketchterrain.export.picture import write_picture
-    from sketchterrain.export.weights import quantised_weights, write_materials
+    from sketchterrain.export.weights import quantised_weights
 
 __all__ = [
     "MAP_WIDTH",
@@ -49,15 +47,13 @@ __all__ = [
 _MODULE = {
     **dict.fromkeys(("agreement_picture", "write_agreement"), "agreement"),
     "write_features": "features",
-    **dict.fromkeys(("move_into", "prepare_folder", "write_json"), "files"),
+    **dict.fromkeys(("move_into", "prepare_folder", "staging", "write_json"), "files"),
     "check_film": "film",
     **dict.fromkeys(("FoliageFiles", "WrittenFoliage", "check_room", "write_foliage"), "foliage_files"),
     "write_height_tif": "geotiff",
-    "staging": "hidden_folder",
-    **dict.fromkeys(("write_height_png", "write_normals"), "images"),
+    **dict.fromkeys(("write_height_png", "write_materials", "write_normals", "write_picture"), "images"),
     **dict.fromkeys(("MAP_WIDTH", "write_map", "write_sheet"), "map"),
-    "write_picture": "picture",
-    **dict.fromkeys(("quantised_weights", "write_materials"), "weights"),
+    "quantised_weights": "weights",
 }
 
 __getattr__ = lazily(__name__, _MODULE)

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from sketchterrain.export.files import write_png
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
     from sketchterrain.terrain import Terrain
     from sketchterrain.terrain.adherence import Adherence
 
-    Pixels = npt.NDArray[np.uint8]
 
-__all__ = ["agreement_picture", "write_agreement"]
-
+Pixels = npt.NDArray[np.uint8]
 # Okabe and Ito's palette, which colour-blind people can tell apart.
 _COLOURS = {"both": (0, 158, 115), "painted only": (230, 130, 0), "terrain only": (204, 70, 150)}
 _MEANINGS = {

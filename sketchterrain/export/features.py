@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 from skimage.measure import find_contours
 
 from sketchterrain.features import FEATURE_TYPES
@@ -13,15 +16,9 @@ from sketchterrain.features.catalogue import conifer_share
 from sketchterrain.whole_files import write_whole
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    import numpy.typing as npt
-
     from sketchterrain.features import Lake, River, ShapeField
     from sketchterrain.terrain import TerrainFeatures
 
-__all__ = ["lake_outline", "write_features"]
 
 _CENTIMETRES = 2  # decimals of an outline
 # What only some types have; for the others the field says nothing.
@@ -100,13 +97,7 @@ def _lake(lake: Lake) -> dict[str, Any]:
 
 
 def lake_outline(shape: ShapeField) -> list[npt.NDArray[np.float64]]:
-    """Return closed rings along the shore, islands included.
-
-    Returns
-    -------
-    list of ndarray of float64, shape (n, 2)
-        x and y, m, to the centimetre; the last point of a ring is its first.
-    """
+    """Return closed rings along the shore, islands included."""
     rings = find_contours(shape.inside.astype(np.float64), 0.0, positive_orientation="high")
     corner = np.array([shape.west, shape.south])
     return [np.round(ring[:, ::-1] * shape.spacing + corner, _CENTIMETRES) for ring in rings]

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
+import numpy as np
+import numpy.typing as npt
 from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export.files import move_into, prepare_folder, write_png
-from sketchterrain.export.hidden_folder import staging
+from sketchterrain.export.files import move_into, prepare_folder, staging, write_png
 from sketchterrain.whole_files import telling_failure
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    import numpy as np
-    import numpy.typing as npt
-
-    Frame = npt.NDArray[np.uint8]
-
-__all__ = ["ANIMATED", "VIDEO", "check_film", "film"]
-
+Frame = npt.NDArray[np.uint8]
 ANIMATED: Final[dict[str, dict[str, Any]]] = {".webp": {"quality": 85, "method": 2}, ".gif": {"loop": 0}}
 """Endings of animated pictures, with the options that they are written with."""
 VIDEO: Final = ".mp4"

@@ -1,35 +1,54 @@
-"""Which plants go into which files, whether there is room for these, and how they get there: in pieces."""
+"""Plants as files, written in pieces: a CSV table, a PLY point cloud, and which plants go into which.
+
+Turk 1994, "The PLY polygon file format": an ASCII header that names the properties, then rows of bytes.
+"""
 
 from __future__ import annotations
 
 import time
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.export.plant_cloud import VERTEX, plant_cloud
-from sketchterrain.export.plants import ROW_BYTES, plant_table
+from sketchterrain.export.files import text_rows
 from sketchterrain.terrain.plant import STOREYS
+from sketchterrain.whole_files import telling_failure, whole_file
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    Area = tuple[float, float, float, float]
-
-__all__ = ["FOLIAGE", "FoliageFiles", "Planted", "WrittenFoliage", "check_room", "write_foliage"]
-
+Area = tuple[float, float, float, float]
 FOLIAGE = {"csv": ("csv",), "ply": ("ply",), "both": ("csv", "ply"), "none": ()}
 """Which formats a request means."""
 
+ROW_BYTES = 84
+"""Bytes of a line at most, up to a thousand kilometres from the sketch's corner."""
+
+VERTEX = np.dtype(
+    [
+        *((name, "<f8") for name in ("x", "y")),
+        *((name, "<f4") for name in ("z", "nx", "ny", "nz", "scale", "rotation", "tint")),
+        *((name, "u1") for name in ("level", "species")),
+    ]
+)
+"""One plant in the file: 46 bytes."""
+
 _TABLE, _CLOUD = "csv", "ply"
 _BYTES = {_TABLE: ROW_BYTES, _CLOUD: VERTEX.itemsize}  # of a plant
+_HEADER = b"x,y,z,species,scale,rotation,tint,normal_x,normal_y,normal_z\n"
+_ROW = "%.3f,%.3f,%.3f,%s,%.3f,%.4f,%.3f,%.4f,%.4f,%.4f\n"
+_TYPES = {"<f8": "double", "<f4": "float", "|u1": "uchar"}
+_NOTES = (
+    "x east, y north, z up, metres; nx ny nz the ground's normal",
+    "scale 1 is a grown plant; rotation radians, counter-clockwise seen from above; tint 0 to 1",
+    "level j: among the plants of level j and above none are nearer than 2^j times their distance",
+)
+_COUNT = 20  # columns kept for the number of plants, which is known at the end
+_AT_ONCE = 1 << 12  # plants
 
 
 class Planted(Protocol):
@@ -167,9 +186,6 @@ def write_foliage(
     return WrittenFoliage(paths, {name: by_name[name] for name in asked}, time.perf_counter() - start)
 
 
-_WRITERS = {_TABLE: plant_table, _CLOUD: plant_cloud}
-
-
 def _told(
     terrain: Planted, area: Area, wanted: FoliageFiles, progress: Callable[[float], None] | None
 ) -> Iterator[tuple[str, npt.NDArray[np.void]]]:
@@ -190,3 +206,78 @@ def _told(
 
 def _most_points(terrain: Planted, area: Area, wanted: FoliageFiles) -> dict[str, int]:
     return {storey: terrain.foliage_estimate(*area, storey=storey)[0] for storey in wanted.storeys}
+
+
+@contextmanager
+def plant_table(path: Path, species: Sequence[str]) -> Iterator[Callable[[npt.NDArray[np.void]], None]]:
+    """Yield a function that adds plants to a ``foliage.csv``: a line a plant, in the order given.
+
+    Columns: x, y, z (m, to the millimetre), species (a name), scale (1 is grown), rotation (radians,
+    counter-clockwise seen from above), tint (0 … 1), and the ground's normal. The file is there, whole, once
+    the context has ended well; it takes a few megabytes of memory however many plants there are.
+    """
+    names = np.array(species, object)
+    with whole_file(path) as stream:
+        stream.write(_HEADER)
+
+        def add(plants: npt.NDArray[np.void]) -> None:
+            for first in range(0, len(plants), _AT_ONCE):
+                text = _text(plants[first : first + _AT_ONCE], names)
+                with telling_failure(path):
+                    stream.write(text)
+
+        yield add
+
+
+def _text(plants: npt.NDArray[np.void], names: npt.NDArray[np.object_]) -> bytes:
+    place, normal = (plants[axis] for axis in "xyz"), plants["normal"].T
+    return text_rows(
+        _ROW, *place, names[plants["species"]], plants["scale"], plants["rotation"], plants["tint"], *normal
+    )
+
+
+@contextmanager
+def plant_cloud(path: Path, species: Sequence[str]) -> Iterator[Callable[[npt.NDArray[np.void]], None]]:
+    """Yield a function that adds plants to a ``foliage.ply``, binary and little-endian, in the order given.
+
+    The file is there, whole, once the context has ended well; it takes a few megabytes of memory however
+    many plants there are.
+    """
+    count = 0
+    with whole_file(path) as stream:
+        stream.write(_header(0, species))
+
+        def add(plants: npt.NDArray[np.void]) -> None:
+            nonlocal count
+            for first in range(0, len(plants), _AT_ONCE):
+                rows = _vertices(plants[first : first + _AT_ONCE])
+                with telling_failure(path):
+                    stream.write(rows.view(np.uint8).data)
+            count += len(plants)
+
+        yield add
+        stream.seek(0)
+        stream.write(_header(count, species))
+
+
+def _header(count: int, species: Sequence[str]) -> bytes:
+    """Return the header, equally long for any count: a comment has the columns that the count leaves."""
+    number = str(count)
+    lines = ["ply", "format binary_little_endian 1.0"]
+    lines += [f"comment {note}" for note in _NOTES]
+    lines += [f"comment species {code} {name}" for code, name in enumerate(species)]
+    lines += ["comment " + "." * (_COUNT - len(number)), f"element vertex {number}"]
+    lines += [f"property {_TYPES[VERTEX[name].str]} {name}" for name in VERTEX.names or ()]
+    return "\n".join([*lines, "end_header\n"]).encode("ascii")
+
+
+def _vertices(plants: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    rows = np.empty(len(plants), VERTEX)
+    for axis, name in enumerate(("nx", "ny", "nz")):
+        rows[name] = plants["normal"][:, axis]
+    for name in ("x", "y", "z", "scale", "rotation", "tint", "level", "species"):
+        rows[name] = plants[name]
+    return rows
+
+
+_WRITERS = {_TABLE: plant_table, _CLOUD: plant_cloud}

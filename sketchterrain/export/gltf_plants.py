@@ -1,46 +1,25 @@
-"""Plants in a glTF scene: many of few models by EXT_mesh_gpu_instancing, or each one a point."""
+"""Plants in a glTF scene: instances of models of a few triangles (EXT_mesh_gpu_instancing), or points."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Iterator
+from functools import cache
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engine_plants import plants_within, storeys_of
-from sketchterrain.export.grid_ground import ground_at
-from sketchterrain.export.plant_models import (
-    COARSEST,
-    FINEST,
-    Model,
-    herb_model,
-    plant_colour,
-    variants_of,
-    woody_model,
-)
+from sketchterrain.export.engines import EngineAxes, plants_within, storeys_of
+from sketchterrain.export.gltf import Glb
+from sketchterrain.export.sampled import ground_at
+from sketchterrain.export.target import Export
 from sketchterrain.look.plant_variants import plant_chances, plant_variants
-from sketchterrain.look.tree_levels import VARIANTS
+from sketchterrain.look.tree_levels import CUT, DETAILS, VARIANTS, level
+from sketchterrain.look.tree_species import HEIGHTS, SPECIES
 from sketchterrain.terrain.plant import STOREYS
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    import numpy.typing as npt
-
-    from sketchterrain.export.engine_axes import EngineAxes
-    from sketchterrain.export.glb import Glb
-    from sketchterrain.export.target import Export
-
-__all__ = [
-    "BYTES_PER_PLANT",
-    "INSTANCING",
-    "MOST_PLANTS",
-    "Planting",
-    "add_instances",
-    "add_points",
-    "gathered_plants",
-]
-
+Floats = npt.NDArray[np.float64]
 INSTANCING: Final = "EXT_mesh_gpu_instancing"
 BYTES_PER_PLANT: Final = 40 + 24
 """As an instance and as a point."""
@@ -49,27 +28,21 @@ MOST_PLANTS: Final = 10_000_000
 """That a scene is made of; what it takes of memory is about 130 bytes each."""
 
 _TRIANGLES: Final = 20_000_000  # of all plants together; beyond that models are coarser
+FINEST: Final = CUT
+"""Of the levels of detail the first one whose leaves are triangles, not sheets that a shader cuts."""
+
+COARSEST: Final = DETAILS - 1
+_SHADE: Final = 0.45  # of the light in the open that reaches the inside of a crown
+_STEPS: Final = 65535
 
 
 class Planting(NamedTuple):
-    """Plants of a scene, those of one model next to each other.
+    """Plants of a scene, those of one model next to each other."""
 
-    Attributes
-    ----------
-    place : (n, 3) float64
-        Their feet along the scene's axes.
-    scale, turn : (n,) float32
-        1 is grown; radians about the vertical axis.
-    model : (n,) int64
-        Species · `VARIANTS` + variant.
-    species : tuple of str
-        Names of the species, in order.
-    """
-
-    place: npt.NDArray[np.float64]
-    scale: npt.NDArray[np.float32]
-    turn: npt.NDArray[np.float32]
-    model: npt.NDArray[np.int64]
+    place: npt.NDArray[np.float64]  # (n, 3): feet along the axes of the scene
+    scale: npt.NDArray[np.float32]  # 1 is grown
+    turn: npt.NDArray[np.float32]  # radians about the vertical axis
+    model: npt.NDArray[np.int64]  # species · `VARIANTS` + variant
     species: tuple[str, ...]
 
     def groups(self, width: int = 1) -> Iterator[tuple[int, slice]]:
@@ -81,19 +54,7 @@ class Planting(NamedTuple):
 
 
 def gathered_plants(export: Export, axes: EngineAxes) -> Planting:
-    """Find the plants of an export: they stand on the ground between the grid's vertices.
-
-    Parameters
-    ----------
-    export
-    axes
-        The scene's; must turn as seen from above, counter-clockwise.
-
-    Raises
-    ------
-    InputError
-        If there can be more than a scene holds.
-    """
+    """Find the plants of an export: they stand on the ground between the grid's vertices."""
     terrain, sampled = export.terrain, export.sampled
     storeys = storeys_of(export.options)
     many = sum(terrain.foliage_estimate(*sampled.grid.area, storey=storey)[0] for storey in storeys)
@@ -152,15 +113,7 @@ def add_instances(glb: Glb, planting: Planting) -> int:
 
 
 def add_points(glb: Glb, planting: Planting, centre: npt.NDArray[np.float64]) -> None:
-    """Add plants as points in their species' colour, a node a species, with ``_SCALE`` and ``_ROTATION``.
-
-    Parameters
-    ----------
-    glb
-    planting
-    centre
-        (3,) along the scene's axes, from which places are counted.
-    """
+    """Add plants as points in their species' colour, a node a species, with ``_SCALE`` and ``_ROTATION``."""
     material = glb.material("plants", pbrMetallicRoughness={"metallicFactor": 0.0, "roughnessFactor": 1.0})
     for kind, some in planting.groups(VARIANTS):
         name = planting.species[kind]
@@ -198,3 +151,91 @@ def _mesh(planting: Planting, kind: int, detail: int) -> Model:
 def _name(planting: Planting, kind: int) -> str:
     species = planting.species[kind // VARIANTS]
     return f"{species} {kind % VARIANTS + 1}" if variants_of(species) > 1 else species
+
+
+class Model(NamedTuple):
+    """Triangles of a grown plant, three corners each; x east, y up, z south, m from its foot."""
+
+    place: npt.NDArray[np.float32]  # (3 · triangles, 3)
+    normal: npt.NDArray[np.float32]  # (3 · triangles, 3)
+    colour: npt.NDArray[np.uint16]  # (3 · triangles, 4): linear albedo, darker inside the crown; opaque
+
+
+def variants_of(species: str) -> int:
+    """Return how many different plants of a species there are."""
+    return VARIANTS if species in SPECIES else 1
+
+
+@cache
+def woody_model(species: str, variant: int, detail: int) -> Model:
+    """Return a tree or shrub."""
+    made = level(species, variant, detail)
+    place = HEIGHTS[SPECIES.index(species)] * made.place
+    light = _SHADE + (1.0 - _SHADE) * made.open[..., None]
+    return _model(place, made.outward, made.albedo * light)
+
+
+class _Herb(NamedTuple):
+    """Leaves around a foot: how many, their height and width (m), how far they lean, albedos."""
+
+    leaves: int
+    tall: float
+    wide: float
+    lean: float
+    albedo: tuple[float, float, float]
+    head: tuple[float, float, float] | None = None
+
+
+_HERBS: Final = {
+    "grass": _Herb(7, 0.35, 0.012, 0.35, (0.090, 0.130, 0.035)),
+    "flower": _Herb(4, 0.30, 0.016, 0.30, (0.080, 0.125, 0.035), (0.62, 0.52, 0.10)),
+    "fern": _Herb(8, 0.55, 0.080, 0.85, (0.055, 0.105, 0.025)),
+}
+
+
+@cache
+def herb_model(species: str) -> Model:
+    """Return a tuft of grass, a flower or a fern."""
+    herb = _HERBS[species]
+    turn = 2.0 * np.pi * (np.arange(herb.leaves) + 0.31 * (np.arange(herb.leaves) % 3)) / herb.leaves
+    out = np.stack([np.cos(turn), np.sin(turn), np.zeros(herb.leaves)], axis=-1)
+    aside = 0.5 * herb.wide * np.stack([-np.sin(turn), np.cos(turn), np.zeros(herb.leaves)], axis=-1)
+    up = np.array([0.0, 0.0, 1.0])
+    tip = herb.lean * herb.tall * out + herb.tall * up
+    place = np.stack([-aside, aside, tip], axis=1)
+    outward = np.broadcast_to((0.35 * out + 0.94 * up)[:, None, :], place.shape)
+    albedo = np.broadcast_to(np.array(herb.albedo), place.shape)
+    if herb.head is not None:
+        size = 0.035
+        ring = size * np.stack([np.cos(turn[:3]), np.sin(turn[:3]), np.zeros(3)], axis=-1) + herb.tall * up
+        place = np.concatenate([place, ring[None]])
+        outward = np.concatenate([outward, np.broadcast_to(up, (1, 3, 3))])
+        albedo = np.concatenate([albedo, np.broadcast_to(np.array(herb.head), (1, 3, 3))])
+    return _model(place, outward, albedo)
+
+
+@cache
+def plant_colour(species: str) -> tuple[float, float, float]:
+    """Return the linear albedo of a species as a point."""
+    if species in SPECIES:
+        mean = woody_model(species, 0, COARSEST).colour[:, :3].mean(axis=0) / _STEPS
+        return float(mean[0]), float(mean[1]), float(mean[2])
+    herb = _HERBS[species]
+    return herb.head or herb.albedo
+
+
+def _model(place: Floats, outward: Floats, albedo: Floats) -> Model:
+    """Turn triangles so that their fronts show where their normals point, and stand them upright in y."""
+    faced = np.cross(place[:, 1] - place[:, 0], place[:, 2] - place[:, 0])
+    back = (faced * outward.mean(axis=1)).sum(axis=-1) < 0.0
+    order = np.where(back[:, None], [0, 2, 1], [0, 1, 2])[..., None]
+    place, outward, albedo = (np.take_along_axis(each, order, axis=1) for each in (place, outward, albedo))
+    colour = np.full((place.shape[0] * 3, 4), _STEPS, np.uint16)
+    colour[:, :3] = np.rint(_STEPS * np.clip(albedo.reshape(-1, 3), 0.0, 1.0))
+    unit = outward / np.linalg.norm(outward, axis=-1, keepdims=True)
+    return Model(_upright(place), _upright(unit), colour)
+
+
+def _upright(vectors: Floats) -> npt.NDArray[np.float32]:
+    east, north, up = vectors.reshape(-1, 3).T
+    return np.stack([east, up, -north], axis=-1).astype(np.float32)

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-__all__ = ["HeightSteps"]
 
 _STEPS = 65536
 _HIGHEST = _STEPS - 1
@@ -67,11 +63,6 @@ class HeightSteps:
         """Return steps that hold all heights, in the range that was asked for, else as fine as may be.
 
         Found ones are whole millimetres, which can be typed in, and a range of 1 m at least.
-
-        Raises
-        ------
-        InputError
-            If heights lie outside of `wanted` (lowest and highest, m), or it is no range.
         """
         low, high = float(height.min()), float(height.max())
         if wanted is not None:
@@ -83,13 +74,7 @@ class HeightSteps:
 
     @classmethod
     def between(cls, lowest: float, highest: float) -> HeightSteps:
-        """Return the steps of a range, m.
-
-        Raises
-        ------
-        InputError
-            If it is none.
-        """
+        """Return the steps of a range, m."""
         if not (math.isfinite(lowest) and math.isfinite(highest) and lowest < highest):
             raise InputError(f"heights {lowest:g},{highest:g}: expected the lowest and the highest, m")
         if max(-lowest, highest) > _FARTHEST:
@@ -108,13 +93,7 @@ class HeightSteps:
         return steps
 
     def encode(self, height: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
-        """Return the nearest steps, of the heights' shape.
-
-        Raises
-        ------
-        InputError
-            If a height is farther outside of the range than half a step.
-        """
+        """Return the nearest steps, of the heights' shape."""
         result = np.empty(height.shape, np.uint16)
         for top in range(0, len(height), _ROWS_AT_ONCE):  # bounds the memory of large grids
             rows = slice(top, top + _ROWS_AT_ONCE)

@@ -1,29 +1,27 @@
-"""A mesh's vertices along a program's axes: places, normals of the ground, places in its texture."""
+"""Vertices along a program's axes: of ground meshes with normals and texture coordinates, and of waters."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
+from sketchterrain.export.engines import EngineAxes
+from sketchterrain.export.mesh import Mesh
+from sketchterrain.export.sampled import Grid, Sampled
 
-    import numpy.typing as npt
+if TYPE_CHECKING:  # loads OpenCL
+    from sketchterrain.terrain import TerrainFeatures
 
-    from sketchterrain.export.engine_axes import EngineAxes
-    from sketchterrain.export.grid import Grid
-    from sketchterrain.export.mesh import Mesh
-    from sketchterrain.export.sampled import Sampled
-
-    Singles = npt.NDArray[np.float32]
-
-__all__ = ["LARGEST_TEXTURE", "mesh_normals", "mesh_places", "mesh_texels", "texel_step"]
-
+Singles = npt.NDArray[np.float32]
 LARGEST_TEXTURE = 8192
 """Texels a side that graphics cards of today take."""
 
 _AT_ONCE = 1 << 20  # vertices: bounds the memory
+_SHOWN = 0.5  # of a river, less is the lake's or the wider river's that it runs into
+_DIVE = 0.3  # m that it goes below them there: two surfaces in one plane flicker
 
 
 def mesh_places(mesh: Mesh, sampled: Sampled, axes: EngineAxes) -> Singles:
@@ -51,9 +49,8 @@ def mesh_normals(mesh: Mesh, sampled: Sampled, axes: EngineAxes) -> Singles:
         west, east = np.maximum(column - 1, 0), np.minimum(column + 1, sampled.grid.columns - 1)
         north, south = np.maximum(row - 1, 0), np.minimum(row + 1, sampled.grid.rows - 1)
         slope_east = (height[row, east].astype(np.float64) - height[row, west]) / ((east - west) * dx)
-        slope_north = (height[north, column].astype(np.float64) - height[south, column]) / (
-            (south - north) * dy
-        )
+        fall = height[north, column].astype(np.float64) - height[south, column]
+        slope_north = fall / ((south - north) * dy)
         normal = np.stack([-slope_east, -slope_north, np.ones(len(column))], axis=-1)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
         result[some] = axes.directions(normal)
@@ -81,3 +78,37 @@ def mesh_texels(mesh: Mesh, grid: Grid) -> Singles:
 def _parts(mesh: Mesh) -> Iterator[slice]:
     for first in range(0, len(mesh.column), _AT_ONCE):
         yield slice(first, first + _AT_ONCE)
+
+
+class Water(NamedTuple):
+    """One river or lake."""
+
+    name: str  # "river 7", by its id
+    place: npt.NDArray[np.float64]  # (n, 3): x east, y north, z up, m
+    triangles: npt.NDArray[np.uint32]  # (k, 3), counter-clockwise from above
+
+
+def waters(features: TerrainFeatures, grid: Grid) -> Iterator[Water]:
+    """Return each water as far as it lies in a grid's rectangle, lakes first."""
+    from sketchterrain.look.water_surfaces import surfaces  # SciPy: not for a list of targets
+
+    rivers = [river for river in features.rivers if len(river.centreline) > 1]
+    names = [f"lake {lake.id}" for lake in features.lakes] + [f"river {river.id}" for river in rivers]
+    for name, surface in zip(names, surfaces(features), strict=True):
+        triangles = surface.triangles.reshape(-1, 3)
+        x, y = surface.place[:, 0], surface.place[:, 1]
+        inside = (x >= grid.west) & (x <= grid.east) & (y >= grid.south) & (y <= grid.north)
+        shown = surface.nature[triangles, 2].mean(axis=1) >= _SHOWN
+        place = surface.place.copy()
+        # What reaches over the edge ends there.
+        np.clip(place[:, :2], (grid.west, grid.south), (grid.east, grid.north), out=place[:, :2])
+        place[:, 2] -= _DIVE * (1.0 - surface.nature[:, 2])
+        kept = triangles[shown & inside[triangles].any(axis=1) & _has_area(place, triangles)]
+        if len(kept):
+            used, index = np.unique(kept, return_inverse=True)
+            yield Water(name, place[used], index.reshape(-1, 3).astype(np.uint32))
+
+
+def _has_area(place: npt.NDArray[np.float64], triangles: npt.NDArray[np.uint32]) -> npt.NDArray[np.bool_]:
+    (ax, ay), (bx, by), (cx, cy) = (place[triangles[:, k], :2].T for k in range(3))
+    return np.asarray((bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0.0)

@@ -1,26 +1,30 @@
-"""What was placed in a terrain as layers of points, lines and areas with attributes."""
+"""What was placed in a terrain as layers of points, lines and areas with attributes, in a GeoPackage."""
 
 from __future__ import annotations
 
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.features import lake_outline
-from sketchterrain.export.geopackage import VectorLayer
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.features.catalogue import conifer_share
+from sketchterrain.gdal_paths import plain_path
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    import numpy.typing as npt
-
+if TYPE_CHECKING:  # load SciPy
     from sketchterrain.features import Lake, River
     from sketchterrain.features.catalogue import Points
 
-__all__ = ["Origin", "feature_layer", "lake_layer", "plant_layer", "river_layer", "station_layer"]
+
+# GDAL writes the time of the last change into the file: the same terrain shall be the same bytes.
+_WHEN = {"OGR_CURRENT_DATE": "2000-01-01T00:00:00.000Z"}
 
 
 class Origin(NamedTuple):
@@ -28,6 +32,83 @@ class Origin(NamedTuple):
 
     east: float
     north: float
+
+
+class VectorLayer(NamedTuple):
+    """Some features of a layer."""
+
+    name: str
+    kind: str  # as OGR names it: ``Point Z``, ``LineString Z``, ``MultiPolygon Z``
+    geometry: npt.NDArray[np.object_]  # (n,) shapely geometries of that kind
+    fields: Mapping[str, npt.NDArray[Any]]  # attributes, (n,) each: numbers, bool, or object arrays of str
+
+
+class GeoPackage:
+    """A file that layers are added to; made by `geopackage`."""
+
+    def __init__(self, path: Path, crs: str) -> None:
+        self._path = path
+        self._crs = crs
+        self.counts: dict[str, int] = {}  # features of each layer
+        self.indexed: dict[str, int] = {}  # those with a geometry, which are in its spatial index
+
+    def add(self, layer: VectorLayer) -> None:
+        """Write features of a layer, after those it has; a layer without any features is written too."""
+        import pyogrio.raw
+        import shapely
+
+        with plain_path(self._path) as path:
+            pyogrio.raw.write(
+                path,
+                shapely.to_wkb(layer.geometry, flavor="iso"),
+                list(layer.fields.values()),
+                list(layer.fields),
+                layer=layer.name,
+                driver="GPKG",
+                geometry_type=layer.kind,
+                crs=self._crs,
+                append=self._path.exists(),
+                layer_options={"GEOMETRY_NAME": "geom"},
+            )
+        somewhere = int((~shapely.is_empty(layer.geometry)).sum())
+        self.counts[layer.name] = self.counts.get(layer.name, 0) + len(layer.geometry)
+        self.indexed[layer.name] = self.indexed.get(layer.name, 0) + somewhere
+
+
+@contextmanager
+def geopackage(path: Path, crs: str) -> Iterator[GeoPackage]:
+    """Yield a GeoPackage to add layers to; the same layers give the same bytes.
+
+    By the driver GPKG of GDAL (its documentation: "GPKG -- GeoPackage vector"), with a spatial index a layer.
+    A layer's first million points take 10 s, which are added to it later 16 s.
+    """
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError
+
+    before = {key: pyogrio.get_gdal_config_option(key) for key in _WHEN}
+    pyogrio.set_gdal_config_options(_WHEN)
+    file = GeoPackage(path, crs)
+    try:
+        yield file
+        _check(path, file)
+    except (DataLayerError, DataSourceError, sqlite3.Error, OSError) as error:
+        raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from error
+    finally:
+        pyogrio.set_gdal_config_options(before)
+
+
+def _check(path: Path, file: GeoPackage) -> None:
+    """Find out whether all came to the disk: what fails when a layer is closed, GDAL does not tell."""
+    rows = {f"rtree_{name}_geom_rowid": count for name, count in file.indexed.items()} | file.counts
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as connection:
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+        for table, count in rows.items():
+            counted = f'SELECT count(*) FROM "{table}"'  # noqa: S608 # our own names
+            if table not in tables or connection.execute(counted).fetchone() != (count,):
+                raise OSError("not all of it came to the disk")
+
+
+__all__ = ["Origin", "feature_layer", "lake_layer", "plant_layer", "river_layer", "station_layer"]
 
 
 def lake_layer(lakes: Sequence[Lake], origin: Origin) -> VectorLayer:
@@ -90,15 +171,7 @@ def station_layer(rivers: Sequence[River], origin: Origin) -> VectorLayer:
 
 
 def feature_layer(points: Points, height: npt.NDArray[np.float32], origin: Origin) -> VectorLayer:
-    """Return mountains, hills, dunes and forests as points with what they are made by.
-
-    Parameters
-    ----------
-    points
-    height
-        Of the ground at each, m.
-    origin
-    """
+    """Return mountains, hills, dunes and forests as points with what they are made by."""
     import shapely
 
     names = np.array(FEATURE_TYPES, dtype=object)
@@ -120,18 +193,7 @@ def feature_layer(points: Points, height: npt.NDArray[np.float32], origin: Origi
 def plant_layer(
     name: str, plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin
 ) -> VectorLayer:
-    """Return plants as points.
-
-    Parameters
-    ----------
-    name
-        Of the layer.
-    plants
-        As :meth:`sketchterrain.Terrain.foliage` returns them.
-    species
-        Names that their ``species`` points into.
-    origin
-    """
+    """Return plants as points."""
     import shapely
 
     places = np.stack([plants["x"] + origin.east, plants["y"] + origin.north, plants["z"]], axis=-1)

@@ -7,17 +7,15 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.export.grid import Grid
 from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.target import ExportOptions
+from sketchterrain.export.sampled import Grid
+from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.metric_crs import metric_crs
 
 if TYPE_CHECKING:
-    from sketchterrain.export.target import Target
     from sketchterrain.sketch import Sketch
 
-__all__ = ["Plan", "option_names", "plan"]
 
 _EVERYWHERE = frozenset({"plants", "grass"})  # options that all targets heed
 _ROUNDING = 1e-9  # of a vertex: 1024.0000000001 m at 1 m are 1025 vertices
@@ -25,16 +23,7 @@ _ROUNDING = 1e-9  # of a vertex: 1024.0000000001 m at 1 m are 1025 vertices
 
 @dataclass(frozen=True)
 class Plan:
-    """An export that can be made.
-
-    Attributes
-    ----------
-    target : Target
-    options : ExportOptions
-        As they count: size and format are set.
-    grid : Grid
-    tiling : Tiling
-    """
+    """An export that can be made; of its options, size and format are set."""
 
     target: Target
     options: ExportOptions

@@ -1,29 +1,60 @@
-"""A terrain at the vertices of a grid, as small as files hold it."""
+"""Grids of vertices, and a terrain sampled at them as compactly as files hold it."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.export.weights import quantised_weights
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from concurrent.futures import Future
-
-    import numpy.typing as npt
-
-    from sketchterrain.export.grid import Grid
+if TYPE_CHECKING:  # loads OpenCL
     from sketchterrain.terrain import Terrain
     from sketchterrain.terrain.answers import Band
 
-__all__ = ["BYTES_PER_VERTEX", "Sampled", "normal_bytes", "sample"]
-
+Reals = npt.NDArray[np.float64]
 BYTES_PER_VERTEX = 15
 """Of heights, normals and the weights of eight materials."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Vertices of a grid, its outermost ones on the rectangle's edges; row 0 is the north edge.
+
+    Attributes
+    ----------
+    west, south, east, north : float
+        m of the world.
+    columns, rows : int
+        Vertices, ≥ 2 each.
+    """
+
+    west: float
+    south: float
+    east: float
+    north: float
+    columns: int
+    rows: int
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """Metres between columns and between rows."""
+        return (self.east - self.west) / (self.columns - 1), (self.north - self.south) / (self.rows - 1)
+
+    @property
+    def area(self) -> tuple[float, float, float, float]:
+        """West, south, east, north, m."""
+        return self.west, self.south, self.east, self.north
+
+    def part(self, left: int, top: int, columns: int, rows: int) -> Grid:
+        """Return the grid of some of its vertices, from a column and a row on."""
+        dx, dy = self.spacing
+        west, north = self.west + left * dx, self.north - top * dy
+        return Grid(west, north - (rows - 1) * dy, west + (columns - 1) * dx, north, columns, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,3 +124,32 @@ def normal_bytes(normal: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     """Return unit vectors as bytes: −1 is 0, 1 is 255."""
     whole: npt.NDArray[np.uint8] = np.rint(normal * np.float32(127.5) + np.float32(127.5)).astype(np.uint8)
     return whole
+
+
+def ground_at(sampled: Sampled, east: Reals, north: Reals) -> Reals:
+    """Return the ground between the vertices of a grid, by bilinear interpolation.
+
+    A program's two triangles in a quad differ from that by a quarter of the quad's twist
+    |h00 + h11 − h01 − h10| at most.
+    """
+    grid = sampled.grid
+    dx, dy = grid.spacing
+    left, across = _quad((east - grid.west) / dx, grid.columns)
+    top, down = _quad((grid.north - north) / dy, grid.rows)
+    height = sampled.height
+    upper = _between(height[top, left], height[top, left + 1], across)
+    lower = _between(height[top + 1, left], height[top + 1, left + 1], across)
+    return _between(upper, lower, down)
+
+
+def _quad(place: Reals, vertices: int) -> tuple[npt.NDArray[np.intp], Reals]:
+    """Return the quad along one axis in which places lie, and how far in it, 0 … 1."""
+    inside = np.clip(place, 0.0, vertices - 1.0)
+    first = np.minimum(inside.astype(np.intp), vertices - 2)
+    return first, inside - first
+
+
+def _between(
+    a: npt.NDArray[np.floating], b: npt.NDArray[np.floating], share: Reals
+) -> npt.NDArray[np.float64]:
+    return np.asarray(a * (1.0 - share) + b * share, np.float64)

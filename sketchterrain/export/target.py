@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+from sketchterrain.export.sampled import Grid, Sampled
+from sketchterrain.export.tiling import Tiling
+
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from contextlib import AbstractContextManager
-    from pathlib import Path
-
-    from sketchterrain.export.grid import Grid
-    from sketchterrain.export.sampled import Sampled
-    from sketchterrain.export.tiling import Tiling
     from sketchterrain.terrain import Terrain
-
-__all__ = ["Export", "ExportOptions", "Target", "Tellable", "Written"]
 
 
 @dataclass(frozen=True)

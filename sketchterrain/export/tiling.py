@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import re
 import string
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from sketchterrain.errors import InputError, one_line
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-__all__ = ["Piece", "Tiling"]
 
 _FIELDS = ("name", "x", "y")
 _LONGEST = 120  # letters of a name: what file systems allow, less an ending
@@ -22,23 +18,13 @@ _FORBIDDEN = re.compile(r'[<>:"/\\|?*]|\.\.|^\.|[. ]$')
 
 
 class Piece(NamedTuple):
-    """One tile of a grid.
+    """One tile of a grid."""
 
-    Attributes
-    ----------
-    x, y : int
-        Its numbers, as its name has them.
-    left, top : int
-        Its first column and row in the whole grid.
-    columns, rows : int
-        Vertices.
-    """
-
-    x: int
+    x: int  # its numbers, as in its name
     y: int
-    left: int
+    left: int  # its first column and row in the whole grid
     top: int
-    columns: int
+    columns: int  # vertices
     rows: int
 
 
@@ -58,11 +44,6 @@ class Tiling:
         Number of the first tile each way.
     from_south : bool
         Whether y counts from the southern row on.
-
-    Raises
-    ------
-    InputError
-        If a number is out of range, or the pattern is none, or gives two tiles one name.
     """
 
     columns: int = 1
@@ -87,13 +68,7 @@ class Tiling:
         return self.columns * self.rows
 
     def pieces(self, columns: int, rows: int) -> Iterator[Piece]:
-        """Return the tiles of a grid of vertices, from the north-west, row by row.
-
-        Raises
-        ------
-        InputError
-            If the grid cannot be cut into tiles of one size; with the nearest sizes that can.
-        """
+        """Return the tiles of a grid of vertices, from the north-west, row by row."""
         width, height = self.side(columns, self.columns), self.side(rows, self.rows)
         return (
             Piece(
@@ -109,13 +84,7 @@ class Tiling:
         )
 
     def side(self, vertices: int, tiles: int) -> int:
-        """Return how many vertices of a side each of its tiles has.
-
-        Raises
-        ------
-        InputError
-            If that is no whole number, or fewer than 2; with the nearest numbers of vertices that can be cut.
-        """
+        """Return how many vertices of a side each of its tiles has."""
         if tiles == 1:
             return vertices
         step, rest = divmod(vertices - self.overlap, tiles)

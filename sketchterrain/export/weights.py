@@ -1,62 +1,20 @@
-"""Material weights as images: four materials a file, and every vertex's bytes sum to 255."""
+"""Material weights as bytes, for images of four materials, Unity's splat maps and Terrain3D's control map."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.files import write_json
-from sketchterrain.export.png import write_values_png
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from sketchterrain.terrain import Raster
-
-__all__ = ["four_of", "quantised_weights", "write_materials"]
-
-_CHANNELS = ("red", "green", "blue", "alpha")
+Bytes = npt.NDArray[np.uint8]
+CHANNELS = ("red", "green", "blue", "alpha")
 _WHOLE = 255
-_ROWS_AT_ONCE = 256
-
-
-def write_materials(folder: Path, raster: Raster, names: Sequence[str]) -> tuple[Path, ...]:
-    """Write ``materials.png``, ``materials-2.png`` … (RGBA) and ``materials.json``, which names the channels.
-
-    Parameters
-    ----------
-    folder
-    raster
-    names
-        One for each material of the raster, in its order.
-    """
-    weights = quantised_weights(raster.materials)
-    files = [
-        (f"materials-{number}.png" if number > 1 else "materials.png", first)
-        for number, first in enumerate(range(0, len(names), len(_CHANNELS)), start=1)
-    ]
-    images = [write_values_png(folder / name, four_of(weights, first)) for name, first in files]
-    meaning = {
-        "format": 1,
-        "encoding": "value / 255 is the weight; the weights of a vertex sum to 255 over all files",
-        "alpha": "a weight like the others, not opacity: do not premultiply",
-        "orientation": {"row_0": "north", "column_0": "west", "samples": "vertices"},
-        "materials": [
-            {
-                "name": name,
-                "index": index,
-                "file": files[index // len(_CHANNELS)][0],
-                "channel": _CHANNELS[index % len(_CHANNELS)],
-            }
-            for index, name in enumerate(names)
-        ],
-    }
-    return (*images, write_json(folder / "materials.json", meaning))
+_ROWS_AT_ONCE = 256  # bounds the memory of large grids
+# Of the control map: the lowest bit of each field.
+_BASE, _OVERLAY, _BLEND = 27, 22, 14
+# Overlay 30 or 31 on base 15 or 31 would be Inf or NaN, which not every program keeps.
+_MOST_TEXTURES = 30
 
 
 def quantised_weights(weights: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
@@ -106,9 +64,77 @@ def _rounded(weights: npt.NDArray[np.floating]) -> npt.NDArray[np.uint8]:
     return result
 
 
-def four_of(weights: npt.NDArray[np.uint8], first: int) -> npt.NDArray[np.uint8]:
+def four_of(weights: Bytes, first: int) -> npt.NDArray[np.uint8]:
     """Return four materials as the channels of an image, from one on; channels without a material are 0."""
-    image = np.zeros((*weights.shape[:2], len(_CHANNELS)), np.uint8)
-    part = weights[..., first : first + len(_CHANNELS)]
+    image = np.zeros((*weights.shape[:2], len(CHANNELS)), np.uint8)
+    part = weights[..., first : first + len(CHANNELS)]
     image[..., : part.shape[-1]] = part
     return image
+
+
+def edge_to_edge(weights: Bytes) -> Bytes:
+    """Return weights with one row and one column less, the outermost ones still on the edges.
+
+    Unity's terrain has 2ⁿ + 1 heights a side and 2ⁿ weights, and its shader puts the first and the last
+    weight on the terrain's edges (TerrainSplatmapCommon.cginc: "adjust splatUVs so the edges of the terrain
+    tile lie on pixel centers"). So weight i of n lies at vertex i·n/(n − 1); values are interpolated there.
+    """
+    rows, columns = weights.shape[0] - 1, weights.shape[1] - 1
+    top, down = _places(rows)
+    left, across = _places(columns)
+    result = np.empty((rows, columns, weights.shape[2]), np.uint8)
+    for first in range(0, rows, _ROWS_AT_ONCE):  # bounds the memory of large tiles
+        part = slice(first, first + _ROWS_AT_ONCE)
+        upper, lower = (weights[top[part] + step].astype(np.float32) for step in (0, 1))
+        share = down[part, None, None]
+        band = upper * (1.0 - share) + lower * share
+        share = across[None, :, None]
+        result[part] = quantised_weights(band[:, left] * (1.0 - share) + band[:, left + 1] * share)
+    return result
+
+
+def _places(count: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.float32]]:
+    """Return between which of count + 1 vertices each of `count` places lies, and how far."""
+    place = np.arange(count) * (count / max(count - 1, 1))
+    place[-1] = count
+    first = np.minimum(place.astype(np.intp), count - 1)
+    return first, (place - first).astype(np.float32)
+
+
+def normals_down(normal: Bytes) -> Bytes:
+    """Return a normal map with green pointing down the image (Y−, as DirectX has it) of one with green up."""
+    result = normal.copy()
+    result[..., 1] = 255 - result[..., 1]
+    return result
+
+
+def control_map(weights: Bytes) -> npt.NDArray[np.float32]:
+    """Return the two heaviest materials of each vertex and how they share it.
+
+    From the highest bit on: 5 bits of the base's texture, 5 of the overlay's, 8 of the overlay's share (255
+    is all of it); the other bits are 0: no turn, usual scale, no hole, painted by hand ("Control Map Format"
+    in Terrain3D's documentation). Texture i is material i. The numbers are bits of uint32 that are kept as
+    float32: never calculate with them.
+    """
+    if weights.shape[-1] > _MOST_TEXTURES:
+        raise InputError(f"expected at most {_MOST_TEXTURES} materials, got {weights.shape[-1]}")
+    result = np.empty(weights.shape[:2], np.uint32)
+    for first in range(0, len(weights), _ROWS_AT_ONCE):  # bounds the memory of large grids
+        rows = slice(first, first + _ROWS_AT_ONCE)
+        result[rows] = _bits(weights[rows])
+    return result.view(np.float32)
+
+
+def _bits(weights: Bytes) -> npt.NDArray[np.uint32]:
+    base = weights.argmax(axis=-1)
+    rest = weights.copy()
+    np.put_along_axis(rest, base[..., None], 0, axis=-1)
+    under = rest.argmax(axis=-1)
+    most, second = (
+        np.take_along_axis(of, each[..., None], axis=-1)[..., 0].astype(np.uint32)
+        for of, each in ((weights, base), (rest, under))
+    )
+    overlay = np.where(second == 0, base, under).astype(np.uint32)
+    share = (_WHOLE * second + (most + second) // 2) // (most + second)
+    bits: npt.NDArray[np.uint32] = base.astype(np.uint32) << _BASE | overlay << _OVERLAY | share << _BLEND
+    return bits

@@ -238,7 +238,7 @@ def test_a_sweep_file_holds_all_settings_of_the_command_line(tmp_path: Path) -> 
     }
     assert (found.keys.size, found.keys.preview, found.keys.to) == (257, False, "unity")
     assert (found.export.tiles, found.export.heights) == ((2, 2), (-100.0, 900.5))
-    assert found.export.plants is False
+    assert found.export.foliage_files is False
 
 
 def test_malformed_and_missing_sweep_files_are_refused_in_one_line(tmp_path: Path) -> None:

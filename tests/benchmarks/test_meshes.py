@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.benchmarks import meshes
-from sketchterrain.export.mesh_error import mesh_error
+from sketchterrain.export.mesh import mesh_error
 
 
 def test_a_uniform_grid_covers_the_ground_with_no_fewer_triangles():

@@ -15,7 +15,7 @@ import sketchterrain.generate
 import sketchterrain.render
 from sketchterrain.cli import main
 from sketchterrain.errors import DeviceError
-from sketchterrain.export.plant_cloud import VERTEX
+from sketchterrain.export.foliage_files import VERTEX
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

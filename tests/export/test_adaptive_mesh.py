@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.adaptive_mesh import adaptive_mesh
-from sketchterrain.export.solid import border, solid
+from sketchterrain.export.mesh import adaptive_mesh
+from sketchterrain.export.mesh_files import border, solid
 
 pydelatin = pytest.importorskip("pydelatin")
 

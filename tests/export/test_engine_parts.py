@@ -1,4 +1,4 @@
-"""Parts of engine exports: axes, interpolated ground, weights, control maps, long JSON lists."""
+"""Parts of engine exports: axes, interpolated ground, weights, control maps."""
 
 from __future__ import annotations
 
@@ -8,19 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export.control_map import control_map
-from sketchterrain.export.decimals import decimals
-from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_files import path_of
-from sketchterrain.export.engine_plants import plant_rows, storeys_of
-from sketchterrain.export.grid import Grid
-from sketchterrain.export.grid_ground import ground_at
-from sketchterrain.export.json_rows import json_rows, write_listing
-from sketchterrain.export.layer_images import edge_to_edge, normals_down
-from sketchterrain.export.sampled import Sampled
+from sketchterrain.errors import InputError
+from sketchterrain.export.engines import EngineAxes, path_of, plant_rows, storeys_of
+from sketchterrain.export.sampled import Grid, Sampled, ground_at
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.weights import control_map, edge_to_edge, normals_down
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -113,29 +106,6 @@ def test_bits_of_the_control_map_are_finite_floats() -> None:
     assert np.isfinite(control_map(weights[:, : len(pairs)])).all()
     with pytest.raises(InputError, match="30 materials, got 31"):
         control_map(np.zeros((1, 1, 31), np.uint8))
-
-
-def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path: Path) -> None:
-    def rows(values: list[float]) -> bytes:
-        return json_rows([b"[", decimals(np.array(values), 2), b",", decimals(np.array(values), 1), b"]"])
-
-    pieces = [rows([1.0, -22.25]), b"", rows([0.0])]
-    told = json.loads(write_listing(tmp_path / "a.json", {"format": 1, "é": "ü"}, "rows", pieces).read_text())
-    assert told == {"format": 1, "é": "ü", "rows": [[1.0, 1.0], [-22.25, -22.2], [0.0, 0.0]]}
-    empty = json.loads(write_listing(tmp_path / "b.json", {}, "rows", []).read_text())
-    assert empty == {"rows": []}
-
-    folder = tmp_path / "gone"
-    with pytest.raises(SketchterrainError, match="cannot be written"):
-        write_listing(folder / "a.json", {}, "rows", [])
-
-    def failing() -> object:
-        yield b"[1]"
-        raise InputError("no more")
-
-    with pytest.raises(InputError, match="no more"):
-        write_listing(tmp_path / "c.json", {"format": 1}, "rows", failing())  # type: ignore[arg-type]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.json"]
 
 
 def test_a_plants_row_is_on_the_ground_given(plants: Callable[[int], np.ndarray]) -> None:

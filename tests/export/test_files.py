@@ -1,4 +1,4 @@
-"""Files that are replaced as a whole, folders of them, and partial files of killed processes."""
+"""Files that are replaced as a whole, folders of them, rows of numbers as text, PNG, and the sidecar."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import os
 import signal
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+import numpy as np
 import pytest
+import rasterio
+from PIL import Image
 
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export import move_into, prepare_folder, staging, write_json
-from sketchterrain.export.files import files_without_successor
-from sketchterrain.export.sidecar import SIDECAR, replaced_files
+from sketchterrain.export.files import files_without_successor, text_rows, write_listing, write_values_png
+from sketchterrain.export.sidecar import SIDECAR, Row, replaced_files, typed_rows
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def test_new_content_replaces_the_old_and_a_missing_folder_is_refused(tmp_path: Path) -> None:
@@ -34,34 +34,24 @@ def test_new_content_replaces_the_old_and_a_missing_folder_is_refused(tmp_path: 
     assert ".tmp" not in str(caught.value)
 
 
-def test_a_failing_write_leaves_the_old_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "a.bin"
-    write_whole(path, b"old")
-
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(SketchterrainError, match=r"a\.bin: cannot be written \(No space left on device\)$"):
-        write_whole(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
-
-
-def test_an_interrupted_write_leaves_the_old_file_whole(
+def test_a_failing_or_interrupted_write_leaves_the_old_file_whole(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.bin"
     write_whole(path, b"old")
+    for failure, told in [
+        (OSError(28, "No space left on device"), r"a\.bin: cannot be written \(No space left on device\)$"),
+        (KeyboardInterrupt(), "^$"),
+    ]:
 
-    def interrupted(_: int) -> None:
-        raise KeyboardInterrupt
+        def failing(_: int, failure: BaseException = failure) -> None:
+            raise failure
 
-    monkeypatch.setattr(os, "fsync", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_whole(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
+        monkeypatch.setattr(os, "fsync", failing)
+        with pytest.raises((SketchterrainError, KeyboardInterrupt), match=told):
+            write_whole(path, b"new")
+        assert path.read_bytes() == b"old"
+        assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
 
 
 def test_a_killed_process_leaves_the_old_file_whole(tmp_path: Path) -> None:
@@ -162,3 +152,89 @@ def test_only_an_earlier_export_of_the_same_sketch_and_target_is_replaced(tmp_pa
         assert replaced_files(tmp_path, told) == [], content
     (tmp_path / SIDECAR).write_text(json.dumps(sidecar("old", "kept")))
     assert replaced_files(tmp_path, told) == [tmp_path / "old"]
+
+
+def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short() -> None:
+    settings = {"Resolution": 65, "Flip": False, "scale": 1 / 3, "crs": None, "bands": [1, 2]}
+    shown = [(row.name, row.value) for row in typed_rows(settings)]
+    values = ("65", "no", "0.3333333333", "none", "1, 2")
+    assert shown == list(zip(settings, values, strict=True))
+    scale = {"Scale": {"X": 100.0, "Y": -2.5, "Z": 87.28125}}
+    assert typed_rows(scale) == [Row(0, "Scale", "X 100  Y -2.5  Z 87.28125")]
+
+    tiles = [{"file": f"a_{number}.raw", "Position": {"X": 0.5 * number}} for number in range(6)]
+    rows = typed_rows({"tiles": tiles})
+    assert rows[:3] == [Row(0, "tile 1", ""), Row(1, "file", "a_0.raw"), Row(1, "Position", "X 0")]
+    assert len(rows) == 4 * 3 + 1
+    assert rows[-1] == Row(0, "tiles", "2 more in terrain.json")
+    assert typed_rows({"tiles": tiles[:1]})[0] == Row(0, "tile", "")
+    rows = typed_rows({"texture": {"file": "a.exr", "plane": {"size": 1.0, "place": {"x": 1.0}}}})
+    assert [(row.depth, row.name) for row in rows] == [
+        *((0, "texture"), (1, "file"), (1, "plane"), (2, "size"), (2, "place")),
+    ]
+
+
+def test_rows_of_numbers_are_formatted_as_python_does() -> None:
+    for places in [1, 3, 4, 7]:
+        for size in [1e-6, 1.0, 12.0, 9999.0, 123456.0, 1e8]:
+            values = np.random.default_rng(places).normal(0.0, size, 2000)
+            rounded = np.rint(values * 10.0**places) / 10.0**places + 0.0  # halves to even, no negative zero
+            expected = "".join(f"{value:.{places}f}\n" for value in rounded)
+            assert text_rows(f"%.{places}f\n", values) == expected.encode(), (places, size)
+
+    values = np.array([0.0, -0.0, -0.0004, 0.0006, 9.9996, 10.0, 99999.9996, -99999.9996])
+    texts = b"0.000 0.000 0.000 0.001 10.000 10.000 100000.000 -100000.000 "
+    assert text_rows("%.3f ", values) == texts
+    single = np.float32([0.1, 1e6 / 3, -7.25])
+    assert text_rows("%.3f ", single).split() == [f"{float(value):.3f}".encode() for value in single]
+    names = np.array(["oak tree", "fir"], object)
+    assert text_rows("%d,%s,%.1f\n", np.uint8([7, 255]), names, np.array([1.0, -22.5])) == (
+        b"7,oak tree,1.0\n255,fir,-22.5\n"
+    )
+    assert text_rows("%.3f\n", np.zeros(0)) == b""
+    for broken in [np.nan, np.inf, -np.inf]:
+        with pytest.raises(InputError, match="expected finite numbers to write as text, got"):
+            text_rows("%.3f\n", np.array([1.0, broken, 2.0]))
+
+
+def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path: Path) -> None:
+    pieces = [b"[1.0,1.0],\n[-22.25,-22.2]", b"", b"[0.0,0.0]"]
+    told = json.loads(write_listing(tmp_path / "a.json", {"format": 1, "é": "ü"}, "rows", pieces).read_text())
+    assert told == {"format": 1, "é": "ü", "rows": [[1.0, 1.0], [-22.25, -22.2], [0.0, 0.0]]}
+    assert json.loads(write_listing(tmp_path / "b.json", {}, "rows", []).read_text()) == {"rows": []}
+    with pytest.raises(SketchterrainError, match="cannot be written"):
+        write_listing(tmp_path / "gone" / "a.json", {}, "rows", [])
+
+    def failing() -> object:
+        yield b"[1]"
+        raise InputError("no more")
+
+    with pytest.raises(InputError, match="no more"):
+        write_listing(tmp_path / "c.json", {"format": 1}, "rows", failing())  # type: ignore[arg-type]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.json"]
+
+
+def test_pillow_and_gdal_read_the_values_of_a_png_back(tmp_path: Path) -> None:
+    random, path = np.random.default_rng(1), tmp_path / "a.png"
+    whole = np.arange(60 * 80, dtype=np.uint16).reshape(60, 80)
+    cases = [
+        *((shape, kind) for shape in ((1, 1), (1, 7), (65, 5), (200, 3)) for kind in (np.uint8, np.uint16)),
+        *(((130, 9, channels), np.uint8) for channels in (3, 4)),
+    ]
+    arrays = [random.integers(0, np.iinfo(kind).max, shape, kind, endpoint=True) for shape, kind in cases]
+    for values in [*arrays, whole[5:50:2, 70:3:-3], whole.T, np.broadcast_to(np.uint16(7), (9, 9))]:
+        content = write_values_png(path, values).read_bytes()
+        assert write_values_png(path, values).read_bytes() == content
+        with Image.open(path) as image:
+            np.testing.assert_array_equal(np.asarray(image), values)
+        with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
+            other = rasterio.open(path)
+        with other:
+            assert set(other.dtypes) == {values.dtype.name}
+            np.testing.assert_array_equal(np.moveaxis(other.read(), 0, -1).reshape(values.shape), values)
+
+    x = np.linspace(0.0, 6.0, 500)
+    values = np.rint(20_000 * (1.0 + np.sin(x) * np.cos(x[:, None]))).astype(np.uint16)
+    assert write_values_png(path, values).stat().st_size < 0.8 * values.nbytes
+    with pytest.raises(SketchterrainError, match="cannot be written"):
+        write_values_png(tmp_path / "no" / "a.png", np.zeros((2, 2), np.uint8))

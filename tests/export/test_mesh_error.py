@@ -7,8 +7,7 @@ import pytest
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
-from sketchterrain.export.mesh import Mesh, grid_mesh
-from sketchterrain.export.mesh_error import mesh_error
+from sketchterrain.export.mesh import Mesh, grid_mesh, mesh_error
 
 
 def two_triangles(columns: int, rows: int) -> Mesh:

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.grid import Grid
 from sketchterrain.export.planning import option_names, plan
+from sketchterrain.export.sampled import Grid
 from sketchterrain.export.target import ExportOptions, Target, Written
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.export.tiling import Tiling

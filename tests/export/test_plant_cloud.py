@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.export.plant_cloud import VERTEX, plant_cloud
+from sketchterrain.export.foliage_files import VERTEX, plant_cloud
 from sketchterrain.terrain.plant import SPECIES
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export.plants import ROW_BYTES, plant_table
+from sketchterrain.export.foliage_files import ROW_BYTES, plant_table
 from sketchterrain.terrain.plant import PLANT, SPECIES
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def test_non_finite_plants_and_missing_folders_leave_no_table(
 ) -> None:
     some = plants(10)
     some["tint"][3] = np.nan
-    with pytest.raises(InputError, match=r"finite numbers .*, got nan"):
+    with pytest.raises(InputError, match=r"finite numbers .* got nan"):
         written(tmp_path, some)
     assert list(tmp_path.iterdir()) == []
 

@@ -7,8 +7,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.export import quantised_weights
-from sketchterrain.export.grid import Grid
-from sketchterrain.export.sampled import BYTES_PER_VERTEX, sample
+from sketchterrain.export.sampled import BYTES_PER_VERTEX, Grid, sample
 from sketchterrain.terrain import raster_windows
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sketchterrain.export.grid import Grid
-from sketchterrain.export.water_mesh import waters
+from sketchterrain.export.mesh_vertices import waters
+from sketchterrain.export.sampled import Grid
 
 GRID = Grid(0.0, 0.0, 400.0, 400.0, 41, 41)
 LEVEL = 20.0

@@ -19,7 +19,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.export.typed_settings import typed_rows
+from sketchterrain.export.sidecar import typed_rows
 from sketchterrain.ui.dialogs.sheet import heading, note_to_copy, part, share_bar
 
 if TYPE_CHECKING:

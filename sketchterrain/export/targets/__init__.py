@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from sketchterrain.errors import InputError, one_line
-
-if TYPE_CHECKING:
-    from sketchterrain.export.target import Target
-
-__all__ = ["TARGET_NAMES", "target_named"]
+from sketchterrain.export.target import Target
 
 # Each in the module here that has it in its TARGETS: what a target needs is loaded when it is asked for.
 _MODULES = {

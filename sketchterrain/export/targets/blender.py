@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
-from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_placed import write_all_water
-from sketchterrain.export.exr import write_exr
-from sketchterrain.export.glb import Glb
+from sketchterrain.export.engines import EngineAxes, write_all_water
+from sketchterrain.export.gltf import AXES, Glb
 from sketchterrain.export.gltf_plants import BYTES_PER_PLANT, add_instances, gathered_plants
-from sketchterrain.export.gltf_scene import AXES
-from sketchterrain.export.ground_images import ground_images
-from sketchterrain.export.target import Target, Written
+from sketchterrain.export.images import ground_images
+from sketchterrain.export.rasters import write_exr
+from sketchterrain.export.sampled import Grid
+from sketchterrain.export.target import Export, Target, Written
 from sketchterrain.export.targets.gltf import (
     check_glb,
     ground_scene,
     plant_facts,
     write_points,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.export.grid import Grid
-    from sketchterrain.export.target import Export
-
-__all__ = ["TARGETS", "write_blender"]
 
 _AXES: Final = EngineAxes("east", "north", "up")
 
@@ -45,7 +37,11 @@ def write_blender(export: Export) -> Written:
     path = export.folder / f"{export.name}.glb"
     with export.stages.stage("glb", "GLB"):
         files[scene.write(path)] = "ground and water; lies where the displaced grid does"
-    files |= plants | write_all_water(export, _AXES) | ground_images(export)
+    files |= (
+        plants
+        | write_all_water(export, _AXES)
+        | ground_images(export.folder / export.name, export.sampled, export.terrain.material_names)
+    )
     facts["heights"] = {"numbers": "float32", "channels": "R = G = B", "metres": "value"}
     facts["axes"] = _AXES.facts
     return Written(files, _settings(export.grid, heights.name, path.name), facts | counted)

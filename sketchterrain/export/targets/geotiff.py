@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.export.cloud_tiff import NO_DATA, Place, write_cloud_tiff
-from sketchterrain.export.geopackage import geopackage
-from sketchterrain.export.geotiff import local_metres
+from sketchterrain.export.geotiff import NO_DATA, Place, local_metres, write_cloud_tiff
 from sketchterrain.export.placed_layers import (
+    GeoPackage,
     Origin,
     feature_layer,
+    geopackage,
     lake_layer,
     plant_layer,
     river_layer,
     station_layer,
 )
-from sketchterrain.export.target import Target, Written
+from sketchterrain.export.target import Export, ExportOptions, Target, Written
 from sketchterrain.metric_crs import metric_crs
 from sketchterrain.terrain.plant import PLANT
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from sketchterrain.export.geopackage import GeoPackage
-    from sketchterrain.export.target import Export, ExportOptions
-
-__all__ = ["TARGETS"]
 
 _PLANTS_AT_ONCE = 1_000_000
 _FIELDS = {

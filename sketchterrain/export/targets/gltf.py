@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engine_placed import write_all_water
-from sketchterrain.export.glb import Glb
+from sketchterrain.export.engines import write_all_water
+from sketchterrain.export.gltf import AXES, Glb, add_ground, add_water, centre_of
 from sketchterrain.export.gltf_plants import (
     BYTES_PER_PLANT,
     Planting,
@@ -14,36 +15,15 @@ from sketchterrain.export.gltf_plants import (
     add_points,
     gathered_plants,
 )
-from sketchterrain.export.gltf_scene import AXES, add_ground, add_water, centre_of
-from sketchterrain.export.ground_images import ground_images
-from sketchterrain.export.ground_mesh import check_error, ground_mesh, mesh_facts
-from sketchterrain.export.target import Target, Written
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.export.target import Export, ExportOptions
-
-__all__ = [
-    "TARGETS",
-    "check_glb",
-    "ground_scene",
-    "plant_facts",
-    "write_gltf",
-    "write_points",
-]
+from sketchterrain.export.images import ground_images
+from sketchterrain.export.mesh import check_error, ground_mesh, mesh_facts
+from sketchterrain.export.target import Export, ExportOptions, Target, Written
 
 _MOST: Final = 8193  # vertices of 56 bytes, their triangles counted in
 
 
 def check_glb(options: ExportOptions) -> None:
-    """Refuse what fits into no GLB before any work is done.
-
-    Raises
-    ------
-    InputError
-        Also as :func:`check_error` says.
-    """
+    """Refuse what fits into no GLB before any work is done."""
     check_error(options)
     if options.error is None and (options.size or 0) > _MOST:
         raise InputError(
@@ -64,7 +44,9 @@ def write_gltf(export: Export) -> Written:
     with export.stages.stage("glb", "GLB"):
         scene.write(path)
     files = {path: "ground, water and plants, m: x east, y up, z south"} | points
-    files |= write_all_water(export, AXES) | ground_images(export)
+    files |= write_all_water(export, AXES) | ground_images(
+        export.folder / export.name, export.sampled, export.terrain.material_names
+    )
     settings: dict[str, Any] = {"up": "+Y", "unit": "1 m", "scale": 1.0}
     if points:
         settings["plants"] = (

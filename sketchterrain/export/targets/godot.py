@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.control_map import control_map
-from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_files import path_of, tiles_of
-from sketchterrain.export.engine_placed import write_all_plants, write_all_water
-from sketchterrain.export.exr import write_exr
+from sketchterrain.export.engines import EngineAxes, path_of, tiles_of, write_all_plants, write_all_water
+from sketchterrain.export.files import write_values_png
 from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.png import write_values_png
-from sketchterrain.export.target import Target, Written
-from sketchterrain.export.tiling import Tiling
-from sketchterrain.export.weights import four_of
+from sketchterrain.export.rasters import write_exr
+from sketchterrain.export.sampled import Grid, Sampled
+from sketchterrain.export.target import Export, ExportOptions, Target, Written
+from sketchterrain.export.tiling import Piece, Tiling
+from sketchterrain.export.weights import control_map, four_of
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.export.grid import Grid
-    from sketchterrain.export.sampled import Sampled
-    from sketchterrain.export.target import Export, ExportOptions
-    from sketchterrain.export.tiling import Piece
-
-__all__ = ["TARGETS", "godot_axes", "import_position", "region_size", "write_godot"]
 
 _REGION: Final = 256  # vertices along a region's side unless a larger one is chosen
 _REGIONS: Final = 32  # each way, at most

@@ -2,29 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
-from sketchterrain.export.baked_ground import baked_colour, material_looks
-from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_placed import write_all_plants, write_all_water
+from sketchterrain.export.engines import EngineAxes, write_all_plants, write_all_water
 from sketchterrain.export.files import write_png
-from sketchterrain.export.ground_images import ground_images
-from sketchterrain.export.ground_mesh import check_error, ground_mesh, mesh_facts
-from sketchterrain.export.mesh_vertices import mesh_normals, mesh_places, mesh_texels, texel_step
-from sketchterrain.export.obj import HEIGHT_DECIMALS, ObjPart, write_mtl, write_obj
-from sketchterrain.export.solid import solid
-from sketchterrain.export.stl import write_stl
-from sketchterrain.export.target import Target, Written
-from sketchterrain.export.water_mesh import waters
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.export.target import Export
-
-__all__ = ["TARGETS", "write_meshes_obj", "write_meshes_stl"]
+from sketchterrain.export.gltf import baked_colour, material_looks
+from sketchterrain.export.images import ground_images
+from sketchterrain.export.mesh import check_error, ground_mesh, mesh_facts
+from sketchterrain.export.mesh_files import HEIGHT_DECIMALS, ObjPart, solid, write_mtl, write_obj, write_stl
+from sketchterrain.export.mesh_vertices import mesh_normals, mesh_places, mesh_texels, texel_step, waters
+from sketchterrain.export.target import Export, Target, Written
 
 _UPRIGHT: Final = EngineAxes("east", "up", "south")
 _WORLD: Final = EngineAxes("east", "north", "up")
@@ -60,7 +50,11 @@ def write_meshes_obj(export: Export) -> Written:
     ground = {"Kd": "1 1 1", "Ks": "0 0 0", "illum": "1", "map_Kd": f"{name}_colour.png"}
     files[write_mtl(folder / f"{name}.mtl", {"ground": ground, "water": _WATER})] = "materials of the OBJ"
     files[write_png(folder / f"{name}_colour.png", colours)] = "the ground's colours, sRGB"
-    files |= ground_images(export) | write_all_plants(export, _UPRIGHT) | write_all_water(export, _UPRIGHT)
+    files |= (
+        ground_images(export.folder / export.name, export.sampled, export.terrain.material_names)
+        | write_all_plants(export, _UPRIGHT)
+        | write_all_water(export, _UPRIGHT)
+    )
     facts = {"axes": _UPRIGHT.facts, "mesh": mesh_facts(export, made)}
     facts["heights"] = {"numbers": f"text, {HEIGHT_DECIMALS} decimals"}
     return Written(files, {"up": "Y", "forward": "-Z", "scale": 1.0, "unit": "1 m"}, facts)
@@ -76,7 +70,11 @@ def write_meshes_stl(export: Export) -> Written:
         body = solid(made.mesh, mesh_places(made.mesh, export.sampled, _WORLD), base)
         path = write_stl(export.folder / f"{name}.stl", body.place, body.triangles)
     files = {path: "the ground as a solid with walls and a floor, m: x east, y north, z up"}
-    files |= ground_images(export) | write_all_plants(export, _WORLD) | write_all_water(export, _WORLD)
+    files |= (
+        ground_images(export.folder / export.name, export.sampled, export.terrain.material_names)
+        | write_all_plants(export, _WORLD)
+        | write_all_water(export, _WORLD)
+    )
     facts: dict[str, Any] = {"axes": _WORLD.facts, "byte_order": "little-endian"}
     facts["mesh"] = mesh_facts(export, made) | {"solid_triangles": len(body.triangles), "floor": base}
     facts["heights"] = {"numbers": "float32"}

@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.exr import write_exr
 from sketchterrain.export.features import write_features
+from sketchterrain.export.files import write_values_png
 from sketchterrain.export.foliage_files import FoliageFiles, write_foliage
 from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.png import write_values_png
-from sketchterrain.export.raw import npy_rows, write_npy, write_raw
-from sketchterrain.export.target import Target, Written
+from sketchterrain.export.images import ground_images, weights_suffix
+from sketchterrain.export.rasters import npy_rows, write_exr, write_npy, write_raw
+from sketchterrain.export.sampled import Sampled
+from sketchterrain.export.target import Export, ExportOptions, Target, Written
 from sketchterrain.export.tiling import Tiling
-from sketchterrain.export.weights import four_of
+from sketchterrain.export.weights import CHANNELS
 from sketchterrain.terrain.plant import PLANT
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    import numpy as np
-    import numpy.typing as npt
-
-    from sketchterrain.export.sampled import Sampled
-    from sketchterrain.export.target import Export, ExportOptions
-
-    Heights = npt.NDArray[np.float32]
-
-__all__ = ["TARGETS"]
-
+Heights = npt.NDArray[np.float32]
 _TILED = frozenset({"tiles", "overlap", "tile_name", "tile_first", "tiles_from_south"})
-_CHANNELS = ("red", "green", "blue", "alpha")
 _AXES = "x east, y north, z up, metres from the sketch's south-west corner"
 _KINDS = {"r16": "<u2", "r16be": ">u2", "r32": "<f4"}
 _IN_STEPS = frozenset({"r16", "r16be"})
@@ -89,18 +81,13 @@ def _images(
     with export.stages.stage("files", "Writing files") as tell:
         for share, stem, part in _parts(export):
             files[write(stem.with_name(f"{stem.name}_height"), part.height)] = "heights"
-            normal = write_values_png(stem.with_name(f"{stem.name}_normal.png"), part.normal)
-            files[normal] = "normals, red east, green north (Y+), blue up; 0 is -1, 255 is 1"
-            for first in range(0, len(names), len(_CHANNELS)):
-                path = stem.with_name(f"{stem.name}_{_weights_suffix(first)}.png")
-                held = ", ".join(names[first : first + len(_CHANNELS)])
-                files[write_values_png(path, four_of(part.weights, first))] = f"weights of {held}; no opacity"
+            files |= ground_images(stem, part, names)
             tell(share)
     materials = [
         {
             "name": name,
-            "files": f"*_{_weights_suffix(index)}.png",
-            "channel": _CHANNELS[index % len(_CHANNELS)],
+            "files": f"*_{weights_suffix(index)}.png",
+            "channel": CHANNELS[index % len(CHANNELS)],
         }
         for index, name in enumerate(names)
     ]
@@ -191,11 +178,6 @@ def _plant_rows(export: Export) -> dict[Path, str]:
 def _features(export: Export) -> dict[Path, str]:
     paths = write_features(export.folder, export.terrain.features)
     return dict.fromkeys(paths, "mountains, hills, forests; rivers as centrelines, lakes as outlines")
-
-
-def _weights_suffix(index: int) -> str:
-    number = index // len(_CHANNELS) + 1
-    return f"materials-{number}" if number > 1 else "materials"
 
 
 _TILING = Tiling(overlap=1)

@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
-from sketchterrain.export.decimals import decimals
-from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_files import path_of, tiles_of
-from sketchterrain.export.engine_placed import write_all_water
-from sketchterrain.export.engine_plants import plants_within, storeys_of
-from sketchterrain.export.grid_ground import ground_at
+from sketchterrain.export.engines import (
+    EngineAxes,
+    path_of,
+    plants_within,
+    storeys_of,
+    tiles_of,
+    write_all_water,
+)
+from sketchterrain.export.files import text_rows, write_listing, write_values_png
 from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.json_rows import json_rows, small_numbers, write_listing
-from sketchterrain.export.layer_images import edge_to_edge
-from sketchterrain.export.png import write_values_png
-from sketchterrain.export.target import Target, Written
-from sketchterrain.export.tiling import Tiling
-from sketchterrain.export.weights import four_of
+from sketchterrain.export.sampled import Sampled, ground_at
+from sketchterrain.export.target import Export, Target, Written
+from sketchterrain.export.tiling import Piece, Tiling
+from sketchterrain.export.weights import edge_to_edge, four_of
 from sketchterrain.whole_files import write_whole
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from sketchterrain.export.sampled import Sampled
-    from sketchterrain.export.target import Export
-    from sketchterrain.export.tiling import Piece
-
-__all__ = ["TARGETS", "unity_axes", "write_unity"]
-
+_TREE_ROW: Final = (
+    '{"prototypeIndex":%d,"position":{"x":%.8f,"y":%.8f,"z":%.8f},"widthScale":%.3f,"heightScale":%.3f,'
+    '"rotation":%.4f,"tint":%.3f},\n'
+)
 _FILES: Final = {
     "height": "heights: RAW, 16 bits, little-endian, first row south",
     "normal": "normals, Y+: red east, green north, blue up",
@@ -150,28 +146,17 @@ def _tree_rows(plants: npt.NDArray[np.void], tile: Sampled, steps: HeightSteps) 
     height = (ground_at(tile, plants["x"], plants["y"]) - steps.low) / steps.range
     # Unity turns clockwise seen from above.
     turn = np.mod(-plants["rotation"].astype(np.float64), 2.0 * np.pi)
-    scale = decimals(plants["scale"], 3)
-    return json_rows(
-        [
-            b'{"prototypeIndex":',
-            small_numbers(plants["species"]),
-            b',"position":{"x":',
-            decimals((plants["x"] - west) / (east - west), 8),
-            b',"y":',
-            decimals(np.clip(height, 0.0, 1.0), 8),
-            b',"z":',
-            decimals((plants["y"] - south) / (north - south), 8),
-            b'},"widthScale":',
-            scale,
-            b',"heightScale":',
-            scale,
-            b',"rotation":',
-            decimals(turn, 4),
-            b',"tint":',
-            decimals(plants["tint"], 3),
-            b"}",
-        ]
-    )
+    return text_rows(
+        _TREE_ROW,
+        plants["species"],
+        (plants["x"] - west) / (east - west),
+        np.clip(height, 0.0, 1.0),
+        (plants["y"] - south) / (north - south),
+        plants["scale"],
+        plants["scale"],
+        turn,
+        plants["tint"],
+    ).removesuffix(b",\n")
 
 
 TARGETS: Final = (

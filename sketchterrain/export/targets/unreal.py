@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
-from sketchterrain.export.engine_axes import EngineAxes
-from sketchterrain.export.engine_files import path_of, tiles_of
-from sketchterrain.export.engine_placed import write_all_plants, write_all_water
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.export.engines import EngineAxes, path_of, tiles_of, write_all_plants, write_all_water
+from sketchterrain.export.files import write_values_png
 from sketchterrain.export.height_steps import HeightSteps
-from sketchterrain.export.layer_images import normals_down
-from sketchterrain.export.png import write_values_png
-from sketchterrain.export.target import Target, Written
-from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.sampled import Sampled
+from sketchterrain.export.target import Export, Target, Written
+from sketchterrain.export.tiling import Piece, Tiling
+from sketchterrain.export.weights import normals_down
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy as np
-    import numpy.typing as npt
-
-    from sketchterrain.export.sampled import Sampled
-    from sketchterrain.export.target import Export
-    from sketchterrain.export.tiling import Piece
-
-__all__ = ["TARGETS", "unreal_axes", "write_unreal"]
 
 _CENTIMETRES: Final = 100.0
 _DECIMALS: Final = 6  # of centimetres

@@ -16,8 +16,7 @@ from scipy import ndimage
 
 import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.export.geopackage import VectorLayer, geopackage
-from sketchterrain.export.placed_layers import Origin, lake_layer
+from sketchterrain.export.placed_layers import Origin, VectorLayer, geopackage, lake_layer
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.features.catalogue import Lake

@@ -12,9 +12,8 @@ import trimesh
 from PIL import Image
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.glb import Glb
-from sketchterrain.export.gltf_plants import INSTANCING
-from sketchterrain.export.plant_models import herb_model
+from sketchterrain.export.gltf import Glb
+from sketchterrain.export.gltf_plants import INSTANCING, herb_model
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets.gltf import check_glb
 
@@ -255,7 +254,7 @@ def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_pa
     with pytest.raises(InputError, match="plants: a GLB takes 100: expected no grass"):
         exported("gltf", size=17)
 
-    monkeypatch.setattr("sketchterrain.export.glb.LARGEST", 100)
+    monkeypatch.setattr("sketchterrain.export.gltf.LARGEST", 100)
     glb = Glb()
     glb.attribute(np.zeros((20, 3), np.float32))
     with pytest.raises(InputError, match="holds 4 GiB"):

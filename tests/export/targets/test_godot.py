@@ -13,8 +13,8 @@ from PIL import Image
 from scipy.interpolate import RegularGridInterpolator
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.grid import Grid
 from sketchterrain.export.planning import plan
+from sketchterrain.export.sampled import Grid
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets.godot import TARGETS, import_position, region_size
 from sketchterrain.exporting import plan_of

@@ -15,8 +15,7 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
-from sketchterrain.export.grid import Grid
-from sketchterrain.export.sampled import Sampled
+from sketchterrain.export.sampled import Grid, Sampled
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.targets import target_named
 from sketchterrain.export.tiling import Tiling

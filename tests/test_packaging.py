@@ -15,7 +15,7 @@ from sketchterrain.errors import InputError
 
 ROOT = Path(__file__).parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
-DATA = {".cl", ".clh", ".glsl", ".toml", ".png", ".jpg"}
+DATA = {".cl", ".clh", ".glsl", ".toml", ".png", ".jpg", ".svg", ".qss"}
 
 
 def test_every_package_and_data_file_is_listed() -> None:
@@ -26,7 +26,7 @@ def test_every_package_and_data_file_is_listed() -> None:
             below = init.parent.relative_to(ROOT / top).parts
             there.add(".".join([name, *below]))
     assert set(SETTINGS["packages"]) == there
-    for folder in ("kernels", "presets"):
+    for folder in ("kernels", "presets", "ui"):
         listed = {
             file
             for pattern in SETTINGS["package-data"][mapped[folder]]
@@ -55,7 +55,7 @@ def test_a_wheel_holds_kernels_and_presets(tmp_path: Path) -> None:
     )
     (wheel,) = tmp_path.glob("*.whl")
     names = set(zipfile.ZipFile(wheel).namelist())
-    for folder, pattern in (("kernels", "*.cl*"), ("kernels", "*.glsl"), ("presets", "*.*")):
+    for folder, pattern in (("kernels", "*.cl*"), ("kernels", "*.glsl"), ("presets", "*.*"), ("ui", "*.*")):
         for file in (ROOT / folder).rglob(pattern):
             if file.suffix in DATA:
                 assert f"sketchterrain/{file.relative_to(ROOT).as_posix()}" in names

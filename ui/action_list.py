@@ -8,8 +8,6 @@ from typing import Final
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.models.workspace import OVERLAYS
 
-__all__ = ["COMMANDS", "TOOL_KEYS", "Command"]
-
 
 @dataclass(frozen=True)
 class Command:

@@ -2,32 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
 
 from PyQt6.QtCore import QObject
 from PyQt6.QtGui import QAction, QActionGroup, QKeySequence
+from PyQt6.QtWidgets import QMainWindow
 
 from sketchterrain.ui.action_list import COMMANDS
 from sketchterrain.ui.look.icons import icon
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from PyQt6.QtWidgets import QMainWindow
-
-__all__ = ["Actions"]
 
 _GROUPS = ("tool", "layer", "mode")
 
 
 class Actions(QObject):
-    """All actions of a window, by the names in `COMMANDS`.
-
-    Parameters
-    ----------
-    window
-        Whose they are: their keys work wherever in it the focus is.
-    """
+    """All actions of a window, by the names in `COMMANDS`."""
 
     def __init__(self, window: QMainWindow) -> None:
         super().__init__(window)
@@ -58,25 +46,13 @@ class Actions(QObject):
         return iter(self._actions.values())
 
     def bind(self, what: Mapping[str, Callable[[], object]]) -> None:
-        """Say what actions do when they are triggered.
-
-        Raises
-        ------
-        KeyError
-            If there is no such action.
-        """
+        """Say what actions do when they are triggered."""
         for name, do in what.items():
             self._actions[name]  # a name that is none is told now, not when it is chosen
             self._plain[name] = do
 
     def bind_checked(self, what: Mapping[str, Callable[[bool], object]]) -> None:
-        """Say what actions do when a person switches them on or off.
-
-        Raises
-        ------
-        KeyError
-            If there is no such action.
-        """
+        """Say what actions do when a person switches them on or off."""
         for name, do in what.items():
             self._actions[name]
             self._checked[name] = do

@@ -27,9 +27,8 @@ from PyQt6.QtWidgets import (
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Trouble
-from sketchterrain.ui.look.icons import draw_icon
+from sketchterrain.ui.look.icons import draw_icon, tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, looks, theme
-from sketchterrain.ui.look.tool_buttons import tool_button
 
 _LONG = 8000  # ms that good news stay
 _MOST = 8  # messages that wait

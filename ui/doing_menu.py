@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QAction
@@ -11,17 +11,11 @@ from PyQt6.QtWidgets import QMenu, QWidget
 
 from sketchterrain.ui.commands.chosen_parts import name_of
 from sketchterrain.ui.commands.placed_edits import is_edited, is_locked
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Chosen, Workspace
-
-__all__ = ["DoingMenu", "offer_chosen"]
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Chosen, Workspace
 
 
 class DoingMenu(QMenu):

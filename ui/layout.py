@@ -20,8 +20,8 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.actions import Actions
+from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import SMALL, SPACING
-from sketchterrain.ui.look.tool_buttons import tool_button
 
 
 class Dock(QDockWidget):

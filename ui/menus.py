@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterable, Mapping
+from typing import Final
 
 from PyQt6.QtCore import QSize, Qt
-from PyQt6.QtWidgets import QMenu, QToolBar
+from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from PyQt6.QtWidgets import QMainWindow
-
-    from sketchterrain.ui.actions import Actions
-
-__all__ = ["MENUS", "add_last", "add_menus", "add_tool_bars"]
 
 _RULE = "-"
 _TOOLS = tuple(f"tool-{name}" for name in TOOLS)
@@ -63,15 +56,7 @@ _VIEW_BAR = ("random-seed", "measure", _RULE, "canvas-only", "view-only", "full-
 
 
 def add_menus(window: QMainWindow, actions: Actions, inner: Mapping[str, QMenu]) -> None:
-    """Fill a window's menu bar.
-
-    Parameters
-    ----------
-    window
-    actions
-    inner
-        The menus within menus, by title.
-    """
+    """Fill a window's menu bar."""
     bar = window.menuBar()
     if bar is None:
         return

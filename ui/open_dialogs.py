@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from sketchterrain.ui.models.preferences import Preferences
     from sketchterrain.ui.worlds.window import WorldWindow
 
-__all__ = ["OpenDialogs"]
 
 _TRACED = (
     "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg)"
@@ -42,21 +41,7 @@ _WORLDS = f"Worlds ({' '.join(_WORLD_FILES)} *.tif *.tiff);;All files (*)"
 
 
 class OpenDialogs(QObject):
-    """Opens dialogs over a window. Each is loaded when it is first asked for: the window is there sooner.
-
-    Parameters
-    ----------
-    window, actions, document, link, preferences, files, banner
-
-    Attributes
-    ----------
-    exporting : ExportDialog or None
-        The one that stands open beside the window.
-    writing_world : WorldDialog or None
-        The one that does.
-    worlds : list of WorldWindow
-        Those that are open.
-    """
+    """Opens dialogs over a window. Each is loaded when it is first asked for: the window is there sooner."""
 
     def __init__(
         self,

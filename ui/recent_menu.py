@@ -4,26 +4,15 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from PyQt6.QtWidgets import QMenu
+from PyQt6.QtWidgets import QMenu, QWidget
 
-if TYPE_CHECKING:
-    from PyQt6.QtWidgets import QWidget
-
-    from sketchterrain.ui.files import Files
-    from sketchterrain.ui.models.recent import RecentFiles
-
-__all__ = ["RecentMenu"]
+from sketchterrain.ui.files import Files
+from sketchterrain.ui.models.recent import RecentFiles
 
 
 class RecentMenu(QMenu):
-    """Opens what was open before.
-
-    Parameters
-    ----------
-    recent, files
-    """
+    """Opens what was open before."""
 
     def __init__(self, recent: RecentFiles, files: Files, parent: QWidget) -> None:
         super().__init__("Open &recent", parent)

@@ -3,44 +3,31 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.banner import Message
+from sketchterrain.ui.actions import Actions
+from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.commands import placed_edits
 from sketchterrain.ui.commands.chosen_parts import is_there, point_of
 from sketchterrain.ui.commands.labels import labels_of
 from sketchterrain.ui.commands.settings import WORLD, set_setting
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
-from sketchterrain.ui.models.workspace import TOOLS
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.ui.actions import Actions
-    from sketchterrain.ui.banner import Banner
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Chosen, Workspace
-
-__all__ = ["SketchActions"]
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import TOOLS, Chosen, Workspace
 
 _STEP = 1.25  # by which the brush grows
 _SEEDS = 1_000_000  # short enough to be told to a friend
 
 
 class SketchActions(QObject):
-    """Binds actions to commands on the sketch, and keeps them as enabled and checked as it is.
-
-    Parameters
-    ----------
-    actions, document, workspace, link, banner
-    """
+    """Binds actions to commands on the sketch, and keeps them as enabled and checked as it is."""
 
     def __init__(
         self, actions: Actions, document: Document, workspace: Workspace, link: EngineLink, banner: Banner

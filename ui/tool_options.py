@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import Qt
+from PyQt6.QtCore import QEvent, Qt
 from PyQt6.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QSlider, QWidget
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, looks, tabular
-from sketchterrain.ui.models.workspace import BRUSHES
-
-if TYPE_CHECKING:
-    from PyQt6.QtCore import QEvent
-
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["ToolOptions"]
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import BRUSHES, Workspace
 
 _STEPS = 400
 _LEAST, _GREATEST = (math.log(radius) for radius in BRUSHES)
@@ -29,12 +21,7 @@ _SIZED = ("brush", "eraser", "line")
 
 
 class ToolOptions(QWidget):
-    """Shows the label that one paints with and sets the brush's radius.
-
-    Parameters
-    ----------
-    document, workspace
-    """
+    """Shows the label that one paints with and sets the brush's radius."""
 
     def __init__(self, document: Document, workspace: Workspace, parent: QWidget | None = None) -> None:
         super().__init__(parent)

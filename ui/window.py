@@ -18,7 +18,7 @@ from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import MODES, GoTo, MeasureAdherence
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.layout import FullViews, Layout
-from sketchterrain.ui.look.app_icon import app_icon
+from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.menus import add_last, add_menus, add_tool_bars
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document

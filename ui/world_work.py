@@ -16,19 +16,9 @@ if TYPE_CHECKING:
 
     Tell = Callable[[dict[str, Any]], None]
 
-__all__ = ["estimate_world", "write_world"]
-
 
 def estimate_world(wish: WorldWish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
-    """Return what a world will take: nothing is written where it will be.
-
-    Raises
-    ------
-    InputError
-        If it cannot be meant, or there is something else at its output.
-    SketchterrainError
-        If a library is not installed, or there is no such device.
-    """
+    """Return what a world will take: nothing is written where it will be."""
     job = _placed(wish, sketch, stages)
     with stages.stage("samples", "Sampling the world") as tell:
         from sketchterrain.world.estimate import estimate
@@ -43,20 +33,7 @@ def estimate_world(wish: WorldWish, sketch: Sketch, stages: Stages) -> dict[str,
 
 
 def write_world(wish: WorldWish, sketch: Sketch, stages: Stages, tell: Tell) -> dict[str, Any]:
-    """Write a world, or go on with it, and return what came of it.
-
-    Parameters
-    ----------
-    wish, sketch
-    stages
-    tell
-        Takes ``stage``, ``share`` and ``note``: what is being done, how much of it is done, what happened.
-
-    Raises
-    ------
-    SketchterrainError
-        As :func:`~sketchterrain.world.run.run_world` does.
-    """
+    """Write a world, or go on with it, and return what came of it."""
     job = _placed(wish, sketch, stages)
     from sketchterrain.world.run import run_world
     from sketchterrain.world.telling import Telling

@@ -6,7 +6,7 @@ import numpy as np
 
 from sketchterrain.ui.canvas.flattening import MASK, Flattening, Paint, level_for
 from sketchterrain.ui.canvas.layer_brushes import HatchTable, LayerHatch
-from sketchterrain.ui.look.hatching import HATCHES, hatch, hatch_period
+from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period
 
 
 def colours(seed: int) -> np.ndarray:

@@ -12,11 +12,12 @@ from PyQt6.QtCore import QEvent, QPointF, QTimer
 from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.sketch.label_colours import DRAW_ORDER
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.canvas_input import CanvasInput
 from sketchterrain.ui.canvas.sketch_image import SketchPicture
 from sketchterrain.ui.engine.protocol import Adherence, FrameFacts, Placed, Pose, Relief
-from sketchterrain.ui.look.layer_colours import DRAW_ORDER, label_colour
+from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models.document import Document
 
 if TYPE_CHECKING:

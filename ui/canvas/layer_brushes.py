@@ -9,9 +9,15 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from sketchterrain.sketch.label_colours import DRAW_ORDER
 from sketchterrain.ui.canvas.flattening import MASK, Codes, Colours, Floats, Paint
-from sketchterrain.ui.look.hatching import hatch, hatch_period
-from sketchterrain.ui.look.layer_colours import DRAW_ORDER, hatch_colour, label_colour, layer_pattern
+from sketchterrain.ui.look.layer_colours import (
+    hatch,
+    hatch_colour,
+    hatch_period,
+    label_colour,
+    layer_pattern,
+)
 from sketchterrain.ui.models.workspace import Workspace
 
 _BENEATH = 0.35  # share of its strength that a hatch keeps below another layer

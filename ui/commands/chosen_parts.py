@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
-
-if TYPE_CHECKING:
-    from sketchterrain.features import Lake, River
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.workspace import Chosen
-
-__all__ = ["is_there", "lake_of", "name_of", "parent_of", "point_of", "river_of"]
+from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.models.workspace import Chosen
 
 
 def point_of(placed: Placed, chosen: Chosen) -> np.void | None:

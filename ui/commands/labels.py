@@ -2,31 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS
-from sketchterrain.sketch.document import MOST_LABELS
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.sketch.document import LabelImage
-    from sketchterrain.sketch.parameter import Value
-
-__all__ = [
-    "clear_layer",
-    "copy_label",
-    "delete_label",
-    "free_label",
-    "label_areas",
-    "labels_of",
-    "new_label",
-    "reset_label",
-    "reset_property",
-    "set_property",
-]
+from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.sketch.document import MOST_LABELS, LabelImage
+from sketchterrain.sketch.parameter import Value
 
 _PIXELS_AT_ONCE = 1 << 20
 
@@ -47,13 +28,7 @@ def labels_of(sketch: Sketch, layer: str) -> tuple[int, ...]:
 
 
 def free_label(sketch: Sketch, layer: str) -> int:
-    """Return the smallest label of a layer that is neither painted nor declared.
-
-    Raises
-    ------
-    InputError
-        If the layer has as many labels as it may have.
-    """
+    """Return the smallest label of a layer that is neither painted nor declared."""
     taken = labels_of(sketch, layer)
     if len(taken) >= MOST_LABELS:
         raise InputError(f"{LAYERS[layer].title}: a layer has at most {MOST_LABELS} labels")
@@ -93,13 +68,7 @@ def clear_layer(sketch: Sketch, layer: str) -> Sketch:
 
 
 def set_property(sketch: Sketch, layer: str, label: int, name: str, value: Value) -> Sketch:
-    """Give a label another value of a property.
-
-    Raises
-    ------
-    InputError
-        If there is no such property, or the value is not what its declaration allows.
-    """
+    """Give a label another value of a property."""
     if sketch.properties(layer, label).get(name) == value:
         return sketch
     properties = {**sketch.labels.get((layer, label), {}), name: value}

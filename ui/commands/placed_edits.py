@@ -8,45 +8,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, cast
+from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 
 from sketchterrain.errors import InputError
+from sketchterrain.features import River
 from sketchterrain.features.edits import lock_of
 from sketchterrain.features.river_edits import move_of
 from sketchterrain.features.rules import TYPES
-from sketchterrain.sketch import ACTIONS, Edit
+from sketchterrain.sketch import ACTIONS, Edit, Parameter, Sketch
 from sketchterrain.ui.commands.chosen_parts import name_of, parent_of, point_of, river_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.features import River
-    from sketchterrain.sketch import Parameter, Sketch
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.handles import Handle
-    from sketchterrain.ui.models.workspace import Chosen
-
-__all__ = [
-    "added",
-    "added_at",
-    "deleted",
-    "dragged",
-    "is_edited",
-    "is_locked",
-    "locked",
-    "moved",
-    "point_moved",
-    "reset",
-    "resized",
-    "strength_of",
-    "strengthened",
-    "title_of",
-    "unlocked",
-    "widened",
-    "width_of",
-]
+from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.models.handles import Handle
+from sketchterrain.ui.models.workspace import Chosen
 
 _DIGITS = 3  # of a metre: what a person drags is no finer
 _SAME_PLACE = 0.01  # m; a control point that lies so near an edit's place was put there by it
@@ -198,24 +174,7 @@ def is_edited(sketch: Sketch, placed: Placed, chosen: Chosen) -> bool:
 
 
 def added(sketch: Sketch, kind: str, x: float, y: float, radius: float, strength: float) -> Sketch:
-    """Return a sketch with one more feature.
-
-    Parameters
-    ----------
-    sketch
-    kind : {'mountain', 'hill', 'dune', 'forest'}
-    x, y
-        Its middle (m).
-    radius
-        m, of the ground that it covers.
-    strength
-        Its height in m, of a forest the share of trees.
-
-    Raises
-    ------
-    InputError
-        If there is no such type.
-    """
+    """Return a sketch with one more feature."""
     if kind == "forest":
         strength = min(strength, 1.0)
     return sketch.with_edit(

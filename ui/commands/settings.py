@@ -2,31 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import SKETCH, TABLES
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sketchterrain.sketch import Parameter, Sketch
-    from sketchterrain.sketch.parameter import Value
-
-__all__ = ["WORLD", "declared", "reset_setting", "set_setting", "setting", "settings"]
+from sketchterrain.sketch import SKETCH, TABLES, Parameter, Sketch
+from sketchterrain.sketch.parameter import Value
 
 WORLD = "sketch"
 """Stands for the keys at the top of the file where the name of a table is expected."""
 
 
 def declared(table: str) -> Mapping[str, Parameter]:
-    """Return what can be set in a table: `WORLD` or a name of ``TABLES``.
-
-    Raises
-    ------
-    InputError
-        If there is no such table.
-    """
+    """Return what can be set in a table: `WORLD` or a name of ``TABLES``."""
     if table == WORLD:
         return SKETCH
     if table not in TABLES:
@@ -47,13 +34,7 @@ def setting(sketch: Sketch, table: str, name: str) -> Value:
 
 
 def set_setting(sketch: Sketch, table: str, name: str, value: Value) -> Sketch:
-    """Return a sketch with another value in a table.
-
-    Raises
-    ------
-    InputError
-        If there is no such table or name, or the value is not what its declaration allows.
-    """
+    """Return a sketch with another value in a table."""
     parameters = declared(table)
     if name not in parameters:
         raise InputError(f"no setting {name!r} in {table}: expected {', '.join(parameters)}")

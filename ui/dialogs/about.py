@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import PYQT_VERSION_STR, Qt, qVersion
 from PyQt6.QtWidgets import QDialog, QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from sketchterrain.ui.dialogs.sheet import button_row, column, fix_width, form, heading, note
-from sketchterrain.ui.look.app_icon import app_picture
+from sketchterrain.ui.engine.protocol import EngineFacts
+from sketchterrain.ui.look.icons import app_picture
 from sketchterrain.ui.look.theme import MARGIN, SMALL
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.protocol import EngineFacts
-
-__all__ = ["AboutDialog"]
 
 _SAID = "Paint a rough sketch, get a seamless terrain that does what the sketch says."
 _PAPERS = (
@@ -28,13 +23,7 @@ _PAPERS = (
 
 
 class AboutDialog(QDialog):
-    """Version, device, licences, papers.
-
-    Parameters
-    ----------
-    facts
-        What the engine runs on.
-    """
+    """Version, device, licences, papers."""
 
     def __init__(self, facts: EngineFacts, parent: QWidget | None = None) -> None:
         super().__init__(parent)

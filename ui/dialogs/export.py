@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PyQt6.QtCore import QTimer, QUrl
-from PyQt6.QtGui import QDesktopServices
+from PyQt6.QtGui import QCloseEvent, QDesktopServices
 from PyQt6.QtWidgets import (
     QComboBox,
     QDialog,
@@ -18,9 +18,11 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.export.targets import TARGET_NAMES, target_named
+from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.export_outcome import STAGES, TARGET_STAGES, ExportOutcome
 from sketchterrain.ui.dialogs.export_target import TargetWishes
 from sketchterrain.ui.dialogs.export_wishes import ExportWishes
+from sketchterrain.ui.dialogs.kept_controls import Kept
 from sketchterrain.ui.dialogs.sheet import (
     add_button,
     column,
@@ -32,28 +34,13 @@ from sketchterrain.ui.dialogs.sheet import (
     with_browse,
 )
 from sketchterrain.ui.export_job import ExportJob
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QCloseEvent
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.dialogs.kept_controls import Kept
-    from sketchterrain.ui.models.preferences import Preferences
-
-__all__ = ["ExportDialog"]
+from sketchterrain.ui.models.preferences import Preferences
 
 _EVERYTHING = "Everything, as “generate” writes it"
 
 
 class ExportDialog(QDialog):
-    """Exports the terrain of a sketch as it is now.
-
-    Parameters
-    ----------
-    sketch
-    preferences
-        Say the device, and what was exported the last time; remember it.
-    """
+    """Exports the terrain of a sketch as it is now."""
 
     def __init__(self, sketch: Sketch, preferences: Preferences, parent: QWidget | None = None) -> None:
         super().__init__(parent)

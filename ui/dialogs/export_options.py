@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIntValidator
@@ -11,19 +12,11 @@ from PyQt6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QVBoxLayout
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.planning import option_names
-from sketchterrain.export.target import ExportOptions
+from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export.tiling import Tiling
-from sketchterrain.ui.dialogs.kept_controls import set_values, values_of
+from sketchterrain.ui.dialogs.kept_controls import Kept, set_values, values_of
 from sketchterrain.ui.dialogs.sheet import beside, form
 from sketchterrain.ui.panels.number_box import NumberBox
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sketchterrain.export.target import Target
-    from sketchterrain.ui.dialogs.kept_controls import Kept
-
-__all__ = ["TargetControls"]
 
 _SIZES: Final = (257, 513, 1025, 2049, 4097, 8193)
 _FORMATS: Final = {
@@ -42,13 +35,7 @@ _TILE_OPTIONS = ("overlap", "tile_name", "tile_first", "tiles_from_south")
 
 
 class TargetControls(QWidget):
-    """Size, tiles, format and so on of the target that is used.
-
-    Parameters
-    ----------
-    is_wide
-        Whether the sketch's longer side goes from west to east.
-    """
+    """Size, tiles, format and so on of the target that is used."""
 
     changed = pyqtSignal()
 
@@ -134,13 +121,7 @@ class TargetControls(QWidget):
         return values_of(self._controls)
 
     def options(self) -> ExportOptions:
-        """Return what is asked for.
-
-        Raises
-        ------
-        InputError
-            If the size is no number, or there are too many tiles.
-        """
+        """Return what is asked for."""
         target = self._target
         if target is None:
             raise RuntimeError("expected a target to be used first")

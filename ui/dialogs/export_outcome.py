@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from PyQt6.QtCore import Qt, QTimer
 from PyQt6.QtGui import QAction, QGuiApplication, QKeySequence
@@ -21,11 +22,6 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.export.sidecar import typed_rows
 from sketchterrain.ui.dialogs.sheet import heading, note_to_copy, part, share_bar
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-__all__ = ["STAGES", "TARGET_STAGES", "ExportOutcome"]
 
 STAGES = {
     "Starting": 1,

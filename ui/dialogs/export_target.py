@@ -2,45 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from pathlib import Path
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.disk import amount
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.export.planning import Plan
 from sketchterrain.export.sidecar import SIDECAR
+from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export_plans import memory_needed, plan_of
+from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.export_options import TargetControls
+from sketchterrain.ui.dialogs.kept_controls import Kept
 from sketchterrain.ui.dialogs.sheet import note, part
 from sketchterrain.ui.export_wish import TargetWish
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from sketchterrain.export.planning import Plan
-    from sketchterrain.export.target import ExportOptions, Target
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.dialogs.kept_controls import Kept
-
-__all__ = ["TargetWishes", "plan_line"]
-
 
 class TargetWishes(QWidget):
-    """Asks what a target wants to know, and tells what comes of it.
-
-    Parameters
-    ----------
-    sketch
-        That shall be exported.
-
-    Attributes
-    ----------
-    controls : TargetControls
-    problem : str
-        Why it cannot be exported so; empty if it can.
-    """
+    """Asks what a target wants to know, and tells what comes of it."""
 
     changed = pyqtSignal()
     mark = SIDECAR

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QCheckBox, QWidget
@@ -10,18 +12,10 @@ from PyQt6.QtWidgets import QCheckBox, QWidget
 from sketchterrain.disk import gibibytes
 from sketchterrain.errors import InputError
 from sketchterrain.sizes import check_size, memory_needed
-from sketchterrain.ui.dialogs.kept_controls import call_on_change, set_values, values_of
+from sketchterrain.sketch import Sketch
+from sketchterrain.ui.dialogs.kept_controls import Kept, call_on_change, set_values, values_of
 from sketchterrain.ui.dialogs.sheet import choice_box, form, note, part
 from sketchterrain.ui.export_wish import Wish
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.dialogs.kept_controls import Kept
-
-__all__ = ["ExportWishes"]
 
 _SIZES: Final = (257, 513, 1025, 2049, 4097, 8193)
 _FOLIAGE: Final = {
@@ -43,20 +37,7 @@ _DISK = 11
 
 
 class ExportWishes(QWidget):
-    """Asks how large, and which files besides.
-
-    Parameters
-    ----------
-    sketch
-        That shall be exported.
-    kept
-        What was set the last time.
-
-    Attributes
-    ----------
-    problem : str
-        Why it cannot be exported so; empty if it can.
-    """
+    """Asks how large, and which files besides."""
 
     changed = pyqtSignal()
     mark = "report.json"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from PyQt6.QtCore import QEvent, QObject, QSize, Qt
-from PyQt6.QtGui import QIcon, QKeyEvent, QKeySequence, QPixmap
+from PyQt6.QtGui import QAction, QIcon, QKeyEvent, QKeySequence, QPixmap
 from PyQt6.QtWidgets import (
     QDialog,
     QHeaderView,
@@ -18,22 +18,9 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.ui.look.theme import SPACING, theme
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from PyQt6.QtGui import QAction
-
-__all__ = ["FindDialog"]
-
 
 class FindDialog(QDialog):
-    """Asks for a command; `chosen` is its action when it was accepted.
-
-    Parameters
-    ----------
-    actions
-        Those that there are; disabled ones are not offered.
-    """
+    """Asks for a command; `chosen` is its action when it was accepted."""
 
     def __init__(self, actions: Iterable[QAction], parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -8,8 +8,6 @@ from sketchterrain.ui.dialogs.sheet import button_row, column, fix_width, headin
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import MARGIN
 
-__all__ = ["FirstStepsDialog"]
-
 _STEPS = (
     (
         "layers",

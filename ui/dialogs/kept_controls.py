@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
 
-from PyQt6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QLineEdit
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from PyQt6.QtWidgets import QWidget
-
-__all__ = ["Kept", "call_on_change", "set_values", "values_of"]
+from PyQt6.QtWidgets import QCheckBox, QComboBox, QDoubleSpinBox, QLineEdit, QWidget
 
 Kept = dict[str, str | float | bool]
 """A value for each control, by name."""

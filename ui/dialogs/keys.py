@@ -11,8 +11,6 @@ from sketchterrain.ui.action_list import COMMANDS
 from sketchterrain.ui.dialogs.sheet import button_row, column
 from sketchterrain.ui.look.theme import theme
 
-__all__ = ["KeysDialog"]
-
 _MOUSE = {
     "On the sketch": (
         ("Paint", "left button"),

@@ -20,8 +20,6 @@ from sketchterrain.ui.dialogs.sheet import (
     pixel_box,
 )
 
-__all__ = ["NewSketchDialog"]
-
 _SIZES = {
     "512 × 512": (512, 512),
     "768 × 512": (768, 512),

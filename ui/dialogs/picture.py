@@ -8,23 +8,11 @@ from PyQt6.QtWidgets import QComboBox, QDialog, QFileDialog, QWidget
 
 from sketchterrain.ui.dialogs.sheet import button_row, column, form, note
 
-__all__ = ["PictureDialog"]
-
 _SIZES = ((1280, 720), (1920, 1080), (2560, 1440), (3840, 2160), (2048, 2048))
 
 
 class PictureDialog(QDialog):
-    """Asks how large and how good a picture shall be, then where to save it; see `size` and `path`.
-
-    Parameters
-    ----------
-    shown
-        Width and height of what the view shows, px; (0, 0): nothing.
-    folder
-        Where to begin looking.
-    name
-        What the file is called unless another name is given.
-    """
+    """Asks how large and how good a picture shall be, then where to save it; see `size` and `path`."""
 
     def __init__(
         self, shown: tuple[int, int], folder: Path, name: str, parent: QWidget | None = None

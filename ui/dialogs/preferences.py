@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import json
 import sys
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QProcess
 from PyQt6.QtWidgets import QComboBox, QDialog, QWidget
 
 from sketchterrain.ui.dialogs.sheet import button_row, column, form, note
 from sketchterrain.ui.look.theme import CHOICES
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.models.preferences import Preferences
-
-__all__ = ["PreferencesDialog"]
+from sketchterrain.ui.models.preferences import Preferences
 
 # Drivers are asked in a process of their own: one that crashes takes nothing along.
 _ASK = (
@@ -26,12 +21,7 @@ _ASK = (
 
 
 class PreferencesDialog(QDialog):
-    """Shows and, when it is accepted, sets a person's choices.
-
-    Parameters
-    ----------
-    preferences
-    """
+    """Shows and, when it is accepted, sets a person's choices."""
 
     def __init__(self, preferences: Preferences, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -10,8 +10,6 @@ from sketchterrain.resources import preset_names, preset_picture
 from sketchterrain.ui.dialogs.sheet import button_row, column, note
 from sketchterrain.ui.look.theme import MARGIN
 
-__all__ = ["PresetsDialog"]
-
 _PICTURE = QSize(320, 180)
 _ROUND = 6.0
 _SAID = {

@@ -2,35 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from PyQt6.QtCore import QDateTime, QLocale, Qt
 from PyQt6.QtWidgets import QDialog, QDialogButtonBox, QListWidget, QListWidgetItem, QWidget
 
 from sketchterrain.ui.dialogs.sheet import add_button, button_row, column, heading, note
 from sketchterrain.ui.look.theme import SMALL
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.ui.models.recovery import Recovery
-
-__all__ = ["RecoveryDialog"]
+from sketchterrain.ui.models.recovery import Recovery
 
 
 class RecoveryDialog(QDialog):
-    """Offers sketches that were not saved when the program ended.
-
-    Parameters
-    ----------
-    found
-        At least one; the newest first.
-
-    Attributes
-    ----------
-    discarded : bool
-        Whether the chosen one shall be deleted.
-    """
+    """Offers sketches that were not saved when the program ended."""
 
     def __init__(self, found: Sequence[Recovery], parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 from PyQt6.QtCore import Qt
 from PyQt6.QtGui import QPalette
@@ -25,32 +26,6 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.sketch import SKETCH
 from sketchterrain.ui.look.theme import MARGIN, SPACING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
-
-__all__ = [
-    "add_button",
-    "add_rows",
-    "beside",
-    "button_row",
-    "choice_box",
-    "column",
-    "extent_box",
-    "fix_width",
-    "form",
-    "heading",
-    "name_line",
-    "note",
-    "note_to_copy",
-    "only_close",
-    "part",
-    "pixel_box",
-    "share_bar",
-    "tell",
-    "titled",
-    "with_browse",
-]
 
 _SIDES = (32, 16384)  # px
 
@@ -229,18 +204,7 @@ def only_close(button: QPushButton) -> None:
 def button_row(
     dialog: QDialog, accept: str, *, cancel: str = "Cancel", on_accept: Callable[[], object] | None = None
 ) -> tuple[QDialogButtonBox, QPushButton]:
-    """Return the buttons at the end of a dialog, and the one that agrees.
-
-    Parameters
-    ----------
-    dialog
-    accept
-        What agreeing does; empty: there is only one button, which closes.
-    cancel
-        What the other button says.
-    on_accept
-        In place of accepting the dialog.
-    """
+    """Return the buttons at the end of a dialog, and the one that agrees."""
     box = QDialogButtonBox(dialog)
     agree = add_button(box, accept or cancel, QDialogButtonBox.ButtonRole.AcceptRole)
     agree.setDefault(True)

@@ -2,30 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import numpy as np
+import numpy.typing as npt
 from PyQt6.QtCore import QSize, Qt
-from PyQt6.QtGui import QImage, QPixmap
+from PyQt6.QtGui import QImage, QPixmap, QResizeEvent
 from PyQt6.QtWidgets import QLabel, QSizePolicy
-
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-    from PyQt6.QtGui import QResizeEvent
-
-__all__ = ["ShownPicture"]
 
 _LEAST = QSize(320, 220)
 
 
 class ShownPicture(QLabel):
-    """A picture, as large as there is room.
-
-    Parameters
-    ----------
-    name
-        For those who do not see it.
-    """
+    """A picture, as large as there is room."""
 
     def __init__(self, name: str) -> None:
         super().__init__()

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, cast
+from pathlib import Path
+from typing import cast
 
 from PyQt6.QtCore import QTimer
+from PyQt6.QtGui import QCloseEvent
 from PyQt6.QtWidgets import QDialog, QGroupBox, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
 
+from sketchterrain.sketch import Sketch
 from sketchterrain.trace.coloured_map import SPECKS
+from sketchterrain.trace.legend import Meaning
 from sketchterrain.trace.sheet import LONGEST, Sheet
 from sketchterrain.ui.dialogs.sheet import (
     add_rows,
@@ -26,28 +30,12 @@ from sketchterrain.ui.dialogs.trace_source import TracedShown, TraceSource, read
 from sketchterrain.ui.look.theme import MARGIN
 from sketchterrain.ui.models.reading import Reading
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from PyQt6.QtGui import QCloseEvent
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.trace.legend import Meaning
-
-__all__ = ["TraceDialog"]
-
 _PATIENCE = 150  # ms that wishes rest until they are followed
 _NOTES = 3
 
 
 class TraceDialog(QDialog):
-    """Asks what a picture's colours become; see `sketch` when it was accepted.
-
-    Parameters
-    ----------
-    path
-        The picture, or the layers of a paint program, or vectors.
-    """
+    """Asks what a picture's colours become; see `sketch` when it was accepted."""
 
     def __init__(self, path: Path, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -82,13 +70,7 @@ class TraceDialog(QDialog):
         self._reading.read(partial(read_source, path), self._take)
 
     def sketch(self) -> Sketch:
-        """Return the new sketch.
-
-        Raises
-        ------
-        RuntimeError
-            If nothing was traced; the dialog cannot be accepted then.
-        """
+        """Return the new sketch."""
         if self._made is None:
             raise RuntimeError("expected a traced sketch")
         return self._made.traced.sketch

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from PyQt6.QtCore import QSize, pyqtSignal
 from PyQt6.QtGui import QColor, QIcon, QPixmap
 from PyQt6.QtWidgets import QComboBox, QFrame, QGridLayout, QLabel, QScrollArea, QWidget
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.trace.found_colours import FoundColour
 from sketchterrain.trace.legend import INK, NOTHING, Meaning
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.trace.found_colours import FoundColour
-
-__all__ = ["ColourTable", "meaning_box"]
 
 _SWATCH = 16  # px
 _MOST = 24  # rows
@@ -27,13 +21,7 @@ _TALLEST = 7  # rows seen at once
 
 
 def meaning_box(*, special: bool = True) -> QComboBox:
-    """Return a box with everything that a colour can stand for.
-
-    Parameters
-    ----------
-    special
-        Nothing and lettering too.
-    """
+    """Return a box with everything that a colour can stand for."""
     box = QComboBox()
     box.setIconSize(QSize(_SWATCH, _SWATCH))
     if special:
@@ -66,15 +54,7 @@ class ColourTable(QScrollArea):
         return (*(box.currentData() for box in self.boxes), *self._rest)
 
     def show_colours(self, colours: Sequence[FoundColour], meanings: Sequence[Meaning | None]) -> None:
-        """Show the colours of another map.
-
-        Parameters
-        ----------
-        colours
-            The most common first; of very many only the first have a row.
-        meanings
-            What each stands for to begin with; None is nothing.
-        """
+        """Show the colours of another map."""
         self._rest = tuple(meanings[_MOST:])
         self.boxes = []
         page = QWidget()

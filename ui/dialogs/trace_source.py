@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -12,20 +13,12 @@ from PIL import Image
 from sketchterrain.sketch.document import DEFAULT_SIDE
 from sketchterrain.trace.coloured_map import ColouredMap, map_of
 from sketchterrain.trace.layered import trace_folder, trace_mask, trace_open_raster
+from sketchterrain.trace.legend import Meaning
 from sketchterrain.trace.picture import read_picture
 from sketchterrain.trace.preview import sketch_picture
-from sketchterrain.trace.source import kind_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from sketchterrain.trace.legend import Meaning
-    from sketchterrain.trace.sheet import Sheet
-    from sketchterrain.trace.source import Kind
-    from sketchterrain.trace.traced import Traced
-
-__all__ = ["TraceSource", "TracedShown", "read_source", "trace_source"]
+from sketchterrain.trace.sheet import Sheet
+from sketchterrain.trace.source import Kind, kind_of
+from sketchterrain.trace.traced import Traced
 
 _SHOWN = 900  # px along the longer side of what is shown
 
@@ -59,13 +52,7 @@ class TracedShown:
 
 
 def read_source(path: Path) -> TraceSource:
-    """Read a file; slow for large pictures.
-
-    Raises
-    ------
-    InputError
-        If it is nothing that can be traced.
-    """
+    """Read a file; slow for large pictures."""
     kind = kind_of(path)
     if kind != "picture":
         return TraceSource(path, kind)
@@ -83,26 +70,7 @@ def trace_source(
     specks: int,
     narrow: float,
 ) -> TracedShown:
-    """Trace what was read.
-
-    Parameters
-    ----------
-    source
-    sheet
-    meanings
-        Of a coloured map's colours.
-    layer
-        What is painted on a picture that is no coloured map.
-    specks
-        Areas of fewer pixels vanish from a coloured map.
-    narrow
-        Its waters that are narrower, in pixels of the sketch, are rivers; 0: colours decide.
-
-    Raises
-    ------
-    SketchterrainError
-        If it cannot be.
-    """
+    """Trace what was read."""
     if source.map is not None:
         traced: Traced = source.map.traced(sheet, meanings=meanings, specks=specks, narrow=narrow)
     elif source.kind == "picture":

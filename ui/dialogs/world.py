@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from PyQt6.QtCore import QTimer, QUrl, pyqtSignal
-from PyQt6.QtGui import QDesktopServices
+from PyQt6.QtGui import QCloseEvent, QDesktopServices
 from PyQt6.QtWidgets import (
     QDialog,
     QDialogButtonBox,
@@ -19,6 +19,7 @@ from PyQt6.QtWidgets import (
 from sketchterrain.batch.remaining import duration
 from sketchterrain.disk import amount
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.sheet import (
     add_button,
     column,
@@ -32,16 +33,9 @@ from sketchterrain.ui.dialogs.sheet import (
 )
 from sketchterrain.ui.dialogs.world_wishes import WorldWishes
 from sketchterrain.ui.export_job import ExportJob
+from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.world.asked import form_of
 from sketchterrain.world.job import ENDINGS
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QCloseEvent
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.models.preferences import Preferences
-
-__all__ = ["WorldDialog"]
 
 _KEPT: Final = "world"
 """What preferences call what was asked for."""
@@ -50,14 +44,7 @@ _NOTES: Final = 4
 
 
 class WorldDialog(QDialog):
-    """Writes the world of a sketch as it is now: what it will take is asked for first, then it begins.
-
-    Parameters
-    ----------
-    sketch
-    preferences
-        Say the device, and what was asked for the last time; remember it.
-    """
+    """Writes the world of a sketch as it is now: what it will take is asked for first, then it begins."""
 
     viewed = pyqtSignal(object)
     """The written world at a path shall be shown."""

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QCheckBox, QComboBox, QLineEdit, QWidget
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.ui.dialogs.kept_controls import call_on_change, set_values, values_of
+from sketchterrain.sketch import Sketch
+from sketchterrain.ui.dialogs.kept_controls import Kept, call_on_change, set_values, values_of
 from sketchterrain.ui.dialogs.sheet import add_rows, beside, choice_box, form, note, part
 from sketchterrain.ui.export_wish import WorldWish
 from sketchterrain.ui.panels.number_box import NumberBox
 from sketchterrain.world.asked import Wishes
 from sketchterrain.world.ground import LAYERS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.dialogs.kept_controls import Kept
-
-__all__ = ["WorldWishes"]
 
 """What the output's name ends in, by form."""
 _FORMS: Final = {
@@ -39,20 +33,7 @@ _MOST_WORKERS: Final = 256
 
 
 class WorldWishes(QWidget):
-    """Asks for a world.
-
-    Parameters
-    ----------
-    sketch
-        Of which.
-    kept
-        What was asked for the last time.
-
-    Attributes
-    ----------
-    problem : str
-        Why it cannot be so; empty if it can.
-    """
+    """Asks for a world."""
 
     changed = pyqtSignal()
 

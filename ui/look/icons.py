@@ -1,73 +1,76 @@
-"""Icons drawn by the program: sharp at any size, in the colours of the palette, dark or light."""
+"""Icons as SVG files, recoloured by the palette and rendered at the screen's own pixels."""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
+from pathlib import Path
 
-from PyQt6.QtCore import QPoint, QRect, QRectF, QSize, Qt
-from PyQt6.QtGui import QColor, QIcon, QIconEngine, QPainter, QPainterPath, QPalette, QPen, QPixmap
-from PyQt6.QtWidgets import QApplication
+from PyQt6.QtCore import QByteArray, QPoint, QRect, QRectF, QSize, Qt
+from PyQt6.QtGui import QColor, QIcon, QIconEngine, QPainter, QPalette, QPixmap
+from PyQt6.QtSvg import QSvgRenderer
+from PyQt6.QtWidgets import QApplication, QToolButton, QWidget
 
-from sketchterrain.ui.look.icon_paths import path_of
-from sketchterrain.ui.look.icon_shapes import GRID, ICONS
-
-__all__ = ["draw_icon", "icon"]
-
-_WIDTH = 1.5  # of a line, on the grid
-_SHADE = 0.28  # opacity of an area
-_DOT = 3.3  # the widest dot
+ICONS = Path(__file__).with_name("icons")
+_APP_SIZES = (16, 24, 32, 48, 64, 128, 256)
 
 
 def icon(name: str) -> QIcon:
-    """Return an icon of `ICONS`.
-
-    It is drawn when it is shown: in the text's colour as the palette has it then.
-
-    Raises
-    ------
-    KeyError
-        If there is none of that name.
-    """
-    _paths(name)
+    """Return an icon by the name of its file, in the text's colour of the palette at the time it is shown."""
+    _renderer(name, "")
     return QIcon(_Engine(name))
 
 
-def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> None:
-    """Draw an icon into a square in one colour.
+def app_icon() -> QIcon:
+    """Return the program's own icon in all sizes that desktops ask for."""
+    made = QIcon()
+    for size in _APP_SIZES:
+        made.addPixmap(app_picture(size))
+    return made
 
-    Raises
-    ------
-    KeyError
-        If there is none of that name.
-    """
-    line, fill = _paths(name)
+
+def app_picture(size: int, dpr: float = 1.0) -> QPixmap:
+    """Return the program's icon, `size` logical pixels wide, `dpr` device pixels each."""
+    picture = QPixmap(round(size * dpr), round(size * dpr))
+    picture.fill(Qt.GlobalColor.transparent)
+    painter = QPainter(picture)
+    draw_icon(painter, "sketchterrain", picture.rect().toRectF(), QColor())
+    painter.end()
+    picture.setDevicePixelRatio(dpr)
+    return picture
+
+
+def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> None:
+    """Draw an icon into the largest square at the middle of `place`."""
     side = min(place.width(), place.height())
+    square = QRectF(0, 0, side, side)
+    square.moveCenter(place.center())
     painter.save()
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-    painter.translate(place.center().x() - side / 2, place.center().y() - side / 2)
-    painter.scale(side / GRID, side / GRID)
-    opacity = painter.opacity()
-    painter.setOpacity(opacity * (_SHADE if _is_area(fill) else 1.0))
-    painter.fillPath(fill, colour)
-    painter.setOpacity(opacity)
-    pen = QPen(colour, _WIDTH, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap, Qt.PenJoinStyle.RoundJoin)
-    painter.strokePath(line, pen)
+    painter.setOpacity(painter.opacity() * colour.alphaF())
+    _renderer(name, colour.name()).render(painter, square)
     painter.restore()
 
 
-@cache
-def _paths(name: str) -> tuple[QPainterPath, QPainterPath]:
-    shape = ICONS[name]
-    return path_of(shape.line), path_of(shape.fill)
+def tool_button(
+    name: str, title: str, *, tip: str = "", side: int = 18, parent: QWidget | None = None
+) -> QToolButton:
+    """Return a button of an icon alone; its title is its accessible name, and its tip unless one is given."""
+    button = QToolButton(parent)
+    button.setIcon(icon(name))
+    button.setIconSize(QSize(side, side))
+    button.setAccessibleName(title)
+    button.setToolTip(tip or title)
+    return button
 
 
-def _is_area(fill: QPainterPath) -> bool:
-    # Dots stand for themselves; an area, whose outline is drawn too, is only tinted.
-    return any(polygon.boundingRect().width() > _DOT for polygon in fill.toSubpathPolygons())
+@lru_cache(maxsize=512)
+def _renderer(name: str, colour: str) -> QSvgRenderer:
+    text = (ICONS / f"{name}.svg").read_bytes()
+    return QSvgRenderer(QByteArray(text.replace(b"currentColor", colour.encode())))
 
 
 class _Engine(QIconEngine):
-    """Draws one icon in the state that a control is in."""
+    """Draws one icon in the state of its control."""
 
     def __init__(self, name: str) -> None:
         super().__init__()
@@ -76,9 +79,6 @@ class _Engine(QIconEngine):
     def clone(self) -> QIconEngine:
         return _Engine(self._name)
 
-    def key(self) -> str:
-        return f"sketchterrain-{self._name}"
-
     def isNull(self) -> bool:
         return False
 
@@ -86,8 +86,12 @@ class _Engine(QIconEngine):
         return size
 
     def paint(self, painter: QPainter | None, rect: QRect, mode: QIcon.Mode, state: QIcon.State) -> None:
+        palette, role = QApplication.palette(), QPalette.ColorRole
+        group = QPalette.ColorGroup.Disabled if mode == QIcon.Mode.Disabled else QPalette.ColorGroup.Active
+        lit = mode == QIcon.Mode.Selected or (state == QIcon.State.On and mode != QIcon.Mode.Disabled)
         if painter is not None:
-            draw_icon(painter, self._name, QRectF(rect), _colour(mode, state))
+            colour = palette.color(group, role.HighlightedText if lit else role.ButtonText)
+            draw_icon(painter, self._name, QRectF(rect), colour)
 
     def pixmap(self, size: QSize, mode: QIcon.Mode, state: QIcon.State) -> QPixmap:
         picture = QPixmap(size)
@@ -96,12 +100,3 @@ class _Engine(QIconEngine):
         self.paint(painter, QRect(QPoint(0, 0), size), mode, state)
         painter.end()
         return picture
-
-
-def _colour(mode: QIcon.Mode, state: QIcon.State) -> QColor:
-    palette = QApplication.palette()
-    if mode == QIcon.Mode.Disabled:
-        return palette.color(QPalette.ColorGroup.Disabled, QPalette.ColorRole.ButtonText)
-    if mode == QIcon.Mode.Selected or state == QIcon.State.On:
-        return palette.color(QPalette.ColorRole.HighlightedText)
-    return palette.color(QPalette.ColorRole.ButtonText)

@@ -1,40 +1,29 @@
-"""How the program looks, dark and light: colours, spacing, and a small style sheet over Fusion."""
+"""Colours and spacing, dark and light: Qt's colour scheme, a palette for Fusion and one style sheet."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
 from typing import Final
 
 from PyQt6.QtCore import QObject, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QFont, QGuiApplication, QPalette
 from PyQt6.QtWidgets import QApplication
 
-from sketchterrain.ui.look.style import Marks
-from sketchterrain.ui.look.style_sheet import style_sheet
-
-__all__ = [
-    "CHOICES",
-    "DARK",
-    "LIGHT",
-    "MARGIN",
-    "SMALL",
-    "SPACING",
-    "Looks",
-    "Theme",
-    "apply_theme",
-    "looks",
-    "tabular",
-    "theme",
-]
-
 SMALL: Final = 4
-"""px between things that are one."""
+"""px between parts of one control."""
 SPACING: Final = 8
-"""px between things beside one another."""
+"""px between controls."""
 MARGIN: Final = 12
-"""px around a group of things."""
+"""px around a group of controls."""
 CHOICES: Final = {"system": "As the system", "light": "Light", "dark": "Dark"}
-"""Which themes a person can choose from, and what they are called."""
+"""Titles of the themes that can be chosen."""
+_SCHEMES: Final = {
+    "system": Qt.ColorScheme.Unknown,
+    "light": Qt.ColorScheme.Light,
+    "dark": Qt.ColorScheme.Dark,
+}
 
 
 @dataclass(frozen=True)
@@ -48,10 +37,10 @@ class Theme:
         Behind controls, behind text that is edited, of buttons.
     line : QColor
         Between things.
-    text, faint : QColor
-        What is read, and what is read second.
+    text, faint, disabled : QColor
+        Primary and secondary text, and text of disabled controls.
     accent, on_accent : QColor
-        What is selected, and text on it.
+        A selection, and text on it.
     warning, error, good : QColor
         Marks, told apart by their shapes too.
     canvas : QColor
@@ -65,6 +54,7 @@ class Theme:
     line: QColor
     text: QColor
     faint: QColor
+    disabled: QColor
     accent: QColor
     on_accent: QColor
     warning: QColor
@@ -72,97 +62,62 @@ class Theme:
     good: QColor
     canvas: QColor
 
-    def names(self) -> dict[str, str]:
-        """Return the colours as a style sheet writes them, by name."""
-        return {each.name: getattr(self, each.name).name() for each in fields(self) if each.name != "name"}
 
-
-def _theme(name: str, **colours: str) -> Theme:
-    return Theme(name, **{key: QColor(colour) for key, colour in colours.items()})
+def _theme(name: str, colours: str) -> Theme:
+    return Theme(name, *(QColor(f"#{colour}") for colour in colours.split()))
 
 
 LIGHT: Final = _theme(
     "light",
-    window="#f3f3f1",
-    base="#ffffff",
-    raised="#fbfbfa",
-    line="#d4d4cf",
-    text="#23262a",
-    faint="#63686e",
-    accent="#1d756b",
-    on_accent="#ffffff",
-    warning="#9a6200",
-    error="#b3312b",
-    good="#1d756b",
-    canvas="#c9cac8",
+    "f3f3f1 ffffff fbfbfa d4d4cf 23262a 63686e aaadae 1d756b ffffff 9a6200 b3312b 1d756b c9cac8",
 )
 DARK: Final = _theme(
     "dark",
-    window="#25282b",
-    base="#1c1e20",
-    raised="#32363a",
-    line="#3f444a",
-    text="#e4e6e8",
-    faint="#9aa1a8",
-    accent="#4cb8a8",
-    on_accent="#0f1f1d",
-    warning="#e3b04b",
-    error="#f08379",
-    good="#4cb8a8",
-    canvas="#17191b",
+    "25282b 1c1e20 32363a 3f444a e4e6e8 9aa1a8 5b6065 4cb8a8 0f1f1d e3b04b f08379 4cb8a8 17191b",
 )
 
 
 class Looks(QObject):
-    """Which theme is shown; tells when it is another one.
-
-    Attributes
-    ----------
-    theme : Theme
-    """
+    """The theme that is shown; `changed` is emitted after another one was applied."""
 
     changed = pyqtSignal()
 
     def __init__(self) -> None:
         super().__init__()
         self.theme = LIGHT
-        self._choice = "system"
-        self._follows = False
+        self._choice = ""
 
     def choose(self, app: QApplication, choice: str) -> None:
-        """Show a theme of `CHOICES`, and go on doing so when the system's is another one.
-
-        Raises
-        ------
-        ValueError
-            If there is no such choice.
-        """
+        """Apply a theme of `CHOICES`; ``system`` follows the desktop's colour scheme from now on."""
         if choice not in CHOICES:
             raise ValueError(f"expected a theme, one of {', '.join(CHOICES)}, got {choice!r}")
-        self._choice = choice
         hints = QGuiApplication.styleHints()
-        if not self._follows and hints is not None:
+        if not self._choice and hints is not None:
             hints.colorSchemeChanged.connect(self._follow)
-            self._follows = True
-            app.setStyle(Marks(theme))
-        self._show(app, always=True)
+            app.setStyle("Fusion")
+        self._choice = choice
+        if hints is not None:
+            hints.setColorScheme(_SCHEMES[choice])
+        self._apply(app)
 
-    def _follow(self, _: Qt.ColorScheme) -> None:
+    def _follow(self) -> None:
         app = QApplication.instance()
-        if isinstance(app, QApplication):
-            self._show(app)
+        if isinstance(app, QApplication) and self._choice == "system":
+            self._apply(app)
 
-    def _show(self, app: QApplication, *, always: bool = False) -> None:
-        shown = {"light": LIGHT, "dark": DARK}.get(self._choice) or _of_the_system()
-        if shown is not self.theme or always:
-            self.theme = shown
-            app.setPalette(_palette(shown))
-            app.setStyleSheet(style_sheet(shown.names()))
-            self.changed.emit()
+    def _apply(self, app: QApplication) -> None:
+        hints = QGuiApplication.styleHints()
+        is_dark = hints is not None and hints.colorScheme() == Qt.ColorScheme.Dark
+        self.theme = {"light": LIGHT, "dark": DARK}.get(self._choice, DARK if is_dark else LIGHT)
+        app.setPalette(_palette(self.theme))
+        names = {name: colour.name() for name, colour in vars(self.theme).items() if name != "name"}
+        folder = Path(__file__).parent
+        sheet = Template((folder / "style.qss").read_text(encoding="utf-8"))
+        app.setStyleSheet(sheet.substitute(names, name=self.theme.name, marks=(folder / "marks").as_posix()))
+        self.changed.emit()
 
 
 looks: Final = Looks()
-"""The program's."""
 
 
 def theme() -> Theme:
@@ -176,45 +131,28 @@ def apply_theme(app: QApplication, choice: str = "system") -> None:
 
 
 def tabular(font: QFont) -> QFont:
-    """Return a font whose figures are all of one width, so that numbers that change do not jump."""
+    """Return a font whose digits have one width, so that changing numbers do not jump."""
     figures = QFont(font)
-    if hasattr(figures, "setFeature"):  # Qt 6.7; before it, fonts with such figures by default serve
-        figures.setFeature(QFont.Tag("tnum"), 1)
+    figures.setFeature(QFont.Tag("tnum"), 1)
     return figures
 
 
-def _of_the_system() -> Theme:
-    hints = QGuiApplication.styleHints()
-    dark = hints is not None and hints.colorScheme() == Qt.ColorScheme.Dark
-    return DARK if dark else LIGHT
-
-
 def _palette(shown: Theme) -> QPalette:
-    palette = QPalette(shown.raised, shown.window)
-    role = QPalette.ColorRole
-    for each, colour in {
-        role.Window: shown.window,
-        role.WindowText: shown.text,
-        role.Base: shown.base,
-        role.AlternateBase: shown.window,
-        role.Text: shown.text,
-        role.PlaceholderText: shown.faint,
-        role.Button: shown.raised,
-        role.ButtonText: shown.text,
-        role.BrightText: shown.error,
-        role.Highlight: shown.accent,
-        role.HighlightedText: shown.on_accent,
-        role.Accent: shown.accent,
-        role.Link: shown.accent,
-        role.LinkVisited: shown.faint,
-        role.ToolTipBase: shown.raised,
-        role.ToolTipText: shown.text,
-        role.Mid: shown.line,
-    }.items():
-        palette.setColor(each, colour)
-    off = QColor(shown.faint)
-    off.setAlpha(120)
+    palette, role = QPalette(shown.raised, shown.window), QPalette.ColorRole
+    for colour, roles in (
+        (shown.window, (role.Window, role.AlternateBase)),
+        (shown.base, (role.Base,)),
+        (shown.raised, (role.Button, role.ToolTipBase)),
+        (shown.text, (role.WindowText, role.Text, role.ButtonText, role.ToolTipText)),
+        (shown.faint, (role.PlaceholderText, role.LinkVisited)),
+        (shown.error, (role.BrightText,)),
+        (shown.accent, (role.Highlight, role.Accent, role.Link)),
+        (shown.on_accent, (role.HighlightedText,)),
+        (shown.line, (role.Mid,)),
+    ):
+        for each in roles:
+            palette.setColor(each, colour)
     for each in (role.WindowText, role.Text, role.ButtonText, role.HighlightedText):
-        palette.setColor(QPalette.ColorGroup.Disabled, each, off)
+        palette.setColor(QPalette.ColorGroup.Disabled, each, shown.disabled)
     palette.setColor(QPalette.ColorGroup.Disabled, role.Highlight, shown.line)
     return palette

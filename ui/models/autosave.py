@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
+from sketchterrain.sketch import Sketch
 from sketchterrain.ui.models.background import Background
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.recovery import (
     Lock,
     Recovery,
@@ -17,14 +19,6 @@ from sketchterrain.ui.models.recovery import (
     read_recovery,
     write_recovery,
 )
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.models.document import Document
-
-__all__ = ["Autosave", "Recovery"]
 
 _PAUSE = 2.0
 """s without another step after which the document is kept; never more than the interval."""
@@ -35,14 +29,6 @@ class Autosave(QObject):
 
     A step is kept at most `interval_s` seconds after it was done, and the time that writing takes; sooner if
     the person pauses.
-
-    Parameters
-    ----------
-    document
-    folder
-        Of all programs of this person; made when it is needed.
-    interval_s
-        s between two times that the document is kept while steps go on.
     """
 
     failed = pyqtSignal(str)

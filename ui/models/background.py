@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from queue import SimpleQueue
 from threading import Condition, Thread
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError, one_line
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
-
-    _Job = tuple[Callable[[], object], Callable[[str], None]]
-
-__all__ = ["Background"]
+_Job = tuple[Callable[[], object], Callable[[str], None]]
 
 
 class Background(QObject):

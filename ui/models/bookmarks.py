@@ -7,20 +7,15 @@ import hashlib
 import json
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.engine.protocol import MODES, Pose
+from sketchterrain.ui.models.document import Document
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.ui.models.document import Document
-
-__all__ = ["Bookmark", "Bookmarks"]
 
 _LONGEST = 80  # letters of a name
 
@@ -51,12 +46,6 @@ class Bookmarks(QObject):
     They are kept by the sketch's path, for a sketch is about the terrain and not about who looks at it. Those
     of a sketch that was never saved are kept with it as soon as it is. A file that cannot be read counts as
     none.
-
-    Parameters
-    ----------
-    document
-    folder
-        Where they are kept; made when it is needed.
     """
 
     changed = pyqtSignal()
@@ -158,13 +147,7 @@ def _table(bookmark: Bookmark) -> dict[str, Any]:
 
 
 def _bookmark(table: dict[str, Any]) -> Bookmark:
-    """Return what a table says.
-
-    Raises
-    ------
-    ValueError, KeyError, TypeError
-        If it is not a bookmark's.
-    """
+    """Return what a table says."""
     numbers = [float(each) for each in (*table["eye"], *table["target"], table["fov"])]
     if len(numbers) != 7 or not all(math.isfinite(each) for each in numbers) or numbers[:3] == numbers[3:6]:
         raise ValueError("expected an eye and a target of three numbers each, and a field of view")

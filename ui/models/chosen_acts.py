@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from sketchterrain.ui.commands import placed_edits
 from sketchterrain.ui.commands.chosen_parts import name_of
-from sketchterrain.ui.models.workspace import Chosen
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["add", "delete", "delete_or_reset", "lock", "reset", "unlock"]
+from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Chosen, Workspace
 
 
 def add(document: Document, workspace: Workspace, kind: str, x: float, y: float) -> None:
@@ -49,13 +42,7 @@ def delete(document: Document, workspace: Workspace, placed: Placed, chosen: Cho
 
 
 def delete_or_reset(document: Document, workspace: Workspace, placed: Placed, chosen: Chosen) -> str:
-    """Delete what is chosen; a control point of a river goes back to where it was generated.
-
-    Returns
-    -------
-    str
-        Why nothing was done; empty if something was.
-    """
+    """Delete what is chosen; a control point of a river goes back to where it was generated."""
     if chosen.index is None:
         delete(document, workspace, placed, chosen)
     elif placed_edits.is_edited(document.sketch, placed, chosen):

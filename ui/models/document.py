@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Hashable, Mapping
+from pathlib import Path
 from weakref import ref
 
 from PyQt6.QtCore import QObject, pyqtSignal
@@ -10,17 +11,10 @@ from PyQt6.QtCore import QObject, pyqtSignal
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import Sketch
 from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.document import LabelImage
 from sketchterrain.sketch.history import History
 from sketchterrain.sketch.label_image import MOST_LABELS, checked_image, kept_image, labels_in
 from sketchterrain.sketch.layer_change import LayerChange
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
-    from pathlib import Path
-
-    from sketchterrain.sketch.document import LabelImage
-
-__all__ = ["Box", "Document", "Draft"]
 
 
 class Draft:

@@ -2,41 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from sketchterrain.errors import InputError
+from sketchterrain.sketch import Sketch
 from sketchterrain.ui.commands.placed_edits import dragged, title_of
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.handles import Handle
-
-__all__ = ["FeatureDrag"]
+from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.handles import Handle
 
 
 class FeatureDrag:
-    """Changes a document as a handle is dragged.
-
-    Parameters
-    ----------
-    document
-    placed
-        What was placed when it began; the handle is one of these features'.
-    handle
-    grab : (float, float), optional
-        Where the mouse took hold (m): the handle keeps its distance to the mouse. Without it the handle
-        comes to the mouse.
-
-    Attributes
-    ----------
-    handle : Handle
-    x, y : float
-        Where the handle is now (m).
-    problem : str
-        Why the last motion changed nothing; empty if it did what it should.
-    """
+    """Changes a document as a handle is dragged."""
 
     def __init__(
         self, document: Document, placed: Placed, handle: Handle, *, grab: tuple[float, float] | None = None

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.features.lakes import within
 from sketchterrain.features.profiles import area_profile, hill_profile, mountain_profile
 from sketchterrain.ui.commands.chosen_parts import parent_of, point_of, river_of
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.workspace import Chosen
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    import numpy.typing as npt
-
-    from sketchterrain.features import Lake, River
-    from sketchterrain.ui.engine.protocol import Placed
-
-__all__ = ["Handle", "chosen_at", "handle_at", "handles_of"]
 
 _TREES = 20.0  # m that a full forest stands out, beside a mountain's metres
 
@@ -57,19 +50,6 @@ def chosen_at(placed: Placed, x: float, y: float, *, reach: float) -> Chosen | N
 
     A feature's middle goes before a river, that before a lake; anywhere else it is the feature that makes
     most of the ground there.
-
-    Parameters
-    ----------
-    placed : Placed
-    x, y : float
-        m.
-    reach : float
-        m, how far from a middle or a bank a click may miss.
-
-    Returns
-    -------
-    Chosen or None
-        None where there is nothing.
     """
     points = placed.points
     away = np.hypot(points["x"] - x, points["y"] - y)

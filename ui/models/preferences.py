@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PyQt6.QtCore import QByteArray, QObject, QSettings, pyqtSignal
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-__all__ = ["Preferences", "config_folder", "state_folder"]
 
 _THEMES = ("system", "light", "dark")
 
@@ -35,13 +31,7 @@ def _folder(variable: str, usual: str) -> Path:
 
 
 class Preferences(QObject):
-    """A person's choices. What cannot be read counts as never chosen.
-
-    Parameters
-    ----------
-    path
-        The file, written when something is chosen.
-    """
+    """A person's choices. What cannot be read counts as never chosen."""
 
     theme_changed = pyqtSignal(str)
     device_changed = pyqtSignal()

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from threading import Thread
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-__all__ = ["Reading"]
 
 
 class Reading(QObject):
@@ -35,15 +30,7 @@ class Reading(QObject):
         return self._then is not None
 
     def read(self, work: Callable[[], object], then: Callable[[object], None]) -> None:
-        """Read something.
-
-        Parameters
-        ----------
-        work
-            Called on a thread of its own; may raise `SketchterrainError`, `OSError` or `MemoryError`.
-        then
-            Called with its result on the window's thread, unless something else was asked for since.
-        """
+        """Read something."""
         self._newest += 1
         self._then = then
         self.busy_changed.emit(True)

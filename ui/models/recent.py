@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-__all__ = ["RecentFiles"]
 
 _MOST = 12
 
@@ -24,11 +19,6 @@ class RecentFiles(QObject):
 
     Other programs of ours may write that file too: it is read before each change. Where it cannot be read or
     written, paths are known until the program ends.
-
-    Parameters
-    ----------
-    file
-        Made when the first path is added.
     """
 
     changed = pyqtSignal()

@@ -9,16 +9,11 @@ import zipfile
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import IO
 
-from sketchterrain.sketch import packed_sketch
+from sketchterrain.sketch import Sketch, packed_sketch
 from sketchterrain.system import lock_file
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
-
-__all__ = ["Lock", "Recovery", "new_place", "places_in", "read_recovery", "write_recovery"]
 
 _ABOUT = "recovery.json"
 
@@ -58,18 +53,7 @@ class Recovery:
 
 
 class Lock:
-    """Held by one program at a time; it goes with the program, however that ends.
-
-    Parameters
-    ----------
-    path
-        A sketch that was kept; the lock lies beside it.
-
-    Raises
-    ------
-    OSError
-        If another program holds it (BlockingIOError), or the system cannot make it.
-    """
+    """Held by one program at a time; it goes with the program, however that ends."""
 
     def __init__(self, path: Path) -> None:
         self._path = path.with_suffix(".lock")
@@ -109,13 +93,7 @@ def new_place(folder: Path) -> Path:
 
 
 def write_recovery(path: Path, sketch: Sketch, original: Path | None) -> None:
-    """Keep a sketch, whole or not at all.
-
-    Raises
-    ------
-    SketchterrainError
-        If the system cannot write there.
-    """
+    """Keep a sketch, whole or not at all."""
     about = {
         "name": sketch.name,
         "when": datetime.now(UTC).isoformat(),

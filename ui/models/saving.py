@@ -3,29 +3,17 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.sketch import Sketch, save_sketch
 from sketchterrain.ui.models.background import Background
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.ui.models.document import Document
-
-__all__ = ["Saving"]
+from sketchterrain.ui.models.document import Document
 
 
 class Saving(QObject):
-    """Writes a document's sketch, whole or not at all, while a person works on.
-
-    Parameters
-    ----------
-    document
-        It is told when its sketch was saved.
-    """
+    """Writes a document's sketch, whole or not at all, while a person works on."""
 
     saved = pyqtSignal(object)
     """The `Path` where the sketch is saved now."""
@@ -46,13 +34,7 @@ class Saving(QObject):
         return self._background.is_busy
 
     def save(self, path: Path) -> None:
-        """Save the sketch as it is now, without a stroke that is still being drawn.
-
-        Parameters
-        ----------
-        path
-            A folder, or a file named ``*.sketch``.
-        """
+        """Save the sketch as it is now, without a stroke that is still being drawn."""
         sketch = self._document.sketch
         self._background.do(
             path.absolute(), partial(save_sketch, sketch, path), partial(self._finish, sketch, path)

@@ -9,8 +9,6 @@ from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.sketch import LAYERS
 
-__all__ = ["OVERLAYS", "TOOLS", "Chosen", "LayerLook", "Workspace"]
-
 TOOLS: Final = ("select", "brush", "eraser", "line", "fill", "pick", "pan")
 OVERLAYS: Final = {
     "relief": "the terrain's relief beneath the paint",

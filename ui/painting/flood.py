@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
+from sketchterrain.sketch.box import Box
+from sketchterrain.sketch.document import LabelImage
 
-    from sketchterrain.sketch.box import Box
-    from sketchterrain.sketch.document import LabelImage
+_Integers = npt.NDArray[np.int64]
 
-    _Integers = npt.NDArray[np.int64]
-
-__all__ = ["flood"]
 
 _ROWS = 256  # looked at together: what is compared stays in the cache
 

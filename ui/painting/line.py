@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
-from sketchterrain.sketch import LAYERS
-from sketchterrain.sketch.box import around
+from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.document import LabelImage
 from sketchterrain.ui.painting.shapes import Dab, paint_sweep, snapped
 from sketchterrain.ui.painting.stroke import THINNEST, smooth_dabs
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.sketch.box import Box
-    from sketchterrain.sketch.document import LabelImage
-
-__all__ = ["draw_line", "line_path", "line_width"]
 
 
 def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:

@@ -7,17 +7,12 @@ one run of pixels: a shape costs its rows and its pixels, not the box around it.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from sketchterrain.sketch.box import Box
-    from sketchterrain.sketch.document import LabelImage
-
-__all__ = ["Dab", "paint_sweep", "snapped"]
+from sketchterrain.sketch.box import Box
+from sketchterrain.sketch.document import LabelImage
 
 Dab = tuple[float, float, float]
 """Where a disc's centre is (px right, px down; centres of pixels at +0.5) and its radius (px)."""

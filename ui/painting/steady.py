@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from sketchterrain.ui.painting.shapes import Dab, snapped
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-__all__ = ["SteadyHand"]
 
 _SPACING = 2.0  # grains between nodes
 _FARTHEST = 0.5  # of that: how far a node is moved to where its neighbours have it

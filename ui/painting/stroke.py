@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sketchterrain.features.splines import cubics
-from sketchterrain.sketch.box import around
+from sketchterrain.sketch.box import Box, around
+from sketchterrain.sketch.document import LabelImage
 from sketchterrain.ui.painting.shapes import Dab, paint_sweep, snapped
 from sketchterrain.ui.painting.steady import SteadyHand
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from sketchterrain.sketch.box import Box
-    from sketchterrain.sketch.document import LabelImage
-
-__all__ = ["THINNEST", "Stroke", "smooth_dabs"]
 
 THINNEST = 0.5
 """Radius (px) of the thinnest brush: a line one pixel wide."""

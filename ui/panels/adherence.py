@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import Any
 
 from PyQt6.QtCore import QSignalBlocker, QTimer
 from PyQt6.QtWidgets import QCheckBox, QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import MeasureAdherence
 from sketchterrain.ui.look.theme import SPACING
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.adherence_bar import AdherenceBar
 from sketchterrain.ui.panels.group import ScrollingPanel
 from sketchterrain.ui.panels.text import faint_label, heading
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Any
-
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["AdherencePanel"]
 
 _PAUSE = 600  # ms without a change before it is measured anew
 
 
 class AdherencePanel(ScrollingPanel):
-    """The overlap of paint and terrain for each layer; measured on demand, and anew while it is shown.
-
-    Parameters
-    ----------
-    workspace
-        Says whether it is laid over the sketch.
-    link
-        Measures.
-    """
+    """The overlap of paint and terrain for each layer; measured on demand, and anew while it is shown."""
 
     def __init__(self, workspace: Workspace, link: EngineLink, parent: QWidget | None = None) -> None:
         super().__init__(parent)

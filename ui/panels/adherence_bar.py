@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import Any
 
 from PyQt6.QtCore import QPointF, QRectF, QSize, Qt
-from PyQt6.QtGui import QPainter, QPalette
+from PyQt6.QtGui import QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.look.layer_colours import label_colour, swatch
 from sketchterrain.ui.look.theme import SPACING, tabular
 from sketchterrain.ui.panels.text import small
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from typing import Any
-
-    from PyQt6.QtGui import QPaintEvent
-
-__all__ = ["AdherenceBar"]
 
 _PICTURE = 22
 _THICK = 5.0

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 from PyQt6.QtCore import QObject, QTimer, pyqtSignal
 
+from sketchterrain.sketch.document import LabelImage
 from sketchterrain.ui.commands.labels import label_areas
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sketchterrain.sketch.document import LabelImage
-
-__all__ = ["AreaCount"]
 
 _SLICE = 1 << 20  # px: a few ms
 

@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtCore import QRectF, QSize, Qt, QTimer
-from PyQt6.QtGui import QPainter, QPalette, QPen
+from PyQt6.QtGui import QPainter, QPaintEvent, QPalette, QPen
 from PyQt6.QtWidgets import QSizePolicy, QWidget
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QPaintEvent
-
-__all__ = ["BusyMark"]
 
 _SIDE = 14
 _STEP = 30  # degrees

@@ -2,46 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.ui.commands.chosen_parts import is_there, name_of, river_of
 from sketchterrain.ui.commands.placed_edits import is_edited, is_locked
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import MARGIN, SMALL
 from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Chosen, Workspace
 from sketchterrain.ui.panels.feature_form import FeatureForm
 from sketchterrain.ui.panels.lake_form import LakeForm
 from sketchterrain.ui.panels.page_head import PageHead
 from sketchterrain.ui.panels.river_form import RiverForm
 from sketchterrain.ui.panels.text import faint_label
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Chosen, Workspace
-
-__all__ = ["ChosenPage"]
-
 
 class ChosenPage(QWidget):
-    """Position, size and strength of a feature; width and control points of a river; level of a lake.
-
-    Parameters
-    ----------
-    document
-        Whose edits it makes.
-    workspace
-        Says what is selected.
-    link
-        Says what was placed.
-    """
+    """Position, size and strength of a feature; width and control points of a river; level of a lake."""
 
     def __init__(
         self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None

@@ -8,8 +8,6 @@ from PyQt6.QtGui import QValidator
 
 from sketchterrain.ui.panels.number_box import NumberBox
 
-__all__ = ["ClockBox"]
-
 _CLOCK = re.compile(r"\s*(\d{1,2})\s*:\s*(\d{0,2})\s*")
 
 

@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QModelIndex, QSignalBlocker, QSize, Qt, pyqtSignal
 from PyQt6.QtGui import QStandardItem, QStandardItemModel
 from PyQt6.QtWidgets import QCheckBox, QVBoxLayout, QWidget
 
+from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.look.theme import MARGIN, SMALL
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.list_row import ICON, PALE, plain_list
 from sketchterrain.ui.panels.text import faint_label
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["ContradictionsPanel"]
 
 _PLACE: Final = Qt.ItemDataRole.UserRole + 9
 
 
 class ContradictionsPanel(QWidget):
-    """A list of what was decided; a click on a line shows where.
-
-    Parameters
-    ----------
-    workspace
-        Says whether the places are marked in the sketch.
-    link
-        Says what was placed.
-    """
+    """A list of what was decided; a click on a line shows where."""
 
     show_place = pyqtSignal(float, float)
     """A person wants to see a place (m)."""

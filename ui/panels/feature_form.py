@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
+import numpy as np
 from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
 from sketchterrain.features.catalogue import FILL_BIT
-from sketchterrain.sketch import ACTIONS, ADDED_BIT
+from sketchterrain.sketch import ACTIONS, ADDED_BIT, Sketch
 from sketchterrain.ui.commands.chosen_parts import name_of, point_of
 from sketchterrain.ui.commands.placed_edits import moved, resized, strength_of, strengthened
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.look.theme import SPACING
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Chosen
 from sketchterrain.ui.panels.number_row import NumberRow
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Chosen
-
-__all__ = ["FeatureForm"]
 
 _SHAPE = ACTIONS["add"].needs
 _HEIGHT = dataclasses.replace(_SHAPE["strength"], name="height", low=0.0, unit="m", help="from foot to top")
@@ -35,22 +28,7 @@ _Y = dataclasses.replace(_SHAPE["y"], help="north of the sketch's south-west cor
 
 
 class FeatureForm(QWidget):
-    """Numbers of a feature; each that is set is kept as an edit of it.
-
-    Parameters
-    ----------
-    document
-        Whose edits it makes.
-
-    Attributes
-    ----------
-    layer : str
-        That the feature belongs to.
-    label : int
-        Whose picture stands for it.
-    line : str
-        What it is, in a few words.
-    """
+    """Numbers of a feature; each that is set is kept as an edit of it."""
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)

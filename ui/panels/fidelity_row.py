@@ -12,8 +12,6 @@ from sketchterrain.ui.panels.number_box import WAY, PatientSlider
 from sketchterrain.ui.panels.text import faint_label, heading
 from sketchterrain.ui.panels.wording import number, tool_tip
 
-__all__ = ["FidelityRow"]
-
 
 class FidelityRow(QWidget):
     """The fidelity of a sketch."""

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
 
 from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
+from sketchterrain.sketch import Parameter
+from sketchterrain.sketch.parameter import Value
 from sketchterrain.ui.look.theme import SPACING
 from sketchterrain.ui.panels.number_row import NumberRow
 from sketchterrain.ui.panels.parameter_row import ChoiceRow, ParameterRow, TextRow
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from sketchterrain.sketch import Parameter
-    from sketchterrain.sketch.parameter import Value
-
-__all__ = ["ParameterForm", "row_of"]
 
 
 def row_of(parameter: Parameter, *, title: str = "", explains: bool = True) -> ParameterRow:
@@ -30,14 +24,7 @@ def row_of(parameter: Parameter, *, title: str = "", explains: bool = True) -> P
 
 
 class ParameterForm(QWidget):
-    """Parameters, one beneath the other.
-
-    Parameters
-    ----------
-    parameters
-    titles
-        By name, what a parameter is called where its own name says too little.
-    """
+    """Parameters, one beneath the other."""
 
     edited = pyqtSignal(str, object, object)
     """A person gave a parameter another value: its name, the value, the key of the gesture."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import time
 
-__all__ = ["Gesture"]
-
 _PAUSE = 0.8
 """s after which another press of a key is a step of its own."""
 

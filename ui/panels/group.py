@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtCore import QPointF, QSize, Qt, pyqtSignal
-from PyQt6.QtGui import QPainter, QPalette, QPen
+from PyQt6.QtGui import QPainter, QPaintEvent, QPalette, QPen
 from PyQt6.QtWidgets import QAbstractButton, QFrame, QScrollArea, QSizePolicy, QVBoxLayout, QWidget
 
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
 from sketchterrain.ui.panels.text import weighted
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QPaintEvent
-
-__all__ = ["Group", "ScrollingPanel", "rule"]
 
 
 class Group(QWidget):

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from PyQt6.QtCore import QAbstractListModel, QModelIndex, QSize, Qt
 from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
 from sketchterrain.ui.look.theme import MARGIN, SMALL
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.list_row import PALE, plain_list
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import size_text
 
-if TYPE_CHECKING:
-    from sketchterrain.ui.models.document import Document
-
-__all__ = ["HistoryPanel"]
-
 
 class HistoryPanel(QWidget):
-    """A list of steps; a click on one goes there.
-
-    Parameters
-    ----------
-    document
-        Whose steps they are.
-    """
+    """A list of steps; a click on one goes there."""
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)

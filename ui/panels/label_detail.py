@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from sketchterrain.sketch import LAYERS
+from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.panels.wording import number, with_unit
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
-
-__all__ = ["label_detail"]
 
 _MAIN: Final = {
     "mountain": "height",
@@ -25,15 +20,7 @@ _MAIN: Final = {
 
 
 def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
-    """Return for example ``"900 m · 1.2 km²"``.
-
-    Parameters
-    ----------
-    sketch
-    layer, label
-    pixels
-        That are painted with it.
-    """
+    """Return for example ``"900 m · 1.2 km²"``."""
     name = _MAIN[layer]
     main = with_unit(LAYERS[layer].parameters[name], sketch.properties(layer, label)[name])
     if layer == "forest":

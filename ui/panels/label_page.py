@@ -2,35 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.sketch.parameter import Value
 from sketchterrain.ui.commands.labels import reset_property, set_property
 from sketchterrain.ui.look.theme import MARGIN
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.form import ParameterForm
 from sketchterrain.ui.panels.page_head import PageHead
 from sketchterrain.ui.panels.wording import title_of
 
-if TYPE_CHECKING:
-    from sketchterrain.sketch.parameter import Value
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["LabelPage", "label_title"]
-
 
 class LabelPage(QWidget):
-    """A form for each layer, made from its declaration; that of the layer in use is shown.
-
-    Parameters
-    ----------
-    document
-        Whose labels it shows and changes.
-    workspace
-        Says which label is in use.
-    """
+    """A form for each layer, made from its declaration; that of the layer in use is shown."""
 
     def __init__(self, document: Document, workspace: Workspace, parent: QWidget | None = None) -> None:
         super().__init__(parent)

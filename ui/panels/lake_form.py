@@ -2,31 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtWidgets import QVBoxLayout, QWidget
 
 from sketchterrain.ui.commands.chosen_parts import lake_of
+from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.models.workspace import Chosen
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import number
 
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.workspace import Chosen
-
-__all__ = ["LakeForm"]
-
 
 class LakeForm(QWidget):
-    """What a lake is like.
-
-    Attributes
-    ----------
-    layer, label : str, int
-        That painted it.
-    line : str
-        What it is, in a few words.
-    """
+    """What a lake is like."""
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
+from PyQt6.QtGui import QKeyEvent, QMouseEvent
 from PyQt6.QtWidgets import QAbstractItemView, QFrame, QHeaderView, QTreeWidget, QTreeWidgetItem, QWidget
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.own_keys import OwnKeys
 from sketchterrain.ui.panels.layer_rows import DETAIL, EYE, HEIGHT, LOCK, NAME, PLACE, SHOWN, LayerRow
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from PyQt6.QtGui import QKeyEvent, QMouseEvent
-
-__all__ = ["LayerList", "Row"]
 
 _COLUMN = 32
 

@@ -13,8 +13,6 @@ from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
 from sketchterrain.ui.panels.text import small
 
-__all__ = ["DETAIL", "EYE", "HEIGHT", "LOCK", "NAME", "PLACE", "SHOWN", "LayerRow"]
-
 NAME, EYE, LOCK = range(3)
 """Columns."""
 PLACE: Final = Qt.ItemDataRole.UserRole

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
 from PyQt6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
@@ -19,31 +18,19 @@ from sketchterrain.ui.commands.labels import (
     new_label,
 )
 from sketchterrain.ui.doing_menu import DoingMenu
+from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
-from sketchterrain.ui.look.tool_buttons import tool_button
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.area_count import AreaCount
 from sketchterrain.ui.panels.label_detail import label_detail
 from sketchterrain.ui.panels.label_page import label_title
 from sketchterrain.ui.panels.layer_list import LayerList, Row
 from sketchterrain.ui.panels.number_box import WAY, PatientSlider
 
-if TYPE_CHECKING:
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["LayersPanel"]
-
 
 class LayersPanel(QWidget):
-    """A list of layers and labels, the opacity of the layer in use, and what can be done with labels.
-
-    Parameters
-    ----------
-    document
-        Whose layers it shows and changes.
-    workspace
-        Says which label is in use, and how layers are shown.
-    """
+    """A list of layers and labels, the opacity of the layer in use, and what can be done with labels."""
 
     message = pyqtSignal(str)
     """Why something that was asked for is not done, one line."""

@@ -11,8 +11,6 @@ from PyQt6.QtWidgets import QListView, QStyle, QStyledItemDelegate, QStyleOption
 from sketchterrain.ui.look.icons import draw_icon
 from sketchterrain.ui.look.theme import SMALL, SPACING
 
-__all__ = ["ICON", "PALE", "ListRow", "plain_list"]
-
 ICON: Final = Qt.ItemDataRole.UserRole + 1
 """Name of an icon before the text; None: there is none."""
 PALE: Final = Qt.ItemDataRole.UserRole + 2

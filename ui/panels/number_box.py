@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtCore import QLocale, QSize, Qt
+from PyQt6.QtGui import QValidator, QWheelEvent
 from PyQt6.QtWidgets import QAbstractSpinBox, QDoubleSpinBox, QSlider, QWidget
 
 from sketchterrain.ui.look.theme import tabular
 from sketchterrain.ui.panels.wording import number
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QValidator, QWheelEvent
-
-__all__ = ["NumberBox", "PatientSlider"]
 
 _WIDTH = 88
 WAY = 1000
@@ -21,19 +15,7 @@ WAY = 1000
 
 
 class NumberBox(QDoubleSpinBox):
-    """A number with its unit. It speaks when typing has ended; arrow keys add and take steps.
-
-    Parameters
-    ----------
-    low, high
-        Least and greatest number.
-    suffix
-        Unit, with the space before it.
-    step
-        What an arrow adds; 0: about a tenth of the number.
-    decimals
-        The most digits behind the point.
-    """
+    """A number with its unit. It speaks when typing has ended; arrow keys add and take steps."""
 
     def __init__(
         self,

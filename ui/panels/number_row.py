@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QCheckBox, QHBoxLayout, QWidget
 
+from sketchterrain.sketch import Parameter
+from sketchterrain.sketch.parameter import Value
 from sketchterrain.ui.look.theme import SPACING
 from sketchterrain.ui.panels.clock_box import ClockBox
 from sketchterrain.ui.panels.gesture import Gesture
@@ -14,12 +14,6 @@ from sketchterrain.ui.panels.number_box import WAY, NumberBox, PatientSlider
 from sketchterrain.ui.panels.parameter_row import ParameterRow
 from sketchterrain.ui.panels.scale import Scale, scale_of
 from sketchterrain.ui.panels.wording import comfortable_range, special_of, suffix_of
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Parameter
-    from sketchterrain.sketch.parameter import Value
-
-__all__ = ["NumberRow"]
 
 
 class NumberRow(ParameterRow):

@@ -10,8 +10,6 @@ from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SPACING
 from sketchterrain.ui.panels.text import faint_label, heading
 
-__all__ = ["PageHead"]
-
 _SIDE = 28
 
 

@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from PyQt6.QtCore import pyqtSignal
+from PyQt6.QtGui import QWheelEvent
 from PyQt6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QSizePolicy, QToolButton, QWidget
 
+from sketchterrain.sketch import Parameter
+from sketchterrain.sketch.parameter import Value
+from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import SMALL, SPACING
-from sketchterrain.ui.look.tool_buttons import tool_button
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import help_of, title_of, tool_tip, with_unit
 
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QWheelEvent
-
-    from sketchterrain.sketch import Parameter
-    from sketchterrain.sketch.parameter import Value
-
-__all__ = ["ChoiceRow", "ParameterRow", "TextRow"]
-
 
 class ParameterRow(QWidget):
-    """A parameter's title and help about a control that a subclass adds.
-
-    Parameters
-    ----------
-    parameter
-    title
-        What it is called where its own name says too little.
-    explains
-        Whether its line of help is shown; a resting pointer is told it anyway.
-    resets
-        Whether it offers a way back to the default.
-    """
+    """A parameter's title and help about a control that a subclass adds."""
 
     edited = pyqtSignal(object, object)
     """A person gave it another value; and the key of the gesture that did."""

@@ -2,34 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtWidgets import QPushButton, QWidget
 
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.chosen_page import ChosenPage
 from sketchterrain.ui.panels.group import ScrollingPanel
 from sketchterrain.ui.panels.label_page import LabelPage, label_title
 
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["PropertiesPanel"]
-
 
 class PropertiesPanel(ScrollingPanel):
-    """A form for a label, or for a feature, a river or a lake that is selected.
-
-    Parameters
-    ----------
-    document
-        Whose sketch it shows and changes.
-    workspace
-        Says what is selected.
-    link
-        Says what was placed.
-    """
+    """A form for a label, or for a feature, a river or a lake that is selected."""
 
     def __init__(
         self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None

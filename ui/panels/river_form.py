@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PyQt6.QtCore import QSignalBlocker
 from PyQt6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 
+from sketchterrain.features import River
 from sketchterrain.sketch import ACTIONS
 from sketchterrain.ui.commands.chosen_parts import name_of, parent_of, river_of
 from sketchterrain.ui.commands.placed_edits import point_moved, widened, width_of
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.look.theme import SPACING
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Chosen, Workspace
 from sketchterrain.ui.panels.number_box import NumberBox
 from sketchterrain.ui.panels.number_row import NumberRow
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import number
-
-if TYPE_CHECKING:
-    from sketchterrain.features import River
-    from sketchterrain.ui.engine.protocol import Placed
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Chosen, Workspace
-
-__all__ = ["RiverForm"]
 
 _X, _Y = (
     dataclasses.replace(ACTIONS["move_point"].needs[name], help=f"{way} of the sketch's south-west corner")
@@ -33,22 +28,7 @@ _X, _Y = (
 
 
 class RiverForm(QWidget):
-    """The width of a river and one control point of it; each that is set is kept as an edit.
-
-    Parameters
-    ----------
-    document
-        Whose edits it makes.
-    workspace
-        Says which control point is selected.
-
-    Attributes
-    ----------
-    layer, label : str, int
-        That painted it.
-    line : str
-        What it is, in a few words.
-    """
+    """The width of a river and one control point of it; each that is set is kept as an edit."""
 
     def __init__(self, document: Document, workspace: Workspace, parent: QWidget | None = None) -> None:
         super().__init__(parent)

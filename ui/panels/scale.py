@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Parameter
-
-__all__ = ["Scale", "scale_of"]
+from sketchterrain.sketch import Parameter
 
 _WIDE = 100.0
 """From this ratio of greatest to least value on, a slider goes by ratios."""
@@ -17,18 +14,7 @@ _WIDE = 100.0
 
 @dataclass(frozen=True)
 class Scale:
-    """A way from the least value, at 0, to the greatest, at 1.
-
-    Parameters
-    ----------
-    low, high
-        The values at its ends.
-    kind
-        ``even``; ``ratio``: equal ways are equal ratios, for which `low` is above 0; ``cube``: finer towards
-        `low`.
-    whole
-        Whether only whole numbers are values.
-    """
+    """A way from the least value, at 0, to the greatest, at 1."""
 
     low: float
     high: float

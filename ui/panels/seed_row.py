@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QRegularExpression, pyqtSignal
 from PyQt6.QtGui import QRegularExpressionValidator
 from PyQt6.QtWidgets import QHBoxLayout, QLabel, QLineEdit, QMenu, QToolButton, QVBoxLayout, QWidget
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import SKETCH
+from sketchterrain.sketch import SKETCH, Parameter
+from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
-from sketchterrain.ui.look.tool_buttons import tool_button
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import help_of, tool_tip
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Parameter
-
-__all__ = ["SeedRow"]
 
 _SEED: Final[Parameter] = SKETCH["seed"]
 _REMEMBERED: Final = 20

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QTimer
 from PyQt6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.system import memory_in_use
+from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.look.theme import MARGIN, SMALL
+from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.busy_mark import BusyMark
 from sketchterrain.ui.panels.label_page import label_title
 from sketchterrain.ui.panels.text import ElidedLabel
 from sketchterrain.ui.panels.wording import number, size_text
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.engine.protocol import EngineFacts
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-
-__all__ = ["StatusLine"]
 
 _EVERY: Final = 250  # ms between two figures: faster ones are not read
 _SHARING: Final = {
@@ -34,17 +30,7 @@ _SHARING: Final = {
 
 
 class StatusLine(QWidget):
-    """Figures that keep their places while they change.
-
-    Parameters
-    ----------
-    document
-        Whose paint it names under the pointer.
-    workspace
-        Says which layers are seen.
-    link
-        Tells what it works on, and how long that took.
-    """
+    """Figures that keep their places while they change."""
 
     def __init__(
         self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None

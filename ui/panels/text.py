@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from PyQt6.QtCore import QSize, Qt
-from PyQt6.QtGui import QFont, QPainter, QPalette
+from PyQt6.QtGui import QFont, QPainter, QPaintEvent, QPalette
 from PyQt6.QtWidgets import QLabel, QSizePolicy, QWidget
 
 from sketchterrain.ui.look.theme import tabular
-
-if TYPE_CHECKING:
-    from PyQt6.QtGui import QPaintEvent
-
-__all__ = ["ElidedLabel", "faint_label", "heading", "small", "weighted"]
 
 _SMALLER = 0.88
 
@@ -52,16 +45,7 @@ def heading(text: str, parent: QWidget | None = None) -> QLabel:
 
 
 class ElidedLabel(QWidget):
-    """One line of text; where there is no room its end is cut, and the whole is told to a resting pointer.
-
-    Parameters
-    ----------
-    text
-    faint
-        Whether it is read second.
-    sample
-        The widest text that it has to have room for; None: it takes what room there is.
-    """
+    """One line of text; where there is no room its end is cut, and the whole is told to a resting pointer."""
 
     def __init__(
         self, text: str = "", *, faint: bool = False, sample: str | None = None, parent: QWidget | None = None

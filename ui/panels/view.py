@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from PyQt6.QtCore import QSignalBlocker, QTimer
 from PyQt6.QtWidgets import QCheckBox, QVBoxLayout, QWidget
 
 from sketchterrain.sketch import WEATHER, Parameter
+from sketchterrain.sketch.parameter import Value
 from sketchterrain.ui.commands.settings import reset_setting, set_setting, settings
+from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.look.theme import SMALL, SPACING
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.form import ParameterForm
 from sketchterrain.ui.panels.group import Group, ScrollingPanel
 from sketchterrain.ui.panels.number_row import NumberRow
 from sketchterrain.ui.panels.wording import title_of
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch.parameter import Value
-    from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.document import Document
-
-__all__ = ["OVERLAY_TITLES", "ViewPanel"]
 
 # Names are those of `sketchterrain.render.OVERLAYS`, which a window does not import: it would load OpenGL.
 OVERLAY_TITLES: Final = {
@@ -46,15 +42,7 @@ _PAUSE: Final = (
 
 
 class ViewPanel(ScrollingPanel):
-    """Settings of the picture. The weather is the sketch's; the rest is forgotten with the program.
-
-    Parameters
-    ----------
-    document
-        Whose weather it shows and changes.
-    link
-        Whose view it shows and changes.
-    """
+    """Settings of the picture. The weather is the sketch's; the rest is forgotten with the program."""
 
     def __init__(self, document: Document, link: EngineLink, parent: QWidget | None = None) -> None:
         super().__init__(parent)

@@ -3,25 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from sketchterrain.sketch import Parameter
 from sketchterrain.sketch.parameter import number_text
-
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Parameter
-
-__all__ = [
-    "Special",
-    "comfortable_range",
-    "help_of",
-    "number",
-    "size_text",
-    "special_of",
-    "suffix_of",
-    "title_of",
-    "tool_tip",
-    "with_unit",
-]
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
+
+from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.sketch import SKETCH
+from sketchterrain.sketch.parameter import Value
 from sketchterrain.ui.commands.settings import (
     WORLD,
     declared,
@@ -12,6 +15,7 @@ from sketchterrain.ui.commands.settings import (
     set_setting,
     settings,
 )
+from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.fidelity_row import FidelityRow
 from sketchterrain.ui.panels.form import ParameterForm
 from sketchterrain.ui.panels.group import Group, ScrollingPanel
@@ -19,27 +23,13 @@ from sketchterrain.ui.panels.seed_row import SeedRow
 from sketchterrain.ui.panels.text import faint_label
 from sketchterrain.ui.panels.wording import number, title_of
 
-if TYPE_CHECKING:
-    from PyQt6.QtWidgets import QWidget
-
-    from sketchterrain.sketch.parameter import Value
-    from sketchterrain.ui.models.document import Document
-
-__all__ = ["WorldPanel"]
-
 _GROUPS: Final = {"ground": "Ground between", "climate": "Climate", "density": "Unpainted land"}
 """Tables that are shown here, in this order, and what they are called."""
 _TITLES: Final = {"density": {"mountain": "Mountains", "hill": "Hills", "dune": "Dunes", "forest": "Groves"}}
 
 
 class WorldPanel(ScrollingPanel):
-    """The settings of a sketch as a whole.
-
-    Parameters
-    ----------
-    document
-        Whose sketch it shows and changes.
-    """
+    """The settings of a sketch as a whole."""
 
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)

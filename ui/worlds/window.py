@@ -12,7 +12,7 @@ from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.look.app_icon import app_icon
+from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.models.background import Background
 from sketchterrain.ui.view3d.projection import length_text
 from sketchterrain.ui.worlds.link import WorldLink

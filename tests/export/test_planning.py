@@ -14,7 +14,7 @@ from sketchterrain.export.planning import option_names, plan
 from sketchterrain.export.sampled import Grid
 from sketchterrain.export.target import ExportOptions, Target, Written
 from sketchterrain.export.targets import TARGET_NAMES, target_named
-from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.tiling import Piece, Tiling
 from sketchterrain.sketch import Sketch
 
 TILED = frozenset({"tiles", "overlap"})
@@ -88,12 +88,6 @@ def test_refusals_name_the_option_and_the_nearest_size() -> None:
         grid_of(WIDE, SQUARE, tiles=(2, 2), overlap=70)
     with pytest.raises(InputError, match="size = 1: expected 2 or more vertices"):
         grid_of(WIDE, PLAIN, size=1)
-    with pytest.raises(InputError, match="expected two finite numbers, m"):
-        grid_of(WIDE, target_named("geotiff"), origin=(np.nan, 0.0))
-    with pytest.raises(InputError, match="only 16-bit numbers have a range"):
-        grid_of(WIDE, target_named("raw"), format="r32", heights=(0.0, 1.0))
-    with pytest.raises(InputError, match=r"expected one of .* as target, got 'quake'"):
-        target_named("quake")
 
 
 def test_every_target_declares_known_options_and_sizes_that_can_be_planned() -> None:
@@ -111,6 +105,91 @@ def test_every_target_declares_known_options_and_sizes_that_can_be_planned() -> 
         target = target_named(name)
         for size in target.sizes:
             assert plan(WIDE, target, ExportOptions(size=size)).tile_side == (size, size), (name, size)
+
+
+COUNTS = some.integers(1, 9)
+
+
+def test_tiles_are_counted_and_named() -> None:
+    tiling = Tiling()
+    assert list(tiling.pieces(33, 17)) == [Piece(0, 0, 0, 0, 33, 17)]
+    assert tiling.name("valley", Piece(0, 0, 0, 0, 33, 17)) == "valley"
+
+    tiling = Tiling(2, 3)
+    pieces = list(tiling.pieces(5, 13))
+    assert pieces[:2] == [Piece(0, 0, 0, 0, 3, 5), Piece(1, 0, 2, 0, 3, 5)]
+    assert pieces[-1] == Piece(1, 2, 2, 8, 3, 5)
+    names = [tiling.name("valley", each) for each in pieces[:3]]
+    assert names == ["valley_x0_y0", "valley_x1_y0", "valley_x0_y1"]
+
+    tiling = Tiling(2, 2, first=1, from_south=True, pattern="{name}_{y:02}_{x}")
+    names = [tiling.name("a", each) for each in tiling.pieces(5, 5)]
+    assert names == ["a_02_1", "a_02_2", "a_01_1", "a_01_2"]
+
+
+@settings(deadline=None)
+@given(COUNTS, COUNTS, some.integers(0, 5), some.integers(1, 9))
+def test_tiles_cover_the_whole_and_agree_where_they_overlap(
+    columns: int, rows: int, overlap: int, step: int
+) -> None:
+    side = max(step + overlap, 2)
+    tiling = Tiling(columns, rows, overlap=overlap)
+    width, height = tiling.whole(side, columns), tiling.whole(side, rows)
+    whole = np.arange(width * height).reshape(height, width)
+    seen = np.zeros_like(whole)
+    for piece in tiling.pieces(width, height):
+        assert (piece.columns, piece.rows) == (side, side)
+        part = seen[piece.top : piece.top + side, piece.left : piece.left + side]
+        assert part.shape == (side, side)
+        part += 1
+    assert (seen > 0).all()
+    if overlap == 0:
+        assert (seen == 1).all()
+
+
+@settings(deadline=None)
+@given(some.integers(2, 200), some.integers(1, 9), some.integers(0, 5))
+def test_the_nearest_sizes_can_be_cut_and_none_is_nearer(vertices: int, tiles: int, overlap: int) -> None:
+    tiling = Tiling(tiles, tiles, overlap=overlap)
+    near = tiling.nearest(vertices, tiles)
+    for each in near:
+        tiling.side(each, tiles)
+    least = min(abs(each - vertices) for each in near)
+    for nearer in range(max(vertices - least + 1, 2), vertices + least):
+        with pytest.raises(InputError, match="nearest: "):
+            tiling.side(nearer, tiles)
+
+
+def test_unusable_patterns_numbers_and_sizes_are_refused_in_one_line() -> None:
+    patterns = {
+        "expected {x} and {y}": ["{name}", "{name}_{x}"],
+        "two tiles would have the same name": ["{x}{y}"],
+        "can be a file's name": [
+            *("../{x}_{y}", "a/{x}_{y}", "a\\{x}_{y}", "..{x}_{y}", ".{x}_{y}", "a{x}_{y}:b", "a\n{x}_{y}"),
+            *("a\0{x}_{y}", "{x}_{y}" + "a" * 200),
+        ],
+        "expected only": [
+            *("{x}_{y}_{z}", "{x}_{y}_{}", "{x.real}_{y}", "{x!r}_{y}", "{x:>9}_{y}", "{name:9}_{x}_{y}"),
+            "{x}_{y:{x}}",
+        ],
+        "expected only|no pattern": ["{x_{y}"],
+        "no pattern": ["{x}_{y}}"],
+    }
+    for pattern, reason in [(each, reason) for reason, texts in patterns.items() for each in texts]:
+        with pytest.raises(InputError, match=reason) as caught:
+            Tiling(12, 12, pattern=pattern)
+        assert str(caught.value).isprintable(), pattern
+
+    for change in [{"columns": 0}, {"rows": -1}, {"overlap": -1}, {"first": -1}, {"columns": 99999}]:
+        with pytest.raises(InputError, match="expected"):
+            Tiling(**change)
+
+    with pytest.raises(
+        InputError, match=r"^1024 vertices .* 2 equal tiles that share an edge.* 1023 or 1025$"
+    ):
+        Tiling(2, 2).pieces(1024, 1025)
+    with pytest.raises(InputError, match=r"that share nothing; nearest: 1024 or 1026$"):
+        Tiling(2, 2, overlap=0).pieces(1025, 1024)
 
 
 NUMBERS = some.none() | some.integers(-2, 10_000)

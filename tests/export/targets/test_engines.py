@@ -1,51 +1,562 @@
-"""What holds of exports to all engines."""
+"""Exports to Unity, Unreal and Godot (Terrain3D), read as they read them; refusals and equal bytes."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
+import numpy as np
+import OpenEXR
 import pytest
+import rasterio
+from PIL import Image
+from scipy.interpolate import RegularGridInterpolator
 
 import sketchterrain as st
-from sketchterrain.export.target import ExportOptions
+from sketchterrain.errors import InputError
+from sketchterrain.export.height_steps import HeightSteps
+from sketchterrain.export.planning import plan
+from sketchterrain.export.sampled import Grid, Sampled
+from sketchterrain.export.target import Export, ExportOptions
+from sketchterrain.export.targets import godot, target_named, unreal
 from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.progress import Stages
 
-if TYPE_CHECKING:
-    from pathlib import Path
+from .conftest import Outcome
 
-ENGINES = [("unity", {"size": 33}), ("unreal", {"size": 127, "format": "r16"}), ("godot", {})]
+# Epic's table of recommended sizes: quads a section, sections a component, components.
+GUIDE = {
+    127: (63, 2, 1),
+    253: (63, 2, 2),
+    505: (63, 2, 4),
+    1009: (63, 2, 8),
+    2017: (63, 2, 16),
+    4033: (63, 2, 32),
+    8129: (127, 2, 32),
+}
+ENGINES = {"unity": {"size": 129}, "unreal": {"size": 253}, "godot": {"format": "exr"}}
 
 
-@pytest.fixture(scope="module")
-def bare(corner: st.Sketch) -> st.Terrain:
-    """Ground with nothing on it: no river, no lake, no wood."""
-    return st.build(replace(corner, extent=256.0, layers={}, labels={}))
+class Imported(NamedTuple):
+    """A landscape in an engine: heights [row, column], m, where they lie in the sketch, and their quantum."""
+
+    height: np.ndarray
+    east: np.ndarray
+    north: np.ndarray
+    step: float
 
 
-@pytest.mark.parametrize(("target", "options"), ENGINES)
-def test_bare_ground_is_exported_to_the_same_bytes_without_water_and_plants(
-    bare: st.Terrain, tmp_path: Path, target: str, options: dict[str, Any]
-) -> None:
-    written = []
-    for name in ("one", "two"):
-        folder = tmp_path / name
-        folder.mkdir()
-        done = write_export(
-            plan_of(bare.sketch, target, ExportOptions(**options)), bare, folder, stages=Stages()
+def numbers(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """Return the pixels of an image, or raw 16-bit numbers."""
+    if path.suffix in (".r16", ".raw"):
+        return np.fromfile(path, "<u2").reshape(shape)
+    if path.suffix == ".exr":
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            (channel,) = file.channels().values()
+            assert channel.name == "R"
+            return np.array(channel.pixels)
+    with Image.open(path) as image:
+        assert image.mode == "I;16"
+        return np.asarray(image)
+
+
+def unity(outcome: Outcome) -> list[Imported]:
+    """ImportRawHeightmap.ReadRaw: heights[y, x] = number · 1/(1 << 16), row by row, y upward from z = 0."""
+    told, found = outcome.sidecar["import"], []
+    origin, side = outcome.sidecar["axes"]["origin"], told["Resolution"]
+    assert {told["Byte Order"], told["Depth"], told["Flip Vertically"]} == {"Windows", "Bit 16", False}
+    for tile in told["tiles"]:
+        size, place = told["Terrain Size"], tile["Position"]
+        height = numbers(outcome.folder / tile["file"], (side, side)) / 65536 * size["Y"] + place["Y"]
+        at = np.arange(side) / (side - 1)
+        east, north = (
+            origin[way] + place[axis] + at * size[axis] for way, axis in (("east", "X"), ("north", "Z"))
         )
-        written.append({path.name: path.read_bytes() for path in done.files})
-    assert written[0] == written[1]
+        found.append(Imported(height, east, north, size["Y"] / 65536))
+    return found
 
-    plan = plan_of(bare.sketch, target, ExportOptions(plants=False, **options))
-    done = write_export(plan, bare, tmp_path, stages=Stages())
-    names = {path.name for path in done.files}
-    assert "high_corner_water.json" in names
-    assert not [name for name in names if "plants" in name or "grass.json" in name]
-    text = (tmp_path / "high_corner_water.json").read_text(encoding="utf-8")
-    assert '"rivers": []' in text
-    assert '"lakes": []' in text
-    assert all(entry["what"] for entry in done.report["files"])
-    assert done.report["axes"]["unit"] in {"m", "cm"}
-    assert done.report["grid"]["spacing"]["x"] > 0.0
+
+def unreal_(outcome: Outcome) -> list[Imported]:
+    """Rows go southward; 128 steps from 32768 on are one unit of scale in cm; tiles share an edge."""
+    told, axes, found = outcome.sidecar["import"], outcome.sidecar["axes"], []
+    side, scale = told["Overall Resolution"]["X"], told["Scale"]
+    tiling = outcome.sidecar.get("tiling", {"columns": 1, "rows": 1})
+    first = told["Heightmap File"]
+    for y in range(tiling["rows"]):
+        for x in range(tiling["columns"]):
+            path = outcome.folder / first.replace("_x0_", f"_x{x}_")
+            if tiling["rows"] > 1:
+                path = path.with_name(f"high_corner_height_x{x}_y{y}{path.suffix}")
+            down = tiling["rows"] - 1 - y if told.get("Flip Tile Y Coordinate") else y
+            local = (numbers(path, (side, side)).astype(np.float64) - 32768.0) / 128.0
+            height = (local * scale["Z"] + told["Location"]["Z"]) / 100.0
+            across, along = (
+                told["Location"][axis] + ((side - 1) * at + np.arange(side)) * scale[axis]
+                for axis, at in (("X", x), ("Y", down))
+            )
+            east, north = axes["origin"]["east"] + across / 100.0, axes["origin"]["north"] - along / 100.0
+            found.append(Imported(height, east, north, scale["Z"] / 128.0 / 100.0))
+    return found
+
+
+def godot_(outcome: Outcome) -> list[Imported]:
+    """Terrain3DUtil.load_image: metres, or a share of a range; z grows southward, vertices are 1 m apart."""
+    told, origin, found = outcome.sidecar["import"], outcome.sidecar["axes"]["origin"], []
+    for tile in told["tiles"]:
+        size, ends = told.get("r16_size", {"x": 0, "y": 0}), told.get("r16_range")
+        height = numbers(outcome.folder / tile["height_file_name"], (size["y"], size["x"]))
+        if ends is not None:
+            height = height / 65535.0 * (ends["y"] - ends["x"]) + ends["x"]
+        east = origin["east"] + tile["import_position"]["x"] + np.arange(height.shape[1])
+        north = origin["north"] - tile["import_position"]["y"] - np.arange(height.shape[0])
+        found.append(
+            Imported(
+                height, east, north, outcome.sidecar["heights"].get("metres_per_step", 0.0) if ends else 0.0
+            )
+        )
+    return found
+
+
+IMPORT: dict[str, Callable[[Outcome], list[Imported]]] = {
+    "unity": unity,
+    "unreal": unreal_,
+    "godot": godot_,
+}
+
+
+def world(axes: dict[str, Any], vectors: np.ndarray, *, places: bool = True) -> np.ndarray:
+    """Return places or directions along a program's axes as east, north, up in m."""
+    result = np.zeros((len(vectors), 3))
+    for axis, values in zip("xyz", np.asarray(vectors, np.float64).T, strict=True):
+        number, sign = {"east": (0, 1), "north": (1, 1), "south": (1, -1), "up": (2, 1)}[axes[axis]]
+        result[:, number] = sign * values
+    if places:
+        result = result * {"m": 1.0, "cm": 0.01}[axes["unit"]] + list(axes["origin"].values())
+    return result
+
+
+def bilinear(ground: Imported, places: np.ndarray) -> np.ndarray:
+    order = 1 if ground.north[0] < ground.north[-1] else -1
+    made = RegularGridInterpolator((ground.north[::order], ground.east), ground.height[::order].astype(float))
+    low, high = (ground.north.min(), ground.east.min()), (ground.north.max(), ground.east.max())
+    return made(np.clip(places[:, 1::-1], low, high))
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    ("target", "options"),
+    [
+        *(("unity", {"size": size}) for size in (33, 65)),
+        *(("unity", {"size": size, "tiles": t}) for size, t in ((129, (2, 2)), (65, (2, 1)), (97, (1, 3)))),
+        *(("unreal", {"size": 127, "format": form}) for form in ("png", "r16")),
+        ("unreal", {"size": 253, "tiles": (2, 1)}),
+        *(("godot", {"format": form}) for form in ("exr", "r16")),
+        *(pytest.param("unity", {"size": size}, marks=SLOW) for size in (129, 257, 513, 1025)),
+        *(
+            pytest.param("unreal", {"size": size, "format": form}, marks=SLOW)
+            for size in (253, 505, 1009)
+            for form in ("png", "r16")
+        ),
+    ],
+)
+def test_heights_are_those_of_the_terrain_where_the_engine_puts_them(
+    terrain: st.Terrain, exported: Callable[..., Outcome], target: str, options: dict[str, Any]
+) -> None:
+    outcome = exported(target, plants=False, **options)
+    for tile in IMPORT[target](outcome):
+        if "size" in options and "tiles" not in options:
+            assert tile.height.shape == (options["size"], options["size"])
+        random = np.random.default_rng(3)
+        row, column = (np.append(random.integers(0, side, 3000), [0, side - 1]) for side in tile.height.shape)
+        cell = outcome.sidecar["grid"]["spacing"]["x"]
+        true = terrain.heights(tile.east[column], tile.north[row], cell_size=cell)
+        off = np.abs(tile.height[row, column] - true).max()
+        assert off <= (tile.step / 2 + 1e-4 if tile.step else 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("target", "size", "form"),
+    [
+        ("unity", 2049, None),
+        ("unity", 4097, None),
+        ("unreal", 2017, "png"),
+        ("unreal", 4033, "png"),
+        ("unreal", 8129, "r16"),
+    ],
+)
+def test_large_sizes_come_back_too(
+    corner: st.Sketch, terrain: st.Terrain, tmp_path: Path, target: str, size: int, form: str | None
+) -> None:
+    made = plan_of(corner, target, ExportOptions(size=size, format=form, plants=False))
+    at = np.linspace(0.0, 1.0, size, dtype=np.float32)
+    height = 900.0 * (0.7 * at[None] ** 2 + 0.3 * (1.0 - at[:, None])) - 150.0  # highest in the north-east
+    flat, grass = np.broadcast_to(np.uint8(128), (size, size, 3)), np.full((size, size, 1), 255, np.uint8)
+    one_layer = SimpleNamespace(
+        material_names=("grass",), features=terrain.features, species_names=terrain.species_names
+    )
+    export = Export(
+        one_layer,
+        "big",
+        made.options,
+        made.grid,
+        made.tiling,
+        Sampled(made.grid, height, flat, grass),
+        tmp_path,
+        Stages(),
+    )  # type: ignore[arg-type]
+    written = made.target.write(export)
+    outcome = Outcome(tmp_path, {"import": written.settings, **written.facts})
+    (tile,) = IMPORT[target](outcome)
+    got = tile.height[::-1] if target == "unity" else tile.height
+    assert np.abs(got - height).max() <= tile.step / 2 + 1e-4
+    if target == "unity":
+        with Image.open(tmp_path / "big_splat1.png") as image:
+            assert image.size == (size - 1, size - 1)
+
+
+def test_the_mountain_is_in_the_north_east_and_normals_follow_the_slopes(
+    exported: Callable[..., Outcome],
+) -> None:
+    for target, options in ENGINES.items():
+        outcome = exported(target, **options)
+        (tile,) = IMPORT[target](outcome)
+        row, column = np.unravel_index(tile.height.argmax(), tile.height.shape)
+        assert tile.east[column] > 700.0 < tile.north[row], target
+        northward, eastward = np.gradient(tile.height, tile.north, tile.east)
+        with Image.open(outcome.folder / "high_corner_normal.png") as image:
+            normal = np.asarray(image) / 127.5 - 1.0  # images show north at the top
+        if tile.north[0] < tile.north[-1]:
+            normal = normal[::-1]
+        for channel, slope in ((0, eastward), (1, -northward if target == "unreal" else northward)):
+            assert np.corrcoef(normal[..., channel].ravel(), -slope.ravel())[0, 1] > 0.9, target
+        assert (normal[..., 2] > 0.0).all(), target
+
+
+def test_exr_heights_are_the_terrains_own_floats(
+    terrain: st.Terrain, exported: Callable[..., Outcome]
+) -> None:
+    outcome = exported("godot", **ENGINES["godot"])
+    (tile,) = godot_(outcome)
+    bands = terrain.grid(*outcome.sidecar["grid"]["bounds"].values(), columns=1024, rows=1024)
+    np.testing.assert_array_equal(tile.height, np.concatenate([band.height for band in bands]))
+    for each in (outcome, exported("godot", format="r16", plants=False)):
+        assert not [path for path in each.of(".png") if "height" in path.name]  # Godot reads 8 bits of a PNG
+
+
+def test_tiles_joined_are_the_whole_to_the_bit(exported: Callable[..., Outcome]) -> None:
+    for target, options in [
+        ("unity", {}),
+        ("unreal", {"tiles_from_south": False}),
+        ("unreal", {"tiles_from_south": True}),
+        ("godot", {}),
+    ]:
+        (whole,) = IMPORT[target](exported(target, **ENGINES[target]))
+        cut = exported(target, **ENGINES[target], tiles=(2, 2), plants=target == "unity", **options)
+        joined, count = np.full(whole.height.shape, np.nan), 0
+        for tile in IMPORT[target](cut):
+            at = np.ix_(
+                np.abs(whole.north[:, None] - tile.north).argmin(axis=0),
+                np.abs(whole.east[:, None] - tile.east).argmin(axis=0),
+            )
+            known = ~np.isnan(joined[at])
+            np.testing.assert_array_equal(joined[at][known], tile.height[known], target)
+            joined[at], count = tile.height, count + 1
+        assert count == 4, target
+        np.testing.assert_array_equal(joined, whole.height, target)
+
+
+def layers(outcome: Outcome, kind: str, at: str = "") -> np.ndarray:
+    """Return weights [row, column, layer] of images whose first row is the north edge."""
+    paths = [path for path in outcome.of(f"{at}.png") if f"_{kind}" in path.name]
+    images = [np.asarray(Image.open(path)).astype(int) for path in paths]
+    return np.concatenate([image if image.ndim == 3 else image[..., None] for image in images], axis=-1)
+
+
+def test_weights_sum_to_255_and_lie_where_the_materials_are(exported: Callable[..., Outcome]) -> None:
+    for target, kind in (("unity", "splat"), ("unreal", "weight_"), ("godot", "weights")):
+        outcome = exported(target, **ENGINES[target])
+        found = layers(outcome, kind)
+        side = len(IMPORT[target](outcome)[0].height) - (target == "unity")
+        assert found.shape == (side, side, 8), target
+        assert (found.sum(axis=-1) == 255).all(), target
+        told = outcome.sidecar["textures"] if target == "godot" else outcome.sidecar["layers"]
+        if target == "unity":
+            assert told[7] == {"name": "forest_floor", "file": "splat2", "channel": "alpha"}
+        else:
+            assert (told["7"] if target == "godot" else told[7]) == "forest_floor"
+        wood = found[..., 7] / found[..., 7].sum()
+        y, x = np.indices(wood.shape) / (side - 1)
+        # Painted in columns 34 … 52 of 64 and rows 40 … 56 from the north.
+        assert ((wood * x).sum(), (wood * y).sum()) == pytest.approx((43 / 64, 48 / 64), abs=0.04), target
+
+    tiled = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=False, plants=False)
+    whole = layers(exported("unreal", **ENGINES["unreal"]), "weight_")
+    np.testing.assert_array_equal(layers(tiled, "weight_", "_x1_y0"), whole[:127, 126:])
+    tiled = exported("unity", size=129, tiles=(2, 2), plants=True)
+    sw, se, nw = (layers(tiled, "splat", at) for at in ("_0_0", "_1_0", "_0_1"))
+    np.testing.assert_array_equal(sw[:, -1], se[:, 0])
+    np.testing.assert_array_equal(sw[0], nw[-1])
+
+
+def test_the_control_map_has_the_two_heaviest_materials(exported: Callable[..., Outcome]) -> None:
+    outcome = exported("godot", **ENGINES["godot"])
+    (tile,) = outcome.sidecar["import"]["tiles"]
+    bits = numbers(outcome.folder / tile["control_file_name"], (0, 0)).view(np.uint32)
+    # As Terrain3DUtil unpacks them.
+    base, overlay, blend = bits >> 27 & 0x1F, bits >> 22 & 0x1F, bits >> 14 & 0xFF
+    assert (bits & 0x3FFF == 0).all()  # no turn, no hole, painted by hand
+    weights = layers(outcome, "weights")
+    at_base, at_overlay = (
+        np.take_along_axis(weights, each[..., None].astype(int), axis=-1)[..., 0] for each in (base, overlay)
+    )
+    ordered = np.sort(weights, axis=-1)
+    np.testing.assert_array_equal(at_base, ordered[..., -1])
+    mixed = blend > 0
+    np.testing.assert_array_equal(at_overlay[mixed], ordered[..., -2][mixed])
+    share = ordered[..., -2] / (ordered[..., -1] + ordered[..., -2])
+    assert np.abs(blend / 255.0 - share).max() <= 0.5 / 255.0 + 1e-9
+
+
+def test_plants_are_the_terrains_and_stand_on_the_engines_ground(
+    terrain: st.Terrain, exported: Callable[..., Outcome]
+) -> None:
+    for target, side in (("unreal", 1024.0), ("godot", 1023.0)):
+        outcome = exported(target, **ENGINES[target])
+        told = json.loads((outcome.folder / "high_corner_plants.json").read_text(encoding="utf-8"))
+        rows = dict(zip(told["fields"], np.array(told["plants"]).T, strict=True))
+        true = terrain.foliage(0.0, 0.0, side, side)
+        assert told["species"] == list(terrain.species_names)
+        np.testing.assert_array_equal(rows["species"], true["species"], target)
+        place = world(told["axes"], np.stack([rows[axis] for axis in "xyz"], axis=-1))
+        np.testing.assert_allclose(place[:, :2], np.stack([true["x"], true["y"]], axis=-1), atol=1e-3)
+        (ground,) = IMPORT[target](outcome)
+        assert np.abs(place[:, 2] - bilinear(ground, place)).max() <= ground.step / 2 + 2e-3, target
+        # Unreal's yaw is in degrees and clockwise seen from above, Godot's counter-clockwise in radians.
+        turn = -np.radians(rows["rotation"]) if target == "unreal" else rows["rotation"]
+        np.testing.assert_allclose(np.exp(1j * turn), np.exp(1j * true["rotation"]), atol=1e-4)
+        normal = np.stack([rows[f"normal_{axis}"] for axis in "xyz"], axis=-1)
+        np.testing.assert_allclose(world(told["axes"], normal, places=False), true["normal"], atol=1e-4)
+
+
+def test_trees_are_the_terrains_and_stand_on_unitys_ground(
+    terrain: st.Terrain, exported: Callable[..., Outcome]
+) -> None:
+    for tiles in [(1, 1), (2, 2)]:
+        outcome = exported("unity", size=129, **({"tiles": tiles, "plants": True} if tiles == (2, 2) else {}))
+        settings, count = outcome.sidecar["import"], 0
+        for tile, ground, bounds in zip(
+            settings["tiles"], unity(outcome), outcome.sidecar["tiles"], strict=True
+        ):
+            name = tile["file"].replace("high_corner", "high_corner_plants").replace(".raw", ".json")
+            told = json.loads((outcome.folder / name).read_text(encoding="utf-8"))
+            assert told["terrain"] == tile["file"], tiles
+            true = terrain.foliage(*(bounds["bounds"][side] for side in ("west", "south", "east", "north")))
+            trees = told["instances"]
+            assert [told["prototypes"][tree["prototypeIndex"]] for tree in trees] == [
+                terrain.species_names[species] for species in true["species"]
+            ], tiles
+            at = np.array([[tree["position"][axis] for axis in "xzy"] for tree in trees])
+            assert ((at >= 0.0) & (at <= 1.0)).all(), tiles
+            place = np.stack(
+                [tile["Position"][a] + at[:, i] * settings["Terrain Size"][a] for i, a in enumerate("XZY")],
+                axis=-1,
+            )
+            np.testing.assert_allclose(place[:, :2], np.stack([true["x"], true["y"]], axis=-1), atol=1e-5)
+            assert np.abs(place[:, 2] - bilinear(ground, place)).max() <= ground.step / 2 + 1e-4, tiles
+            assert all(tree["widthScale"] == tree["heightScale"] for tree in trees), tiles
+            np.testing.assert_allclose([tree["widthScale"] for tree in trees], true["scale"], atol=1e-3)
+            turned = np.array([tree["rotation"] for tree in trees]) + true["rotation"]  # clockwise in Unity
+            np.testing.assert_allclose(np.cos(turned), 1.0, atol=1e-6)
+            count += len(trees)
+        assert count == len(terrain.foliage(0.0, 0.0, 1024.0, 1024.0)) > 1000, tiles
+
+
+def test_grass_is_a_file_of_its_own(corner: st.Sketch, tmp_path: Path) -> None:
+    meadow = replace(corner, extent=48.0)
+    terrain = st.build(meadow)
+    write_export(
+        plan_of(meadow, "unreal", ExportOptions(size=127, grass=True)), terrain, tmp_path, stages=Stages()
+    )
+    for kind, storey in (("plants", "woody"), ("grass", "grass")):
+        told = json.loads((tmp_path / f"high_corner_{kind}.json").read_text(encoding="utf-8"))
+        true = terrain.foliage(0.0, 0.0, 48.0, 48.0, storey=storey)
+        assert [row[0] for row in told["plants"]] == true["species"].tolist()
+
+
+def test_waters_are_the_terrains_along_the_engines_axes(
+    terrain: st.Terrain, exported: Callable[..., Outcome]
+) -> None:
+    (river,), (lake,) = terrain.features.rivers, terrain.features.lakes
+    for target, options in ENGINES.items():
+        outcome = exported(target, **options)
+        told = json.loads((outcome.folder / "high_corner_water.json").read_text(encoding="utf-8"))
+        (line,), (area,) = told["rivers"], told["lakes"]
+        unit = {"m": 1.0, "cm": 0.01}[told["axes"]["unit"]]
+        np.testing.assert_allclose(world(told["axes"], np.array(line["points"])), river.centreline, atol=1e-3)
+        np.testing.assert_allclose(unit * np.array(line["width"]), river.centreline_width, atol=1e-3)
+        outline = world(told["axes"], np.array(area["outline"][0]))
+        np.testing.assert_allclose(outline[:, 2], lake.level, atol=1e-3)
+        assert unit * area["level"] == pytest.approx(lake.level, abs=1e-3), target
+        assert (outline[:, 1] < 300.0).all(), target
+    assert river.centreline[0, 1] > 700.0 > 300.0 > river.centreline[-1, 1]
+
+
+def test_unity_settings(exported: Callable[..., Outcome]) -> None:
+    told = exported("unity", size=129).sidecar
+    assert told["byte_order"] == "little-endian"
+    assert told["orientation"]["raw"]["row_0"] == "south"
+    assert told["import"]["Terrain Size"] == {"X": 1024.0, "Y": told["heights"]["range"], "Z": 1024.0}
+    assert told["import"]["tiles"][0]["Position"] == {"X": 0.0, "Y": told["heights"]["low"], "Z": 0.0}
+    told = exported("unity", size=33, heights=(-100.0, 924.0), plants=False).sidecar["import"]
+    assert (told["tiles"][0]["Position"]["Y"], told["Terrain Size"]["Y"]) == (-100.0, 1024.0)
+    names = {tile["file"] for tile in exported("unity", size=129, tiles=(2, 2)).sidecar["import"]["tiles"]}
+    assert names == {f"high_corner_{x}_{z}.raw" for x in (0, 1) for z in (0, 1)}
+
+
+def test_unreal_components_and_the_z_scale_follow_the_guide(
+    corner: st.Sketch, exported: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    assert tuple(GUIDE) == unreal.TARGETS[0].sizes
+    for size, (quads, sections, components) in GUIDE.items():
+        assert quads * sections * components + 1 == size
+        made = plan_of(corner, "unreal", ExportOptions(size=size, plants=False))
+        export = Export(None, "a", made.options, made.grid, made.tiling, None, tmp_path, None)  # type: ignore[arg-type]
+        settings = unreal._settings(export, HeightSteps(-256.0, 512.0))
+        assert settings["Section Size"] == f"{quads}x{quads} Quads", size
+        assert settings["Sections Per Component"] == f"{sections}x{sections} Sections", size
+        assert settings["Number of Components"] == {"X": components, "Y": components}, size
+        assert settings["Overall Resolution"] == {"X": size, "Y": size}, size
+
+    told = exported("unreal", size=127, heights=(-100.0, 924.0), plants=False).sidecar["import"]
+    assert told["Scale"]["Z"] == 1024.0 * 100.0 / 512.0
+    assert told["Location"]["Z"] == 41200.0
+    assert told["Scale"]["X"] == told["Scale"]["Y"] == pytest.approx(102400.0 / 126)
+
+    outcome = exported("unreal", size=253)
+    path = outcome.folder / outcome.sidecar["import"]["Heightmap File"]
+    with pytest.warns(rasterio.errors.NotGeoreferencedWarning):
+        file = rasterio.open(path)
+    with file:
+        assert (file.count, file.dtypes) == (1, ("uint16",))
+        np.testing.assert_array_equal(file.read(1), numbers(path, (0, 0)))
+
+    for from_south in [False, True]:
+        told = exported("unreal", size=253, tiles=(2, 2), tiles_from_south=from_south, plants=False).sidecar
+        assert told["import"]["Flip Tile Y Coordinate"] is from_south
+        offset = told["import"].get("Tile Coordinates Offset")
+        assert offset == (None if from_south else {"X": 0, "Y": 0})
+        assert told["import"]["Overall Resolution"] == {"X": 127, "Y": 127}
+    told = exported("unreal", size=253, tiles=(2, 1), plants=False).sidecar
+    assert told["grid"]["bounds"] == {"west": 0.0, "south": 0.0, "east": 2048.0, "north": 1024.0}
+    told = exported("unreal", size=254, tiles=(2, 2), overlap=0, plants=False).sidecar
+    assert (told["grid"]["columns"], told["tiles"][1]["left"]) == (254, 127)
+
+
+def test_godot_terrains_fill_whole_regions_around_the_origin(
+    corner: st.Sketch, exported: Callable[..., Outcome]
+) -> None:
+    for side, region, position in [
+        (512, 256, -256),
+        (1024, 256, -512),
+        (1536, 256, -768),
+        (8192, 256, -4096),
+        (8704, 512, -4096),
+        (16384, 512, -8192),
+    ]:
+        grid = Grid(0.0, 0.0, side - 1.0, side - 1.0, side, side)
+        assert godot.region_size(grid) == region, side
+        assert godot.import_position(grid) == (position, position), side
+        assert position % region == side % region == 0, side
+        assert max(-position, side + position) <= 16 * region, side
+
+    for extent, tiles, vertices in [
+        (100.0, (1, 1), 512),
+        (1024.0, (1, 1), 1024),
+        (1025.5, (1, 1), 1536),
+        (1024.0, (3, 3), 1536),
+        (9000.0, (2, 2), 9216),
+    ]:
+        made = plan(replace(corner, extent=extent), godot.TARGETS[0], ExportOptions(tiles=tiles))
+        assert (made.grid.columns, made.grid.rows) == (vertices, vertices), (extent, tiles)
+        assert made.grid.spacing == (1.0, 1.0), (extent, tiles)
+        assert made.tile_side[0] % godot.region_size(made.grid) == 0, (extent, tiles)
+
+    for tiles in ((1, 1), (2, 2)):
+        told = exported("godot", format="exr", **({"tiles": tiles, "plants": False} if tiles[0] > 1 else {}))
+        assert told.sidecar["import"]["region_size"] == 256
+        for tile in told.sidecar["import"]["tiles"]:
+            assert tile["import_position"]["x"] % 256 == tile["import_position"]["y"] % 256 == 0
+
+
+def test_options_that_a_program_cannot_import_are_refused(corner: st.Sketch) -> None:
+    for target, options, says in [
+        ("unity", {"size": 1000}, "513 or 1025"),
+        ("unity", {"size": 8193}, "4097"),
+        ("unity", {"size": 129, "overlap": 0}, "overlap"),
+        ("unity", {"size": 130, "tiles": (2, 2)}, "129"),
+        ("unreal", {"size": 1024}, "1009 or 2017"),
+        ("unreal", {"size": 128}, "127 or 253"),
+        ("unreal", {"size": 16257}, "8129"),
+        ("unreal", {"size": 505, "format": "raw"}, "png or r16"),
+        ("unreal", {"size": 505, "crs": "EPSG:25832"}, "crs"),
+        ("godot", {"size": 513}, "1 m apart"),
+        ("godot", {"heights": (0.0, 500.0)}, "r16"),
+        ("godot", {"format": "png"}, "exr or r16"),
+        ("godot", {"overlap": 1}, "overlap"),
+        ("raw", {"format": "r32", "heights": (0.0, 1.0)}, "only 16-bit numbers have a range"),
+        ("geotiff", {"origin": (np.nan, 0.0)}, "expected two finite numbers, m"),
+    ]:
+        with pytest.raises(InputError, match=says):
+            plan_of(corner, target, ExportOptions(**options))
+    with pytest.raises(InputError, match="16384"):
+        plan_of(replace(corner, extent=20000.0), "godot", ExportOptions())
+    with pytest.raises(InputError, match=r"expected one of .* as target, got 'quake'"):
+        target_named("quake")
+
+
+def same_bytes(first: Path, second: Path) -> None:
+    names = sorted(path.name for path in first.iterdir())
+    assert sorted(path.name for path in second.iterdir()) == names
+    for name in names:
+        assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["raw", "png16", "exr", "npy", "gltf", "geotiff"])
+def test_the_same_terrain_gives_the_same_bytes(
+    terrain: st.Terrain, exported: Callable[..., Outcome], tmp_path: Path, target: str
+) -> None:
+    options = {"size": 65, "crs": "EPSG:25832", "origin": (5e5, 5e6)} if target == "geotiff" else {"size": 65}
+    outcome = exported(target, **options)
+    wanted = plan_of(terrain.sketch, target, ExportOptions(**options))  # type: ignore[arg-type]
+    write_export(wanted, terrain, tmp_path, stages=Stages())
+    same_bytes(outcome.folder, tmp_path)
+
+
+def test_bare_ground_is_exported_to_the_same_bytes_without_water_and_plants(
+    corner: st.Sketch, tmp_path: Path
+) -> None:
+    bare = st.build(replace(corner, extent=256.0, layers={}, labels={}))
+    for target, options in (
+        ("unity", {"size": 33}),
+        ("unreal", {"size": 127, "format": "r16"}),
+        ("godot", {}),
+    ):
+        folders = [tmp_path / f"{target}-{name}" for name in ("one", "two", "none")]
+        for folder in folders:
+            folder.mkdir()
+            wanted = ExportOptions(plants="none" not in folder.name, **options)  # type: ignore[arg-type]
+            done = write_export(plan_of(bare.sketch, target, wanted), bare, folder, stages=Stages())
+        same_bytes(*folders[:2])
+        names = {path.name for path in done.files}
+        assert not [name for name in names if "plants" in name or "grass.json" in name], target
+        told = json.loads((folders[2] / "high_corner_water.json").read_text(encoding="utf-8"))
+        assert told["rivers"] == told["lakes"] == [], target
+        assert all(entry["what"] for entry in done.report["files"]), target

@@ -243,15 +243,6 @@ def test_every_layer_is_written_even_an_empty_one_and_to_the_same_bytes(lawn, tm
     assert grass > 0
 
 
-@pytest.mark.slow
-def test_the_same_terrain_gives_the_same_bytes(exported, outcome, terrain, corner, tmp_path) -> None:
-    again = write_export(
-        plan_of(corner, "geotiff", ExportOptions(size=513, **PLACED)), terrain, tmp_path, stages=Stages()
-    )
-    for path in again.files:
-        assert path.read_bytes() == (outcome.folder / path.name).read_bytes(), path.name
-
-
 def test_unusable_reference_systems_are_refused(corner, capfd) -> None:
     for crs, told in [
         ("nonsense", "'nonsense' is no coordinate reference system"),

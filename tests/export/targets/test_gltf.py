@@ -232,16 +232,6 @@ def test_without_plants_there_is_no_extension_and_no_file_of_points(adaptive):
     assert not gltf.extensionsUsed
 
 
-@pytest.mark.slow
-def test_the_same_terrain_gives_the_same_bytes(whole, terrain, corner, tmp_path):
-    from sketchterrain.exporting import plan_of, write_export
-    from sketchterrain.progress import Stages
-
-    done = write_export(plan_of(corner, "gltf", ExportOptions(size=SIZE)), terrain, tmp_path, stages=Stages())
-    for path in done.files:
-        assert path.read_bytes() == (whole.folder / path.name).read_bytes(), path.name
-
-
 def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_path):
     for error in (0.0, -1.0, float("nan"), 1e-9):
         with pytest.raises(InputError, match="expected an error of a mesh"):

@@ -128,17 +128,6 @@ def weights(done: Any) -> NDArray[np.uint8]:
     return np.concatenate([np.asarray(Image.open(path)) for path in images], axis=-1)
 
 
-@pytest.mark.slow
-def test_the_same_terrain_gives_the_same_bytes(done: Any, terrain: st.Terrain, tmp_path: Path) -> None:
-    form = next((form for target, form in FORMS if form and done.of(form[:3])), None)
-    if done.sidecar.get("byte_order") == "big-endian":
-        form = "r16be"
-    options = ExportOptions(size=SIDE, format=form)
-    write_export(plan_of(terrain.sketch, done.sidecar["target"], options), terrain, tmp_path, stages=Stages())
-    for path in done.folder.iterdir():
-        assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
-
-
 def test_raw_numbers_start_in_the_north_west_and_gdal_reads_the_same_png(
     exported: Callable[..., Any],
 ) -> None:

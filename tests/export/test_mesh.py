@@ -1,0 +1,232 @@
+"""Triangles of the ground within an error bound, checked by brute force; solids; rivers and lakes."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pydelatin
+import pytest
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import Delaunay
+
+from sketchterrain.errors import InputError
+from sketchterrain.export.mesh import Mesh, adaptive_mesh, grid_mesh, mesh_error
+from sketchterrain.export.mesh_files import border, solid
+from sketchterrain.export.mesh_vertices import waters
+from sketchterrain.export.sampled import Grid
+
+
+def rough(rows: int, columns: int, seed: int = 3) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.cumsum(np.cumsum(rng.normal(0.0, 1.0, (rows, columns)), axis=0), axis=1)
+
+
+ROW, COLUMN = np.indices((33, 41))
+GROUNDS = {
+    "flat": np.full((33, 41), 812.5),
+    "slope": 3.0 * COLUMN - 2.0 * ROW,
+    "cliff": np.where(COLUMN > 20, 900.0, 0.0),
+    "slanting cliff": np.where(COLUMN > ROW, 900.0, 0.0),
+    "spikes": np.where((ROW * 7 + COLUMN * 3) % 11 == 0, 500.0, 0.0),
+    "one spike": np.where((ROW == 16) & (COLUMN == 39), 4000.0, 0.0),
+    "chequers": 100.0 * ((ROW + COLUMN) % 2),
+    "rough": rough(33, 41),
+    "far above": 1e5 + rough(33, 41) * 0.01,
+    "one row of quads": rough(2, 41),
+    "one column of quads": rough(33, 2),
+    "one quad": rough(2, 2),
+}
+
+
+def surface_by_brute_force(mesh, height):
+    """Every vertex of the grid against every triangle, by barycentric coordinates in float64."""
+    rows, columns = height.shape
+    y, x = (each.ravel().astype(np.float64) for each in np.indices((rows, columns)))
+    found = np.full(rows * columns, np.nan)
+    for corners in mesh.triangles.astype(int):
+        (ax, bx, cx), (ay, by, cy) = mesh.column[corners].astype(float), mesh.row[corners].astype(float)
+        az, bz, cz = height[mesh.row[corners], mesh.column[corners]].astype(float)
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        wb = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+        wc = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+        inside = (wb >= -1e-12) & (wc >= -1e-12) & (wb + wc <= 1.0 + 1e-12)
+        found[inside] = (az + wb * (bz - az) + wc * (cz - az))[inside]
+    return found.reshape(rows, columns)
+
+
+def doubled_areas(mesh):
+    x, y = mesh.column[mesh.triangles].astype(int), -mesh.row[mesh.triangles].astype(int)
+    return (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (y[:, 1] - y[:, 0]) * (x[:, 2] - x[:, 0])
+
+
+def test_a_mesh_is_never_further_off_than_asked_covers_the_rectangle_once_and_faces_up():
+    for ground, values in GROUNDS.items():
+        height = values.astype(np.float32)
+        rows, columns = height.shape
+        for error in [0.001, 0.5, 20.0]:
+            made = adaptive_mesh(height, error)
+            # NaN where nothing covers it.
+            off = np.abs(surface_by_brute_force(made.mesh, height) - height).max()
+            assert off <= error, (error, ground)
+            near = 1e-9 * max(1.0, float(np.abs(height).max()))
+            assert made.error == pytest.approx(off, abs=near), (error, ground)
+            mesh = made.mesh
+            assert (doubled_areas(mesh) > 0).all(), (error, ground)
+            assert doubled_areas(mesh).sum() == 2 * (rows - 1) * (columns - 1), (error, ground)
+            places = {*zip(mesh.column.tolist(), mesh.row.tolist(), strict=True)}
+            assert len(places) == len(mesh.column), (error, ground)
+
+
+def test_meshes_are_deterministic_and_grow_with_finer_errors():
+    assert len(adaptive_mesh(GROUNDS["flat"].astype(np.float32), 0.001).mesh.triangles) == 2
+    height = GROUNDS["rough"].astype(np.float32)
+    counts = [len(adaptive_mesh(height, error).mesh.triangles) for error in (40.0, 10.0, 2.0, 0.5)]
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+
+    for error in [0.0, -1.0, np.nan, np.inf]:
+        with pytest.raises(InputError, match="expected an error"):
+            adaptive_mesh(GROUNDS["flat"].astype(np.float32), error)
+
+    height = GROUNDS["rough"].astype(np.float32)
+    first, second = (adaptive_mesh(height, 2.0).mesh for _ in range(2))
+    assert (first.triangles == second.triangles).all()
+    assert (first.column == second.column).all()
+
+
+def test_a_library_that_misses_its_own_bound_is_asked_again(monkeypatch):
+    for careless in [1.5, 50.0, np.inf]:
+
+        def made(height, *, max_error, careless=careless):
+            return pydelatin.Delatin(height, max_error=min(careless * max_error, 1e30))
+
+        monkeypatch.setitem(sys.modules, "pydelatin", SimpleNamespace(Delatin=made))
+        height = GROUNDS["rough"].astype(np.float32)
+        done = adaptive_mesh(height, 2.0)
+        assert np.abs(surface_by_brute_force(done.mesh, height) - height).max() <= 2.0, careless
+
+
+def test_a_solid_is_closed_and_has_the_volume_under_the_ground():
+    for ground in GROUNDS:
+        height = GROUNDS[ground].astype(np.float32)
+        mesh = adaptive_mesh(height, 0.5).mesh
+        place = np.stack([mesh.column, -mesh.row, height[mesh.row, mesh.column]], axis=-1).astype(np.float32)
+        base = float(height.min()) - 10.0
+        body = solid(mesh, place, base)
+        edges = np.concatenate([body.triangles[:, [k, (k + 1) % 3]] for k in range(3)]).astype(np.int64)
+        there = {*map(tuple, edges.tolist())}
+        assert len(there) == len(edges), ground  # each edge once …
+        assert all((b, a) in there for a, b in there), ground  # … and once the other way
+        a, b, c = (body.place[body.triangles[:, k]].astype(np.float64) for k in range(3))
+        upper = (place[mesh.triangles][..., 2].astype(np.float64).mean(axis=1) - base) @ _areas(place, mesh)
+        volume = ((a - place[0]) * np.cross(b - place[0], c - place[0])).sum() / 6.0
+        assert volume == pytest.approx(upper, rel=1e-6), ground
+        assert len(border(mesh)) == len({*border(mesh).tolist()}), ground
+
+
+def _areas(place, mesh):
+    a, b, c = (place[mesh.triangles[:, k], :2].astype(np.float64) for k in range(3))
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+
+
+def two_triangles(columns: int, rows: int) -> Mesh:
+    column = np.array([0, columns - 1, 0, columns - 1], np.int32)
+    row = np.array([rows - 1, rows - 1, 0, 0], np.int32)
+    return Mesh(column, row, np.array([[0, 1, 3], [0, 3, 2]], np.uint32))
+
+
+def test_a_mesh_of_all_vertices_is_exact_and_faces_up():
+    for shape in [(2, 2), (2, 9), (9, 2), (17, 12)]:
+        rows, columns = shape
+        height = np.random.default_rng(1).normal(0.0, 100.0, shape).astype(np.float32)
+        mesh = grid_mesh(columns, rows)
+        assert mesh_error(mesh, height) == 0.0, shape
+        area = doubled_areas(mesh)
+        assert (area == 1).all(), shape
+        assert len(area) == 2 * (rows - 1) * (columns - 1), shape
+
+
+def test_errors_of_two_triangles_are_analytic():
+    row, column = np.indices((33, 65))
+    assert mesh_error(two_triangles(65, 33), 3.0 * column - 7.0 * row + 11.0) < 1e-12
+
+    for place in [(1, 1), (16, 32), (31, 1), (32, 5), (7, 64), (0, 3)]:
+        height = np.zeros((33, 65))
+        height[place] = -12.5
+        assert mesh_error(two_triangles(65, 33), height) == 12.5, place
+
+    height = np.full((9, 9), 3.25)
+    mesh = two_triangles(9, 9)
+    assert mesh_error(mesh, height, np.array([3.0, 3.0, 3.0, 3.0])) == 0.25
+
+    half = Mesh(mesh.column, mesh.row, mesh.triangles[:1])
+    assert mesh_error(half, np.zeros((9, 9))) == np.inf
+
+
+@pytest.mark.slow
+def test_any_triangles_against_another_interpolation():
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        rows, columns = 41, 57
+        height = rng.normal(0.0, 50.0, (rows, columns))
+        ends = [(0, 0), (columns - 1, 0), (0, rows - 1), (columns - 1, rows - 1)]
+        inner = np.stack([rng.integers(0, columns, 60), rng.integers(0, rows, 60)], axis=-1)
+        places = np.unique(np.concatenate([ends, inner]), axis=0)
+        made = Delaunay(places)
+        mesh = Mesh(
+            places[:, 0].astype(np.int32), places[:, 1].astype(np.int32), made.simplices.astype(np.uint32)
+        )
+        surface = LinearNDInterpolator(made, height[places[:, 1], places[:, 0]])
+        row, column = np.indices(height.shape)
+        off = np.abs(surface(column.ravel(), row.ravel()) - height.ravel())
+        assert mesh_error(mesh, height) == pytest.approx(np.nanmax(off), rel=1e-9), seed
+
+
+GRID = Grid(0.0, 0.0, 400.0, 400.0, 41, 41)
+LEVEL = 20.0
+
+
+def river(number, points, width):
+    line = np.asarray(points, np.float64)
+    return SimpleNamespace(id=number, centreline=line, centreline_width=np.full(len(line), width, np.float32))
+
+
+def lake(number, centre, radius):
+    y, x = np.mgrid[0.0:401.0:4.0, 0.0:401.0:4.0]
+    inside = (radius - np.hypot(x - centre[0], y - centre[1])).astype(np.float32)
+    field = SimpleNamespace(west=0.0, south=0.0, spacing=4.0, inside=inside)
+    return SimpleNamespace(id=number, shape=field, level=LEVEL)
+
+
+@pytest.fixture(scope="module")
+def found():
+    x = np.linspace(-60.0, 250.0, 80)
+    line = np.stack([x, np.full(80, 200.0), np.maximum(LEVEL, 32.0 - 0.08 * x)], axis=-1)
+    features = SimpleNamespace(lakes=[lake(3, (250.0, 200.0), 90.0)], rivers=[river(7, line, 16.0)])
+    return {water.name: water for water in waters(features, GRID)}
+
+
+def areas(water):
+    a, b, c = (water.place[water.triangles[:, k], :2] for k in range(3))
+    return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+
+
+def test_waters_face_up_end_at_the_grids_edge_and_never_lie_in_one_plane(found):
+    assert list(found) == ["lake 3", "river 7"]
+    for water in found.values():
+        assert (areas(water) > 0.0).all()
+        assert set(water.triangles.ravel().tolist()) == set(range(len(water.place)))
+    water = found["lake 3"]
+    assert (water.place[:, 2] == LEVEL).all()
+    assert 90.0**2 < areas(water).sum() / np.pi < 96.0**2  # it ends within its banks
+    place = found["river 7"].place
+    assert place[:, 0].min() == 0.0
+    assert place[:, 0].max() < 250.0 - 90.0 + 20.0
+    wet = np.hypot(place[:, 0] - 250.0, place[:, 1] - 200.0) < 90.0 - 1.0
+    assert wet.any()
+    assert (place[wet, 2] < LEVEL - 0.02).all()
+    assert (place[~wet, 2] > LEVEL - 0.05).all()
+    beside = np.stack([np.linspace(0.0, 300.0, 40), np.full(40, 900.0), np.full(40, 5.0)], axis=-1)
+    assert not list(waters(SimpleNamespace(lakes=[], rivers=[river(1, beside, 8.0)]), GRID))

@@ -28,9 +28,8 @@ from sketchterrain.ui.models.saving import Saving
 from sketchterrain.ui.models.workspace import OVERLAYS, Workspace
 from sketchterrain.ui.open_dialogs import OpenDialogs
 from sketchterrain.ui.panels.adherence import AdherencePanel
-from sketchterrain.ui.panels.contradictions import ContradictionsPanel
-from sketchterrain.ui.panels.history import HistoryPanel
 from sketchterrain.ui.panels.layers import LayersPanel
+from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.status_line import StatusLine
 from sketchterrain.ui.panels.view import ViewPanel

@@ -9,9 +9,8 @@ from PyQt6.QtTest import QTest
 
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.commands.labels import label_areas, set_property
-from sketchterrain.ui.panels.area_count import AreaCount
-from sketchterrain.ui.panels.layer_rows import EYE, LOCK, NAME
-from sketchterrain.ui.panels.layers import LayersPanel
+from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
+from sketchterrain.ui.panels.layers import AreaCount, LayersPanel
 
 
 @pytest.fixture
@@ -171,9 +170,9 @@ def test_a_locked_layer_is_kept(panel, document, workspace):
 
 def test_opacity_and_the_menu_are_those_of_the_layer_in_use(panel, workspace) -> None:
     workspace.set_look("hill", opacity=0.2)
-    assert panel.opacity.share == 0.75
+    assert panel.opacity.value() == 750
     workspace.use_label("hill", 1)
-    assert panel.opacity.share == 0.2
+    assert panel.opacity.value() == 200
     panel.opacity.setValue(500)
     assert workspace.look("hill").opacity == 0.5
     assert workspace.look("mountain").opacity == 0.75

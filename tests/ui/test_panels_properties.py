@@ -12,7 +12,7 @@ from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.commands.chosen_parts import parent_of
 from sketchterrain.ui.commands.placed_edits import is_locked, width_of
 from sketchterrain.ui.models.workspace import Chosen
-from sketchterrain.ui.panels.number_row import NumberRow
+from sketchterrain.ui.panels.form import NumberRow
 from sketchterrain.ui.panels.properties import PropertiesPanel
 
 

@@ -58,7 +58,7 @@ def test_dice_give_another_seed_and_earlier_ones_come_back(world, document):
 
 
 def test_dice_give_another_seed_and_earlier_ones_return(monkeypatch, world, document) -> None:
-    from sketchterrain.ui.panels import seed_row
+    from sketchterrain.ui.panels import world as seed_row
 
     monkeypatch.setattr(seed_row.random, "randrange", lambda _: document.sketch.seed)
     before = document.sketch.seed
@@ -123,15 +123,15 @@ def test_fidelity_is_one_live_step_and_steps_are_titled(world, document) -> None
 
 
 def test_a_group_folds(qtbot, world):
-    from sketchterrain.ui.panels.group import Group
+    from sketchterrain.ui.panels.parts import Group
 
-    group = next(each for each in world.findChildren(Group) if each.header.text() == "Climate")
-    assert not group.content.isVisible()
-    group.header.setFocus()
-    QTest.keyClick(group.header, Qt.Key.Key_Space)
-    assert group.content.isVisible()
-    QTest.mouseClick(group.header, Qt.MouseButton.LeftButton)
-    assert not group.content.isVisible()
+    group = next(each for each in world.findChildren(Group) if each.text() == "Climate")
+    assert not group.content().isVisible()
+    group.toggleButton().setFocus()
+    QTest.keyClick(group.toggleButton(), Qt.Key.Key_Space)
+    assert group.content().isVisible()
+    QTest.mouseClick(group.toggleButton(), Qt.MouseButton.LeftButton)
+    assert not group.content().isVisible()
 
 
 def test_weather_is_the_sketchs(view, document, link):

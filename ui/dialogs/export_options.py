@@ -16,7 +16,7 @@ from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.ui.dialogs.kept_controls import Kept, set_values, values_of
 from sketchterrain.ui.dialogs.sheet import beside, form
-from sketchterrain.ui.panels.number_box import NumberBox
+from sketchterrain.ui.panels.numbers import NumberBox
 
 _SIZES: Final = (257, 513, 1025, 2049, 4097, 8193)
 _FORMATS: Final = {
@@ -265,4 +265,4 @@ class TargetControls(QWidget):
 
 
 def _whole(low: int, high: int) -> NumberBox:
-    return NumberBox(low, high, step=1, decimals=0)
+    return NumberBox(low, high, decimals=0)

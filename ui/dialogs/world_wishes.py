@@ -15,7 +15,7 @@ from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.kept_controls import Kept, call_on_change, set_values, values_of
 from sketchterrain.ui.dialogs.sheet import add_rows, beside, choice_box, form, note, part
 from sketchterrain.ui.export_wish import WorldWish
-from sketchterrain.ui.panels.number_box import NumberBox
+from sketchterrain.ui.panels.numbers import NumberBox
 from sketchterrain.world.asked import Wishes
 from sketchterrain.world.ground import LAYERS
 
@@ -59,7 +59,7 @@ class WorldWishes(QWidget):
         self.grass = QCheckBox("With grass, flowers and ferns")
         self.crs, self.easting, self.northing = QLineEdit(), _metres(0.0), _metres(0.0)
         self.crs.setPlaceholderText("None, or EPSG:25832")
-        self.workers = NumberBox(0, _MOST_WORKERS, step=1, decimals=0)
+        self.workers = NumberBox(0, _MOST_WORKERS, decimals=0)
         self.workers.setSpecialValueText("One process")
         self._told = note()
         self._lay_out()

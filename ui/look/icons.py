@@ -11,6 +11,7 @@ from PyQt6.QtSvg import QSvgRenderer
 from PyQt6.QtWidgets import QApplication, QToolButton, QWidget
 
 ICONS = Path(__file__).with_name("icons")
+MARKS = Path(__file__).with_name("marks")
 _APP_SIZES = (16, 24, 32, 48, 64, 128, 256)
 
 

@@ -11,6 +11,8 @@ from PyQt6.QtCore import QObject, Qt, pyqtSignal
 from PyQt6.QtGui import QColor, QFont, QGuiApplication, QPalette
 from PyQt6.QtWidgets import QApplication
 
+from sketchterrain.ui.look.icons import MARKS
+
 SMALL: Final = 4
 """px between parts of one control."""
 SPACING: Final = 8
@@ -111,9 +113,8 @@ class Looks(QObject):
         self.theme = {"light": LIGHT, "dark": DARK}.get(self._choice, DARK if is_dark else LIGHT)
         app.setPalette(_palette(self.theme))
         names = {name: colour.name() for name, colour in vars(self.theme).items() if name != "name"}
-        folder = Path(__file__).parent
-        sheet = Template((folder / "style.qss").read_text(encoding="utf-8"))
-        app.setStyleSheet(sheet.substitute(names, name=self.theme.name, marks=(folder / "marks").as_posix()))
+        sheet = Template(Path(__file__).with_name("style.qss").read_text(encoding="utf-8"))
+        app.setStyleSheet(sheet.substitute(names, name=self.theme.name, marks=MARKS.as_posix()))
         self.changed.emit()
 
 

@@ -1,20 +1,23 @@
-"""The layers of a sketch: what is painted with, what is shown, what is kept from being painted on."""
+"""The layers of a sketch: labels to paint with, visibility, locks, opacity."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
+from typing import Final
 
-from PyQt6.QtCore import QPoint, QSignalBlocker, QSize, Qt, pyqtSignal
+from PyQt6.QtCore import QObject, QPoint, QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
 from PyQt6.QtWidgets import QHBoxLayout, QLabel, QVBoxLayout, QWidget
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS
-from sketchterrain.sketch.document import MOST_LABELS
+from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.sketch.document import MOST_LABELS, LabelImage
 from sketchterrain.ui.commands.labels import (
     clear_layer,
     copy_label,
     delete_label,
     free_label,
+    label_areas,
     new_label,
 )
 from sketchterrain.ui.doing_menu import DoingMenu
@@ -22,11 +25,85 @@ from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.panels.area_count import AreaCount
-from sketchterrain.ui.panels.label_detail import label_detail
-from sketchterrain.ui.panels.label_page import label_title
 from sketchterrain.ui.panels.layer_list import LayerList, Row
-from sketchterrain.ui.panels.number_box import WAY, PatientSlider
+from sketchterrain.ui.panels.numbers import WAY, slider
+from sketchterrain.ui.panels.wording import label_title, number, with_unit
+
+_SLICE = 1 << 20  # px: a few ms
+
+
+class AreaCount(QObject):
+    """Counts label images; the newest of a layer counts."""
+
+    counted = pyqtSignal(str, object)
+    """A layer, and pixels by label."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._images: dict[str, LabelImage] = {}
+        self._waiting: dict[str, tuple[int, dict[int, int]]] = {}
+        self._timer = QTimer(self)
+        self._timer.setInterval(0)
+        self._timer.timeout.connect(self._go_on)
+
+    def count(self, layers: Mapping[str, LabelImage]) -> None:
+        """Count those layers whose images are others than before."""
+        for name, image in layers.items():
+            if self._images.get(name) is image:
+                continue
+            self._images[name] = image
+            self._waiting[name] = (0, {})
+            if image.size <= _SLICE:
+                self._count_slice(name)
+        if self._waiting:
+            self._timer.start()
+
+    def _go_on(self) -> None:
+        name = next(iter(self._waiting), None)
+        if name is None:
+            self._timer.stop()
+        else:
+            self._count_slice(name)
+
+    def _count_slice(self, name: str) -> None:
+        image = self._images[name]
+        top, areas = self._waiting[name]
+        bottom = top + max(1, _SLICE // image.shape[1])
+        for label, pixels in label_areas(image[top:bottom]).items():
+            areas[label] = areas.get(label, 0) + pixels
+        if bottom < image.shape[0]:
+            self._waiting[name] = (bottom, areas)
+        else:
+            del self._waiting[name]
+            self.counted.emit(name, areas)
+
+
+_MAIN: Final = {
+    "mountain": "height",
+    "hill": "height",
+    "river": "width",
+    "dune": "height",
+    "forest": "density",
+    "lake": "depth",
+    "material": "material",
+}
+"""The property that tells labels of a layer apart best."""
+
+
+def label_detail(sketch: Sketch, layer: str, label: int, pixels: int) -> str:
+    """Return for example ``"900 m · 1.2 km²"``."""
+    name = _MAIN[layer]
+    main = with_unit(LAYERS[layer].parameters[name], sketch.properties(layer, label)[name])
+    if layer == "forest":
+        main = f"density {main}"
+    square = pixels * sketch.pixel_size**2
+    return f"{main} · {_area(square)}" if square else f"{main} · not painted"
+
+
+def _area(square_metres: float) -> str:
+    if square_metres < 1e4:
+        return f"{number(square_metres, decimals=0)} m²"
+    return f"{number(square_metres / 1e6, decimals=1 if square_metres >= 1e6 else 2)} km²"
 
 
 class LayersPanel(QWidget):
@@ -42,7 +119,7 @@ class LayersPanel(QWidget):
         self._areas: dict[str, dict[int, int]] = {name: {} for name in LAYERS}
         self._last_label = dict.fromkeys(LAYERS, 1)
         self.list = LayerList(self)
-        self.opacity = PatientSlider(self)
+        self.opacity = slider(self)
         self.opacity.setAccessibleName("Opacity of the layer")
         self.opacity.setToolTip("How strongly the layer that is painted on covers what lies beneath")
         self._percent = QLabel(self)
@@ -164,9 +241,7 @@ class LayersPanel(QWidget):
         self.add.clicked.connect(self.new_label)
         self.remove.clicked.connect(self.delete_label)
         self.clear.clicked.connect(self.clear_layer)
-        self.opacity.valueChanged.connect(
-            lambda _: workspace.set_look(workspace.layer, opacity=self.opacity.share)
-        )
+        self.opacity.valueChanged.connect(lambda at: workspace.set_look(workspace.layer, opacity=at / WAY))
         workspace.label_changed.connect(self._refresh)
         workspace.look_changed.connect(self._refresh)
         self._document.sketch_changed.connect(self._follow)

@@ -6,7 +6,8 @@ import math
 from typing import Final
 
 from PyQt6.QtCore import QTimer
-from PyQt6.QtWidgets import QHBoxLayout, QSizePolicy, QWidget
+from PyQt6.QtWidgets import QHBoxLayout, QProgressBar, QSizePolicy, QWidget
+from superqt import QElidingLabel
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.system import memory_in_use
@@ -15,10 +16,8 @@ from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.look.theme import MARGIN, SMALL
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.panels.busy_mark import BusyMark
-from sketchterrain.ui.panels.label_page import label_title
-from sketchterrain.ui.panels.text import ElidedLabel
-from sketchterrain.ui.panels.wording import number, size_text
+from sketchterrain.ui.panels.parts import figure
+from sketchterrain.ui.panels.wording import label_title, number, size_text
 
 _EVERY: Final = 250  # ms between two figures: faster ones are not read
 _SHARING: Final = {
@@ -39,17 +38,25 @@ class StatusLine(QWidget):
         self._document = document
         self._workspace = workspace
         self._link = link
-        self.busy = BusyMark(self)
-        self.work = _figure("Ready", "What the engine works on")
-        self.place = _figure("", "Where the pointer is: metres east and north, and the height there", _PLACE)
-        self.paint = _figure("", "What is painted where the pointer is", "Mountains 1, forests 1")
-        self.placing = _figure("", "How long placing features took", "Placing 8888 ms")
-        self.tiles = _figure("", "How long the last frame's tiles took", "Tiles 8888 ms")
-        self.frame = _figure(
-            "", "How long the last frame took, and how many that are in a second", "Frame 8888 ms, 888/s"
+        self.busy = QProgressBar(self)
+        self.busy.setRange(0, 0)
+        self.busy.setFixedWidth(28)
+        self.busy.setTextVisible(False)
+        self.busy.setAccessibleName("Busy")
+        self.busy.setToolTip("The engine is at work")
+        policy = self.busy.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.busy.setSizePolicy(policy)
+        self.work = figure("What the engine works on")
+        self.place = figure("Where the pointer is: metres east and north, and the height there", _PLACE)
+        self.paint = figure("What is painted where the pointer is", "Mountains 1, forests 1")
+        self.placing = figure("How long placing features took", "Placing 8888 ms")
+        self.tiles = figure("How long the last frame's tiles took", "Tiles 8888 ms")
+        self.frame = figure(
+            "How long the last frame took, and how many that are in a second", "Frame 8888 ms, 888/s"
         )
-        self.memory = _figure("", "What the program's processes hold in memory", "8888 MB")
-        self.device = _figure("", "What the terrain is computed on, and how it reaches the picture")
+        self.memory = figure("What the program's processes hold in memory", "8888 MB")
+        self.device = figure("What the terrain is computed on, and how it reaches the picture")
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(_EVERY)
@@ -61,12 +68,13 @@ class StatusLine(QWidget):
     def hover(self, place: object) -> None:
         """Show where the pointer is: metres east, north, and up or None; None: it is nowhere."""
         if not isinstance(place, tuple):
-            self.place.text = self.paint.text = ""
+            _show(self.place, "")
+            _show(self.paint, "")
             return
         x, y, height = place
         up = "" if height is None else f"   {number(height, decimals=0)} m high"
-        self.place.text = f"{number(x, decimals=0)} E  {number(y, decimals=0)} N{up}"
-        self.paint.text = ", ".join(self._painted_at(x, y)).capitalize()
+        _show(self.place, f"{number(x, decimals=0)} E  {number(y, decimals=0)} N{up}")
+        _show(self.paint, ", ".join(self._painted_at(x, y)).capitalize())
 
     def _connect(self) -> None:
         link = self._link
@@ -81,8 +89,8 @@ class StatusLine(QWidget):
             self._timer.start()
 
     def _fill_work(self) -> None:
-        self.work.text = self._link.working or "Ready"
-        self.busy.busy = bool(self._link.working)
+        _show(self.work, self._link.working or "Ready")
+        self.busy.setVisible(bool(self._link.working))
 
     def _painted_at(self, x: float, y: float) -> list[str]:
         """Return the labels that are seen at a place (m), the layer in use first."""
@@ -100,7 +108,7 @@ class StatusLine(QWidget):
 
     def _fill_device(self) -> None:
         facts = self._link.facts
-        self.device.text = _device_text(facts)
+        _show(self.device, _device_text(facts))
         lines = [f"Terrain: {facts.device or facts.no_device or 'not known yet'}"]
         lines += [facts.platform] if facts.platform else []
         lines += [f"Picture: {facts.renderer or facts.no_picture or 'not known yet'}"]
@@ -109,11 +117,11 @@ class StatusLine(QWidget):
 
     def _fill_figures(self) -> None:
         placed, frame = self._link.placed, self._link.frame
-        self.placing.text = "" if placed is None else f"Placing {_milliseconds(placed.seconds)}"
-        self.tiles.text = "" if frame is None else f"Tiles {_milliseconds(frame.generation_seconds)}"
+        _show(self.placing, "" if placed is None else f"Placing {_milliseconds(placed.seconds)}")
+        _show(self.tiles, "" if frame is None else f"Tiles {_milliseconds(frame.generation_seconds)}")
         rate = "" if frame is None or frame.seconds <= 0 else f", {number(1 / frame.seconds, decimals=0)}/s"
-        self.frame.text = "" if frame is None else f"Frame {_milliseconds(frame.seconds)}{rate}"
-        self.memory.text = size_text(memory_in_use() + (0 if frame is None else frame.memory))
+        _show(self.frame, "" if frame is None else f"Frame {_milliseconds(frame.seconds)}{rate}")
+        _show(self.memory, size_text(memory_in_use() + (0 if frame is None else frame.memory)))
 
     def _lay_out(self) -> None:
         across = QHBoxLayout(self)
@@ -130,12 +138,6 @@ class StatusLine(QWidget):
 _PLACE: Final = "88888 E  88888 N   −8888 m high"
 
 
-def _figure(text: str, tip: str, sample: str | None = None) -> ElidedLabel:
-    label = ElidedLabel(text, faint=True, sample=sample)
-    label.setToolTip(tip)
-    return label
-
-
 def _milliseconds(seconds: float) -> str:
     return f"{round(1000 * seconds)} ms"
 
@@ -146,3 +148,9 @@ def _device_text(facts: EngineFacts) -> str:
     if not facts.device:
         return ""
     return f"{facts.device} · {_SHARING.get(facts.sharing, facts.sharing)}"
+
+
+def _show(label: QElidingLabel, text: str) -> None:
+    if label.text() != text:
+        label.setText(text)
+        label.setAccessibleName(text)

@@ -14,9 +14,8 @@ from sketchterrain.ui.commands.settings import reset_setting, set_setting, setti
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.look.theme import SMALL, SPACING
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.panels.form import ParameterForm
-from sketchterrain.ui.panels.group import Group, ScrollingPanel
-from sketchterrain.ui.panels.number_row import NumberRow
+from sketchterrain.ui.panels.form import NumberRow, ParameterForm
+from sketchterrain.ui.panels.parts import Group, ScrollingPanel
 from sketchterrain.ui.panels.wording import title_of
 
 # Names are those of `sketchterrain.render.OVERLAYS`, which a window does not import: it would load OpenGL.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from sketchterrain.sketch import Parameter
+from sketchterrain.sketch import LAYERS, Parameter
 from sketchterrain.sketch.parameter import number_text
 
 
@@ -117,3 +117,8 @@ def size_text(size: float) -> str:
         if size < 1000:
             return f"{number(size, decimals=0 if size >= 10 else 1)} {unit}"
     return f"{number(size / 1000, decimals=2)} GB"
+
+
+def label_title(layer: str, label: int) -> str:
+    """Return what a label is called: ``"Mountains 2"``."""
+    return f"{LAYERS[layer].title} {label}"

@@ -13,7 +13,7 @@ from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
 from sketchterrain.world.grid import CHUNK
-from sketchterrain.world.making import rounded
+from sketchterrain.world.task_runner import rounded
 from sketchterrain.world.zarr_layout import LAYERS
 
 if TYPE_CHECKING:

@@ -93,9 +93,7 @@ def _workers(pid: int) -> list[Any]:
 
     try:
         children = psutil.Process(pid).children()
-        found = [
-            child for child in children if "sketchterrain.world.local_worker" in " ".join(child.cmdline())
-        ]
+        found = [child for child in children if "multiprocessing.spawn" in " ".join(child.cmdline())]
     except psutil.Error:  # one ended meanwhile
         return []
     return sorted(found, key=lambda each: each.pid)

@@ -28,7 +28,6 @@ _SIZES = (
     Column("million_vertices_per_s", "million a second"),
     Column("megabytes", "most memory, MB"),
     Column("bytes_a_vertex", "bytes a vertex"),
-    Column("estimated_seconds", "time estimated, of it"),
     Column("estimated_bytes", "bytes estimated, of them"),
     Column("estimated_memory", "memory estimated, of it"),
 )
@@ -105,7 +104,6 @@ def _size(side: int, told: dict[str, Any]) -> Row:
         "million_vertices_per_s": round(vertices * 1e-6 / seconds, 3),
         "megabytes": round(told["peak_memory"] * 1e-6, 1),
         "bytes_a_vertex": round(told["bytes"] / vertices, 3),
-        "estimated_seconds": round(expected["seconds"]["about"] / seconds, 3),
         "estimated_bytes": round(sum(expected["disk"]["parts"].values()) / told["bytes"], 3),
         "estimated_memory": round(expected["memory"]["needed"] / told["peak_memory"], 3),
     }

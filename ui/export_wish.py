@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sketchterrain.export.target import ExportOptions
-    from sketchterrain.world.asked import Wishes
+    from sketchterrain.world.options import WorldOptions
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class WorldWish:
     """What world shall be written, or gone on with."""
 
     output: Path  # Its ending says the form
-    wishes: Wishes
+    options: WorldOptions
     workers: int = 0  # Processes that share it; 0: one does it
     device: str | None = None
     only_estimate: bool = False  # Nothing is written: it is asked what it will take

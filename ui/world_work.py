@@ -1,51 +1,47 @@
-"""What the process beside the window does for a world: it samples what it will take, and writes it."""
+"""What the process beside the window does for a world: the estimate, and the writing."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from sketchterrain.errors import InputError
+from sketchterrain.progress import Stages
+from sketchterrain.sketch import Sketch
+from sketchterrain.ui.export_wish import WorldWish
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.progress import Stages
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.export_wish import WorldWish
+if TYPE_CHECKING:  # loaded in a stage of its own
     from sketchterrain.world.job import Job
 
-    Tell = Callable[[dict[str, Any]], None]
+Tell = Callable[[dict[str, Any]], None]
 
 
 def estimate_world(wish: WorldWish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
-    """Return what a world will take: nothing is written where it will be."""
+    """Return what a world takes; nothing is written where it will be."""
     job = _placed(wish, sketch, stages)
-    with stages.stage("samples", "Sampling the world") as tell:
-        from sketchterrain.world.estimate import estimate
+    from sketchterrain.world import estimate
 
-        told = estimate(job, device=wish.device, workers=wish.workers, progress=tell)
+    found = estimate.estimate_world(job, workers=wish.workers)
     problem = ""
     try:
-        told.refuse_impossible()
+        found.refuse_impossible()
     except InputError as error:
         problem = str(error)
-    return {"lines": told.lines(), "problem": problem, "tasks": told.tasks, "done": told.done}
+    return {"lines": found.lines(), "problem": problem, "tasks": found.tasks, "done": found.done}
 
 
 def write_world(wish: WorldWish, sketch: Sketch, stages: Stages, tell: Tell) -> dict[str, Any]:
-    """Write a world, or go on with it, and return what came of it."""
+    """Write or resume a world; `tell` takes ``stage``, ``share`` and ``note`` as it goes on."""
     job = _placed(wish, sketch, stages)
+    from sketchterrain.world.progress import ProgressReporter
     from sketchterrain.world.run import run_world
-    from sketchterrain.world.telling import Telling
 
     def show(text: str, share: float, left: str) -> None:
         tell({"stage": f"{text}, {left}" if left else text})
         tell({"share": share})
 
     tell({"stage": "Opening the device"})
-    with Telling(
-        job.world, plants=job.plants != "none", show=show, say=lambda line: tell({"note": line})
-    ) as watcher:
+    with ProgressReporter(show=show, echo=lambda line: tell({"note": line})) as watcher:
         done = run_world(job, device=wish.device, workers=wish.workers or None, resume=True, watcher=watcher)
     return {
         "tasks": done.tasks,
@@ -59,13 +55,13 @@ def write_world(wish: WorldWish, sketch: Sketch, stages: Stages, tell: Tell) -> 
 def _placed(wish: WorldWish, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.terrain import make_recipe
-        from sketchterrain.world.asked import form_of
-        from sketchterrain.world.roots import Roots
-        from sketchterrain.world.run import refuse_taken
+        from sketchterrain.world.layout import OutputLayout
+        from sketchterrain.world.options import form_of
+        from sketchterrain.world.resume import check_output_unused
 
-        wish.wishes.check(sketch)
+        wish.options.check(sketch)
     with stages.stage("features", "Placing features"):
-        job = wish.wishes.job(sketch, make_recipe(sketch), wish.output, form_of(str(wish.output)))
-    Roots.of(job)  # a library that is missing is told before any work
-    refuse_taken(job, resume=True)
+        job = wish.options.job(sketch, make_recipe(sketch), wish.output, form_of(str(wish.output)))
+    OutputLayout.of(job)  # a missing library is reported before any work
+    check_output_unused(job, resume=True)
     return job

@@ -41,7 +41,7 @@ def stats(
     with Stages() as stages:
         if check:
             with stages.stage("check", "Reading every file") as tell:
-                from sketchterrain.world.checking import check_world
+                from sketchterrain.world.verification import check_world
 
                 broken = list(check_world(store, progress=tell))
         else:

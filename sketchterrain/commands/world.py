@@ -1,4 +1,4 @@
-"""The command that writes worlds larger than memory: what is asked for, what it takes, what came of it."""
+"""The command that writes worlds larger than memory."""
 
 from __future__ import annotations
 
@@ -16,12 +16,9 @@ from sketchterrain.exit_codes import USAGE_ERROR
 from sketchterrain.listings import counted, say, say_json
 from sketchterrain.progress import Stages
 
-if TYPE_CHECKING:
-    from sketchterrain.world.estimate import Estimate
-    from sketchterrain.world.job import Job
-    from sketchterrain.world.run import Done
-
-__all__ = ["world"]
+if TYPE_CHECKING:  # loaded once the arguments are read
+    from sketchterrain.world.estimate import WorldEstimate
+    from sketchterrain.world.run import WorldResult
 
 _MOST_WORKERS = 1024
 
@@ -62,11 +59,9 @@ Step = Annotated[
     typer.Option("--step", metavar="M", help="Round heights to a power of two, as 0.0078125; 0: every bit."),
 ]
 Resume = Annotated[
-    bool, typer.Option("--resume", help="Go on: whole files stay, missing and broken ones are made again.")
+    bool, typer.Option("--resume", help="Resume: whole files stay, missing and broken ones are made again.")
 ]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Tell what disk, memory and time it would take; write nothing.")
-]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Show what disk and memory it takes; write nothing.")]
 Workers = Annotated[
     int | None,
     typer.Option(
@@ -109,13 +104,13 @@ def world(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.compute import choose_device
             from sketchterrain.terrain import make_recipe
-            from sketchterrain.world.asked import Wishes, form_of, layers_of
-            from sketchterrain.world.estimate import estimate
-            from sketchterrain.world.roots import Roots
-            from sketchterrain.world.run import refuse_taken
+            from sketchterrain.world.estimate import estimate_world
+            from sketchterrain.world.layout import OutputLayout
+            from sketchterrain.world.options import WorldOptions, form_of, layers_of
+            from sketchterrain.world.resume import check_output_unused
 
             form = form_of(output)
-            wishes = Wishes(
+            options = WorldOptions(
                 bounds=bounds,
                 cell=cell,
                 layers=layers_of(layers),
@@ -127,66 +122,61 @@ def world(
                 fast=fast,
                 workers=workers is not None or scheduler is not None,
             )
-            wishes.check(document)
+            options.check(document)
             choose_device(device)
             if scheduler is not None:
-                from sketchterrain.world.scheduler import check_scheduler
+                from sketchterrain.world.cluster import check_scheduler
 
                 check_scheduler(scheduler)
         with stages.stage("features", "Placing features"):
-            job = wishes.job(document, make_recipe(document), Path(output), form)
-        Roots.of(job)  # a library that is missing is told before any work
-        refuse_taken(job, resume=resume)
-        with stages.stage("samples", "Sampling the world") as tell:
-            at_once = -1 if scheduler is not None else workers or 0
-            told = estimate(job, device=device, workers=at_once, progress=tell)
+            job = options.job(document, make_recipe(document), Path(output), form)
+        OutputLayout.of(job)  # a missing library is reported before any work
+        check_output_unused(job, resume=resume)
+        estimate = estimate_world(job, workers=workers or 0)
     if dry_run:
         if as_json:
-            say_json(told.as_dict())
+            say_json(estimate.as_dict())
         else:
-            say(*told.lines())
-        told.refuse_impossible()
+            say(*estimate.lines())
+        estimate.refuse_impossible()
         return
-    sys.stderr.writelines(f"{line}\n" for line in told.lines())
-    told.refuse_impossible()
-    done = _written(job, told, device=device, workers=workers, scheduler=scheduler, resume=resume)
-    _tell(done, told, as_json=as_json)
-
-
-def _written(job: Job, told: Estimate, *, resume: bool, **crew: Any) -> Done:
+    sys.stderr.writelines(f"{line}\n" for line in estimate.lines())
+    estimate.refuse_impossible()
+    from sketchterrain.world.progress import ProgressReporter
     from sketchterrain.world.run import run_world
-    from sketchterrain.world.telling import Telling
 
-    with Telling(job.world, plants=told.plants is not None) as watcher:
-        return run_world(job, resume=resume, watcher=watcher, **crew)
+    with ProgressReporter() as watcher:
+        result = run_world(
+            job, device=device, workers=workers, scheduler=scheduler, resume=resume, watcher=watcher
+        )
+    _report(result, estimate, as_json=as_json)
 
 
-def _tell(done: Done, told: Estimate, *, as_json: bool) -> None:
-    from sketchterrain.batch.remaining import duration
+def _report(result: WorldResult, estimate: WorldEstimate, *, as_json: bool) -> None:
     from sketchterrain.disk import amount
+    from sketchterrain.estimate import count_text, duration
     from sketchterrain.system import peak_memory
-    from sketchterrain.world.estimate import in_words
 
     if as_json:
         say_json(
             {
-                "output": str(told.job.output),
-                "tasks": done.tasks,
-                "made": done.made,
-                "broken": [{"file": each.file, "why": each.why} for each in done.broken],
-                "files": done.files,
-                "bytes": done.bytes,
-                "seconds": round(done.seconds, 3),
+                "output": str(estimate.job.output),
+                "tasks": result.tasks,
+                "made": result.made,
+                "broken": [{"file": each.file, "why": each.why} for each in result.broken],
+                "files": result.files,
+                "bytes": result.bytes,
+                "seconds": round(result.seconds, 3),
                 "peak_memory": peak_memory(),
-                "estimate": told.as_dict(),
+                "estimate": estimate.as_dict(),
             }
         )
         return
-    world = told.job.world
-    there = f", {done.tasks - done.made} were there" if done.made < done.tasks else ""
+    world = estimate.job.world
+    there = f", {result.tasks - result.made} were there" if result.made < result.tasks else ""
     say(
-        f"{done.made} of {counted(done.tasks, 'task')} done in {duration(done.seconds)}{there}: "
-        f"{told.job.output}",
-        f"{in_words(world.vertices)} vertices on {counted(len(world.levels), 'level')}, "
-        f"{counted(done.files, 'file')}, {amount(done.bytes)}",
+        f"{result.made} of {counted(result.tasks, 'shard')} written in {duration(result.seconds)}{there}: "
+        f"{estimate.job.output}",
+        f"{count_text(world.vertices)} vertices on {counted(len(world.levels), 'level')}, "
+        f"{counted(result.files, 'file')}, {amount(result.bytes)}",
     )

@@ -1,55 +1,48 @@
-"""A world's tasks done by the workers of a cluster: this machine's, or those of a scheduler elsewhere."""
+"""Tasks run by the workers of dask.distributed: this machine's, or those of a scheduler elsewhere."""
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import os
-from contextlib import ExitStack
-from typing import TYPE_CHECKING, Self
+import socket
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any, Final, Self
+from urllib.parse import urlsplit
 from uuid import uuid4
 
-from sketchterrain.errors import DeviceError
+from sketchterrain.errors import DeviceError, InputError, SketchterrainError, one_line
+from sketchterrain.exit_codes import DEBUG
 from sketchterrain.world.forms import store_of
+from sketchterrain.world.job import Job
 from sketchterrain.world.libraries import require
-from sketchterrain.world.roster import Roster
+from sketchterrain.world.tasks import Task, TaskResult
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+_TIMEOUT: Final = 10.0  # s that a scheduler may take to answer
+_ENDING: Final = 60.0  # s that running tasks may take to end
+_LOOK: Final = 1.0  # s between two looks at the workers
+_PAUSE: Final = 0.02  # s between two looks at finished tasks
+_ALONE, _UNREADY = 60.0, 600.0  # s without any worker, and without an accepted one
+_RETRIES: Final = 2  # of a task that failed
+_DEATHS: Final = 10  # of workers at one task
+_LOCAL: Final = {
+    "distributed.scheduler.allowed-failures": _DEATHS,
+    "distributed.worker.profile.enabled": False,
+    "distributed.worker.use-file-locking": False,
+}
+_LIBRARIES: Final = ("distributed", "tornado", "asyncio", "bokeh")
 
-    from sketchterrain.world.dispatch import Dispatch
-    from sketchterrain.world.job import Job
-    from sketchterrain.world.local_workers import LocalWorkers
-    from sketchterrain.world.made import Made, Task
 
-__all__ = ["ClusterCrew"]
+class ClusterExecutor:
+    """Runs tasks in workers, each with a device of its own; a context manager.
 
-_CLOSING = 10.0  # s that leaving a scheduler may take
-_LIBRARY = "distributed"
-
-
-class ClusterCrew:
-    """Does tasks in the workers of dask.distributed, each with a device of its own; a context manager.
-
-    Workers are checked before they get a task: they must run the same program, see the output's folder, pass
-    the self-test, and compute the same bits of this very world as this machine does.
-
-    Parameters
-    ----------
-    job
-    workers
-        How many processes to start on this machine.
-    scheduler
-        Address of a scheduler, instead.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`; None: each worker takes its own.
-    note
-        Told a line where something went wrong that does not end the work.
-    stopped
-        Tells whether what is begun is to be the last.
-
-    Raises
-    ------
-    SketchterrainError
-        If dask.distributed is not installed.
+    Each worker is checked by :class:`~sketchterrain.world.worker.WorkerSetup` before it gets a task. No more
+    tasks are submitted than accepted workers take at once, so a world of any size needs no list of them. The
+    tasks of a worker that dies go to others.
     """
 
     def __init__(
@@ -62,22 +55,27 @@ class ClusterCrew:
         note: Callable[[str], None],
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        require("more than one process", [_LIBRARY])
-        self._job, self._device, self._note = job, device, note
-        self._workers, self._scheduler, self._stopped = workers, scheduler, stopped
-        self._stack = ExitStack()
-        self._dispatch: Dispatch | None = None
+        require("more than one process", ["distributed"])
+        self._job, self._device, self._note, self._stopped = job, device, note, stopped
+        self._workers, self._scheduler = workers, scheduler
+        self._run = f"sketchterrain-{uuid4().hex}"
+        self._title = f"scheduler {scheduler}" if scheduler else "the scheduler in this process"
+        self._accepted: dict[str, tuple[str, int]] = {}  # names and slots, by address
+        self._refused: dict[str, tuple[str, str]] = {}  # names and reasons
+        self._events = 0
+        self._looked = self._accompanied = self._ready = time.monotonic()
+        self._pending: set[Any] = set()
 
     def __enter__(self) -> Self:
-        """Find or start the workers; the output's folder must be there.
-
-        Raises
-        ------
-        SketchterrainError
-            If the scheduler cannot be reached, or workers cannot be started.
-        """
+        """Find or start the workers; the output's folder must be there."""
         with ExitStack() as stack:
-            self._dispatch = self._opened(stack)
+            stack.enter_context(silence_dask_logging())
+            self._client = self._connect(stack)
+            probe = store_of(self._job).journal.with_name(f".{self._run}")
+            stack.callback(probe.unlink, missing_ok=True)
+            probe.write_text(self._run, encoding="utf-8")
+            self._set_up((str(probe), self._run))
+            stack.callback(self._leave)
             self._stack = stack.pop_all()
         return self
 
@@ -85,78 +83,255 @@ class ClusterCrew:
         """Wait until no worker writes any more, and end those that were started."""
         self._stack.close()
 
-    def make(self, tasks: Iterable[Task]) -> Iterator[Made]:
-        """Do tasks, each worker as many at once as suits it; none are taken ahead.
+    def run(self, tasks: Iterable[Task]) -> Iterator[TaskResult]:
+        """Yield results in the order in which they come.
 
-        Raises
-        ------
-        DeviceError
-            If no worker is left.
-        SketchterrainError
-            If the scheduler is gone, a task cannot be done, or no worker comes.
+        Raises DeviceError if no worker is left, and SketchterrainError if the scheduler is gone, a task
+        failed, or no worker comes.
         """
-        if self._dispatch is None:
-            raise RuntimeError("the crew is not entered")
-        yield from self._dispatch.run(Roster(tasks))
+        from distributed import as_completed
 
-    def _opened(self, stack: ExitStack) -> Dispatch:
-        from sketchterrain.world.dispatch import Dispatch
-        from sketchterrain.world.order import packed
-        from sketchterrain.world.quiet import quiet
-        from sketchterrain.world.scheduler import Connection, connected_to
+        todo, more, completed = iter(tasks), True, as_completed(loop=self._client.loop)
+        self._look()
+        while more or self._pending:
+            if time.monotonic() - self._looked > (_LOOK if self._accepted else _LOOK / 5):
+                self._look()
+            if self._stopped() and not self._accepted:
+                return
+            while more and len(self._pending) < sum(slots for _, slots in self._accepted.values()):
+                task = next(todo, None)
+                if task is None:
+                    more = False
+                    break
+                future = self._submit(task)
+                self._pending.add(future)
+                completed.add(future)
+            batch = completed.next_batch(block=False) if self._pending else ()
+            for future in batch:
+                try:
+                    result = self._result(future)
+                except TimeoutError:  # its worker died before it was fetched: it is run again
+                    completed.add(future)
+                    continue
+                self._pending.discard(future)
+                yield result
+            if not batch:
+                time.sleep(_PAUSE)
 
-        stack.enter_context(quiet())
-        local = self._started(stack) if self._scheduler is None else None
-        if local is not None:
-            address, told, reason = local.address, "the scheduler in this process", local.told
-        else:
-            address, told, reason = str(self._scheduler), f"scheduler {self._scheduler}", _unknown
-        client = connected_to(address, note=self._note)
-        stack.callback(client.close, timeout=_CLOSING)
-        connection = Connection(client, told)
-        text = uuid4().hex
-        token = store_of(self._job).journal.with_name(f".{connection.order}")
-        stack.callback(token.unlink, missing_ok=True)
-        token.write_text(text, encoding="utf-8")
-        order = packed(self._job, token=str(token), text=text, device=self._device)
-        dispatch = Dispatch(
-            connection, order, bits=self._bits(), note=self._note, stopped=self._stopped, reason=reason
+    def _submit(self, task: Task) -> Any:
+        from sketchterrain.world.worker import run_task
+
+        return self._client.submit(
+            run_task,
+            self._run,
+            tuple(task),
+            key=(self._run, *task),
+            resources={self._run: 1},
+            retries=_RETRIES,
+            pure=False,
         )
-        stack.callback(dispatch.end)
-        return dispatch
 
-    def _started(self, stack: ExitStack) -> LocalWorkers:
-        from sketchterrain.world.local_workers import local_workers
-
-        count = self._workers or 1
-        return stack.enter_context(local_workers(count, threads=_threads(count)))
-
-    def _bits(self) -> str | None:
-        """Return the bits of some of the ground on this machine; None where the first worker's count."""
-        from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
-        from sketchterrain.world.making import Maker
-        from sketchterrain.world.worker_checks import bits_of
+    def _result(self, future: Any) -> TaskResult:
+        from distributed.scheduler import KilledWorker
 
         try:
-            known = (device for device in list_devices() if device.known and is_usable(device))
-            device = next(known, None) or choose_device(self._device)
-            return bits_of(Maker(self._job, ComputeContext(device)))
-        except DeviceError as error:
-            self._note(f"the first worker's bits count, for here is no device to compare with: {error}")
-            return None
+            result: TaskResult = future.result(timeout=_TIMEOUT)
+        except KilledWorker as error:
+            shard = "{} of shard {},{} of level {}".format(*(future.key[place] for place in (1, 3, 4, 2)))
+            raise SketchterrainError(f"{error.allowed_failures + 1} workers died at the {shard}") from error
+        except CancelledError as error:
+            raise self._gone() from error
+        except RuntimeError as error:
+            if "deserialization of the task graph" not in str(error):
+                raise
+            raise SketchterrainError(
+                f"{self._title} cannot load sketchterrain: it must be installed there, too"
+            ) from error
+        return result
+
+    def _look(self) -> None:
+        """See which workers there are, and which were accepted or refused."""
+        present = self._ask(self._client.scheduler.identity, n_workers=-1)["workers"]
+        events = self._ask(self._client.scheduler.events, topic=self._run)
+        self._looked = time.monotonic()
+        for _, event in events[self._events :]:
+            address, name = event["address"], event["name"]
+            if event["refused"]:
+                self._refuse(address, name, event["refused"])
+            else:
+                self._accepted[address] = name, event["slots"]
+        self._events = len(events)
+        for address in self._accepted.keys() - present.keys():
+            name, _ = self._accepted.pop(address)
+            self._note(f"{name} is lost: its tasks are run again")
+        if present and present.keys() <= self._refused.keys():
+            reasons = "; ".join(f"{name}: {why}" for name, why in map(self._refused.__getitem__, present))
+            raise DeviceError(f"no worker is left: {reasons}")
+        self._accompanied = self._looked if present else self._accompanied
+        self._ready = self._looked if self._accepted else self._ready
+        if self._looked - self._accompanied > _ALONE:
+            raise SketchterrainError(f"{self._title} has had no worker for {_ALONE:.0f} s")
+        if self._looked - self._ready > _UNREADY:
+            raise SketchterrainError(f"{self._title} has had no worker that is ready for {_UNREADY:.0f} s")
+
+    def _refuse(self, address: str, name: str, reason: str) -> None:
+        self._accepted.pop(address, None)
+        self._refused[address] = name, reason
+        self._note(f"{name} is refused: {reason}")
+
+    def _ask(self, what: Callable[..., Any], *, timeout: float = _TIMEOUT, **named: Any) -> Any:
+        try:
+            return self._client.sync(what, **named, callback_timeout=timeout)
+        except (OSError, TimeoutError, CancelledError) as error:
+            raise self._gone() from error
+
+    def _gone(self) -> SketchterrainError:
+        return SketchterrainError(f"{self._title} does not answer any more")
+
+    def _connect(self, stack: ExitStack) -> Any:
+        """Return a client of the scheduler, or of one that is started here with its workers."""
+        import dask
+        from distributed import Client, LocalCluster
+
+        if self._scheduler is None:
+            count = self._workers or 1
+            try:
+                with dask.config.set(_LOCAL):
+                    cluster = LocalCluster(
+                        n_workers=count,
+                        threads_per_worker=_threads(count),
+                        memory_limit=None,
+                        dashboard_address=None,
+                        silence_logs=logging.CRITICAL + 1,
+                        preload="sketchterrain.world.worker",
+                    )
+            except (OSError, RuntimeError) as error:
+                raise SketchterrainError(f"workers cannot be started: {one_line(error)}") from error
+            stack.push(lambda *_: cluster.close(timeout=_TIMEOUT))
+            address = cluster.scheduler_address
+        else:
+            address = self._scheduler
+            # A client that cannot connect is hard to be rid of; so it is made where one can.
+            if not address.startswith("inproc://"):
+                check_scheduler(address)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            client = Client(address, timeout=_TIMEOUT, set_as_default=False)
+        stack.callback(client.close, timeout=_TIMEOUT)
+        if any("VersionMismatch" in each.category.__name__ for each in caught):
+            self._note(f"{self._title} or its workers have other versions of Python or dask")
+        return client
+
+    def _set_up(self, probe: tuple[str, str]) -> None:
+        """Have all workers checked, now and when they come."""
+        from distributed.protocol.pickle import dumps
+
+        from sketchterrain.world.worker import WorkerSetup
+
+        plugin = WorkerSetup(self._run, self._job, probe=probe, device=self._device, bits=self._bits())
+        answers = self._ask(
+            self._client.scheduler.register_worker_plugin,
+            timeout=_ENDING,
+            plugin=dumps(plugin),
+            name=self._run,
+            idempotent=False,
+        )
+        for address, answer in answers.items():
+            if answer["status"] != "OK":
+                self._refuse(
+                    address, address, "it cannot load sketchterrain: it must be installed there, too"
+                )
+
+    def _leave(self) -> None:
+        """Have no worker do anything more; return once none writes."""
+        with suppress(SketchterrainError):
+            self._ask(self._client.scheduler.identity, n_workers=0)
+            self._client.cancel(list(self._pending), force=True)
+            if self._scheduler is not None:
+                self._ask(self._client.scheduler.unregister_worker_plugin, timeout=_ENDING, name=self._run)
+
+    def _bits(self) -> str:
+        """Return the bits of some of the ground on this machine, by a known device if there is one."""
+        from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
+        from sketchterrain.world.task_runner import TaskRunner
+        from sketchterrain.world.worker import bits_of
+
+        known = (device for device in list_devices() if device.known and is_usable(device))
+        device = next(known, None) or choose_device(self._device)
+        return bits_of(TaskRunner(self._job, ComputeContext(device)))
+
+
+def check_scheduler(address: str) -> None:
+    """Raise an error in one line if there is no scheduler at an address, at once.
+
+    The address is ``tcp://HOST:PORT`` or ``tls://HOST:PORT``; certificates are those of dask's configuration.
+    """
+    expected = f"expected a scheduler's address such as tcp://HOST:8786, got {one_line(address)!r}"
+    try:
+        parts = urlsplit(address)
+        port = parts.port
+    except ValueError as error:
+        raise InputError(expected) from error
+    if parts.scheme not in ("tcp", "tls") or not parts.hostname or port is None:
+        raise InputError(expected)
+    problem = f"scheduler {address} cannot be reached"
+    try:
+        # dask would try again until its time is over.
+        with socket.create_connection((parts.hostname, port), timeout=_TIMEOUT):
+            pass
+        answer = asyncio.run(asyncio.wait_for(_identity(address), _TIMEOUT))
+    except socket.gaierror as error:
+        raise SketchterrainError(f"{problem}: no machine is known as {parts.hostname}") from error
+    except ConnectionRefusedError as error:
+        raise SketchterrainError(f"{problem}: nothing listens there") from error
+    except TimeoutError as error:
+        raise SketchterrainError(f"{problem}: no answer within {_TIMEOUT:.0f} s") from error
+    except Exception as error:  # whatever comes of another protocol's answer
+        lacks = parts.scheme == "tls" and isinstance(error, TypeError)
+        reason = "dask's configuration names no certificates" if lacks else "what listens there is none"
+        raise SketchterrainError(f"{problem}: {reason}") from error
+    if answer.get("type") != "Scheduler":
+        raise SketchterrainError(f"{problem}: a dask {str(answer.get('type')).lower()} is there")
+
+
+async def _identity(address: str) -> dict[str, Any]:
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    arguments = Security().get_connection_args("client")
+    async with rpc(address, timeout=_TIMEOUT, connection_args=arguments) as there:
+        answer: dict[str, Any] = await there.identity()
+        return answer
+
+
+@contextmanager
+def silence_dask_logging() -> Iterator[None]:
+    """Log nothing of dask's within this context, unless ``SKETCHTERRAIN_DEBUG`` is set."""
+    if os.environ.get(DEBUG):
+        yield
+        return
+    import distributed  # noqa: F401 - its loggers are there only then
+
+    names = {
+        *_LIBRARIES,
+        *(name for name in logging.root.manager.loggerDict if name.split(".")[0] in _LIBRARIES),
+    }
+    before = {name: logging.getLogger(name).level for name in names}
+    for name in before:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module="(distributed|dask|tornado)")
+            yield
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _threads(workers: int) -> int:
-    """Return how many tasks each worker of this machine takes at once.
-
-    A CPU device leaves no core to write beside it; a GPU does.
-    """
+    """Return the tasks that each worker of this machine takes at once: a CPU device leaves no core free."""
     from sketchterrain.compute import list_devices
 
     if all(device.type != "GPU" for device in list_devices()):
         return 1
     return max(1, min(8, (os.cpu_count() or 1) // workers))
-
-
-def _unknown() -> str:
-    return ""

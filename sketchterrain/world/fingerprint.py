@@ -1,37 +1,34 @@
-"""What a world follows from, as one number: the same number, the same bytes."""
+"""The fingerprint of a job: equal fingerprints mean equal bytes."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict
+from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Final
+from importlib.resources import files
+from typing import Final
 
 from sketchterrain.batch.output import image_digest
 from sketchterrain.sketch.toml_text import settings_text
-from sketchterrain.world.code import code_digest
+from sketchterrain.world.job import Job
 
-if TYPE_CHECKING:
-    from sketchterrain.world.job import Job
-
-__all__ = ["fingerprint"]
-
+_ROOMS: Final = ("sketch", "features", "compute", "terrain", "export", "world", "kernels")
+_ENDINGS: Final = (".py", ".cl", ".clh")
 _PACKERS: Final = {
-    "zarr": ("numcodecs",),
-    "tiles": ("rasterio",),  # its GDAL deflates
+    "zarr": ("zarr", "numcodecs"),
+    "tiles": ("rasterio",),
     "tif": ("rasterio",),
     "none": (),
     "parquet": ("pyarrow",),
     "flatgeobuf": ("pyogrio",),
 }
+"""Libraries whose versions may change bytes of files, but no value in them."""
 
 
 def fingerprint(job: Job) -> str:
-    """Return the SHA-256 of a job, as hexadecimal digits.
-
-    Neither the output's place nor the device is part of it: they change no byte.
-    """
+    """Return the SHA-256 of all that a world's bytes follow from: not the output's path, nor the device."""
     whole = {
         "version": version("sketchterrain"),
         "code": code_digest(),
@@ -46,12 +43,22 @@ def fingerprint(job: Job) -> str:
         "origin": job.origin,
         "step": job.step,
         "fast": job.fast,
-        "packed by": _packers(job),
+        "libraries": {name: version(name) for name in (*_PACKERS[job.form], *_PACKERS[job.plants])},
     }
     return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 
-def _packers(job: Job) -> dict[str, str]:
-    """Return the libraries whose versions may change bytes of files, but no value in them."""
-    wanted = (*_PACKERS[job.form], *_PACKERS[job.plants])
-    return {name: version(name) for name in wanted}
+@cache
+def code_digest() -> str:
+    """Return the SHA-256 of the code and the kernels that a world's bytes follow from."""
+    digest = sha256()
+    for room in _ROOMS:
+        sources = [
+            each
+            for each in files(f"sketchterrain.{room}").iterdir()
+            if each.name.endswith(_ENDINGS) and each.is_file()
+        ]
+        for each in sorted(sources, key=lambda found: found.name):
+            digest.update(f"{room}/{each.name}\n".encode())
+            digest.update(each.read_bytes())
+    return digest.hexdigest()

@@ -9,8 +9,8 @@ if TYPE_CHECKING:
 
     from sketchterrain.terrain.terrain import Terrain
     from sketchterrain.world.job import Job
-    from sketchterrain.world.made import Task
     from sketchterrain.world.store import Store
+    from sketchterrain.world.tasks import Task
 
 __all__ = ["Plants", "plants_of", "store_of"]
 
@@ -63,6 +63,6 @@ def plants_of(job: Job) -> Plants | None:
     """
     if job.plants == "none":
         return None
-    from sketchterrain.world.plants_store import PlantStore
+    from sketchterrain.world.plants import PlantStore
 
     return PlantStore(job)

@@ -3,92 +3,103 @@
 from __future__ import annotations
 
 import os
-from collections import deque
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, NamedTuple
+from itertools import islice
+from pathlib import Path
+from typing import Final, NamedTuple
 
-from sketchterrain.world.making import hashed
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.world.journal import Ledger, read_journal, read_ledger
+from sketchterrain.world.layout import OutputLayout, plants_folder
+from sketchterrain.world.settled import text_of
+from sketchterrain.world.task_runner import file_record
+from sketchterrain.world.tasks import WrittenFile
+from sketchterrain.world.tile_names import JOURNAL, LEDGER, ledger_file, parts_folder
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-    from concurrent.futures import Future
-
-    from sketchterrain.world.ledger import Ledger
-    from sketchterrain.world.made import WrittenFile
-    from sketchterrain.world.roots import Roots
-
-__all__ = ["Broken", "lost_lines", "verify"]
-
-_MOST_THREADS = 4  # a disk gives no more than they take
+_THREADS: Final = 4  # a disk gives no more than they take
+_BATCH: Final = 64  # files
 
 
 class Broken(NamedTuple):
-    """A file that is not what was written.
-
-    Attributes
-    ----------
-    file : str
-        Its name in the ledger.
-    why : str
-        Missing, or how it differs.
-    """
+    """A file of the ledger that is not what was written, and how it differs."""
 
     file: str
     why: str
 
 
-def verify(ledger: Ledger, roots: Roots, *, progress: Callable[[float], None]) -> Iterator[Broken]:
-    """Read every file of a ledger again, and return those that have other bytes or are missing.
+def verify(ledger: Ledger, layout: OutputLayout, *, progress: Callable[[float], None]) -> Iterator[Broken]:
+    """Read every file of a ledger again, and yield those that are missing or differ.
+
+    `progress` takes the share of the bytes that is read, 0 … 1.
+    """
+    total, read = max(sum(file.bytes for file in ledger.files), 1), 0
+    files = ledger.files
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS), "verify") as pool:
+        while some := list(islice(files, _BATCH)):
+            for file, why in zip(some, pool.map(lambda each: _difference(each, layout), some), strict=True):
+                read += file.bytes
+                progress(read / total)
+                if why:
+                    yield Broken(file.file, why)
+
+
+def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Iterator[Broken]:
+    """Verify a finished world, and yield what is missing or differs.
 
     Parameters
     ----------
-    ledger
-    roots
-        Where its names begin.
+    path
+        A Zarr store, a folder of tiles, or the GeoTIFF of the heights.
     progress
-        Called with the share of the bytes that is read, 0 … 1.
+        Called with the share that is read, 0 … 1.
+
+    Raises
+    ------
+    InputError
+        If there is no ledger, it is broken, or the world is not finished.
     """
-    whole, read = max(sum(file.bytes for file in ledger.files), 1), 0
-    for file, why in _checked(ledger.files, roots):
-        read += file.bytes
-        progress(read / whole)
-        if why:
-            yield Broken(file.file, why)
+    place = Path(path)
+    ledger = _ledger(place)
+    layout = OutputLayout(place if place.is_dir() else place.parent, plants_folder(place))
+    return _all_broken(ledger, layout, progress)
 
 
-def lost_lines(ledger: Ledger) -> Broken | None:
-    """Return what is wrong with the ledger of a finished world itself; None where each line tells."""
-    if ledger.lost:
-        return Broken("ledger", f"has broken lines: {ledger.lost}")
-    return None if ledger.others else Broken("ledger", "does not name the files that belong to the whole")
+def broken_lines(ledger: Ledger) -> Iterator[Broken]:
+    """Yield what is wrong with the ledger of a finished world itself."""
+    if ledger.unreadable:
+        yield Broken("ledger", f"has broken lines: {ledger.unreadable}")
+    elif not ledger.others:
+        yield Broken("ledger", "does not name the files that belong to the whole")
 
 
-def _checked(files: Iterable[WrittenFile], roots: Roots) -> Iterator[tuple[WrittenFile, str]]:
-    """Return each file with what is wrong with it, in order; some are read at once."""
-    threads = min(os.cpu_count() or 1, _MOST_THREADS)
-    with ThreadPoolExecutor(threads, "verify") as several:
-        waiting: deque[tuple[WrittenFile, Future[str]]] = deque()
-        try:
-            for file in files:
-                waiting.append((file, several.submit(_why, file, roots)))
-                if len(waiting) > 4 * threads:
-                    first, found = waiting.popleft()
-                    yield first, found.result()
-            while waiting:
-                first, found = waiting.popleft()
-                yield first, found.result()
-        finally:
-            several.shutdown(cancel_futures=True)
+def _all_broken(ledger: Ledger, layout: OutputLayout, progress: Callable[[float], None]) -> Iterator[Broken]:
+    yield from broken_lines(ledger)
+    yield from verify(ledger, layout, progress=progress)
 
 
-def _why(file: WrittenFile, roots: Roots) -> str:
-    """Return what is wrong with a file; nothing where it is as it was written."""
-    path = roots.path(file.file)
+def _ledger(place: Path) -> Ledger:
+    if place.is_dir():
+        zarr = place / "ledger"
+        candidates = [(zarr / "c" / "0", zarr / JOURNAL), (place / LEDGER, place / JOURNAL)]
+    else:
+        candidates = [(ledger_file(place), parts_folder(place) / JOURNAL)]
+    for path, journal in candidates:
+        if read_journal(journal) is not None:
+            raise InputError(f"{one_line(place)}: is not finished; world --resume completes it")
+        if (text := text_of(path)) is not None:
+            return read_ledger(text, path)
+    raise InputError(f"{one_line(place)}: no ledger of a world's files is there")
+
+
+def _difference(file: WrittenFile, layout: OutputLayout) -> str:
+    """Return how a file differs from what was written; empty if it does not."""
+    path = layout.path(file.file)
     try:
         size = path.stat().st_size
         if size != file.bytes:
             return f"has {size} bytes, {file.bytes} were written"
-        return "" if hashed(path, file.file) == file else "has other bytes than were written"
+        return "" if file_record(path, file.file) == file else "has other bytes than were written"
     except FileNotFoundError:
         return "is missing"
     except OSError as error:

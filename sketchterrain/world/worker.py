@@ -1,177 +1,231 @@
-"""What runs in the workers of a cluster: each checks itself once, then makes tasks."""
+"""What runs in the workers of dask: a plugin that checks its worker, and the tasks."""
 
 from __future__ import annotations
 
+import asyncio
 import errno
+import os
+import pickle
+import signal
 import socket
 import time
 from dataclasses import replace
-from threading import Condition, Event, Lock
-from typing import TYPE_CHECKING, Any
+from hashlib import sha256
+from importlib.metadata import version
+from pathlib import Path
+from threading import Event, Lock
+from typing import Any
+from uuid import uuid4
+
+from distributed import Reschedule, Worker, WorkerPlugin, get_worker
+from distributed.core import Status
+from distributed.utils import sync
 
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
-from sketchterrain.world.made import Task
-from sketchterrain.world.order import Failed, Ready, Refused, called, unpacked
+from sketchterrain.world.fingerprint import code_digest
+from sketchterrain.world.tasks import Task, TaskResult
 
-if TYPE_CHECKING:
-    from sketchterrain.world.made import Made
-
-__all__ = ["leave", "make", "prepare", "stop"]
-
-_FORGOTTEN = 600.0  # s after which what another run left behind is dropped
-_AT_ONCE = {"GPU": 8}  # tasks at most: a GPU evaluates faster than a core packs
-_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-_benches: dict[tuple[str, str], _Bench] = {}  # of an order and a worker's address
-_preparing = Lock()
+_VISIBLE = 5.0  # s until a network's file system shows a new file
+_SLOTS = {"GPU": 8}  # tasks at once, at most: a GPU evaluates faster than a core packs
+_CHUNK = 256  # vertices along the side of the window that is compared
 
 
-class _Bench:
-    """What a worker keeps of one order."""
+class RefusedError(SketchterrainError):
+    """A worker gets no task, or no other one."""
 
-    def __init__(self, name: str, order: dict[str, Any], turn: int, threads: int) -> None:
-        from sketchterrain.world.worker_checks import (
-            bits_of,
-            check_device,
-            check_folder,
-            check_program,
-            own_device,
-        )
 
-        check_program(order)
-        check_folder(order)
-        # Only now: what reads them must be the program that wrote them.
-        from sketchterrain.compute import ComputeContext
-        from sketchterrain.world.making import Maker
+class WorkerSetup(WorkerPlugin):
+    """Checks a worker: it must run the same program, see the output's folder and compute the same bits.
 
-        device = own_device(order["device"], turn)
-        check_device(device)
-        job = unpacked(order)
-        self._order, self._name = order, name
-        self._maker = Maker(job, ComputeContext(device, fast=job.fast))
+    Tasks ask for a resource by the name of the run. An accepted worker offers it, so a refused one gets no
+    task. What becomes of each worker is an event of the run's topic.
+
+    `probe` is a file in the output's folder and its text; `device` is a selector or None;
+    `bits` are those of `bits_of` on the machine that started the run.
+    """
+
+    def __init__(
+        self, run: str, job: object, *, probe: tuple[str, str], device: str | None, bits: str
+    ) -> None:
+        self.name = run
+        self._job = pickle.dumps(job)  # unpickled once the program is known to be the same
+        self._version, self._code = version("sketchterrain"), code_digest()
+        self._probe, self._selector, self._bits = probe, device, bits
+
+    def setup(self, worker: Worker) -> None:
+        """Start the checks; they take seconds."""
+        self._worker, self._called = worker, _name_of(worker)
         self._device, self._stopped = Lock(), Event()
-        self._change, self._works = Condition(), 0
-        self._used = time.monotonic()
-        at_once = min(threads, _AT_ONCE.get(device.type, 2))
-        self.ready = Ready(name, f"{device.name} ({device.platform})", bits_of(self._maker), at_once)
+        self._checks = asyncio.get_running_loop().create_task(self._accept_or_refuse())
 
-    def make(self, task: Task) -> Made | Refused | Failed | None:
-        """Do a task; None if it was told to stop meanwhile."""
-        with self._change:
-            self._works += 1
+    async def teardown(self, worker: Worker) -> None:
+        """Stop before the next write, and wait until no task of the run is running."""
+        self._stopped.set()
+        self._checks.cancel()
+        while any(key[0] == self.name for key in worker.active_keys):
+            await asyncio.sleep(0.05)
+
+    def run(self, task: Task) -> TaskResult:
+        """Run a task; a device that fails sends it to another worker."""
         try:
             with self._device:
-                if self._stopped.is_set():
-                    return None
-                begun = self._maker.begin(task)
-            if self._stopped.is_set():
-                return None
-            return replace(self._maker.end(begun), worker=self._name)
+                self._check_running()
+                pending = self._runner.evaluate(task)
+            self._check_running()
+            return replace(self._runner.finish(pending), worker=self._called)
         except DeviceError as error:
-            return Refused(self._name, one_line(error))
-        except MemoryError:
-            return Refused(self._name, "out of memory")
-        except (SketchterrainError, OSError) as error:
-            return self._told(error)
-        finally:
-            with self._change:
-                self._works -= 1
-                self._used = time.monotonic()
-                self._change.notify_all()
+            sync(self._worker.loop, self._worker.set_resources, **{self.name: 0})
+            self._report(refused=one_line(error))
+            raise Reschedule from error
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            raise SketchterrainError(one_line(f"{where}{error.strerror or error}")) from error
+        except SketchterrainError as error:
+            if not _is_full(error):
+                self._check_folder(error)
+            raise
 
-    def stop(self) -> None:
-        """Begin nothing more, and write nothing that is not begun."""
-        self._stopped.set()
+    def _check_running(self) -> None:
+        if self._stopped.is_set():
+            raise SketchterrainError("the run has ended")
 
-    def wait(self) -> None:
-        """Wait until nothing is being done."""
-        with self._change:
-            self._change.wait_for(lambda: self._works == 0)
+    def _check_folder(self, error: Exception) -> None:
+        """Send a task to another worker if this one alone has lost the output's folder."""
+        try:
+            check_folder(*self._probe)
+        except RefusedError as refused:
+            sync(self._worker.loop, self._worker.set_resources, **{self.name: 0})
+            self._report(refused=one_line(refused))
+            raise Reschedule from error
 
-    def idle_since(self, moment: float) -> bool:
-        """Tell whether nothing was done since a moment of the monotonic clock, s."""
-        return self._works == 0 and self._used < moment
+    async def _accept_or_refuse(self) -> None:
+        try:
+            slots = await asyncio.to_thread(self._prepare, await self._local_rank())
+            await self._worker.set_resources(**{self.name: slots})
+            # The scheduler looks at waiting tasks again when a worker begins to run.
+            if self._worker.status == Status.running:
+                self._worker.status = Status.paused
+                self._worker.status = Status.running
+            self._report(slots=slots)
+        except SketchterrainError as error:
+            self._report(refused=one_line(error))
+        except Exception as error:  # noqa: BLE001 - whatever it is, this worker cannot do it
+            self._report(refused=one_line(f"{type(error).__name__}: {error}"))
 
-    def _told(self, error: SketchterrainError | OSError) -> Refused | Failed:
-        """Return whether it is this worker alone that cannot write; a full disk is everyone's."""
-        from sketchterrain.world.worker_checks import RefusedError, check_folder
+    def _report(self, *, slots: int = 0, refused: str = "") -> None:
+        event = {"address": self._worker.address, "name": self._called, "slots": slots, "refused": refused}
+        self._worker.log_event(self.name, event)
 
-        if not any(isinstance(each, OSError) and each.errno in _FULL for each in (error, error.__cause__)):
-            try:
-                check_folder(self._order)
-            except RefusedError as refused:
-                return Refused(self._name, one_line(refused))
-        if isinstance(error, SketchterrainError):
-            return Failed(self._name, error)
-        reason = error.strerror or str(error)
-        where = f"{error.filename}: " if error.filename else ""
-        return Failed(self._name, SketchterrainError(one_line(f"{where}{reason}")))
+    async def _local_rank(self) -> int:
+        """Return the worker's number among those of its host."""
+        if isinstance(self._worker.name, int):
+            return self._worker.name
+        known = (await self._worker.scheduler.identity(n_workers=-1))["workers"]
+        own = self._worker.address
+        return sorted(each for each in known if known[each]["host"] == known[own]["host"]).index(own)
+
+    def _prepare(self, rank: int) -> int:
+        """Check all and open the device; return how many tasks the worker takes at once."""
+        own = version("sketchterrain")
+        if own != self._version:
+            raise RefusedError(f"it has sketchterrain {own}, not {self._version}")
+        if code_digest() != self._code:
+            raise RefusedError(f"its sketchterrain {own} has other code of the same version")
+        check_folder(*self._probe)
+        from sketchterrain.compute import ComputeContext
+        from sketchterrain.terrain import self_test
+        from sketchterrain.world.task_runner import TaskRunner
+
+        device = own_device(self._selector, rank)
+        verdict = self_test(device, compare=not device.known)
+        if verdict.bits != "same":
+            raise RefusedError(f"self-test of {device.name} ({device.platform}): {verdict.line}")
+        self._runner = TaskRunner(pickle.loads(self._job), ComputeContext(device))  # noqa: S301 - dask's way
+        if bits_of(self._runner) != self._bits:
+            raise RefusedError(f"{device.name} ({device.platform}) computes other bits of this world")
+        return min(self._worker.state.nthreads, _SLOTS.get(device.type, 2))
 
 
-def prepare(order: str, turn: int) -> Ready | Refused:
-    """Check the worker that this runs in, and open its device for an order.
+def run_task(run: str, task: Task) -> TaskResult:
+    """Run a task in the worker that it was sent to."""
+    plugin: Any = get_worker().plugins[run]
+    result: TaskResult = plugin.run(Task(*task))
+    return result
 
-    Parameters
-    ----------
-    order
-        Where the scheduler's metadata hold it.
-    turn
-        Which of its machine's workers this one is, from 0.
-    """
-    from distributed import get_worker
-    from distributed.utils import sync
 
-    worker = get_worker()
-    name = _name_of(worker)
+def dask_setup(_: Worker) -> None:
+    """Prepare a worker process of this machine: Ctrl-C in the terminal is for its starter alone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def check_folder(probe: str, text: str) -> None:
+    """Refuse a worker that does not see the output's folder, or cannot write into it."""
+    path, until = Path(probe), time.monotonic() + _VISIBLE
+    while (found := _text_of(path)) != text:
+        if time.monotonic() > until:
+            seen = (
+                "another folder is there" if found is not None or path.parent.is_dir() else "nothing is there"
+            )
+            raise RefusedError(f"it does not see the output's folder {path.parent}: {seen}")
+        time.sleep(0.1)
+    own = path.with_name(f"{path.name}-{uuid4().hex[:8]}")
     try:
-        told = sync(worker.loop, worker.scheduler.get_metadata, keys=[order], default=None)
-        if told is None:
-            return Refused(name, "the scheduler does not know what is to be made")
-        with _preparing:
-            _forget_old()
-            bench = _Bench(name, told, turn, worker.state.nthreads)
-            _benches[order, worker.address] = bench
-        return bench.ready
-    except SketchterrainError as error:
-        return Refused(name, one_line(error))
-    except Exception as error:  # noqa: BLE001 - whatever it is, this worker cannot do it
-        return Refused(name, one_line(f"{type(error).__name__}: {error}"))
+        own.write_bytes(b"")
+        own.unlink()
+    except OSError as error:
+        raise RefusedError(f"it cannot write into {path.parent}: {error.strerror or error}") from error
 
 
-def make(order: str, kind: str, level: int, row: int, column: int) -> Made | Refused | Failed | None:
-    """Do a task in a worker that is prepared; None if it is not, or was told to stop."""
-    from distributed import get_worker
+def own_device(selector: str | None, rank: int) -> Any:
+    """Return the device of a worker: by default workers of a host take its GPUs in turn."""
+    from sketchterrain.compute import choose_device, is_usable, list_devices
 
-    bench = _benches.get((order, get_worker().address))
-    if bench is None:
+    gpus = [device for device in list_devices() if device.type == "GPU" and is_usable(device)]
+    if selector is not None or os.environ.get("PYOPENCL_CTX") or not gpus:
+        return choose_device(selector)
+    return gpus[rank % len(gpus)]
+
+
+def bits_of(runner: Any) -> str:
+    """Return the SHA-256 of some of a job's ground: its coarsest level, and the middle of its finest."""
+    from sketchterrain.world.grid import Shard
+
+    world = runner.job.world
+    coarsest, finest = world.levels[-1], world.levels[0]
+    whole = runner.ground(Shard(coarsest.number, 0, 0))
+    digest = sha256()
+    for array in (whole.height, whole.normal, whole.materials):
+        digest.update(array.tobytes())
+    columns, rows = min(_CHUNK, finest.columns), min(_CHUNK, finest.rows)
+    for band in runner.terrain.window(
+        world.west,
+        world.north,
+        cell=finest.cell,
+        left=(finest.columns - columns) // 2,
+        top=(finest.rows - rows) // 2,
+        columns=columns,
+        rows=rows,
+    ):
+        digest.update(band.height.tobytes())
+    return digest.hexdigest()
+
+
+def _is_full(error: SketchterrainError) -> bool:
+    """Return whether a disk is full, which no other worker can help."""
+    full = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+    return isinstance(error.__cause__, OSError) and error.__cause__.errno in full
+
+
+def _text_of(path: Path) -> str | None:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:
         return None
-    return bench.make(Task("plants" if kind == "plants" else "ground", level, row, column))
 
 
-def stop(order: str) -> None:
-    """Let the workers of this process give up an order, as soon as that leaves no half file."""
-    for key, bench in list(_benches.items()):
-        if key[0] == order:
-            bench.stop()
-
-
-def leave(order: str) -> None:
-    """Forget an order in the worker that this runs in, once nothing of it is being done."""
-    from distributed import get_worker
-
-    bench = _benches.pop((order, get_worker().address), None)
-    if bench is not None:
-        bench.stop()
-        bench.wait()
-
-
-def _forget_old() -> None:
-    before = time.monotonic() - _FORGOTTEN
-    for key in [key for key, bench in _benches.items() if bench.idle_since(before)]:
-        del _benches[key]
-
-
-def _name_of(worker: Any) -> str:
-    """Return what people call a worker: its name if it was given one, and its machine."""
-    name = called(worker.name)
-    # A number is one of this machine's; without a name it is called by its address.
-    return name if name != str(worker.name) or "://" in name else f"{name} on {socket.gethostname()}"
+def _name_of(worker: Worker) -> str:
+    """Return a worker's name and host; a number is its place on this machine."""
+    name = str(worker.name)
+    if name.isdigit():
+        return f"worker {name}"
+    return name if "://" in name else f"{name} on {socket.gethostname()}"

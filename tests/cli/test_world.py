@@ -10,11 +10,10 @@ import pytest
 
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import build
-from sketchterrain.world import estimate as estimated
+from sketchterrain.world import cluster
 from sketchterrain.world import run as running
-from sketchterrain.world import samples, scheduler
 from sketchterrain.world.opening import open_world
-from sketchterrain.world.run import Done
+from sketchterrain.world.run import WorldResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,7 +35,7 @@ def test_a_world_is_the_terrain_at_its_vertices(
     done = call("world", sketch, *SMALL, "-o", out)
     assert done.code == 0, done.err
     first, second = done.out.splitlines()
-    assert first.startswith("1 of 1 task done in ")
+    assert first.startswith("1 of 1 shard written in ")
     assert first.endswith(str(out))
     assert second.startswith("3 321 vertices on 1 level, ")
     assert [line.split(":")[0] for line in done.err.splitlines() if not line.endswith("…")][:2] == [
@@ -53,7 +52,6 @@ def test_a_world_is_the_terrain_at_its_vertices(
     assert (height == terrain.heights(x[None], y[:, None], cell_size=4.0)).all()
 
 
-@pytest.mark.slow
 def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(
     call: Callable[..., Any], sketch: Path, tmp_path: Path
 ) -> None:
@@ -61,32 +59,26 @@ def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(
     wanted = ("world", sketch, "--cell", 1, "-o", out)
     shown = call(*wanted, "--dry-run")
     assert shown.code == 0, shown.err
-    assert [line.split(":")[0] for line in shown.out.splitlines() if line[0] != " "] == [
-        "world",
-        "disk",
-        "memory",
-        "time",
-    ]
+    assert [line.split(":")[0] for line in shown.out.splitlines()] == ["world", "disk", "memory"]
     told = json.loads(call(*wanted, "--dry-run", "--json").out)
     assert not out.parent.exists()
-    assert (told["columns"], told["rows"], told["levels"]) == (513, 385, 3)
+    assert (told["columns"], told["rows"], told["levels"], told["tasks"]) == (513, 385, 3, 3)
     assert told["memory"]["needed"] < told["memory"]["left"]
     done = json.loads(call(*wanted, "--json").out)
     assert done["estimate"]["vertices"] == told["vertices"]
-    assert sum(told["disk"]["parts"].values()) == pytest.approx(done["bytes"], rel=0.2)
-    for layer in ("height", "normal", "materials"):
-        there = sum(path.stat().st_size for path in out.glob(f"*/{layer}/**/*") if path.is_file())
-        assert told["disk"]["parts"][layer] == pytest.approx(there, rel=0.25)
+    assert done["bytes"] < sum(told["disk"]["parts"].values()) < 4 * done["bytes"]
     listed = {name: each for name, each in files(out).items() if name != "zarr.json" and "ledger" not in name}
     assert (done["bytes"], done["files"]) == (sum(len(each) for each in listed.values()), len(listed))
     assert (done["tasks"], done["made"], done["broken"]) == (3, 3, [])
     assert done["seconds"] > 0
     assert call(*wanted, "--dry-run").code == 3  # as the run
     again = json.loads(call(*wanted, "--dry-run", "--resume", "--json").out)
-    assert (again["done"], again["disk"]["needed"] < told["disk"]["needed"] / 3) == (3, True)
+    assert (again["done"], again["disk"]["there"]) == (3, done["bytes"])
 
 
-def test_what_is_lost_is_named_and_made_again(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+def test_broken_files_are_named_and_made_again(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
+) -> None:
     out = tmp_path / "world.zarr"
     assert call("world", sketch, *SMALL, "-o", out).code == 0
     before = files(out)
@@ -109,7 +101,7 @@ def test_what_is_lost_is_named_and_made_again(call: Callable[..., Any], sketch: 
     other = call("world", sketch, *SMALL, "-o", out, "--resume", "--seed", 99)
     assert (other.code, "another sketch, seed, bounds" in other.error) == (3, True)
     taken = call("world", sketch, *SMALL, "-o", out)
-    assert (taken.code, "--resume goes on with it" in taken.error) == (3, True)
+    assert (taken.code, "--resume completes it" in taken.error) == (3, True)
 
 
 @pytest.mark.parametrize("name", ["world.tif", "tiles"])
@@ -126,19 +118,15 @@ def test_geotiffs_are_the_same_world(
     assert call("stats", whole[1], "--check").code == 0
 
 
-def test_no_room_is_told_before_anything_is_written(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_too_small_a_disk_is_refused_before_the_start(
+    call: Callable[..., Any], sketch: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(samples, "_MOST", 6 << 16)
     out = tmp_path / "world.zarr"
-    vast = call("world", sketch, "--bounds", "0,0,4e6,4e6", "-o", out, "--dry-run")
-    assert vast.code == 3
-    assert "4000001 × 4000001 vertices" in vast.out
-    assert "the world's files need up to" in vast.err.splitlines()[-1]
-    monkeypatch.setattr(estimated, "memory_left", lambda: 1 << 20)
-    tight = call("world", sketch, *SMALL, "-o", out)
-    assert tight.code == 3
-    assert "of memory at once, 1.0 MiB are left" in tight.err.splitlines()[-1]
+    for more in ((), ("--dry-run",)):
+        vast = call("world", sketch, "--bounds", "0,0,4e6,4e6", "-o", out, *more)
+        assert vast.code == 3
+        assert "4000001 × 4000001 vertices" in vast.out + vast.err
+        assert "the world's files need up to" in vast.err.splitlines()[-1]
     assert not out.exists()
 
 
@@ -150,7 +138,7 @@ def test_no_room_is_told_before_anything_is_written(
         (("--scheduler", "tcp://host:1"), {"workers": None, "scheduler": "tcp://host:1"}),
     ],
 )
-def test_whoever_shall_do_it_is_asked(
+def test_workers_or_a_scheduler_run_it(
     words: tuple[object, ...],
     asked: dict[str, object],
     call: Callable[..., Any],
@@ -158,18 +146,13 @@ def test_whoever_shall_do_it_is_asked(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def run(job: Job, *, resume: bool, watcher: object, **crew: object) -> Done:
+    def run(job: Job, *, resume: bool, watcher: object, **crew: object) -> WorldResult:
         assert (job.sketch.seed, resume) == (7, False)
         assert crew == {"device": None, **asked}
-        return Done(tasks=1, made=1, broken=(), files=3, bytes=1000, seconds=1.0)
+        return WorldResult(tasks=1, made=1, broken=(), files=3, bytes=1000, seconds=1.0)
 
     monkeypatch.setattr(running, "run_world", run)
-    monkeypatch.setattr(scheduler, "check_scheduler", lambda _: None)
+    monkeypatch.setattr(cluster, "check_scheduler", lambda _: None)
     done = call("world", sketch, *SMALL, "-o", tmp_path / "w.zarr", "--seed", 7, *words)
     assert done.code == 0, done.err
-    assert "1 of 1 task done in 1 s" in done.out
-    shown = "".join(line for line in done.err.splitlines() if line.startswith(("memory", "time")))
-    assert ("by 3 workers" in shown, "of one worker" in shown) == (
-        "--workers" in words,
-        "--scheduler" in words,
-    )
+    assert "1 of 1 shard written in 1 s" in done.out

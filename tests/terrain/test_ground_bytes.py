@@ -12,7 +12,7 @@ from sketchterrain.errors import DeviceError, DeviceFailedError, InputError
 from sketchterrain.export.weights import quantised_weights
 from sketchterrain.terrain import Terrain
 from sketchterrain.terrain.ground_bytes import byte_bands
-from sketchterrain.world.making import packed
+from sketchterrain.world.task_runner import packed
 
 if TYPE_CHECKING:
     import numpy.typing as npt

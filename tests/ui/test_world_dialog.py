@@ -10,8 +10,8 @@ from PyQt6.QtWidgets import QAbstractButton, QLabel
 
 from sketchterrain.ui.dialogs.world import WorldDialog
 from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.world.asked import Wishes
 from sketchterrain.world.opening import open_world
+from sketchterrain.world.options import WorldOptions
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def begun(qtbot, dialog):
 
 def test_every_wish_can_be_asked_for_and_the_first_are_the_command_lines(opened) -> None:
     dialog = opened()
-    assert dialog.wishes.wishes() == Wishes()
+    assert dialog.wishes.wishes() == WorldOptions()
     assert dialog.go.isEnabled()
     assert dialog.go.text() == "Estimate"
 
@@ -66,7 +66,7 @@ def test_every_wish_can_be_asked_for_and_the_first_are_the_command_lines(opened)
     choose(wishes.steps, 2.0**-7)
     wishes.workers.setValue(2)
     assert wishes.problem == ""
-    asked = Wishes(
+    asked = WorldOptions(
         bounds=(-100.0, 0.0, 900.5, 384.0),
         cell=2.5,
         layers=("height", "materials"),
@@ -78,7 +78,7 @@ def test_every_wish_can_be_asked_for_and_the_first_are_the_command_lines(opened)
         workers=True,
     )
     assert wishes.wishes() == asked
-    unasked = {each.name for each in fields(Wishes) if getattr(asked, each.name) == each.default}
+    unasked = {each.name for each in fields(WorldOptions) if getattr(asked, each.name) == each.default}
     assert unasked == {"fast"}  # no picture of the window's own may have other bits
 
 
@@ -128,7 +128,7 @@ def test_what_was_asked_for_is_there_again(opened) -> None:
     dialog.preferences.keep_exported("world", dialog.wishes.kept())
     dialog.preferences.keep()
     again = opened()
-    assert again.wishes.wishes() == replace(Wishes(), cell=8.0, layers=("height", "normal"))
+    assert again.wishes.wishes() == replace(WorldOptions(), cell=8.0, layers=("height", "normal"))
     assert again.wishes.form == "tiles"
 
 

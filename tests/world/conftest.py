@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
-    from sketchterrain.world.made import Made
+    from sketchterrain.world.tasks import TaskResult
     from sketchterrain.world.verification import Broken
 
 
@@ -33,7 +33,7 @@ class Heard:
         self.shares: list[float] = []
         self.found: list[Broken] = []
         self.counts: list[tuple[int, int]] = []
-        self.done: list[Made] = []
+        self.done: list[TaskResult] = []
         self.notes: list[str] = []
 
     def verified(self, share: float) -> None:
@@ -45,7 +45,7 @@ class Heard:
     def began(self, tasks: int, done: int) -> None:
         self.counts.append((tasks, done))
 
-    def made(self, made: Made) -> None:
+    def made(self, made: TaskResult) -> None:
         self.done.append(made)
 
     def joined(self, share: float) -> None:
@@ -91,7 +91,7 @@ def job(small_job: Job, tmp_path: Path) -> Job:
 
 @pytest.fixture(scope="session")
 def tree() -> Callable[[Path], dict[str, str]]:
-    """What gives the SHA-256 of every file in a folder, by name."""
+    """A function that returns the SHA-256 of every file in a folder, by name."""
     return _tree
 
 

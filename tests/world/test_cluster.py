@@ -21,17 +21,17 @@ from sketchterrain import compute
 from sketchterrain.compute import choose_device
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.world import run as running
-from sketchterrain.world import worker_checks
-from sketchterrain.world.making import Begun, Maker
+from sketchterrain.world import worker as in_worker
+from sketchterrain.world.cluster import check_scheduler
 from sketchterrain.world.run import run_world
-from sketchterrain.world.scheduler import check_scheduler
+from sketchterrain.world.task_runner import PendingTask, TaskRunner
 from sketchterrain.world.tasks import tasks_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sketchterrain.world.job import Job
-    from sketchterrain.world.made import Made
+    from sketchterrain.world.tasks import TaskResult
     from tests.world.conftest import Heard
 
     Tree = Callable[[Path], dict[str, str]]
@@ -55,8 +55,8 @@ heard.made = lambda made: print(made.task.kind, made.worker, flush=True)
 run_world(pickle.loads(Path(sys.argv[1]).read_bytes()), workers=2, watcher=heard)
 """
 OLDER = """
-from sketchterrain.world import worker_checks
-worker_checks.version = lambda _: "0.0.9"
+from sketchterrain.world import worker as in_worker
+in_worker.version = lambda _: "0.0.9"
 """
 
 
@@ -108,7 +108,7 @@ def workers_of(pid: int) -> list[psutil.Process]:
     found = []
     for child in psutil.Process(pid).children(recursive=True):
         with suppress(psutil.ZombieProcess, psutil.NoSuchProcess):
-            if "sketchterrain.world.local_worker" in " ".join(child.cmdline()):
+            if "spawn_main" in " ".join(child.cmdline()):
                 found.append(child)
     return found
 
@@ -117,9 +117,9 @@ def workers_of(pid: int) -> list[psutil.Process]:
 def test_workers_in_this_process_in_shuffled_order_give_the_same_bytes_also_after_a_full_disk(
     job: Job, whole_world: Path, heard: Heard, tree: Tree, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    honest = Maker.end
+    honest = TaskRunner.finish
 
-    def full(self: Maker, begun: Begun) -> Made:
+    def full(self: TaskRunner, begun: PendingTask) -> TaskResult:
         if begun.task.level == 0:
             try:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -132,12 +132,11 @@ def test_workers_in_this_process_in_shuffled_order_give_the_same_bytes_also_afte
         n_workers=2, threads_per_worker=2, processes=False, dashboard_address=None
     ) as cluster:
         with monkeypatch.context() as patch:
-            patch.setattr(Maker, "end", full)
+            patch.setattr(TaskRunner, "finish", full)
             with pytest.raises(SketchterrainError, match="no space"):
                 run_world(job, scheduler=cluster.scheduler_address, watcher=heard)
         run_world(job, scheduler=cluster.scheduler_address, resume=True, watcher=heard)
-        kept = [value for key, value in cluster.scheduler.task_metadata.items() if "sketchterrain" in key]
-        assert kept == [None, None]
+        assert not [name for name in cluster.scheduler.worker_plugins if "sketchterrain" in name]
     assert tree(job.output) == tree(whole_world)
     assert {made.worker for made in heard.done} == {"worker 0", "worker 1"}
     assert heard.notes == []
@@ -163,24 +162,23 @@ def test_a_scheduler_that_is_not_there_is_one_line_and_at_once() -> None:
 def test_a_worker_that_does_not_see_the_folder_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker_checks, "_PATIENCE", 0.0)
+    monkeypatch.setattr(in_worker, "_VISIBLE", 0.0)
     token = tmp_path / ".token"
-    order = {"token": str(token), "text": "this one"}
     token.write_text("this one", encoding="utf-8")
-    worker_checks.check_folder(order)
+    in_worker.check_folder(str(token), "this one")
     assert [path.name for path in tmp_path.iterdir()] == [".token"]
     token.write_text("that one", encoding="utf-8")
-    with pytest.raises(worker_checks.RefusedError, match="another folder is there"):
-        worker_checks.check_folder(order)
-    with pytest.raises(worker_checks.RefusedError, match="nothing is there"):
-        worker_checks.check_folder({"token": str(tmp_path / "no" / "where"), "text": ""})
+    with pytest.raises(in_worker.RefusedError, match="another folder is there"):
+        in_worker.check_folder(str(token), "this one")
+    with pytest.raises(in_worker.RefusedError, match="nothing is there"):
+        in_worker.check_folder(str(tmp_path / "no" / "where"), "")
 
 
 def then(heard: Heard, act: Callable[[int], None]) -> None:
     """Act whenever a task is done, given how many there are by then."""
     told = heard.made
 
-    def made(made: Made) -> None:
+    def made(made: TaskResult) -> None:
         told(made)
         act(len(heard.done))
 
@@ -193,10 +191,10 @@ def test_workers_of_a_machine_share_its_gpus_out(monkeypatch: pytest.MonkeyPatch
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
     monkeypatch.setattr(compute, "list_devices", lambda: (*cards, cpu))
     monkeypatch.setattr(compute, "choose_device", lambda selector: f"chosen by {selector}")
-    assert [worker_checks.own_device(None, turn).name for turn in range(3)] == ["Card 0", "Card 1", "Card 0"]
-    assert worker_checks.own_device("Card 1", 0) == "chosen by Card 1"
+    assert [in_worker.own_device(None, turn).name for turn in range(3)] == ["Card 0", "Card 1", "Card 0"]
+    assert in_worker.own_device("Card 1", 0) == "chosen by Card 1"
     monkeypatch.setattr(compute, "list_devices", lambda: (cpu,))
-    assert worker_checks.own_device(None, 1) == "chosen by None"
+    assert in_worker.own_device(None, 1) == "chosen by None"
 
 
 @pytest.mark.soak
@@ -233,7 +231,9 @@ def test_workers_that_lie_are_refused_by_name_and_others_do_the_work_until_the_s
         wait_for_workers(address, 2)
         with pytest.raises(DeviceError, match="no worker is left: ") as caught:
             run_world(job, scheduler=address, watcher=heard)
-        assert caught.match(r"liar on \S+: self-test of .*: other bits: ")
+        assert caught.match(
+            r"liar on \S+: (self-test of .*: other bits: |.* computes other bits of this world)"
+        )
         assert caught.match(r"older on \S+: it has sketchterrain 0\.0\.9, not ")
         assert caught.value.exit_code == 4
         heard.notes.clear()

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.world.begun import there
-from sketchterrain.world.checking import check_world
+from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import World
+from sketchterrain.world.resume import load_state
 from sketchterrain.world.run import run_world
 from sketchterrain.world.tasks import task_count
+from sketchterrain.world.verification import check_world
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -51,7 +52,7 @@ def test_stopped_damaged_and_mended(formed: Job, heard, tmp_path: Path, tree) ->
     stopped.made = lambda made: stopped.done.append(made) or _stop(len(stopped.done) == 3)
     with pytest.raises(_StoppedError):
         run_world(formed, watcher=stopped)
-    assert there(formed)[0] == 3
+    assert len(load_state(formed, store_of(formed)).ledger.done) == 3
     with pytest.raises(InputError, match="is not finished"):
         check_world(formed.output, progress=lambda _: None)
     again = heard_type()

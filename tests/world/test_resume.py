@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import shutil
 import signal
@@ -14,16 +13,17 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.world.checking import check_world
 from sketchterrain.world.grid import World
+from sketchterrain.world.journal import exclusive_run
 from sketchterrain.world.run import run_world
+from sketchterrain.world.verification import check_world
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
     from sketchterrain.world.job import Job
-    from sketchterrain.world.made import Made
+    from sketchterrain.world.tasks import TaskResult
 
 TASKS = 9
 HEIGHT = "0/height/c/0/1"
@@ -44,7 +44,7 @@ class _StoppedError(Exception):
 def stopping(heard, after: int):
     """Return a watcher that ends the run once so many tasks are done."""
 
-    def made(made: Made) -> None:
+    def made(made: TaskResult) -> None:
         heard.done.append(made)
         if len(heard.done) == after:
             raise _StoppedError
@@ -68,7 +68,7 @@ def test_a_run_makes_every_task_once_and_leaves_nothing_else(job, heard, whole_w
 def test_a_run_that_ends_early_is_gone_on_with(job, heard, whole_world, tree) -> None:
     with pytest.raises(_StoppedError):
         run_world(job, watcher=stopping(heard, 4))
-    with pytest.raises(InputError, match="there is a world; --resume goes on with it"):
+    with pytest.raises(InputError, match="there is a world; --resume completes it"):
         run_world(job, watcher=heard)
     again = type(heard)()
     done = run_world(job, resume=True, watcher=again)
@@ -226,8 +226,8 @@ def test_half_written_files_of_a_killed_run_are_swept(job, heard, whole_world, t
 def test_a_full_disk_is_told_and_gone_on_with(at, job, heard, whole_world, tree, monkeypatch) -> None:
     full = {"shard": HEIGHT, "journal": "ledger/journal.jsonl", "metadata": "1/zarr.json"}[at]
     if at == "journal":
-        monkeypatch.setattr("sketchterrain.world.ledger.os", SimpleNamespace(fsync=_no_room))
-        monkeypatch.setattr("sketchterrain.world.ledger._SYNC", -1.0)
+        monkeypatch.setattr("sketchterrain.world.journal.os", SimpleNamespace(fsync=_no_room))
+        monkeypatch.setattr("sketchterrain.world.journal._SYNC", -1.0)
     else:
         replaced = type(job.output).replace
 
@@ -252,7 +252,7 @@ def _no_room(*_: object) -> None:
 
 @pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_lets_what_is_begun_be_written(way, job, heard, whole_world, tree) -> None:
-    def made(made: Made) -> None:
+    def made(made: TaskResult) -> None:
         heard.done.append(made)
         if len(heard.done) == 2:
             os.kill(os.getpid(), way)
@@ -307,13 +307,9 @@ def test_a_signal_ends_what_takes_long_besides(while_it, job, heard, tree) -> No
 
 
 def test_two_runs_at_once_are_refused(job, heard) -> None:
-    journal = job.output / "ledger" / "journal.jsonl"
-    journal.parent.mkdir(parents=True)
-    with journal.open("ab") as stream:
-        fcntl.flock(stream, fcntl.LOCK_EX)
-        with pytest.raises(InputError, match="another run is at work there"):
-            run_world(job, resume=True, watcher=heard)
-    assert [path.name for path in job.output.rglob("*")] == ["ledger", "journal.jsonl"]
+    with exclusive_run(job.output), pytest.raises(InputError, match="another run is writing it"):
+        run_world(job, resume=True, watcher=heard)
+    assert not job.output.exists()
 
 
 def test_what_is_something_else_is_refused_and_left(job, heard, tree) -> None:

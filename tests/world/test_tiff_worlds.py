@@ -12,13 +12,13 @@ import rasterio
 
 import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
-from sketchterrain.world.checking import check_world
 from sketchterrain.world.grid import Level, World
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.one_tiff import TiffStore
 from sketchterrain.world.opening import open_world
 from sketchterrain.world.run import run_world
 from sketchterrain.world.tiff_tiles import TileStore
+from sketchterrain.world.verification import check_world
 from sketchterrain.world.vrt import covering
 
 if TYPE_CHECKING:

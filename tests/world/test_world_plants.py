@@ -17,10 +17,10 @@ import shapely
 import sketchterrain as st
 from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.terrain.plant import PLANT
-from sketchterrain.world import plants_table
+from sketchterrain.world import plants as written
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.made import Task
-from sketchterrain.world.plants_store import PlantStore, plant_square, plant_tasks
+from sketchterrain.world.plants import PlantStore, plant_square
+from sketchterrain.world.tasks import Task, plant_tasks
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -177,7 +177,7 @@ def test_parquet_is_a_data_set_in_partitions(small_job, terrain, expected, tmp_p
 def test_row_groups_are_bounded_and_say_where_they_lie(
     small_job, terrain, expected, tmp_path, monkeypatch
 ) -> None:
-    monkeypatch.setattr(plants_table, "_ROWS", 200)
+    monkeypatch.setattr(written, "_ROWS", 200)
     _, files = planted_into(tmp_path / "world.zarr", "parquet", small_job, terrain)
     counted = 0
     for path in files.values():

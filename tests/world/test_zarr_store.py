@@ -17,7 +17,7 @@ from sketchterrain.compute import ComputeContext
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.world.grid import Shard, World
 from sketchterrain.world.job import Job
-from sketchterrain.world.making import Maker
+from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.zarr_store import ZarrStore
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def job(terrain: st.Terrain, tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 @pytest.fixture(scope="module")
 def grounds(job: Job) -> list[Ground]:
-    maker = Maker(job, ComputeContext())
+    maker = TaskRunner(job, ComputeContext())
     return [maker.ground(shard) for shard in job.world.shards()]
 
 

@@ -16,9 +16,9 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.batch.remaining import duration
 from sketchterrain.disk import amount
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.estimate import duration
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.dialogs.sheet import (
     add_button,
@@ -34,8 +34,8 @@ from sketchterrain.ui.dialogs.sheet import (
 from sketchterrain.ui.dialogs.world_wishes import WorldWishes
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.world.asked import form_of
 from sketchterrain.world.job import ENDINGS
+from sketchterrain.world.options import form_of
 
 _KEPT: Final = "world"
 """What preferences call what was asked for."""
@@ -222,8 +222,8 @@ class WorldDialog(QDialog):
         self._head.setText("Written" if told["made"] else "All of it was there")
         self.bar.setValue(_UNITS)
         self.doing.setText(
-            f"{told['made']} of {told['tasks']} tasks in {duration(told['seconds'])}, {told['files']} files, "
-            f"{amount(told['bytes'])}, into\n{self.place}"
+            f"{told['made']} of {told['tasks']} shards in {duration(told['seconds'])}, "
+            f"{told['files']} files, {amount(told['bytes'])}, into\n{self.place}"
         )
         self.view.show()
         self._finish()

@@ -16,8 +16,8 @@ from sketchterrain.ui.dialogs.kept_controls import Kept, call_on_change, set_val
 from sketchterrain.ui.dialogs.sheet import add_rows, beside, choice_box, form, note, part
 from sketchterrain.ui.export_wish import WorldWish
 from sketchterrain.ui.panels.numbers import NumberBox
-from sketchterrain.world.asked import Wishes
 from sketchterrain.world.ground import LAYERS
+from sketchterrain.world.options import WorldOptions
 
 """What the output's name ends in, by form."""
 _FORMS: Final = {
@@ -94,12 +94,12 @@ class WorldWishes(QWidget):
         """Return what is set, to be kept."""
         return values_of(self._controls)
 
-    def wishes(self) -> Wishes:
+    def wishes(self) -> WorldOptions:
         """Return what is asked for, unchecked."""
         bounds = tuple(box.value() for box in (self.west, self.south, self.east, self.north))
         off = {"normal": self.normals, "materials": self.materials}
         plants: Any = self.plants.currentData()
-        return Wishes(
+        return WorldOptions(
             bounds=bounds if self._is_other else None,  # type: ignore[arg-type]  # four of them
             cell=self.cell.value(),
             layers=tuple(name for name in LAYERS if name not in off or off[name].isChecked()),

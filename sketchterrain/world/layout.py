@@ -1,58 +1,38 @@
-"""Where the files of a world lie: names as the ledger has them, and the paths that they stand for."""
+"""Where the files of a world lie: names as its ledger has them, and their paths."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.world.forms import plants_of, store_of
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from sketchterrain.world.job import Job
-
-__all__ = ["Roots", "is_inside", "plants_folder"]
+from sketchterrain.world.job import Job
 
 _PLANTS = "plants/"
 
 
 @dataclass(frozen=True)
-class Roots:
-    """The folders that names begin in.
-
-    Attributes
-    ----------
-    ground : Path
-        Of the store.
-    plants : Path or None
-        Of names that begin with ``plants/``; None where no plants are written.
-    """
+class OutputLayout:
+    """The folder of the ground, and that of names that begin with ``plants/`` (None without plants)."""
 
     ground: Path
     plants: Path | None
 
     @classmethod
-    def of(cls, job: Job) -> Roots:
-        """Return those of a job."""
+    def of(cls, job: Job) -> OutputLayout:
+        """Return the layout of a job; raise SketchterrainError if a library that it needs is missing."""
         plants = plants_of(job)
         return cls(store_of(job).folder, None if plants is None else plants.folder)
 
     @staticmethod
-    def named_plants(names: Iterable[str]) -> tuple[str, ...]:
+    def plant_names(names: Iterable[str]) -> tuple[str, ...]:
         """Return names of a plant store's files as the ledger has them."""
         return tuple(f"{_PLANTS}{name}" for name in names)
 
     def path(self, name: str) -> Path:
-        """Return the path of a file of the ledger.
-
-        Raises
-        ------
-        InputError
-            If the name leads out of the folders.
-        """
+        """Return the path of a file of the ledger; raise InputError if it is not inside the folders."""
         if not is_inside(name):
             raise InputError(f"expected the name of a file of the world, got {one_line(name)!r}")
         if self.plants is not None and name.startswith(_PLANTS):
@@ -66,6 +46,6 @@ def plants_folder(output: Path) -> Path:
 
 
 def is_inside(name: str) -> bool:
-    """Tell whether a name leads to a place inside the folder that it is looked up in."""
+    """Return whether a relative name stays inside the folder that it is looked up in."""
     parts = name.split("/")
     return all(part not in ("", ".", "..") and "\0" not in part and "\\" not in part for part in parts)

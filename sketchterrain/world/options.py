@@ -1,50 +1,31 @@
-"""What a person asks for when a world is written, checked before anything is opened."""
+"""Options of a world that is to be written, checked before anything is opened."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, get_args
+from typing import Final, get_args
 
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.sketch import Sketch
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import World
 from sketchterrain.world.ground import LAYERS
-from sketchterrain.world.job import Job, PlantsForm
+from sketchterrain.world.job import Form, Job, PlantsForm
 from sketchterrain.world.libraries import require
 
-if TYPE_CHECKING:
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.world.job import Form
-
-__all__ = ["Wishes", "form_of", "layers_of"]
-
-PLANTS: Final = get_args(PlantsForm)
+_PLANTS: Final = get_args(PlantsForm)
 _FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
-_WORKERS: Final = ("distributed",)
 
 
 @dataclass(frozen=True)
-class Wishes:
-    """What is asked of a world; `Job` says what each is.
+class WorldOptions:
+    """Options of a world, as `Job` explains them.
 
-    Attributes
-    ----------
-    bounds : (float, float, float, float) or None
-        West, south, east, north, m; None: the sketch's rectangle.
-    cell : float
-        Metres between vertices.
-    layers : tuple of str
-    plants : str
-    grass : bool
-    crs : str or None
-    origin : (float, float)
-    step : float
-    fast : bool
-    workers : bool
-        Whether others than this process do the tasks.
+    `bounds` are west, south, east, north in m, None for the sketch's rectangle; `workers` says whether other
+    processes than this one do the tasks.
     """
 
     bounds: tuple[float, float, float, float] | None = None
@@ -59,21 +40,13 @@ class Wishes:
     workers: bool = False
 
     def check(self, sketch: Sketch) -> World:
-        """Refuse what cannot be written; return where it is sampled.
-
-        Raises
-        ------
-        InputError
-            With what was expected, and what was given.
-        SketchterrainError
-            If what workers need is not installed; what a form needs is told by its store.
-        """
+        """Return where the world is sampled; raise InputError for options that make no sense."""
         world = World(*(self.bounds or (0.0, 0.0, *sketch.size)), self.cell)
         _check_lattice(world, sketch.extent)
-        if self.plants not in PLANTS:
-            raise InputError(f"expected plants as {_either(PLANTS)}, got {one_line(self.plants)!r}")
+        if self.plants not in _PLANTS:
+            raise InputError(f"expected plants as {_either(_PLANTS)}, got {one_line(self.plants)!r}")
         if self.grass and self.plants == "none":
-            raise InputError(f"grass without plants: expected plants as {_either(PLANTS[1:])} with it")
+            raise InputError(f"grass without plants: expected plants as {_either(_PLANTS[1:])} with it")
         _check_step(self.step)
         if not all(math.isfinite(number) for number in self.origin):
             raise InputError(f"expected a finite origin, got {self.origin}")
@@ -83,28 +56,11 @@ class Wishes:
             metric_crs(self.crs)
         layers_of(",".join(self.layers))
         if self.workers:
-            require("a world by workers", _WORKERS)
+            require("a world by workers", ["distributed"])
         return world
 
     def job(self, sketch: Sketch, recipe: TerrainRecipe, output: Path, form: Form) -> Job:
-        """Return the world that is to be written.
-
-        Parameters
-        ----------
-        sketch
-            With the seed that counts.
-        recipe
-            Of that sketch.
-        output
-            Where.
-        form
-            See `form_of`.
-
-        Raises
-        ------
-        SketchterrainError
-            As `check`.
-        """
+        """Return the job of writing a sketch's world to an output; raise InputError as `check`."""
         return Job(
             sketch=sketch,
             recipe=recipe,
@@ -122,14 +78,9 @@ class Wishes:
 
 
 def form_of(output: str) -> Form:
-    """Return the form that a name stands for: .zarr, .tif, or a folder of tiles.
+    """Return the form of an output by its name: .zarr, .tif, or a folder of tiles.
 
     A folder's name has no ending, or a slash after it, or is there already.
-
-    Raises
-    ------
-    InputError
-        If it has another ending.
     """
     if not output.strip():
         raise InputError("expected a path to write to, got none")
@@ -146,13 +97,7 @@ def form_of(output: str) -> Form:
 
 
 def layers_of(text: str) -> tuple[str, ...]:
-    """Return the layers that a text names, in their own order.
-
-    Raises
-    ------
-    InputError
-        If there is none of a name, or heights are not among them.
-    """
+    """Return the layers that a comma-separated text names, in their own order."""
     names = [name.strip() for name in text.split(",")]
     unknown = next((name for name in names if name not in LAYERS), None)
     if unknown is not None:
@@ -163,7 +108,7 @@ def layers_of(text: str) -> tuple[str, ...]:
 
 
 def _check_lattice(world: World, extent: float) -> None:
-    """Refuse vertices that integers cannot tell apart."""
+    """Refuse a cell size or bounds that the integer lattice of positions cannot represent."""
     unit = metres_per_unit(extent)
     if world.cell < unit:
         raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,18 +12,19 @@ import pytest
 from sketchterrain.compute import ComputeContext
 from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
+from sketchterrain.world import fingerprint as fingerprints
 from sketchterrain.world.fingerprint import fingerprint
 from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import SHARD, Shard, World
-from sketchterrain.world.made import Task
-from sketchterrain.world.making import Maker, rounded
+from sketchterrain.world.task_runner import TaskRunner, rounded
+from sketchterrain.world.tasks import Task, tasks_of
 
 
 @pytest.fixture(scope="module")
-def maker(small_job, tmp_path_factory) -> Maker:
-    job = replace(small_job, output=tmp_path_factory.mktemp("making") / "world.zarr")
+def runner(small_job, tmp_path_factory) -> TaskRunner:
+    job = replace(small_job, output=tmp_path_factory.mktemp("running") / "world.zarr")
     store_of(job).create()
-    return Maker(job, ComputeContext())
+    return TaskRunner(job, ComputeContext())
 
 
 def places(job, shard: Shard) -> tuple[np.ndarray, np.ndarray]:
@@ -34,55 +36,47 @@ def places(job, shard: Shard) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("shard", [Shard(0, 0, 1), Shard(0, 0, 2), Shard(1, 0, 0), Shard(5, 0, 0)])
-def test_heights_are_the_terrains_at_the_levels_cell(shard: Shard, maker: Maker) -> None:
-    ground = maker.ground(shard)
-    x, y = places(maker.job, shard)
-    level = maker.job.world.levels[shard.level]
+def test_heights_are_the_terrains_at_the_levels_cell(shard: Shard, runner: TaskRunner) -> None:
+    ground = runner.ground(shard)
+    x, y = places(runner.job, shard)
+    level = runner.job.world.levels[shard.level]
     assert ground.height.shape == level.size_of(shard) == x.shape
-    np.testing.assert_array_equal(ground.height, maker.terrain.heights(x, y, cell_size=level.cell))
+    np.testing.assert_array_equal(ground.height, runner.terrain.heights(x, y, cell_size=level.cell))
     assert (ground.materials.sum(axis=0, dtype=int) == 255).all()
     assert ground.normal.shape == (3, *x.shape)
 
 
-def test_normals_and_weights_are_those_of_exports(maker: Maker) -> None:
-    world, shard = maker.job.world, Shard(1, 0, 1)
-    ground, level = maker.ground(shard), maker.job.world.levels[1]
+def test_normals_and_weights_are_those_of_exports(runner: TaskRunner) -> None:
+    world, shard = runner.job.world, Shard(1, 0, 1)
+    ground, level = runner.ground(shard), runner.job.world.levels[1]
     rows, columns = level.size_of(shard)
     west, north = world.west + SHARD * level.cell, world.north
     east, south = west + (columns - 1) * level.cell, north - (rows - 1) * level.cell
-    (band,) = maker.terrain.grid(west, south, east, north, columns=columns, rows=rows)
+    (band,) = runner.terrain.grid(west, south, east, north, columns=columns, rows=rows)
     np.testing.assert_array_equal(ground.normal, normal_bytes(band.normal).transpose(2, 0, 1))
     np.testing.assert_array_equal(ground.materials, quantised_weights(band.materials).transpose(2, 0, 1))
 
 
-def test_a_device_without_doubles_leaves_rounding_to_the_host(maker: Maker) -> None:
+def test_a_device_without_doubles_leaves_rounding_to_the_host(runner: TaskRunner) -> None:
     context = ComputeContext()
-    plain = Maker(maker.job, context)
-    plain._window = plain._window_here  # as where the device has none
+    plain = TaskRunner(runner.job, context)
+    plain._window = plain._window_on_host  # as where the device has none
     for name in ("height", "normal", "materials"):
-        one, other = (getattr(each.ground(Shard(2, 0, 0)), name) for each in (plain, maker))
+        one, other = (getattr(each.ground(Shard(2, 0, 0)), name) for each in (plain, runner))
         np.testing.assert_array_equal(one, other)
 
 
-def test_any_window_of_a_level_is_a_part_of_its_shards(maker: Maker) -> None:
-    shard = Shard(0, 0, 1)
-    whole = maker.ground(shard)
-    part = maker.window(shard, top=3, left=SHARD + 100, rows=20, columns=70)
-    np.testing.assert_array_equal(part.height, whole.height[3:23, 100:170])
-    np.testing.assert_array_equal(part.materials, whole.materials[:, 3:23, 100:170])
-
-
-def test_layers_that_are_not_asked_for_are_empty(maker: Maker) -> None:
-    bare = Maker(replace(maker.job, layers=("height",)), ComputeContext()).ground(Shard(4, 0, 0))
+def test_layers_that_are_not_asked_for_are_empty(runner: TaskRunner) -> None:
+    bare = TaskRunner(replace(runner.job, layers=("height",)), ComputeContext()).ground(Shard(4, 0, 0))
     assert bare.normal.size == bare.materials.size == 0
-    np.testing.assert_array_equal(bare.height, maker.ground(Shard(4, 0, 0)).height)
+    np.testing.assert_array_equal(bare.height, runner.ground(Shard(4, 0, 0)).height)
 
 
-def test_a_task_tells_of_the_files_that_it_wrote(maker: Maker) -> None:
-    made = maker.make(Task("ground", 3, 0, 0))
+def test_a_task_tells_of_the_files_that_it_wrote(runner: TaskRunner) -> None:
+    made = runner.run(Task("ground", 3, 0, 0))
     assert [file.file.split("/")[1] for file in made.files] == ["height", "normal", "materials"]
     for file in made.files:
-        content = (maker.job.output / file.file).read_bytes()
+        content = (runner.job.output / file.file).read_bytes()
         assert (file.bytes, file.sha256) == (len(content), sha256(content).hexdigest())
     assert made.seconds == pytest.approx(sum(made.parts.values()))
 
@@ -121,3 +115,26 @@ def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> N
     monkeypatch.undo()
     monkeypatch.setattr("sketchterrain.world.fingerprint.code_digest", lambda: "other code")
     assert fingerprint(small_job) != before
+
+
+def test_the_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for room in ("sketch", "features", "compute", "terrain", "export", "world", "kernels"):
+        (tmp_path / room).mkdir()
+    kernel, page = tmp_path / "kernels" / "noise.clh", tmp_path / "kernels" / "noise.md"
+    kernel.write_text("1")
+    monkeypatch.setattr(fingerprints, "files", lambda name: Path(tmp_path, name.rpartition(".")[2]))
+    found = fingerprints.code_digest.__wrapped__
+    before = found()
+    page.write_text("what it is")
+    assert found() == before
+    kernel.write_text("2")
+    assert found() != before
+    kernel.rename(kernel.with_name("other.clh"))
+    kernel.with_name("other.clh").write_text("1")
+    assert found() != before
+
+
+def test_every_task_comes_once_coarse_levels_first(small_job) -> None:
+    tasks = list(tasks_of(small_job))
+    assert len(set(tasks)) == len(tasks) == small_job.world.shard_count == 9
+    assert [task.level for task in tasks] == sorted((task.level for task in tasks), reverse=True)

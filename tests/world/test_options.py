@@ -1,4 +1,4 @@
-"""What is asked of a world: what cannot be written is refused in one line, before anything is opened."""
+"""Options of a world: what cannot be written is refused in one line, before anything is opened."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import pytest
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
-from sketchterrain.world import asked
-from sketchterrain.world.asked import Wishes, form_of, layers_of
+from sketchterrain.world.options import WorldOptions, form_of, layers_of
 
 if TYPE_CHECKING:
     from sketchterrain.world.job import Form
@@ -31,31 +30,31 @@ SKETCH = Sketch(extent=512.0, layers={"mountain": np.zeros((24, 32), np.uint8)})
         ("world.v2/", "tiles"),
     ],
 )
-def test_a_name_says_the_form(name: str, form: Form) -> None:
+def test_output_name_decides_the_form(name: str, form: Form) -> None:
     assert form_of(name) == form
 
 
-def test_a_name_with_another_ending_is_refused_unless_it_is_a_folder(tmp_path: Path) -> None:
+def test_other_endings_are_refused_unless_they_are_folders(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"world\.png: expected a name that ends in \.zarr or \.tif"):
         form_of("world.png")
     (tmp_path / "out.v2").mkdir()
     assert form_of(str(tmp_path / "out.v2")) == "tiles"
 
 
-def test_layers_come_in_their_own_order() -> None:
+def test_layers_are_ordered_and_checked() -> None:
     assert layers_of("materials, height") == ("height", "materials")
     for text, told in (("height,colour", "expected some of"), ("normal", "expected height among them")):
         with pytest.raises(InputError, match=told):
             layers_of(text)
 
 
-def test_the_sketchs_rectangle_is_the_usual_one() -> None:
-    world = Wishes().check(SKETCH)
+def test_default_bounds_are_the_sketch() -> None:
+    world = WorldOptions().check(SKETCH)
     assert (world.west, world.south, world.east, world.north, world.cell) == (0.0, 0.0, 512.0, 384.0, 1.0)
 
 
 @pytest.mark.parametrize(
-    ("wishes", "told"),
+    ("options", "told"),
     [
         ({"bounds": (1.0, 0.0, 1.0, 2.0)}, "west < east"),
         ({"bounds": (0.0, 2.0, 1.0, 1.0)}, "south < north"),
@@ -76,28 +75,30 @@ def test_the_sketchs_rectangle_is_the_usual_one() -> None:
         ({"layers": ("normal",)}, "expected height among them"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(wishes: dict[str, Any], told: str) -> None:
+def test_invalid_options_are_refused(options: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told) as caught:
-        Wishes(**wishes).check(SKETCH)
+        WorldOptions(**options).check(SKETCH)
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("step", [0.0, 2.0**-7, 1.0, 2.0**10, 2.0**-24])
-def test_powers_of_two_are_steps(step: float) -> None:
-    Wishes(step=step).check(SKETCH)
+def test_powers_of_two_are_valid_steps(step: float) -> None:
+    WorldOptions(step=step).check(SKETCH)
 
 
 def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(asked, "_WORKERS", ("no_such_module",))
-    Wishes().check(SKETCH)
+    monkeypatch.setattr("sketchterrain.world.libraries.find_spec", lambda _: None)
+    WorldOptions().check(SKETCH)
     with pytest.raises(SketchterrainError, match=r"pip install 'sketchterrain\[world\]'"):
-        Wishes(workers=True).check(SKETCH)
+        WorldOptions(workers=True).check(SKETCH)
 
 
-def test_a_job_has_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_job_carries_the_options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    wishes = Wishes(bounds=(0.0, 0.0, 8.0, 8.0), layers=("materials", "height"), crs="EPSG:25832", step=0.5)
-    job = wishes.job(SKETCH, make_recipe(SKETCH), Path("w.zarr"), "zarr")
+    options = WorldOptions(
+        bounds=(0.0, 0.0, 8.0, 8.0), layers=("materials", "height"), crs="EPSG:25832", step=0.5
+    )
+    job = options.job(SKETCH, make_recipe(SKETCH), Path("w.zarr"), "zarr")
     assert job.output == tmp_path / "w.zarr"
     assert job.layers == ("height", "materials")
     assert (job.crs, job.step, job.form, job.world.east) == ("EPSG:25832", 0.5, "zarr", 8.0)

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
-import sketchterrain.world.alone
 from sketchterrain.compute import list_devices
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
 from sketchterrain.terrain.device_verdict import Verdict
-from sketchterrain.world.alone import AloneCrew, own_bits
-from sketchterrain.world.making import Maker
+from sketchterrain.world import serial
 from sketchterrain.world.run import run_world
-from sketchterrain.world.tasks import tasks_of
-
-if TYPE_CHECKING:
-    from sketchterrain.world.made import Task
+from sketchterrain.world.serial import SerialExecutor, own_bits
+from sketchterrain.world.task_runner import TaskRunner
+from sketchterrain.world.tasks import Task
 
 KNOWN = [device for device in list_devices() if device.known]
 two_devices = pytest.mark.skipif(len(KNOWN) < 2, reason="needs two CPU drivers")
@@ -27,16 +24,16 @@ OTHER = Verdict("other", "its bits are its own")
 
 def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> list[str]:
     """Let the first device fail once it has begun so many tasks; return the names of platforms at work."""
-    begin, begun = Maker.begin, []
+    begin, begun = TaskRunner.evaluate, []
 
-    def failing_begin(maker: Maker, task: Task) -> Any:
-        device = maker.terrain.context.device
+    def failing_begin(runner: TaskRunner, task: Task) -> Any:
+        device = runner.terrain.context.device
         if device == KNOWN[0] and len(begun) >= after:
             raise DeviceFailedError(f"{device.name} gave up")
         begun.append(device.platform)
-        return begin(maker, task)
+        return begin(runner, task)
 
-    monkeypatch.setattr(Maker, "begin", failing_begin)
+    monkeypatch.setattr(TaskRunner, "evaluate", failing_begin)
     return begun
 
 
@@ -53,8 +50,8 @@ def test_another_device_goes_on_with_the_same_bytes(job, heard, whole_world, tre
 
 @two_devices
 def test_with_bits_of_its_own_a_device_is_replaced_by_none(job, heard, monkeypatch) -> None:
-    monkeypatch.setattr(sketchterrain.world.alone, "own_bits", lambda device, *, fast: device.platform)
-    monkeypatch.setattr(sketchterrain.world.alone, "self_test", lambda *_, **__: OTHER)
+    monkeypatch.setattr(serial, "own_bits", lambda device, *, fast: device.platform)
+    monkeypatch.setattr(serial, "self_test", lambda *_, **__: OTHER)
     with monkeypatch.context() as amid:
         failing(amid, 2)
         with pytest.raises(
@@ -80,9 +77,9 @@ def test_bits_that_are_traded_for_speed_are_a_devices_own(job, heard) -> None:
 @two_devices
 def test_no_device_that_is_left_passes_the_self_test(job, heard, monkeypatch) -> None:
     failing(monkeypatch, 1)
-    own = sketchterrain.world.alone.own_bits
+    own = serial.own_bits
     monkeypatch.setattr(
-        sketchterrain.world.alone,
+        serial,
         "own_bits",
         lambda device, *, fast: "its own" if device != KNOWN[0] else own(device, fast=fast),
     )
@@ -92,9 +89,9 @@ def test_no_device_that_is_left_passes_the_self_test(job, heard, monkeypatch) ->
 
 @pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
 def test_a_device_that_fails_the_self_test_is_told_and_kept(job, heard, monkeypatch) -> None:
-    monkeypatch.setattr(sketchterrain.world.alone, "self_test", lambda *_, **__: OTHER)
+    monkeypatch.setattr(serial, "self_test", lambda *_, **__: OTHER)
     assert own_bits(KNOWN[0], fast=False).startswith(KNOWN[0].name)
-    crew = AloneCrew(job, device=str(KNOWN[0].index), note=heard.notes.append)
+    crew = SerialExecutor(job, device=str(KNOWN[0].index), note=heard.notes.append)
     assert crew.own_bits
     assert heard.notes == [
         f"self-test of {KNOWN[0].name} ({KNOWN[0].platform}): other bits: its bits are its own"
@@ -108,9 +105,9 @@ def test_a_device_that_crashes_in_its_self_test_is_replaced(job, monkeypatch) ->
             return Verdict("failed", "the self-test crashed (SIGSEGV)")
         return Verdict("same", "")
 
-    monkeypatch.setattr(sketchterrain.world.alone, "self_test", verdict)
+    monkeypatch.setattr(serial, "self_test", verdict)
     notes: list[str] = []
-    crew = AloneCrew(job, device=str(KNOWN[0].index), note=notes.append)
+    crew = SerialExecutor(job, device=str(KNOWN[0].index), note=notes.append)
     assert crew._device == KNOWN[1]
     assert crew.own_bits == ""
     (note,) = notes
@@ -118,39 +115,34 @@ def test_a_device_that_crashes_in_its_self_test_is_replaced(job, monkeypatch) ->
 
 
 def test_the_next_is_evaluated_while_one_is_written(job, heard, monkeypatch) -> None:
-    end, begin = Maker.end, Maker.begin
+    end, begin = TaskRunner.finish, TaskRunner.evaluate
     threads, under_way, most = set(), [], []
 
-    def ending(maker: Maker, begun: Any) -> Any:
+    def ending(runner: TaskRunner, begun: Any) -> Any:
         threads.add(threading.current_thread())
-        made = end(maker, begun)
+        made = end(runner, begun)
         under_way.remove(begun.task)
         return made
 
-    def beginning(maker: Maker, task: Task) -> Any:
+    def beginning(runner: TaskRunner, task: Task) -> Any:
         under_way.append(task)
         most.append(len(under_way))
-        return begin(maker, task)
+        return begin(runner, task)
 
-    monkeypatch.setattr(Maker, "end", ending)
-    monkeypatch.setattr(Maker, "begin", beginning)
+    monkeypatch.setattr(TaskRunner, "finish", ending)
+    monkeypatch.setattr(TaskRunner, "evaluate", beginning)
     run_world(job, watcher=heard)
     assert len(threads) == 1
     assert threading.main_thread() not in threads
     assert max(most) <= 2
 
 
-def test_what_fails_to_be_written_ends_the_run(job, heard, monkeypatch) -> None:
-    def end(*_: object) -> None:
-        raise SketchterrainError("no room")
+@pytest.mark.parametrize("error", [SketchterrainError("no room"), ZeroDivisionError("no room")])
+def test_an_error_of_the_writing_thread_ends_the_run(error, job, heard, monkeypatch) -> None:
+    def finish(*_: object) -> None:
+        raise error
 
-    monkeypatch.setattr(Maker, "end", end)
-    with pytest.raises(SketchterrainError, match="no room"):
+    monkeypatch.setattr(TaskRunner, "finish", finish)
+    with pytest.raises(type(error), match="no room"):
         run_world(job, watcher=heard)
     assert heard.done == []
-
-
-def test_every_task_is_told_of_once(job) -> None:
-    tasks = list(tasks_of(job))
-    assert len(set(tasks)) == len(tasks) == job.world.shard_count == 9
-    assert [task.level for task in tasks] == sorted((task.level for task in tasks), reverse=True)

@@ -1,0 +1,268 @@
+"""Plants of a world: a file for each square of the ground, as GeoParquet or FlatGeobuf."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.export.files import prepare_folder
+from sketchterrain.export.placed_layers import Origin
+from sketchterrain.gdal_paths import plain_path
+from sketchterrain.terrain import Terrain
+from sketchterrain.whole_files import telling_failure, whole_path
+from sketchterrain.world.grid import SHARD, World
+from sketchterrain.world.job import Job
+from sketchterrain.world.layout import plants_folder
+from sketchterrain.world.libraries import require
+from sketchterrain.world.tasks import Task
+from sketchterrain.world.tiff_layers import Georeference
+
+if TYPE_CHECKING:  # heavy, and of the extra `world`
+    import pyarrow as pa
+    from rasterio.crs import CRS
+
+_GEOMETRY: Final = "geometry"  # points as ISO WKB, with the height as z
+_FLOATS: Final = ("x", "y", "z", "nx", "ny", "nz", "scale", "rotation", "tint")
+_PLACE: Final = ("x", "y", "z")
+_KIND: Final = "Point Z"
+_ROWS = 1 << 17  # in a row group, which a reader skips or reads as a whole
+_POINT_Z: Final = 1001  # ISO WKB's number
+_POINT: Final = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
+
+
+class PlantStore:
+    """The :class:`~sketchterrain.world.forms.Plants` of a job, beside the world in ``world-plants``.
+
+    Parquet is a data set in partitions, ``tile_row=3/tile_column=12/plants.parquet``; FlatGeobuf is a file a
+    square, ``r0003_c0012.fgb``. A square without plants has a file without rows, so none is missing.
+    """
+
+    def __init__(self, job: Job) -> None:
+        require(f"plants as {job.plants}", ["pyarrow"])
+        self.folder = plants_folder(job.output)
+        self._job = job
+
+    def create(self) -> tuple[str, ...]:
+        """Make the folder; see `Plants.create`."""
+        prepare_folder(self.folder)
+        return ()
+
+    def write(self, task: Task, terrain: Terrain) -> tuple[str, ...]:
+        """Write the plants of a square in pieces, in memory that does not grow with their number."""
+        is_parquet = self._job.plants == "parquet"
+        name = (
+            f"tile_row={task.row}/tile_column={task.column}/plants.parquet"
+            if is_parquet
+            else f"r{task.row:04d}_c{task.column:04d}.fgb"
+        )
+        path = self.folder / name
+        with telling_failure(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        write = _write_parquet if is_parquet else _write_flatgeobuf
+        rows = _batches(self._plants(task, terrain), terrain.species_names, Origin(*self._job.origin))
+        write(path, rows, Georeference(self._job).crs)
+        return (name,)
+
+    def _plants(self, task: Task, terrain: Terrain) -> Iterator[npt.NDArray[np.void]]:
+        square = plant_square(self._job.world, task.row, task.column)
+        for storey in ("woody", "grass") if self._job.grass else ("woody",):
+            yield from terrain.foliage_pieces(*square, storey=storey)
+
+
+def plant_square(world: World, row: int, column: int) -> tuple[float, float, float, float]:
+    """Return the west, south, east and north (m) of the plants of a shard of the finest level.
+
+    West and south are inside; east and north are the west and south of the neighbours, to the bit. The
+    easternmost and southernmost shards end at their last vertices.
+    """
+    level = world.levels[0]
+
+    def edge(number: int, vertices: int) -> float:
+        return min(number * SHARD, vertices - 1) * level.cell
+
+    return (
+        world.west + edge(column, level.columns),
+        world.north - edge(row + 1, level.rows),
+        world.west + edge(column + 1, level.columns),
+        world.north - edge(row, level.rows),
+    )
+
+
+def _schema() -> pa.Schema:
+    """Return the columns.
+
+    x, y, z: m, in the coordinate reference system; nx, ny, nz: the ground's normal; species: its name;
+    scale: 1 is grown; rotation: degrees, counter-clockwise seen from above; tint: 0 to 1; level: those of
+    it and above are evenly thinned.
+    """
+    import pyarrow as pa
+
+    columns = [(name, pa.float64() if name in ("x", "y") else pa.float32()) for name in _FLOATS]
+    species = ("species", pa.dictionary(pa.int8(), pa.string()))
+    return pa.schema([(_GEOMETRY, pa.binary()), *columns[:6], species, *columns[6:], ("level", pa.int16())])
+
+
+def _batches(
+    pieces: Iterator[npt.NDArray[np.void]], species: Sequence[str], origin: Origin
+) -> Iterator[pa.RecordBatch]:
+    """Yield plants as rows of the table, in batches of `_ROWS`."""
+    held: list[npt.NDArray[np.void]] = []
+    for piece in pieces:
+        rest = piece
+        while len(rest):
+            room = _ROWS - sum(map(len, held))
+            held.append(rest[:room])
+            rest = rest[room:]
+            if sum(map(len, held)) == _ROWS:
+                yield _batch(np.concatenate(held), species, origin)
+                held = []
+    if held:
+        yield _batch(np.concatenate(held), species, origin)
+
+
+def _batch(plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin) -> pa.RecordBatch:
+    import pyarrow as pa
+
+    x, y = plants["x"] + origin.east, plants["y"] + origin.north
+    columns: dict[str, Any] = {
+        _GEOMETRY: _points(x, y, plants["z"]),
+        "x": x,
+        "y": y,
+        "z": plants["z"],
+        **{name: plants["normal"][:, axis] for axis, name in enumerate(("nx", "ny", "nz"))},
+        "species": pa.DictionaryArray.from_arrays(
+            pa.array(plants["species"].astype(np.int8)), pa.array(list(species), pa.string())
+        ),
+        "scale": plants["scale"],
+        "rotation": np.degrees(plants["rotation"]).astype(np.float32),
+        "tint": plants["tint"],
+        "level": plants["level"].astype(np.int16),
+    }
+    arrays = [
+        pa.array(np.ascontiguousarray(column)) if isinstance(column, np.ndarray) else column
+        for column in columns.values()
+    ]
+    return pa.RecordBatch.from_arrays(arrays, schema=_schema())
+
+
+def _points(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], z: npt.NDArray[np.float32]) -> pa.Array:
+    """Return places as ISO WKB, without an object for each."""
+    import pyarrow as pa
+
+    points = np.zeros(len(x), _POINT)
+    points["order"], points["kind"] = 1, _POINT_Z  # little-endian
+    points["x"], points["y"], points["z"] = x, y, z
+    ends = np.arange(len(x) + 1, dtype=np.int32) * _POINT.itemsize
+    return pa.Array.from_buffers(
+        pa.binary(), len(x), [None, pa.py_buffer(ends), pa.py_buffer(points.tobytes())]
+    )
+
+
+def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:
+    """Write GeoParquet 1.1, a row group a batch; floats as BYTE_STREAM_SPLIT take two thirds of the bytes."""
+    import pyarrow.parquet as pq
+
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    with (
+        whole_path(path) as temporary,
+        pq.ParquetWriter(
+            temporary,
+            _schema(),
+            compression="zstd",
+            use_dictionary=["species"],
+            use_byte_stream_split=list(_FLOATS),
+            write_statistics=[*_FLOATS, "species", "level"],
+        ) as file,
+    ):
+        for batch in batches:
+            file.write_batch(batch)
+            places = np.stack([batch[name].to_numpy() for name in _PLACE])
+            low, high = np.minimum(low, places.min(axis=1)), np.maximum(high, places.max(axis=1))
+        column = {"encoding": "WKB", "geometry_types": [_KIND], "crs": crs.to_dict(projjson=True)}
+        if np.isfinite(low).all():
+            column["bbox"] = [*low.tolist(), *high.tolist()]
+        geo = {"version": "1.1.0", "primary_column": _GEOMETRY, "columns": {_GEOMETRY: column}}
+        file.add_key_value_metadata({"geo": json.dumps(geo)})
+
+
+def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:
+    """Write FlatGeobuf with a spatial index, in the order of that index.
+
+    GDAL keeps some tens of bytes a plant in memory, and for a while the file is on the disk twice. Places are
+    points alone, not columns too.
+    """
+    import pyarrow as pa
+    import pyogrio
+    from pyogrio.errors import DataLayerError, DataSourceError
+
+    # GDAL takes no dictionaries.
+    schema = pa.schema(
+        pa.field("species", pa.string()) if field.name == "species" else field
+        for field in _schema()
+        if field.name not in _PLACE
+    )
+    stream = _Stream(batches)
+    with whole_path(path) as temporary:
+        named = temporary.with_suffix(".fgb")  # with another ending the driver makes a folder
+        try:
+            with plain_path(named.parent) as folder:
+                place = folder / named.name
+                pyogrio.write_arrow(
+                    pa.RecordBatchReader.from_batches(
+                        schema, (batch.select(schema.names).cast(schema) for batch in stream)
+                    ),
+                    place,
+                    layer="plants",
+                    driver="FlatGeobuf",
+                    geometry_name=_GEOMETRY,
+                    geometry_type=_KIND,
+                    crs=crs.to_wkt(),
+                    SPATIAL_INDEX="YES",
+                )
+                _check_rows(place, stream.rows)
+            named.replace(temporary)
+        except Exception as error:
+            if stream.error is not None:
+                raise stream.error from None
+            if isinstance(error, DataLayerError | DataSourceError | pa.ArrowException | OSError):
+                raise SketchterrainError(
+                    f"{one_line(path)}: cannot be written ({one_line(error)})"
+                ) from error
+            raise
+        finally:
+            named.unlink(missing_ok=True)
+
+
+class _Stream:
+    """Batches on their way through libraries that would replace an error by one of theirs."""
+
+    def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
+        self._batches = batches
+        self.rows = 0
+        self.error: Exception | None = None
+
+    def __iter__(self) -> Iterator[pa.RecordBatch]:
+        try:
+            for batch in self._batches:
+                self.rows += batch.num_rows
+                yield batch
+        except Exception as error:
+            self.error = error
+            raise
+
+
+def _check_rows(path: Path, rows: int) -> None:
+    """Raise OSError unless all rows are on the disk: GDAL does not report what fails on closing."""
+    import pyogrio
+
+    last = {"skip_features": rows - 1, "max_features": 1} if rows else {}
+    info = pyogrio.read_info(path)
+    _, _, geometry, _ = pyogrio.raw.read(path, **last)
+    if max(info["features"], 0) != rows or len(geometry) != min(rows, 1):  # −1 where there is none
+        raise OSError("not all of it came to the disk")

@@ -13,8 +13,8 @@ from sketchterrain.benchmarks.timing import alternate, lap, spread
 from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
 from sketchterrain.world.grid import CHUNK
+from sketchterrain.world.ground import LAYER_SPECS
 from sketchterrain.world.task_runner import rounded
-from sketchterrain.world.zarr_layout import LAYERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -123,7 +123,7 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
 def _chunks(terrain: Terrain) -> dict[str, list[npt.NDArray[Any]]]:
     """Return chunks of each layer, of four places of the sketch."""
     east, north = (int(length / _CELL) for length in terrain.size)
-    found: dict[str, list[npt.NDArray[Any]]] = {layer: [] for layer in LAYERS}
+    found: dict[str, list[npt.NDArray[Any]]] = {layer: [] for layer in LAYER_SPECS}
     for left in (east // 4, 3 * east // 4 - CHUNK):
         for top in (north // 4, 3 * north // 4 - CHUNK):
             bands = list(
@@ -141,8 +141,8 @@ def _chunks(terrain: Terrain) -> dict[str, list[npt.NDArray[Any]]]:
 
 def _ways(layer: str, size: int) -> Iterator[tuple[_Way, bool]]:
     """Return all ways to pack chunks of so many bytes, and which one is used."""
-    packing = LAYERS[layer].packing
-    used = _Way("zstd", packing.effort, packing.shuffle, packing.block)
+    spec = LAYER_SPECS[layer]
+    used = _Way("zstd", spec.clevel, spec.shuffle, size)
     for known in _WAYS[layer]:
         for block in (0, size) if known == used[:3] else (0,):
             way = _Way(*known, block)
@@ -179,9 +179,8 @@ def _all(work: Any, items: Sequence[Any]) -> None:
 
 
 def _stepped(chunks: Sequence[npt.NDArray[np.float32]]) -> Iterator[Row]:
-    packing, vertices = LAYERS["height"].packing, len(chunks) * CHUNK * CHUNK
-    found = {
-        step: sum(len(packing.pack(rounded(chunk, step))) for chunk in chunks) / vertices for step in _STEPS
-    }
+    way = next(way for way, used in _ways("height", chunks[0].nbytes) if used)
+    vertices = len(chunks) * CHUNK * CHUNK
+    found = {step: sum(len(way.pack(rounded(chunk, step))) for chunk in chunks) / vertices for step in _STEPS}
     for step, size in found.items():
         yield {"step_mm": step * 1e3, "bytes_a_vertex": size, "share": size / found[0.0]}

@@ -45,10 +45,10 @@ def store_of(job: Job) -> Store:
 
         return ZarrStore(job)
     if job.form == "tiles":
-        from sketchterrain.world.tiff_tiles import TileStore
+        from sketchterrain.world.geotiff_store import TileStore
 
         return TileStore(job)
-    from sketchterrain.world.one_tiff import TiffStore
+    from sketchterrain.world.geotiff_store import TiffStore
 
     return TiffStore(job)
 

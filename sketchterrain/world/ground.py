@@ -1,21 +1,98 @@
-"""The ground of one shard, as small as a world's layers hold it."""
+"""Layers of a world, and the ground of one shard as they hold it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
 
-if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
+import numpy as np
+import numpy.typing as npt
 
-    from sketchterrain.world.grid import Shard
+from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.world.grid import Shard
 
-__all__ = ["BYTES_PER_VERTEX", "LAYERS", "Ground"]
 
-LAYERS = ("height", "normal", "materials")
-"""What a world holds at each vertex."""
-BYTES_PER_VERTEX = {"height": 4, "normal": 3, "materials": 8}
+@dataclass(frozen=True)
+class LayerSpec:
+    """How a layer is stored; the benchmark ``packing`` shows why it is compressed in this way.
+
+    Attributes
+    ----------
+    bands : tuple of str
+    dtype : str
+    dimension : str
+        Name of the bands' dimension in Zarr; empty: the array has rows and columns only.
+    fill : float
+        Of vertices beyond the array; NaN for heights, so that a lost chunk is not sea level.
+    shuffle, clevel
+        Blosc's filter and the compression level of its Zstandard.
+    predictor : str
+        GDAL's name of a TIFF's predictor.
+    attributes : dict
+        Of the Zarr array.
+    """
+
+    bands: tuple[str, ...]
+    dtype: Literal["float32", "uint8"]
+    dimension: str
+    fill: float
+    shuffle: Literal["noshuffle", "shuffle", "bitshuffle"]
+    clevel: int
+    predictor: Literal["NO", "STANDARD", "FLOATING_POINT"]
+    attributes: dict[str, Any] = field(hash=False)
+
+    def shape(self, rows: int, columns: int) -> tuple[int, ...]:
+        """Return the shape of an array of so many vertices."""
+        return (len(self.bands), rows, columns) if self.dimension else (rows, columns)
+
+
+LAYER_SPECS: Final = {
+    "height": LayerSpec(
+        ("height",),
+        "float32",
+        "",
+        float("nan"),
+        "shuffle",
+        3,
+        "FLOATING_POINT",
+        {"long_name": "height of the ground", "units": "m"},
+    ),
+    "normal": LayerSpec(
+        ("east", "north", "up"),
+        "uint8",
+        "axis",
+        0,
+        "bitshuffle",
+        1,
+        "STANDARD",
+        {
+            "long_name": "unit vector up from the ground: east, north, up",
+            "axes": ["east", "north", "up"],
+            "units": "1",
+            "scale_factor": 1 / 127.5,
+            "add_offset": -1.0,
+        },
+    ),
+    # Weights are mostly 0 or 255: differences only cost.
+    "materials": LayerSpec(
+        MATERIALS,
+        "uint8",
+        "material",
+        0,
+        "noshuffle",
+        1,
+        "NO",
+        {
+            "long_name": "share of each material, of 1 in all",
+            "materials": list(MATERIALS),
+            "units": "1",
+            "scale_factor": 1 / 255,
+        },
+    ),
+}
+"""By name; `Ground` tells what the values mean."""
+LAYERS: Final = tuple(LAYER_SPECS)
+BYTES_PER_VERTEX: Final = {"height": 4, "normal": 3, "materials": len(MATERIALS)}
 """Before they are compressed."""
 
 

@@ -16,12 +16,12 @@ from sketchterrain.export.placed_layers import Origin
 from sketchterrain.gdal_paths import plain_path
 from sketchterrain.terrain import Terrain
 from sketchterrain.whole_files import telling_failure, whole_path
+from sketchterrain.world.georeference import Georeference
 from sketchterrain.world.grid import SHARD, World
 from sketchterrain.world.job import Job
 from sketchterrain.world.layout import plants_folder
 from sketchterrain.world.libraries import require
 from sketchterrain.world.tasks import Task
-from sketchterrain.world.tiff_layers import Georeference
 
 if TYPE_CHECKING:  # heavy, and of the extra `world`
     import pyarrow as pa

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sketchterrain.world.grid import Level
-    from sketchterrain.world.stored import StoredWorld
+    from sketchterrain.world.opening import StoredWorld
 
 __all__ = ["QUANTILES", "Hypsometry", "Relief", "Slopes", "Statistics", "statistics_of"]
 

@@ -9,23 +9,14 @@ if TYPE_CHECKING:
 
     from sketchterrain.world.grid import Shard
 
-__all__ = [
-    "JOURNAL",
-    "LEDGER",
-    "SKETCH",
-    "layer_file",
-    "ledger_file",
-    "parts_folder",
-    "tile_name",
-    "vrt_name",
-]
-
 SKETCH: Final = "sketch.sketch"
 """The sketch that the world was made from."""
 LEDGER: Final = "ledger.jsonl"
 """All other files, with their hashes."""
 JOURNAL: Final = "journal.jsonl"
 """The same while they are being written; of a Zarr store, too."""
+TAGS: Final = "sketchterrain"
+"""GDAL's metadata domain of what describes a world."""
 
 
 def tile_name(layer: str, shard: Shard) -> str:

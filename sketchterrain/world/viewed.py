@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from sketchterrain.render.scene import Sketch
     from sketchterrain.terrain import Terrain
     from sketchterrain.terrain.vertices import VertexMemory
-    from sketchterrain.world.stored import StoredWorld
+    from sketchterrain.world.opening import StoredWorld
 
 __all__ = ["ViewedWorld"]
 

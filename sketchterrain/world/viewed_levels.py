@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.world.stored import StoredWorld
+    from sketchterrain.world.opening import StoredWorld
 
 __all__ = ["BARE", "ViewedLevels"]
 

@@ -1,89 +1,97 @@
-"""A world as a Zarr store: groups ``0``, ``1``, … of a pyramid, in each an array of each layer, in shards."""
+"""A world written as a Zarr store: a pyramid of groups ``0``, ``1``, …, in each a sharded array a layer.
+
+zarr-python encodes all of it in memory; the bytes of each key are written as a whole file that is flushed
+to disk. zarr-python's `LocalStore` does not flush, and its sharding codec reads the shard that it replaces,
+whole or broken.
+"""
 
 from __future__ import annotations
 
+import warnings
 from functools import cached_property
-from typing import TYPE_CHECKING
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Final
 
-from sketchterrain.whole_files import telling_failure, whole_file, write_whole
+from sketchterrain.sketch import packed_sketch
+from sketchterrain.whole_files import telling_failure, write_whole
+from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_attributes
+from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
+from sketchterrain.world.ground import LAYER_SPECS, LayerSpec
 from sketchterrain.world.libraries import require
 from sketchterrain.world.settled import settle, text_of
 from sketchterrain.world.tile_names import JOURNAL
-from sketchterrain.world.zarr_layout import LAYERS, METADATA, shard_file
-from sketchterrain.world.zarr_shards import ZARR_LIBRARIES, pack_shard
-from sketchterrain.world.zarr_tree import BYTES, LEDGER, ZarrTree
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # zarr is loaded when it is needed
     from collections.abc import Callable
     from pathlib import Path
+
+    import zarr
+    from zarr.core.buffer import Buffer
 
     from sketchterrain.world.ground import Ground
     from sketchterrain.world.job import Job
 
-__all__ = ["ZarrStore"]
+FORMAT: Final = 1
+"""Of the root group's attribute `OURS`."""
+OURS: Final = "sketchterrain"
+METADATA: Final = "zarr.json"
+SKETCH: Final = "sketch"
+LEDGER: Final = "ledger"
+"""Arrays of the bytes of a sketch's zip and of the ledger's text."""
+BYTES: Final = "c/0"
+"""The only chunk of such an array: a file of just these bytes."""
+ZARR_LIBRARIES: Final = ("zarr", "numcodecs", "google_crc32c")
+
+_COORDINATES: Final = 65536  # in a chunk
+_CLOSING: Final = (METADATA, f"{LEDGER}/{METADATA}", f"{LEDGER}/{BYTES}")  # depend on the ledger
+
+
+def shard_file(layer: str, shard: Shard) -> str:
+    """Return the name of a shard's file of a layer, from the store's folder on."""
+    first = "0/" if LAYER_SPECS[layer].dimension else ""
+    return f"{shard.level}/{layer}/c/{first}{shard.row}/{shard.column}"
 
 
 class ZarrStore:
-    """See `sketchterrain.world.store.Store`.
+    """See `sketchterrain.world.store.Store`."""
 
-    Parameters
-    ----------
-    job : Job
-
-    Raises
-    ------
-    SketchterrainError
-        If a library that packs chunks is missing.
-    """
+    keeps_shards = True
 
     def __init__(self, job: Job) -> None:
         require("A world as a Zarr store", ZARR_LIBRARIES)
         self._job = job
-
-    @property
-    def folder(self) -> Path:
-        """The store."""
-        return self._job.output
-
-    @property
-    def journal(self) -> Path:
-        """Beside the ledger: what lies in an array's folder is no object of its own to readers of Zarr."""
-        return self.folder / LEDGER / JOURNAL
-
-    @property
-    def mark(self) -> Path:
-        """The root group's metadata."""
-        return self.folder / METADATA
-
-    @property
-    def keeps_shards(self) -> bool:
-        """Shards stay as they are written."""
-        return True
+        self.folder: Path = job.output
+        # Beside the ledger: a file in an array's folder is no object of its own to readers of Zarr.
+        self.journal = self.folder / LEDGER / JOURNAL
+        self.mark = self.folder / METADATA
 
     def create(self) -> tuple[str, ...]:
         """Write all metadata, the coordinates and the sketch; see `Store.create`.
 
-        Two files also tell how long the ledger is: they are written and not named, as it cannot list them.
+        Files that depend on the ledger are written and not named, as it cannot list them.
         """
         text = self.ledger_text()
-        for name, content in self._tree.closing(None if text is None else text.encode()):
-            settle(self.folder / name, content)
         names = []
-        for name, content in self._tree.fixed():
+        for name, content in self._metadata(None if text is None else text.encode()).items():
             settle(self.folder / name, content)
-            names.append(name)
+            names += [] if name in _CLOSING else [name]
         return tuple(names)
 
     def write(self, ground: Ground) -> tuple[str, ...]:
         """Write a shard of each layer; see `Store.write`."""
         names = []
         for layer in self._job.layers:
-            stored = LAYERS[layer]
-            name = shard_file(layer, ground.shard)
-            with whole_file(self._ready(name)) as stream:
-                for part in pack_shard(getattr(ground, layer), stored.packing, stored.fill):
-                    stream.write(part)
-            names.append(name)
+            content: dict[str, Buffer] = {}
+            level, at, spec = self._job.world.levels[ground.shard.level], ground.shard, LAYER_SPECS[layer]
+            array = _layer_array(_root_group(content), f"{at.level}/{layer}", spec, level, {})
+            rows, columns = ground.height.shape
+            top, left = at.row * SHARD, at.column * SHARD
+            array[..., top : top + rows, left : left + columns] = getattr(ground, layer)
+            names.append(shard_file(layer, at))
+            path = self.folder / names[-1]
+            with telling_failure(path):
+                path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(path, content[names[-1]].to_bytes())
         return tuple(names)
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
@@ -93,10 +101,9 @@ class ZarrStore:
 
     def close(self, ledger: str) -> None:
         """Write the ledger and delete the journal; see `Store.close`."""
-        content = ledger.encode()
-        write_whole(self._ready(f"{LEDGER}/{BYTES}"), content)
-        for name, document in self._tree.closing(content):
-            write_whole(self._ready(name), document)
+        content = self._metadata(ledger.encode())
+        for name in reversed(_CLOSING):
+            settle(self.folder / name, content.get(name, b""))
         with telling_failure(self.journal):
             self.journal.unlink(missing_ok=True)
 
@@ -104,13 +111,141 @@ class ZarrStore:
         """Return the ledger; see `Store.ledger_text`."""
         return text_of(self.folder / LEDGER / BYTES)
 
-    @cached_property
-    def _tree(self) -> ZarrTree:
-        return ZarrTree(self._job)
+    def _metadata(self, ledger: bytes | None) -> dict[str, bytes]:
+        """Return names and contents of all files but the shards.
 
-    def _ready(self, name: str) -> Path:
-        """Return the path of a file whose folder is there."""
-        path = self.folder / name
-        with telling_failure(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        The root's metadata are consolidated once the ledger is known, which is None while there is none.
+        """
+        job, place, content = self._job, Georeference(self._job), dict[str, "Buffer"]()
+        root = _root_group(content)
+        root.attrs.update(self._root_attributes | place.root_attributes())
+        for level in job.world.levels:
+            group = root.create_group(str(level.number), attributes=place.group_attributes(level))
+            group.create_array(
+                GRID_MAPPING,
+                shape=(),
+                dtype="int32",
+                compressors=None,
+                attributes=place.mapping_attributes(level),
+                config={"write_empty_chunks": True},
+            )[...] = 0
+            for axis, count in (("x", level.columns), ("y", level.rows)):
+                size = min(count, _COORDINATES)
+                array = group.create_array(
+                    axis,
+                    shape=(count,),
+                    dtype="float64",
+                    chunks=(size,),
+                    fill_value=float("nan"),
+                    compressors=_codecs("shuffle", 5, 8),
+                    dimension_names=(axis,),
+                    attributes=axis_attributes(axis),
+                )
+                for first in range(0, count, size):
+                    held = min(size, count - first)
+                    array[first : first + held] = place.coordinates(axis, level, first, held)
+            for layer in job.layers:
+                spec = LAYER_SPECS[layer]
+                # A coordinate of xarray's stays with an array that is taken out of its level.
+                own = {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
+                _layer_array(group, layer, spec, level, spec.attributes | own)
+            _consolidate(group)
+        _bytes_array(
+            root, SKETCH, self._sketch, "what the world was made from: the bytes of a .sketch file, a zip"
+        )
+        about = "every file of the world with its SHA-256, as lines of JSON"
+        _bytes_array(root, LEDGER, ledger or b"", about)
+        if ledger is not None:
+            _consolidate(root)
+        return {name: buffer.to_bytes() for name, buffer in content.items()}
+
+    @cached_property
+    def _sketch(self) -> bytes:
+        return packed_sketch(self._job.sketch)
+
+    @property
+    def _root_attributes(self) -> dict[str, Any]:
+        job, world = self._job, self._job.world
+        program = f"{OURS} {version(OURS)}"
+        ours = {
+            "format": FORMAT,
+            "program": program,
+            "seed": job.sketch.seed,
+            "world": {name: getattr(world, name) for name in ("west", "south", "east", "north", "cell")},
+            "origin": list(job.origin),
+            "layers": list(job.layers),
+            "materials": list(LAYER_SPECS["materials"].bands),
+            "step": job.step,
+            "fast": job.fast,
+        }
+        return {"Conventions": "CF-1.11", "title": job.sketch.name, "source": program, OURS: ours}
+
+
+def _root_group(content: dict[str, Buffer]) -> zarr.Group:
+    """Return the root group of a store in memory."""
+    import zarr
+    from zarr.storage import MemoryStore
+
+    # The device uses every core already; more threads would only take memory.
+    zarr.config.set({"threading.max_workers": 1, "async.concurrency": 2})
+    return zarr.open_group(MemoryStore(content), mode="w", zarr_format=3)
+
+
+def _consolidate(group: zarr.Group) -> None:
+    """Copy all metadata in a group into its own, where xarray looks for them."""
+    import zarr
+
+    with warnings.catch_warnings():  # that it is not in the specification yet
+        warnings.simplefilter("ignore", zarr.errors.ZarrUserWarning)
+        zarr.consolidate_metadata(group.store, path=group.path)
+
+
+def _layer_array(
+    group: zarr.Group, name: str, spec: LayerSpec, level: Level, attributes: dict[str, Any]
+) -> zarr.Array[Any]:
+    size = 4 if spec.dtype == "float32" else 1
+    chunks = spec.shape(CHUNK, CHUNK)
+    block = size * len(spec.bands) * CHUNK * CHUNK  # whole chunks are compressed together
+    return group.create_array(
+        name,
+        shape=spec.shape(level.rows, level.columns),
+        dtype=spec.dtype,
+        chunks=chunks,
+        shards=spec.shape(SHARD, SHARD),
+        fill_value=spec.fill,
+        compressors=_codecs(spec.shuffle, spec.clevel, size, block),
+        dimension_names=(spec.dimension, "y", "x") if spec.dimension else ("y", "x"),
+        attributes=attributes,
+        config={"write_empty_chunks": True},
+    )
+
+
+def _bytes_array(group: zarr.Group, name: str, content: bytes, about: str) -> None:
+    """Write an array whose only chunk is a file of just these bytes."""
+    import numpy as np
+
+    array = group.create_array(
+        name,
+        shape=(len(content),),
+        dtype="uint8",
+        chunks=(max(len(content), 1),),
+        fill_value=0,
+        compressors=None,
+        dimension_names=(f"{name}_byte",),
+        attributes={"long_name": about},
+    )
+    if content:
+        array[:] = np.frombuffer(content, np.uint8)
+
+
+def _codecs(shuffle: str, clevel: int, size: int, block: int = 0) -> tuple[Any, ...]:
+    """Return compression by Blosc with Zstandard, and a checksum by which a damaged chunk is found."""
+    from numcodecs import blosc
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
+    # Blosc's own threads would put blocks into a chunk in the order in which they are done.
+    blosc.use_threads = False
+    return (
+        BloscCodec(typesize=size, cname="zstd", clevel=clevel, shuffle=shuffle, blocksize=block),
+        Crc32cCodec(),
+    )

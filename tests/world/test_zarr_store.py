@@ -15,7 +15,7 @@ import zarr
 import sketchterrain as st
 from sketchterrain.compute import ComputeContext
 from sketchterrain.errors import SketchterrainError
-from sketchterrain.world.grid import Shard, World
+from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.zarr_store import ZarrStore
@@ -303,13 +303,3 @@ def test_long_axes_are_chunks_of_coordinates(tmp_path: Path, job: Job) -> None:
     assert {name for name in names if name.startswith("0/x/c")} == {"0/x/c/0", "0/x/c/1"}
     x = zarr.open_array(store.folder / "0/x", mode="r")[:]
     np.testing.assert_array_equal(x, np.arange(100_001))
-
-
-def test_names_of_shards_tell_where_they_lie(job: Job, grounds: list[Ground], tmp_path: Path) -> None:
-    store = ZarrStore(replace(job, output=tmp_path / "a.zarr"))
-    far = replace(grounds[0], shard=Shard(7, 12, 345))
-    assert store.write(far) == (
-        "7/height/c/12/345",
-        "7/normal/c/0/12/345",
-        "7/materials/c/0/12/345",
-    )

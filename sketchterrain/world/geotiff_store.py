@@ -1,0 +1,325 @@
+"""A world written as GeoTIFF: a folder of tiles joined by VRTs, or one file a layer. All are Cloud-Optimised.
+
+GDAL's driver COG takes the overviews of the VRT that it copies, to the bit: so the levels, each evaluated for
+itself, are the overviews of a file (its documentation: "COG -- Cloud Optimized GeoTIFF generator" and "VRT --
+GDAL Virtual Format").
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from base64 import b64encode
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+from xml.sax.saxutils import escape, quoteattr
+
+import rasterio
+import rasterio.shutil
+from rasterio.enums import Resampling
+from rasterio.errors import RasterioError
+from rasterio.io import MemoryFile
+
+from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.export.files import prepare_folder
+from sketchterrain.sketch import packed_sketch
+from sketchterrain.terrain.materials import MATERIALS
+from sketchterrain.whole_files import telling_failure, whole_path, write_whole
+from sketchterrain.world.georeference import Georeference
+from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
+from sketchterrain.world.ground import LAYER_SPECS, Ground
+from sketchterrain.world.job import Job
+from sketchterrain.world.settled import settle, text_of
+from sketchterrain.world.tile_names import (
+    JOURNAL,
+    LEDGER,
+    SKETCH,
+    TAGS,
+    layer_file,
+    ledger_file,
+    parts_folder,
+    tile_name,
+    vrt_name,
+)
+
+# Of a tile. What is smaller needs none; one of half the size would take a quarter more of the disk.
+_OVERVIEWS: Final = (4, 8)
+_SMALL: Final = 2 * CHUNK
+# A level of 6 takes twice the time to save a fiftieth.
+_COG: Final = {
+    "driver": "COG",
+    "COMPRESS": "DEFLATE",
+    "LEVEL": "1",
+    "BLOCKSIZE": str(CHUNK),
+    "BIGTIFF": "IF_SAFER",
+    "COPY_SRC_MDD": "YES",
+}
+_COLOURS: Final = ("Red", "Green", "Blue")
+# Until they are joined, shards are packed for speed.
+_PART: Final = {"compress": "zstd", "zstd_level": 1, "interleave": "pixel"}
+_COPY: Final = "import json, sys, rasterio.shutil as s; s.copy(*sys.argv[1:3], **json.loads(sys.argv[3]))"
+
+
+class TileStore:
+    """Tiles of each layer and level; see `sketchterrain.world.store.Store`.
+
+    A layer's VRT joins the finest level; the coarser levels, each evaluated for itself, are its overviews. A
+    tile's own overviews, for whoever opens it alone, are means of its vertices.
+    """
+
+    keeps_shards = True
+
+    def __init__(self, job: Job) -> None:
+        self.folder: Path = job.output
+        self.journal = self.folder / JOURNAL
+        self.mark = self.folder / SKETCH
+        self._job, self._place = job, Georeference(job)
+
+    def create(self) -> tuple[str, ...]:
+        """Make the folder and write the sketch; see `Store.create`."""
+        prepare_folder(self.folder)
+        settle(self.mark, packed_sketch(self._job.sketch))
+        return (SKETCH,)
+
+    def write(self, ground: Ground) -> tuple[str, ...]:
+        """Write the tiles of a shard; see `Store.write`."""
+        names = {layer: tile_name(layer, ground.shard) for layer in self._job.layers}
+        for layer, name in names.items():
+            _write_tile(self.folder / name, layer, ground, self._place, optimised=True)
+        return tuple(names.values())
+
+    def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
+        """Write the VRTs; see `Store.join`."""
+        names = _write_vrts(self.folder, self._job.layers, self._place, covering)
+        progress(1.0)
+        return names
+
+    def close(self, ledger: str) -> None:
+        """Write the ledger, delete the journal; see `Store.close`."""
+        write_whole(self.folder / LEDGER, ledger.encode())
+        with telling_failure(self.journal):
+            self.journal.unlink(missing_ok=True)
+
+    def ledger_text(self) -> str | None:
+        """Return the ledger of a finished world; see `Store.ledger_text`."""
+        return text_of(self.folder / LEDGER)
+
+
+class TiffStore:
+    """One file a layer; see `sketchterrain.world.store.Store`.
+
+    ``world.tif`` has the heights; ``world_normal.tif`` and ``world_materials.tif`` lie beside it. Each has
+    the coarser levels as its overviews; the sketch is in the metadata of the heights. Until they are joined,
+    shards are kept in a hidden folder beside the file: for that time the disk holds everything twice.
+    """
+
+    keeps_shards = False
+
+    def __init__(self, job: Job) -> None:
+        self.folder: Path = job.output.parent
+        self._parts = parts_folder(job.output)
+        self.journal = self._parts / JOURNAL
+        self.mark = self._parts / SKETCH
+        self._job, self._place = job, Georeference(job)
+
+    def create(self) -> tuple[str, ...]:
+        """Make the folder of the shards; see `Store.create`. Nothing of it stays."""
+        prepare_folder(self._parts)
+        settle(self.mark, packed_sketch(self._job.sketch))
+        return ()
+
+    def write(self, ground: Ground) -> tuple[str, ...]:
+        """Write a shard of each layer into the hidden folder; see `Store.write`."""
+        paths = {layer: self._parts / tile_name(layer, ground.shard) for layer in self._job.layers}
+        for layer, path in paths.items():
+            _write_tile(path, layer, ground, self._place, optimised=False)
+        return tuple(path.relative_to(self.folder).as_posix() for path in paths.values())
+
+    def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
+        """Write the files; see `Store.join`."""
+        paths = [layer_file(self._job.output, layer) for layer in self._job.layers]
+        sketch = b64encode(self.mark.read_bytes()).decode()
+        _write_vrts(self._parts, self._job.layers, self._place, _whole, sketch)
+        for index, (layer, path) in enumerate(zip(self._job.layers, paths, strict=True)):
+            self._join(layer, path, lambda share, done=index: progress((done + share) / len(paths)))
+        return tuple(path.name for path in paths)
+
+    def close(self, ledger: str) -> None:
+        """Write the ledger, delete the shards; see `Store.close`."""
+        write_whole(ledger_file(self._job.output), ledger.encode())
+        with telling_failure(self._parts):
+            self.journal.unlink(missing_ok=True)
+            shutil.rmtree(self._parts)
+
+    def ledger_text(self) -> str | None:
+        """Return the ledger of a finished world; see `Store.ledger_text`."""
+        return text_of(ledger_file(self._job.output))
+
+    def _join(self, layer: str, path: Path, progress: Callable[[float], None]) -> None:
+        """Copy a layer's VRT in a process of its own, which ends at once if `progress` raises."""
+        options = _COG | {"OVERVIEWS": "FORCE_USE_EXISTING", "NUM_THREADS": "ALL_CPUS"}
+        options["PREDICTOR"] = LAYER_SPECS[layer].predictor
+        expected = sum(file.stat().st_size for file in (self._parts / layer).rglob("*.tif"))
+        with whole_path(path) as temporary:
+            arguments = (str(self._parts / vrt_name(layer, 0)), str(temporary), json.dumps(options))
+            process = subprocess.Popen(  # noqa: S603 - this program
+                [sys.executable, "-c", _COPY, *arguments], stderr=subprocess.PIPE, text=True, errors="replace"
+            )
+            try:
+                while True:
+                    try:
+                        _, told = process.communicate(timeout=0.1)
+                        break
+                    except subprocess.TimeoutExpired:
+                        written = temporary.stat().st_size if temporary.exists() else 0
+                        progress(min(written / max(expected, 1), 0.99))
+            finally:
+                process.kill()
+                process.wait()
+            if process.returncode != 0:
+                reason = (told.strip().splitlines() or ["GDAL ended early"])[-1].partition("Error: ")[2]
+                raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(reason)})")
+        progress(1.0)
+
+
+def _write_tile(path: Path, layer: str, ground: Ground, place: Georeference, *, optimised: bool) -> None:
+    """Write a shard of a layer, whole or not at all; a large one that is optimised has overviews."""
+    spec, values = LAYER_SPECS[layer], getattr(ground, layer)
+    values = values[None] if values.ndim == 2 else values
+    level = place.job.world.levels[ground.shard.level]
+    profile = {
+        "driver": "GTiff",
+        "count": len(values),
+        "height": values.shape[1],
+        "width": values.shape[2],
+        "dtype": spec.dtype,
+        "crs": place.crs,
+        "transform": place.transform(level, ground.shard),
+        "tiled": True,
+        "blockxsize": CHUNK,
+        "blockysize": CHUNK,
+        "photometric": "rgb" if layer == "normal" else "minisblack",
+        **({} if optimised else _PART),
+    }
+    try:
+        with rasterio.Env(), MemoryFile() as plain, MemoryFile() as packed:
+            with plain.open(**profile) as file:
+                file.write(values)
+                file.update_tags(AREA_OR_POINT="Point")
+                file.descriptions = spec.bands
+                if layer == "height":
+                    file.units = ("m",)
+                if optimised and max(values.shape) > _SMALL:
+                    file.build_overviews(_OVERVIEWS, Resampling.average)
+            if optimised:
+                kept = "FORCE_USE_EXISTING" if max(values.shape) > _SMALL else "NONE"
+                options = _COG | {"OVERVIEWS": kept, "PREDICTOR": spec.predictor, "NUM_THREADS": "1"}
+                rasterio.shutil.copy(plain.name, packed.name, **options)
+            content = bytes((packed if optimised else plain).getbuffer())
+    except RasterioError as error:
+        raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from None
+    with telling_failure(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(path, content)
+
+
+def _whole(level: Level, _: Level) -> tuple[int, int]:
+    return level.rows, level.columns
+
+
+def covering(level: Level, finest: Level) -> tuple[int, int]:
+    """Return how many rows and columns of a coarser level cover the finest one.
+
+    GDAL takes an overview for the same rectangle at another size. A level's vertices lie on the finest's,
+    and its last ones as far out or beyond: as many are shown as make the rectangles agree best. Then no
+    vertex is drawn farther off than half a cell of its own level.
+    """
+    step = 1 << level.number
+
+    def nearest(fine: int, coarse: int) -> int:
+        # n pixels reach from half a coarse cell before the first vertex to n − ½ of them after it.
+        return min(max(round((fine - 0.5) / step + 0.5), 1), coarse)
+
+    return nearest(finest.rows, level.rows), nearest(finest.columns, level.columns)
+
+
+def _write_vrts(
+    folder: Path,
+    layers: tuple[str, ...],
+    place: Georeference,
+    shape: Callable[[Level, Level], tuple[int, int]],
+    sketch: str | None = None,
+) -> tuple[str, ...]:
+    """Write the VRT of each layer and level, of some shape, the coarsest first; return their names."""
+    names, levels = [], place.job.world.levels
+    for layer in layers:
+        for level in reversed(levels):
+            names.append(vrt_name(layer, level.number))
+            with telling_failure(folder / names[-1]):
+                (folder / names[-1]).parent.mkdir(parents=True, exist_ok=True)
+            own = sketch if layer == "height" and level.number == 0 else None
+            lines = _vrt(layer, level, place, shape(level, levels[0]), own)
+            write_whole(folder / names[-1], "".join(f"{line}\n" for line in lines).encode())
+    return tuple(names)
+
+
+def _vrt(
+    layer: str, level: Level, place: Georeference, shape: tuple[int, int], sketch: str | None
+) -> Iterator[str]:
+    """Return the lines of a VRT, a few hundred bytes for each tile and band. No tile is opened."""
+    spec, (rows, columns) = LAYER_SPECS[layer], shape
+    kind = {"float32": "Float32", "uint8": "Byte"}[spec.dtype]
+    yield f'<VRTDataset rasterXSize="{columns}" rasterYSize="{rows}">'
+    yield f'  <SRS dataAxisToSRSAxisMapping="1,2">{escape(place.crs.to_wkt())}</SRS>'
+    corners = ", ".join(repr(float(number)) for number in place.transform(level).to_gdal())
+    yield f"  <GeoTransform>{corners}</GeoTransform>"
+    yield '  <Metadata><MDI key="AREA_OR_POINT">Point</MDI></Metadata>'
+    yield f"  <Metadata domain={quoteattr(TAGS)}>"
+    world = place.job.world
+    facts = {name: repr(float(getattr(world, name))) for name in ("west", "south", "east", "north", "cell")}
+    facts |= {"layers": ",".join(place.job.layers), "materials": ",".join(MATERIALS)}
+    for key, text in (facts if sketch is None else facts | {"sketch": sketch}).items():
+        yield f"    <MDI key={quoteattr(key)}>{escape(text)}</MDI>"
+    yield "  </Metadata>"
+    blocks = f'blockXSize="{CHUNK}" blockYSize="{CHUNK}"'
+    for index, band in enumerate(spec.bands):
+        yield f'  <VRTRasterBand dataType="{kind}" band="{index + 1}" {blocks}>'
+        yield f"    <Description>{escape(band)}</Description>"
+        if layer == "height":
+            yield "    <UnitType>m</UnitType>"
+        colour = _COLOURS[index] if layer == "normal" else ("Undefined" if index else "Gray")
+        yield f"    <ColorInterp>{colour}</ColorInterp>"
+        yield from _sources(layer, level, index + 1, kind, shape)
+        for other in place.job.world.levels[1:] if level.number == 0 else ():
+            name = _file(vrt_name(layer, other.number))
+            yield f"    <Overview>{name}<SourceBand>{index + 1}</SourceBand></Overview>"
+        yield "  </VRTRasterBand>"
+    yield "</VRTDataset>"
+
+
+def _sources(layer: str, level: Level, band: int, kind: str, shape: tuple[int, int]) -> Iterator[str]:
+    for row in range(-(-shape[0] // SHARD)):
+        for column in range(-(-shape[1] // SHARD)):
+            shard = Shard(level.number, row, column)
+            top, left = row * SHARD, column * SHARD
+            rows, columns = level.size_of(shard)
+            size = f'xSize="{min(columns, shape[1] - left)}" ySize="{min(rows, shape[0] - top)}"'
+            name = tile_name(layer, shard)
+            yield "    <SimpleSource>"
+            yield f"      {_file(name if level.number == 0 else name.partition('/')[2])}"
+            yield f"      <SourceBand>{band}</SourceBand>"
+            yield (
+                f'      <SourceProperties RasterXSize="{columns}" RasterYSize="{rows}" DataType="{kind}" '
+                f'BlockXSize="{CHUNK}" BlockYSize="{CHUNK}"/>'
+            )
+            yield f'      <SrcRect xOff="0" yOff="0" {size}/>'
+            yield f'      <DstRect xOff="{left}" yOff="{top}" {size}/>'
+            yield "    </SimpleSource>"
+
+
+def _file(name: str) -> str:
+    """Return the reference to a file by its name from the VRT's folder on."""
+    return f'<SourceFilename relativeToVRT="1">{escape(name)}</SourceFilename>'

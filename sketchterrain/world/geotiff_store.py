@@ -11,6 +11,7 @@ import json
 import shutil
 import subprocess
 import sys
+import time
 from base64 import b64encode
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -163,22 +164,18 @@ class TiffStore:
         options = _COG | {"OVERVIEWS": "FORCE_USE_EXISTING", "NUM_THREADS": "ALL_CPUS"}
         options["PREDICTOR"] = LAYER_SPECS[layer].predictor
         expected = sum(file.stat().st_size for file in (self._parts / layer).rglob("*.tif"))
+        source = self._parts / vrt_name(layer, 0)
         with whole_path(path) as temporary:
-            arguments = (str(self._parts / vrt_name(layer, 0)), str(temporary), json.dumps(options))
-            process = subprocess.Popen(  # noqa: S603 - this program
-                [sys.executable, "-c", _COPY, *arguments], stderr=subprocess.PIPE, text=True, errors="replace"
-            )
-            try:
-                while True:
-                    try:
-                        _, told = process.communicate(timeout=0.1)
-                        break
-                    except subprocess.TimeoutExpired:
+            command = [sys.executable, "-c", _COPY, str(source), str(temporary), json.dumps(options)]
+            with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace") as process:  # noqa: S603
+                try:
+                    while process.poll() is None:
+                        time.sleep(0.05)
                         written = temporary.stat().st_size if temporary.exists() else 0
                         progress(min(written / max(expected, 1), 0.99))
-            finally:
-                process.kill()
-                process.wait()
+                finally:
+                    process.kill()
+                _, told = process.communicate()
             if process.returncode != 0:
                 reason = (told.strip().splitlines() or ["GDAL ended early"])[-1].partition("Error: ")[2]
                 raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(reason)})")

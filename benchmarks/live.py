@@ -6,16 +6,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from sketchterrain.benchmarks.latency_probe import LatencyProbe
 from sketchterrain.benchmarks.outcome import Column, Outcome, Row, Table
 from sketchterrain.benchmarks.sketch_scaling import sketch_of
 from sketchterrain.benchmarks.timing import spread
-from sketchterrain.ui.rehearsal import Rehearsal
 
 if TYPE_CHECKING:
     from sketchterrain.benchmarks.effort import Effort
+    from sketchterrain.benchmarks.latency_probe import Painted
     from sketchterrain.benchmarks.timing import TimedContext
     from sketchterrain.sketch import Sketch
-    from sketchterrain.ui.rehearsal import Painted
 
 SEED: Final = 11
 STAGES: Final = ("waiting", "placing", "areas", "handing over", "tiles")
@@ -48,13 +48,13 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     paints.
     """
     del context  # the processes open devices of their own
-    rehearsal = Rehearsal(sketch_with_twenty_shapes())
+    probe = LatencyProbe(sketch_with_twenty_shapes())
     try:
-        _row(rehearsal, "dabs", len(_LAYERS))  # what is made once is made before
+        _row(probe, "dabs", len(_LAYERS))  # what is made once is made before
         counts = {"strokes": effort.live_strokes, "dabs": effort.live_dabs}
-        rows = [_row(rehearsal, painting, count) for painting, count in counts.items()]
+        rows = [_row(probe, painting, count) for painting, count in counts.items()]
     finally:
-        rehearsal.end()
+        probe.end()
     return Outcome((Table(f"From a stroke to changed terrain, seed {SEED}", _COLUMNS, tuple(rows)),))
 
 
@@ -67,25 +67,25 @@ def sketch_with_twenty_shapes() -> Sketch:
     return sketch.replace(layers={**sketch.layers, "lake": lake})
 
 
-def _row(rehearsal: Rehearsal, painting: str, count: int) -> Row:
+def _row(probe: LatencyProbe, painting: str, count: int) -> Row:
     """Paint so many strokes or dabs, and return what was found."""
     rng = np.random.default_rng(SEED)
     times: list[tuple[float, ...]] = []
     stalls: list[float] = []
     for number in range(count):
         places = int(rng.integers(60, 121)) if painting == "strokes" else 1
-        seen = _stroke(rehearsal, rng, _LAYERS[number % len(_LAYERS)], places=places)
+        seen = _stroke(probe, rng, _LAYERS[number % len(_LAYERS)], places=places)
         times += seen.times
         stalls += seen.stalls
     return _found(painting, times, stalls)
 
 
-def _stroke(rehearsal: Rehearsal, rng: np.random.Generator, layer: str, *, places: int) -> Painted:
+def _stroke(probe: LatencyProbe, rng: np.random.Generator, layer: str, *, places: int) -> Painted:
     ways = rng.normal(0.0, 2.5, 2) + np.cumsum(rng.normal(0.0, 0.6, (places, 2)), axis=0)
     path = rng.uniform(0.1, 0.9, 2) * _SIDE + np.cumsum(np.clip(ways, -6.0, 6.0), axis=0)
     radius = float(rng.uniform(8.0, 40.0)) * (0.3 if layer == "river" else 1.0)
     label = int(rng.integers(0, 3) > 0)
-    return rehearsal.paint(layer, label, [(x, y) for x, y in path.tolist()], radius)
+    return probe.paint(layer, label, [(x, y) for x, y in path.tolist()], radius)
 
 
 def _found(painting: str, times: list[tuple[float, ...]], stalls: list[float]) -> Row:

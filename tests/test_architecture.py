@@ -57,7 +57,7 @@ ANYTHING = {
     "ui",
     "world",
 }
-ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui"}}
+ONLY_IN = {"pyopencl": {"compute"}, "moderngl": {"render"}, "PyQt6": {"ui", "benchmarks"}}
 
 
 def room_of(path: Path) -> str:

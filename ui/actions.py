@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from PyQt6.QtCore import QObject
 from PyQt6.QtGui import QAction, QActionGroup, QKeySequence
@@ -17,13 +17,14 @@ _GROUPS = ("tool", "layer", "mode")
 class Actions(QObject):
     """All actions of a window, by the names in `COMMANDS`."""
 
-    def __init__(self, window: QMainWindow) -> None:
+    def __init__(self, window: QMainWindow, names: Iterable[str] = COMMANDS) -> None:
         super().__init__(window)
         groups = {kind: QActionGroup(self) for kind in _GROUPS}
         self._actions: dict[str, QAction] = {}
         self._plain: dict[str, Callable[[], object]] = {}
         self._checked: dict[str, Callable[[bool], object]] = {}
-        for name, command in COMMANDS.items():
+        for name in names:
+            command = COMMANDS[name]
             action = QAction(command.text, self)
             action.setObjectName(name)
             action.setShortcuts([QKeySequence(key) for key in command.keys])
@@ -41,6 +42,9 @@ class Actions(QObject):
 
     def __getitem__(self, name: str) -> QAction:
         return self._actions[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._actions
 
     def __iter__(self) -> Iterator[QAction]:
         return iter(self._actions.values())

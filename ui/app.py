@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from PyQt6.QtWidgets import QApplication
 
     from sketchterrain.sketch import Sketch
+    from sketchterrain.ui.engine.link import EngineLink
     from sketchterrain.ui.models.autosave import Autosave
     from sketchterrain.ui.models.document import Document
+    from sketchterrain.ui.models.preferences import Preferences
     from sketchterrain.ui.models.recovery import Recovery
     from sketchterrain.ui.window import MainWindow
 
@@ -33,6 +35,30 @@ def run(name: str | None = None) -> int:
     return _show(app, sketch, path)
 
 
+def run_world(path: Path, *, device: str | None = None) -> int:
+    """Show a stored world until its window is closed; errors are those of `run`."""
+    check_screen()
+    from sketchterrain.world.opening import open_world
+
+    open_world(path)
+    from sketchterrain.ui.application import Garbage, delete_window, named_application
+    from sketchterrain.ui.look.theme import apply_theme
+    from sketchterrain.ui.models.preferences import Preferences, config_folder
+    from sketchterrain.ui.worlds import WorldWindow
+
+    app = named_application()
+    preferences = Preferences(config_folder() / "desktop.ini")
+    apply_theme(app, preferences.theme)
+    window = WorldWindow(path.absolute(), device=device or preferences.device)
+    window.show()
+    garbage = Garbage()
+    code = app.exec()
+    window.link.stop()
+    delete_window(window)
+    garbage.end()
+    return code
+
+
 def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     from PyQt6.QtCore import QTimer
 
@@ -41,7 +67,6 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.preferences import Preferences, config_folder, state_folder
-    from sketchterrain.ui.models.workspace import Workspace
 
     settings = config_folder() / "desktop.ini"
     is_new = not settings.exists()
@@ -54,28 +79,13 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     apply_theme(app, preferences.theme)
     from sketchterrain.ui.application import Garbage
     from sketchterrain.ui.models.autosave import Autosave
-    from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.recent import RecentFiles
-    from sketchterrain.ui.models.saving import Saving
-    from sketchterrain.ui.window import MainWindow
 
-    recent = RecentFiles(state_folder() / "recent")
+    window = new_window(document, link, preferences, state_folder())
     if path is not None:
-        recent.add(path.absolute())
-    workspace, bookmarks = Workspace(), Bookmarks(document, state_folder() / "bookmarks")
-    window = MainWindow(
-        document,
-        workspace,
-        link,
-        preferences=preferences,
-        recent=recent,
-        saving=Saving(document),
-        bookmarks=bookmarks,
-    )
+        window.files.recent.add(path.absolute())
     window.surprises.catch_all()
     autosave = Autosave(document, state_folder() / "recovery")
-    for keeper in (autosave, bookmarks):
-        keeper.failed.connect(window.warn)
+    autosave.failed.connect(window.warn)
     preferences.theme_changed.connect(partial(apply_theme, app))
 
     def change_device() -> None:
@@ -95,6 +105,28 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
     delete_window(window)
     garbage.end()
     return code
+
+
+def new_window(document: Document, link: EngineLink, preferences: Preferences, state: Path) -> MainWindow:
+    """Return a window, which remembers recent files and bookmarks in a folder."""
+    from sketchterrain.ui.models.bookmarks import Bookmarks
+    from sketchterrain.ui.models.recent import RecentFiles
+    from sketchterrain.ui.models.saving import Saving
+    from sketchterrain.ui.models.workspace import Workspace
+    from sketchterrain.ui.window import MainWindow
+
+    recent, bookmarks = RecentFiles(state / "recent"), Bookmarks(document, state / "bookmarks")
+    window = MainWindow(
+        document,
+        Workspace(),
+        link,
+        preferences=preferences,
+        recent=recent,
+        saving=Saving(document),
+        bookmarks=bookmarks,
+    )
+    bookmarks.failed.connect(window.warn)
+    return window
 
 
 def _welcome(window: MainWindow, document: Document, autosave: Autosave, *, is_new: bool) -> None:

@@ -110,7 +110,7 @@ class Banner(QFrame):
         """Keep to the middle of the window; it calls this when its size is another one."""
         width = min(_WIDE, self._window.width() - 2 * MARGIN)
         bar = self._below
-        top = bar.geometry().bottom() + 1 if bar.isVisible() else 0
+        top = bar.mapTo(self._window, bar.rect().bottomLeft()).y() + 1 if bar.isVisible() else 0
         self._row.activate()
         height = max(self._row.heightForWidth(width), self._row.minimumSize().height())
         self.setGeometry((self._window.width() - width) // 2, top + SPACING, width, height)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 from PyQt6.QtCore import QByteArray, QObject, QSize, Qt, QTimer
@@ -243,26 +244,26 @@ class Layout(QObject):
             dock.show_title(dock.isFloating() or not self._window.tabifiedDockWidgets(dock))
 
 
+_ALONE: Final = ("canvas", "view")
+
+
 class FullViews(QObject):
     """Binds the actions that make something large, and shows which of them is on."""
 
-    def __init__(self, window: QMainWindow, actions: Actions, layout: Layout) -> None:
+    def __init__(self, window: QMainWindow, actions: Actions, layout: Layout | None = None) -> None:
         super().__init__(window)
         self._window, self._actions, self._layout = window, actions, layout
         self._was_maximised = False
-        actions.bind({"leave": self.leave, "reset-layout": self._reset})
-        actions.bind_checked(
-            {
-                "canvas-only": lambda on: self.show_alone("canvas" if on else ""),
-                "view-only": lambda on: self.show_alone("view" if on else ""),
-                "full-screen": self.fill_screen,
-            }
-        )
-        self._refresh()
-
-    def show_alone(self, part: str) -> None:
-        """Give the window to ``canvas`` or ``view``; empty: to all as before."""
-        self._layout.show_alone(part)
+        actions.bind({"leave": self.leave})
+        actions.bind_checked({"full-screen": self.fill_screen})
+        if layout is not None:
+            actions.bind({"reset-layout": partial(self._lay_out, layout.reset)})
+            actions.bind_checked(
+                {
+                    f"{part}-only": lambda on, part=part: self._lay_out(layout.show_alone, part if on else "")
+                    for part in _ALONE
+                }
+            )
         self._refresh()
 
     def fill_screen(self, on: bool) -> None:
@@ -278,19 +279,21 @@ class FullViews(QObject):
 
     def leave(self) -> None:
         """Go back by one step."""
-        if self._layout.alone:
-            self.show_alone("")
+        if self._layout is not None and self._layout.alone:
+            self._lay_out(self._layout.show_alone, "")
         else:
             self.fill_screen(False)
 
-    def _reset(self) -> None:
-        self._layout.reset()
+    def _lay_out(self, change: Callable[..., None], *given: str) -> None:
+        change(*given)
         self._refresh()
 
     def _refresh(self) -> None:
-        alone, actions = self._layout.alone, self._actions
-        actions["canvas-only"].setChecked(alone == "canvas")
-        actions["view-only"].setChecked(alone == "view")
+        alone, actions = "", self._actions
+        if self._layout is not None:
+            alone = self._layout.alone
+            for part in _ALONE:
+                actions[f"{part}-only"].setChecked(alone == part)
         actions["full-screen"].setChecked(self._window.isFullScreen())
         # Esc is others' as long as there is nothing to leave.
         actions["leave"].setEnabled(bool(alone) or self._window.isFullScreen())

@@ -61,15 +61,17 @@ def add_menus(window: QMainWindow, actions: Actions, inner: Mapping[str, QMenu])
     if bar is None:
         return
     for title, names in MENUS.items():
+        if not any(name in actions for name in names):
+            continue
         menu = QMenu(title, window)
         menu.setToolTipsVisible(False)
         bar.addMenu(menu)
         for name in names:
             if name == _RULE:
                 menu.addSeparator()
-            elif name.startswith(">"):
+            elif name[1:] in inner:
                 menu.addMenu(inner[name[1:]])
-            else:
+            elif name in actions:
                 menu.addAction(actions[name])
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from PyQt6.QtCore import QObject, QSize, Qt
+from PyQt6.QtCore import QSize, Qt
 from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QScreen, QShowEvent
 from PyQt6.QtWidgets import QMainWindow, QMenu, QSizePolicy, QTabWidget, QWidget
 
@@ -15,7 +14,7 @@ from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, ErrorReporter, Message, UncaughtExceptions
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import MODES, GoTo, MeasureAdherence
+from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.layout import FullViews, Layout
 from sketchterrain.ui.look.icons import app_icon
@@ -25,7 +24,7 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.recent import RecentFiles
 from sketchterrain.ui.models.saving import Saving
-from sketchterrain.ui.models.workspace import OVERLAYS, Workspace
+from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.open_dialogs import OpenDialogs
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.layers import LayersPanel
@@ -39,6 +38,7 @@ from sketchterrain.ui.sketch_actions import SketchActions
 from sketchterrain.ui.tool_options import ToolOptions
 from sketchterrain.ui.view3d.bookmarks import BookmarksPanel
 from sketchterrain.ui.view3d.view import View3D
+from sketchterrain.ui.view_actions import ViewActions
 
 
 class Parts:
@@ -71,45 +71,6 @@ class Parts:
             part.hovered.connect(self.status.hover)
             part.message.connect(say)
         self.layers.message.connect(say)
-
-
-class ViewActions(QObject):
-    """Binds actions to the workspace's overlays and the engine's view, and shows how these are."""
-
-    def __init__(self, actions: Actions, workspace: Workspace, link: EngineLink) -> None:
-        super().__init__(actions)
-        self._actions = actions
-        self._workspace = workspace
-        self._link = link
-        actions.bind(
-            {
-                "measure": self._measure,
-                **{f"mode-{mode}": partial(self._move_by, mode) for mode in MODES},
-            }
-        )
-        actions.bind_checked(
-            {
-                "play": lambda on: link.show(replace(link.view, plays=on)),
-                **{f"overlay-{name}": partial(workspace.show_overlay, name) for name in OVERLAYS},
-            }
-        )
-        workspace.overlays_changed.connect(self.refresh)
-        link.view_changed.connect(self.refresh)
-        self.refresh()
-
-    def refresh(self, *_: object) -> None:
-        """Show what is shown now."""
-        for name in OVERLAYS:
-            self._actions[f"overlay-{name}"].setChecked(name in self._workspace.overlays)
-        self._actions[f"mode-{self._link.view.mode}"].setChecked(True)
-        self._actions["play"].setChecked(self._link.view.plays)
-
-    def _move_by(self, mode: str) -> None:
-        self._link.show(replace(self._link.view, mode=mode))
-
-    def _measure(self) -> None:
-        self._workspace.show_overlay("adherence", True)
-        self._link.tell(MeasureAdherence())
 
 
 _SIZE = QSize(1500, 920)
@@ -200,7 +161,7 @@ class MainWindow(QMainWindow):
         actions, files = self.actions_by_name, self.files
         FullViews(self, actions, self.layout_of_parts)
         SketchActions(actions, self._document, self._workspace, self._link, self.banner)
-        ViewActions(actions, self._workspace, self._link)
+        ViewActions(actions, self._link, self._workspace)
         self.dialogs = OpenDialogs(
             self,
             actions,

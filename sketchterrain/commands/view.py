@@ -65,10 +65,10 @@ def view(
         for name, value in options.items():
             if value is not None and value != []:
                 raise USAGE_ERROR(f"{name} needs -o: it is for pictures")
-        from sketchterrain.ui.worlds.app import run
+        from sketchterrain.ui.app import run_world
 
         ended_at_once()
-        raise typer.Exit(run(store, device=device))
+        raise typer.Exit(run_world(store, device=device))
     if look_at is not None and (eye is None or eye == look_at):
         raise USAGE_ERROR("--look-at needs an --eye at another place")
     if eye is not None:

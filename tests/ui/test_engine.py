@@ -320,7 +320,7 @@ def test_another_document_is_shown_from_the_start(running, qapp):
 @pytest.mark.slow
 def test_a_killed_engine_is_told_and_comes_back(running, qapp):
     document, link, listener = running
-    os.kill(link._children._engine.pid, signal.SIGKILL)
+    os.kill(link._children._processes["engine"].pid, signal.SIGKILL)
     wait(qapp, lambda: listener.troubles)
     assert listener.troubles[0].what == "engine"
     assert "signal 9" in listener.troubles[0].line
@@ -337,7 +337,7 @@ def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running, qapp):
     document, link, listener = running
     link.start()  # crashes before do not count
     for _ in range(2):
-        os.kill(link._children._placer.pid, signal.SIGKILL)
+        os.kill(link._children._processes["placer"].pid, signal.SIGKILL)
         wait(qapp, lambda: listener.troubles)
         listener.troubles.clear()
     wait(qapp, lambda: link.facts.no_picture)
@@ -356,7 +356,7 @@ def test_stop_is_quick_and_leaves_nothing(qapp):
     open_before = len(list(Path("/proc/self/fd").iterdir()))
     for pause in (0.0, 1.5):
         link.start()
-        children = [link._children._engine, link._children._placer]
+        children = list(link._children._processes.values())
         end = time.monotonic() + pause
         while time.monotonic() < end:
             qapp.processEvents()
@@ -378,7 +378,7 @@ def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
         "import sys, time\n"
         "from sketchterrain.ui.engine.link import Children\n"
         "c = Children()\n"
-        "print(c._engine.pid, c._placer.pid, flush=True)\n"
+        "print(*(p.pid for p in c._processes.values()), flush=True)\n"
         "time.sleep(60)\n"
     )
     window = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)

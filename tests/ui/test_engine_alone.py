@@ -19,7 +19,6 @@ from sketchterrain.ui.engine.background import JobQueue
 from sketchterrain.ui.engine.channel import Channel, pickled
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.land import TerrainSession
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import (
     Adherence,
@@ -43,19 +42,24 @@ from sketchterrain.ui.engine.protocol import (
     Working,
 )
 from sketchterrain.ui.engine.sketch_updates import settings_of
+from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 
 class Around:
     """An engine without OpenGL on a thread, and the other ends of its channels."""
 
-    def __init__(self, land):
+    def __init__(self, session):
         mine, its_window = socket.socketpair()
         other, its_placer = socket.socketpair()
         self.window, self.placer = Channel(mine), Channel(other, patient=False)
         self.its = Channel(its_window, patient=False), Channel(its_placer)
-        self.land = land
+        self.session = session
         self.engine = Engine(
-            *self.its, land=land, show=None, jobs=JobQueue(), facts=EngineFacts(no_device=land.lacks)
+            *self.its,
+            session=session,
+            pacer=None,
+            jobs=JobQueue(),
+            facts=EngineFacts(no_device=session.lacks),
         )
         self.thread = threading.Thread(target=self.engine.run, daemon=True)
         self.thread.start()
@@ -112,7 +116,7 @@ def test_without_opengl_there_is_a_relief_and_picks_are_answered(around):
 
 def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkeypatch):
     taken = []
-    take = around.land.take
+    take = around.session.take
     gate = threading.Event()
 
     def slow(plans):
@@ -120,7 +124,7 @@ def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkey
         taken.append([plan.update.version for plan in plans])
         return take(plans)
 
-    monkeypatch.setattr(around.land, "take", slow)
+    monkeypatch.setattr(around.session, "take", slow)
     around.plan(blob(5))
     for column in (10, 15, 20):
         around.plan(blob(column))
@@ -130,7 +134,7 @@ def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkey
         versions.append(around.answer(Followed)[0].version)
     assert [version for group in taken for version in group] == [1, 2, 3, 4]
     assert versions == sorted(versions)
-    assert around.land.version == 4
+    assert around.session.version == 4
 
 
 def test_adherence_is_measured_aside_and_a_picture_needs_opengl(around):
@@ -174,18 +178,18 @@ def test_a_device_that_fails_is_left_for_another_one(around, monkeypatch):
         pytest.skip("there is no second device")
     around.plan(blob(20))
     first, _ = around.answer(Relief)
-    failed = around.land.device
+    failed = around.session.device
 
     def broken(*_, **__):
         raise DeviceFailedError("the device fell over")
 
-    monkeypatch.setattr(around.land.terrain, "heights", broken)
+    monkeypatch.setattr(around.session.terrain, "heights", broken)
     around.window.send(Pick(1, 0.5, 0.6))
     trouble, _ = around.answer(Trouble)
     assert "fell over" in trouble.line
     assert "goes on with" in trouble.line
     again, _ = around.answer(Relief)
-    assert around.land.device != failed
+    assert around.session.device != failed
     assert np.array_equal(again.height, first.height)
     around.window.send(Pick(2, 0.5, 0.6))
     assert around.answer(Picked)[0].place is not None
@@ -199,7 +203,7 @@ def test_a_defect_is_a_message(around, monkeypatch, capsys):
         raise ZeroDivisionError("oops")
 
     with monkeypatch.context() as patched:
-        patched.setattr(around.land, "take", broken)
+        patched.setattr(around.session, "take", broken)
         around.plan(blob(10))
         trouble, _ = around.answer(Trouble)
     assert "oops" in trouble.line
@@ -223,11 +227,14 @@ class FakeChildren:
 
     made: ClassVar[list[FakeChildren]] = []
 
-    def __init__(self, *, device, draws):
+    def __init__(self, *, device, draws=True, world=None):
         self.device, self.draws, self.frames = device, draws, FrameMemory()
         mine, its = socket.socketpair()
         my_placer, its_window = socket.socketpair()
-        self.engine, self.placer = Channel(mine, patient=False), Channel(my_placer, patient=False)
+        self.channels = {
+            "engine": Channel(mine, patient=False),
+            "placer": Channel(my_placer, patient=False),
+        }
         self.its = Channel(its, patient=False), Channel(its_window, patient=False)
         self.made.append(self)
 
@@ -235,7 +242,7 @@ class FakeChildren:
         return "the engine crashed (signal 11)"
 
     def end(self):
-        for channel in (self.engine, self.placer, *self.its):
+        for channel in (*self.channels.values(), *self.its):
             channel.close()
         self.frames.close()
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import PictureSource
-from sketchterrain.ui.engine.protocol import FrameTaken, Pick, ViewState
+from sketchterrain.ui.engine.protocol import FrameTaken, FrameThere, Pick, ViewState
 
 
 class Source(PictureSource):
@@ -34,7 +34,8 @@ def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
             with memory.view(start, rgbx.nbytes, capacity) as pixels:
                 pixels[:] = rgbx.tobytes()
             facts = SimpleNamespace(width=width, height=height)
-            source._take_frame(memory, SimpleNamespace(facts=facts, start=start, capacity=capacity))
+            source._children = SimpleNamespace(frames=memory)
+            source._take(0, "engine", FrameThere(facts, start, capacity))
             with memory.view(start, rgbx.nbytes, capacity) as pixels:
                 pixels[:] = bytes(rgbx.nbytes)  # the next frame: the picture is a copy
             picture = source.picture

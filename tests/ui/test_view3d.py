@@ -358,7 +358,7 @@ def test_home_sees_everything_and_f_the_selection(view, link, document, workspac
     key(view, Qt.Key.Key_Home)
     key(view, Qt.Key.Key_F)
     point = placed.points[placed.points["id"] == chosen.id][0]
-    assert link.told[0] == Look(overview(document.sketch.size, 0.0, aspect=WIDTH / HEIGHT))
+    assert link.told[0] == Look(overview((0.0, 0.0, *document.sketch.size), 0.0, aspect=WIDTH / HEIGHT))
     assert (link.told[1].x, link.told[1].y) == (point["x"], point["y"])
     assert 2.0 * point["radius"] < link.told[1].distance < 6.0 * point["radius"]
     workspace.chosen = Chosen("river", placed.rivers[0].id)

@@ -195,7 +195,7 @@ def test_texts_lengths_and_headings_are_worded() -> None:
 def test_an_overview_shows_every_corner_and_wastes_no_room() -> None:
     for aspect in [0.4, 4 / 3, 3.0]:
         for size in [(6144.0, 6144.0), (3000.0, 9000.0), (9000.0, 1000.0)]:
-            pose = overview(size, 120.0, aspect=aspect)
+            pose = overview((0.0, 0.0, *size), 120.0, aspect=aspect)
             camera = Camera(pose.eye, pose.target, fov=pose.fov, near=1.0, far=1e6)
             corners = [(x, y, 120.0) for x in (0.0, size[0]) for y in (0.0, size[1])]
             clip = (

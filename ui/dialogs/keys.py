@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from html import escape
 
 from PyQt6.QtGui import QKeySequence
@@ -38,25 +39,27 @@ _MOUSE = {
 class KeysDialog(QDialog):
     """Shows every key."""
 
-    def __init__(self, parent: QWidget | None = None) -> None:
+    def __init__(self, parent: QWidget | None = None, names: Collection[str] = COMMANDS) -> None:
         super().__init__(parent)
         rows = column(self, "Keys")
         text = QTextBrowser()
         text.setAccessibleName("All keys")
-        text.setHtml(_page())
+        text.setHtml(_page(names))
         rows.addWidget(text, 1)
         rows.addWidget(button_row(self, "", cancel="Close")[0])
         self.resize(520, 620)
 
 
-def _page() -> str:
-    """Return the keys as a page."""
+def _page(names: Collection[str]) -> str:
+    """Return the keys of commands, and of the mouse, as a page."""
     keys = [
         (command.text.replace("&", "").rstrip("…"), ", ".join(_key(key) for key in command.keys))
-        for command in COMMANDS.values()
-        if command.keys
+        for name, command in COMMANDS.items()
+        if command.keys and name in names
     ]
     parts = {**_MOUSE, "Everywhere": tuple(keys)}
+    if "fit" not in names:  # there is no sketch
+        del parts["On the sketch"]
     faint = theme().faint.name()
     page = ""
     for title, lines in parts.items():

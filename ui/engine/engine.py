@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Terrain
     from sketchterrain.ui.engine.background import JobQueue
     from sketchterrain.ui.engine.frames import FramePacer
-    from sketchterrain.ui.engine.land import TerrainSession
     from sketchterrain.ui.engine.protocol import EngineFacts
+    from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 _SLICE: Final = 0.008  # s that the relief gets between two frames
 _IDLE_SLICE: Final = 0.03  # s that it gets at a time while there is nothing to draw
@@ -52,20 +52,23 @@ _EVERYWHERE: Final = (float("-inf"), float("-inf"), float("inf"), float("inf"))
 
 
 class Engine:
-    """Listens to the window and to the placer, draws, and answers; until the window wants no more."""
+    """Listens to the window and to the placer, draws, and answers; until the window wants no more.
+
+    Without a placer it shows a stored world; without a pacer, that is without OpenGL, it draws nothing.
+    """
 
     def __init__(
         self,
         window: Channel,
-        placer: Channel,
+        placer: Channel | None,
         *,
-        land: TerrainSession,
-        show: FramePacer | None,
+        session: TerrainSession,
+        pacer: FramePacer | None,
         jobs: JobQueue,
         facts: EngineFacts,
     ) -> None:
         self._window, self._placer = window, placer
-        self._land, self._show, self._jobs = land, show, jobs
+        self._session, self._pacer, self._jobs = session, pacer, jobs
         self._facts = facts
         self._relief = ReliefMaker()
         self._eye: Eye | None = None
@@ -100,10 +103,9 @@ class Engine:
     def _turn(self) -> None:
         """Wait until there is something to do, and do it."""
         plans: list[Plan] = []
-        channels = [self._window, self._placer]
-        if self._jobs.channel is not None:
-            channels.append(self._jobs.channel)
-        waiting = ready(channels, self._pause())
+        lasting = [each for each in (self._window, self._placer) if each is not None]
+        jobs = self._jobs.channel
+        waiting = ready(lasting if jobs is None else [*lasting, jobs], self._pause())
         while waiting:  # all that is there: the newest terrain and the newest eye count
             for channel in waiting:
                 if channel is self._placer:
@@ -112,7 +114,7 @@ class Engine:
                     self._do(channel.receive())
                 else:
                     self._window.send(self._jobs.receive())
-            waiting = ready(channels[:2], 0.0)
+            waiting = ready(lasting, 0.0)
         if plans:
             self._guarded("view", lambda: self._follow(plans))
         due = self._frame_due()
@@ -129,15 +131,18 @@ class Engine:
 
     def _frame_due(self) -> float | None:
         """Return in how many s the next frame is due; None: none is."""
-        if self._show is None or self._eye is None:
+        if self._pacer is None:
             return None
-        return self._show.due(moving=self._eye.restless)
+        if self._eye is None:  # a stored world is there from the start, and waits for the view's size
+            waits = self._session.terrain is not None and self._view.width and not self._pacer.broken
+            return 0.0 if waits else None
+        return self._pacer.due(moving=self._eye.restless)
 
     def _relief_due(self) -> float | None:
         """Return in how many s the relief goes on; None: there is nothing to make."""
-        if self._land.terrain is None:
+        if self._session.terrain is None:
             return None
-        return self._relief.due(coming=self._expected > self._land.version)
+        return self._relief.due(coming=self._expected > self._session.version)
 
     def _do(self, message: Any) -> None:
         self._guarded("engine", lambda: self._does[type(message)](message))
@@ -157,34 +162,34 @@ class Engine:
             self._fail(what, one_line(f"{type(error).__name__}: {error}"))
 
     def _fail(self, what: str, line: str) -> None:
-        if what == "view" and self._show is not None:
-            self._show.stop()
+        if what == "view" and self._pacer is not None:
+            self._pacer.stop()
         self._window.send(Trouble(what, line))
 
     def _leave_device(self, error: DeviceFailedError) -> None:
-        self._window.send(Trouble("engine", one_line(f"{error}; {self._land.go_over()}")))
-        if self._show is not None:
-            self._show.stage.clear()
-        device = self._land.device
+        self._window.send(Trouble("engine", one_line(f"{error}; {self._session.switch_device()}")))
+        if self._pacer is not None:
+            self._pacer.stage.clear()
+        device = self._session.device
         name, platform = ("", "") if device is None else (device.name, device.platform)
-        self._tell_facts(device=name, platform=platform, no_device=self._land.lacks)
-        self._land.owed = [_EVERYWHERE]
-        self._guarded("view", self._show_land)
+        self._tell_facts(device=name, platform=platform, no_device=self._session.lacks)
+        self._session.dirty_areas = [_EVERYWHERE]
+        self._guarded("view", self._show_terrain)
 
     def _follow(self, plans: list[Plan]) -> None:
         """Go over to the newest terrain."""
         received = time.monotonic()
-        self._land.take(plans)
-        self._show_land()
+        self._session.take(plans)
+        self._show_terrain()
         placed = next((plan for plan in reversed(plans) if plan.recipe is not None), plans[-1])
         self._window.send(
             Followed(
-                self._land.version, placed.begun, placed.placed, placed.ready, received, time.monotonic()
+                self._session.version, placed.begun, placed.placed, placed.ready, received, time.monotonic()
             )
         )
 
-    def _show_land(self) -> None:
-        terrain, version, areas = self._land.terrain, self._land.version, self._land.owed
+    def _show_terrain(self) -> None:
+        terrain, version, areas = self._session.terrain, self._session.version, self._session.dirty_areas
         if terrain is None:
             return
         if self._eye is None or self._eye.size != terrain.size or self._fresh >= 0 <= version - self._fresh:
@@ -194,32 +199,33 @@ class Engine:
                 self._be_at(self._wanted)
         else:
             self._eye.follow(terrain)
-        self._relief.follow(terrain, version, areas)
-        if not self._relief.busy:
-            self._window.send(StillRelief(version))
-        if self._show is not None:
-            self._draw_from_now_on(self._show, terrain, self._eye)
-        self._land.owed = []
+        if self._session.sketch is not None:
+            self._relief.follow(terrain, version, areas)
+            if not self._relief.busy:
+                self._window.send(StillRelief(version))
+        if self._pacer is not None:
+            self._draw_from_now_on(self._pacer, terrain, self._eye)
+        self._session.dirty_areas = []
 
-    def _draw_from_now_on(self, show: FramePacer, terrain: Terrain, eye: Eye) -> None:
-        show.expect(coming=self._expected > self._land.version)
-        if show.stage.is_empty:
+    def _draw_from_now_on(self, pacer: FramePacer, terrain: Terrain, eye: Eye) -> None:
+        pacer.expect(coming=self._expected > self._session.version)
+        if pacer.stage.is_empty:
             self._say("Preparing the picture")
-        line = show.show(terrain, self._land.version, self._land.owed, eye)
+        line = pacer.show(terrain, self._session.version, self._session.dirty_areas, eye)
         if line:
             self._window.send(Trouble("view", line))
-        self._tell_facts(sharing=show.stage.sharing)
+        self._tell_facts(sharing=pacer.stage.sharing)
 
     def _draw(self) -> None:
-        assert self._show is not None and self._eye is not None  # noqa: S101, PT018 # whoever calls looked
-        if self._show.stage.is_empty:
-            self._show_land()
-        there = self._show.frame(self._eye)
+        assert self._pacer is not None  # noqa: S101 # a frame is due
+        if self._eye is None or self._pacer.stage.is_empty:
+            self._show_terrain()
+        there = None if self._eye is None else self._pacer.frame(self._eye)
         if there is not None:
             self._window.send(there)
 
     def _make_relief(self) -> None:
-        idle = self._show is None or self._show.due(moving=False) is None
+        idle = self._pacer is None or self._pacer.due(moving=False) is None
         made = self._relief.work(_IDLE_SLICE if idle else _SLICE)
         if made is not None:
             self._window.send(made)
@@ -231,17 +237,17 @@ class Engine:
         self._view = view
         if self._eye is not None:
             self._eye.use(view.mode)
-        if self._show is not None:
-            self._show.look(view)
+        if self._pacer is not None:
+            self._pacer.look(view)
 
     def _taken(self, _: FrameTaken) -> None:
-        if self._show is not None:
-            self._show.taken()
+        if self._pacer is not None:
+            self._pacer.taken()
 
     def _expect(self, coming: Coming) -> None:
         # From the first one on that is not there: who paints on and on must see a picture that gets better.
-        if self._show is not None and self._expected <= self._land.version:
-            self._show.expect(coming=True)
+        if self._pacer is not None and self._expected <= self._session.version:
+            self._pacer.expect(coming=True)
         self._expected = coming.version
         if coming.fresh:
             self._fresh = coming.version
@@ -251,7 +257,7 @@ class Engine:
             self._eye.take(motion, aspect=self._view.aspect)
 
     def _be_at(self, look: Look) -> None:
-        terrain = self._land.terrain
+        terrain = self._session.terrain
         self._wanted = look if self._eye is None else None
         if self._eye is None or terrain is None:
             return
@@ -266,20 +272,20 @@ class Engine:
         self._window.send(Picked(pick.token, place))
 
     def _measure(self, _: MeasureAdherence) -> None:
-        if self._land.sketch is None or self._land.terrain is None:
-            raise SketchterrainError(self._land.lacks or "there is no terrain yet")
-        self._jobs.add(MeasureJob(self._land.version, self._land.sketch, self._land.recipe))
+        if self._session.sketch is None or self._session.terrain is None:
+            raise SketchterrainError(self._session.lacks or "there is no terrain yet")
+        self._jobs.add(MeasureJob(self._session.version, self._session.sketch, self._session.recipe))
 
     def _take_picture(self, wanted: TakePicture) -> None:
-        sun = None if self._show is None else self._show.stage.sun
-        if sun is None or self._eye is None or self._land.sketch is None:
+        sun = None if self._pacer is None else self._pacer.stage.sun
+        if sun is None or self._eye is None or self._session.sketch is None:
             lacks = self._facts.no_picture or self._facts.no_device
             self._window.send(Trouble("picture", lacks or "there is no picture yet"))
             return
         self._jobs.add(
             PictureJob(
-                sketch=self._land.sketch,
-                recipe=self._land.recipe,
+                sketch=self._session.sketch,
+                recipe=self._session.recipe,
                 path=wanted.path,
                 size=(wanted.width, wanted.height),
                 pose=self._eye.pose(),

@@ -163,6 +163,17 @@ class EngineFacts:
 
 
 @dataclass(frozen=True)
+class WorldFacts:
+    """A stored world that is shown."""
+
+    corner: tuple[float, float]  # its north-west corner, the origin of what is shown: m in the sketch
+    bounds: tuple[float, float, float, float]  # west, south, east, north (m) of what is shown
+    cell: float  # m between its vertices
+    middle: float  # height of the ground in its middle, m
+    lacks: tuple[str, ...] = ()  # a line for each thing that it does not hold
+
+
+@dataclass(frozen=True)
 class Working:
     """What the engine is busy with, for a person; empty: nothing."""
 

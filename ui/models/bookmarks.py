@@ -53,13 +53,14 @@ class Bookmarks(QObject):
     failed = pyqtSignal(str)
     """They cannot be written: why."""
 
-    def __init__(self, document: Document, folder: Path) -> None:
+    def __init__(self, document: Document | None, folder: Path, path: Path | None = None) -> None:
         super().__init__()
         self._document, self._folder = document, folder
-        self._path = document.path
+        self._path = path if document is None else document.path
         self._all = self._read()
-        document.opened.connect(self._open)
-        document.saved_changed.connect(self._follow)
+        if document is not None:
+            document.opened.connect(self._open)
+            document.saved_changed.connect(self._follow)
 
     @property
     def all(self) -> tuple[Bookmark, ...]:
@@ -98,13 +99,13 @@ class Bookmarks(QObject):
         self.changed.emit()
 
     def _open(self) -> None:
-        self._path = self._document.path
+        self._path = None if self._document is None else self._document.path
         self._all = self._read()
         self.changed.emit()
 
     def _follow(self) -> None:
         """Keep them by another path, after the sketch was saved there."""
-        if self._document.path != self._path:
+        if self._document is not None and self._document.path != self._path:
             self._path = self._document.path
             self._write()
 

@@ -19,7 +19,7 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.ui.doing_menu import DoingMenu
-from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.engine.protocol import Look
 from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
@@ -34,7 +34,7 @@ _BY_KEY = 9  # that Alt and a figure go to
 class BookmarksPanel(QWidget):
     """Lists bookmarks; a click looks from there."""
 
-    def __init__(self, link: EngineLink, bookmarks: Bookmarks, parent: QWidget | None = None) -> None:
+    def __init__(self, link: PictureSource, bookmarks: Bookmarks, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._link, self._bookmarks = link, bookmarks
         self._list = QListWidget(self)

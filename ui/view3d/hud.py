@@ -132,7 +132,7 @@ def notice_of(link: PictureSource, trouble: Trouble | None) -> Notice | None:
     if trouble is not None and trouble.what == "engine":
         return Notice("error", "The 3-D view stopped", trouble.line, "Start again")
     if link.facts.no_picture:
-        line = f"{link.facts.no_picture}\nYou can paint and export all the same."
+        line = f"{link.facts.no_picture}\n{link.without_view}".strip()
         return Notice("warning", "There is no 3-D view", line, "Try again")
     if link.picture is not None:
         return None

@@ -13,7 +13,7 @@ from PyQt6.QtWidgets import QWidget
 from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.commands.chosen_parts import is_there
 from sketchterrain.ui.doing_menu import DoingMenu, offer_chosen
-from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.engine.protocol import GoTo, Picked, Placed
 from sketchterrain.ui.models.chosen_acts import add
 from sketchterrain.ui.models.document import Document
@@ -29,7 +29,7 @@ from sketchterrain.ui.view3d.scene import Scene
 class Picks(QObject):
     """Asks the engine, and hands each answer to whom it is for."""
 
-    def __init__(self, link: EngineLink, parent: QObject) -> None:
+    def __init__(self, link: PictureSource, parent: QObject) -> None:
         super().__init__(parent)
         self._link = link
         self._waiting: dict[str, tuple[int, Callable[[tuple[float, float, float] | None], None]]] = {}
@@ -162,7 +162,12 @@ class Mouse(QObject):
     message = pyqtSignal(str)
 
     def __init__(
-        self, view: QWidget, scene: Scene, document: Document, workspace: Workspace, link: EngineLink
+        self,
+        view: QWidget,
+        scene: Scene,
+        document: Document | None,
+        workspace: Workspace,
+        link: PictureSource,
     ) -> None:
         super().__init__(view)
         self._view, self._scene = view, scene
@@ -202,11 +207,11 @@ class Mouse(QObject):
         self._start = self._last = at
         self._travels = self._doubled = False
         plain = event.modifiers() == Qt.KeyboardModifier.NoModifier
-        projection, placed = self._projection(), self._link.placed
+        projection, placed, document = self._projection(), self._link.placed, self._document
         grip = self._marks().grip_at(at.x(), at.y(), reach=_REACH)
-        if event.button() == _Button.LeftButton and plain and grip and projection and placed:
+        if event.button() == _Button.LeftButton and plain and grip and projection and placed and document:
             self._forget_drag()
-            self._drag = GripDrag(self._document, placed, grip, projection, at.x(), at.y())
+            self._drag = GripDrag(document, placed, grip, projection, at.x(), at.y())
             self._workspace.chosen = grip.handle.chosen
             self._scene.dragged = self._drag.now
 
@@ -281,7 +286,7 @@ class Mouse(QObject):
     def open_menu(self, at: QPointF, place: Place | None) -> None:
         """Open the menu of a place of the view (px) where ground (m) is seen, or of what is selected."""
         placed = self._link.placed
-        if placed is None:
+        if placed is None or self._document is None:
             return
         chosen = self._workspace.chosen if place is None else self._found(place)
         if place is not None:

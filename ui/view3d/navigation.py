@@ -99,9 +99,10 @@ _ELEVATION = 26.0  # degrees: just below a horizon that is seen
 _FILLED = 0.94  # of the picture, by the sketch's corners
 
 
-def overview(size: tuple[float, float], height: float, *, aspect: float) -> Pose:
-    """Return the pose from which all of a sketch is seen from the south."""
-    east, north = 0.5 * size[0], 0.5 * size[1]
+def overview(bounds: tuple[float, float, float, float], height: float, *, aspect: float) -> Pose:
+    """Return the pose that shows a rectangle (west, south, east, north; m) at a height from the south."""
+    x, y = 0.5 * (bounds[0] + bounds[2]), 0.5 * (bounds[1] + bounds[3])
+    east, north = x - bounds[0], y - bounds[1]
     rise = math.radians(_ELEVATION)
     upright = _FILLED * math.tan(math.radians(_FOV) / 2.0)
     # The near corners are the widest, and all four must lie inside; each says how far away the eye must be.
@@ -109,8 +110,7 @@ def overview(size: tuple[float, float], height: float, *, aspect: float) -> Pose
         max(east / (upright * aspect), abs(corner) * math.sin(rise) / upright) - corner * math.cos(rise)
         for corner in (-north, north)
     )
-    eye = (east, north - distance * math.cos(rise), height + distance * math.sin(rise))
-    return Pose(eye, (east, north, height), _FOV)
+    return Pose((x, y - distance * math.cos(rise), height + distance * math.sin(rise)), (x, y, height), _FOV)
 
 
 def going_to(placed: Placed | None, chosen: Chosen | None, *, size: tuple[float, float]) -> GoTo | None:

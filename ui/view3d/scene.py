@@ -10,7 +10,7 @@ from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QP
 
 from sketchterrain.ui.commands.chosen_parts import name_of, point_of, river_of
 from sketchterrain.ui.commands.placed_edits import is_locked
-from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.handles import Handle
@@ -145,7 +145,7 @@ _EDGE = 12.0  # px, from the widget's edge
 class Scene:
     """Looks after what is drawn; remembers marks until something that they depend on is another one."""
 
-    def __init__(self, document: Document, workspace: Workspace, link: EngineLink) -> None:
+    def __init__(self, document: Document | None, workspace: Workspace, link: PictureSource) -> None:
         self._document, self._workspace, self._link = document, workspace, link
         self.dragged: tuple[Handle, float, float] | None = None
         self._marks = Marks()
@@ -173,7 +173,7 @@ class Scene:
     def ground(self) -> Ground | None:
         """Return the heights of the sketch's ground; None until they are known."""
         relief = self._link.relief
-        if relief is None:
+        if relief is None or self._document is None:
             return None
         if self._ground is None or self._ground[0] is not relief:
             sketch = self._document.sketch
@@ -277,7 +277,7 @@ class Scene:
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
         elif point is not None and text != "Forest":
             text += f" · {length_text(float(point['strength']))}"
-        if is_locked(self._document.sketch, chosen):
+        if self._document is not None and is_locked(self._document.sketch, chosen):
             text += " · locked"
         draw_tag(painter, text, own[0].x, own[0].y, painter.font(), size)
 

@@ -20,12 +20,13 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
-from sketchterrain.ui.engine.link import EngineLink, PictureSource
+from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.engine.protocol import MODES, Look, Trouble
 from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.chosen_acts import delete_or_reset
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
+from sketchterrain.ui.own_keys import OwnKeys
 from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import Mouse
 from sketchterrain.ui.view3d.navigation import FLYING_KEYS, Keys, going_to, overview
@@ -80,37 +81,21 @@ _MODE_KEYS: Final = dict(zip((_Key.Key_1, _Key.Key_2, _Key.Key_3), MODES, strict
 _OTHERS: Final = _Modifier.ControlModifier | _Modifier.AltModifier | _Modifier.MetaModifier
 
 
-class Keyboard(QObject):
-    """Follows keys.
-
-    It looks at the view's events as a filter: a widget that handles all of its events in Python is still in
-    Python when it is deleted, which Qt's bindings do not always survive.
-    """
+class Keyboard:
+    """Follows keys."""
 
     def __init__(
         self,
         view: QWidget,
-        link: EngineLink,
+        link: PictureSource,
         workspace: Workspace,
         mouse: Mouse,
         commands: Mapping[int, Callable[[], None]],
     ) -> None:
-        super().__init__(view)
         self._link, self._workspace, self._mouse = link, workspace, mouse
         self._commands = commands
         self._keys = Keys()
-        view.installEventFilter(self)
-
-    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
-        """Keep the view's keys from being shortcuts of the window."""
-        if (
-            isinstance(event, QKeyEvent)
-            and event.type() == QEvent.Type.ShortcutOverride
-            and self.is_own(event)
-        ):
-            event.accept()
-            return True
-        return False
+        OwnKeys(view, self.is_own)
 
     def is_own(self, event: QKeyEvent) -> bool:
         """Whether a key is the view's now; others are the window's."""
@@ -157,7 +142,7 @@ class Keyboard(QObject):
 
 
 class View3D(QWidget):
-    """Shows the terrain."""
+    """Shows the terrain of a document, or without one a stored world, in which nothing is selected."""
 
     hovered = pyqtSignal(object)
     """The ground under the mouse: (x, y, height) in m, or None."""
@@ -167,14 +152,18 @@ class View3D(QWidget):
     """Its button for saving a picture was pressed."""
 
     def __init__(
-        self, document: Document, workspace: Workspace, link: EngineLink, parent: QWidget | None = None
+        self,
+        document: Document | None,
+        workspace: Workspace,
+        link: PictureSource,
+        parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
         self._document, self._workspace, self._link = document, workspace, link
         self._scene = Scene(document, workspace, link)
         self._mouse = Mouse(self, self._scene, document, workspace, link)
         self._by_key = False
-        self._size, self._over = PictureSize(self, link), Hud(self, link)
+        self._size, self._hud = PictureSize(self, link), Hud(self, link)
         self.setAttribute(Qt.WidgetAttribute.WA_OpaquePaintEvent)
         self.setMouseTracking(True)
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
@@ -197,7 +186,7 @@ class View3D(QWidget):
 
     def _connect(self) -> None:
         link, workspace = self._link, self._workspace
-        link.facts_changed.connect(self._over.show_card)
+        link.facts_changed.connect(self._hud.show_card)
         link.trouble.connect(self._take_trouble)
         for signal in (
             link.placed_changed,
@@ -210,21 +199,30 @@ class View3D(QWidget):
             signal.connect(self._refresh)
         self._mouse.ground.connect(self.hovered)
         self._mouse.message.connect(self.message)
-        bar = self._over.bar
+        bar = self._hud.bar
         bar.see_all.connect(self.see_all)
         bar.see_best.connect(self.see_best)
         bar.picture_wanted.connect(self.picture_wanted)
+
+    @property
+    def bar(self) -> QWidget:
+        """Buttons in its upper left corner."""
+        return self._hud.bar
 
     def sizeHint(self) -> QSize:
         """Return a size to begin with."""
         return QSize(640, 480)
 
     def see_all(self) -> None:
-        """Look at all of the sketch from the south."""
-        size, ground = self._document.sketch.size, self._scene.ground()
-        height = 0.0 if ground is None else float(ground.height(0.5 * size[0], 0.5 * size[1]))
+        """Look at all of it from the south."""
+        area, ground = self._link.area(), self._scene.ground()
+        if area is None:
+            return
+        (west, south, east, north), height = area
+        if ground is not None:
+            height = float(ground.height(0.5 * (west + east), 0.5 * (south + north)))
         aspect = max(self.width(), 1) / max(self.height(), 1)
-        self._link.tell(Look(overview(size, height, aspect=aspect)))
+        self._link.tell(Look(overview((west, south, east, north), height, aspect=aspect)))
 
     def see_best(self) -> None:
         """Stand where the terrain looks best."""
@@ -232,8 +230,10 @@ class View3D(QWidget):
 
     def see_chosen(self) -> None:
         """Look at what is selected, or at the whole sketch."""
-        size = self._document.sketch.size
-        motion = going_to(self._link.placed, self._workspace.chosen, size=size)
+        area = self._link.area()
+        motion = (
+            None if area is None else going_to(self._link.placed, self._workspace.chosen, size=area[0][2:])
+        )
         if motion is None:
             self.see_all()
         else:
@@ -242,7 +242,7 @@ class View3D(QWidget):
     def delete_chosen(self) -> None:
         """Delete what is selected; a control point of a river goes back to where it was generated."""
         placed, chosen = self._link.placed, self._workspace.chosen
-        if placed is not None and chosen is not None:
+        if self._document is not None and placed is not None and chosen is not None:
             self.message.emit(delete_or_reset(self._document, self._workspace, placed, chosen))
 
     def _open_menu(self) -> None:
@@ -257,7 +257,7 @@ class View3D(QWidget):
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         """Put what lies over the picture in its places; ask for another picture a little later."""
-        self._over.place()
+        self._hud.place()
         self._size.change()
 
     def showEvent(self, event: QShowEvent | None) -> None:
@@ -280,8 +280,8 @@ class View3D(QWidget):
             QRectF(self.rect()),
             self.devicePixelRatioF(),
             hovered=self._mouse.hovered,
-            dim=self._over.card.notice is not None,
-            refines=self._over.refines and not self._mouse.is_pressed,
+            dim=self._hud.card.notice is not None,
+            refines=self._hud.refines and not self._mouse.is_pressed,
         )
         if self._by_key and self.hasFocus():
             self._scene.paint_focus(painter, QRectF(self.rect()))

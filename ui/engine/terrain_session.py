@@ -1,8 +1,8 @@
-"""The terrain on a device: it follows the placer's plans, and goes over to another device when one fails."""
+"""The terrain on a device, of the placer's plans or of a stored world; it changes devices when one fails."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from sketchterrain.errors import DeviceError, one_line
 from sketchterrain.ui.engine.channel import unpickled
@@ -10,12 +10,14 @@ from sketchterrain.ui.engine.sketch_updates import SketchMirror
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from sketchterrain.compute import ComputeContext, Device
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain, TerrainRecipe
     from sketchterrain.terrain.changes import Box
     from sketchterrain.ui.engine.protocol import Plan
+    from sketchterrain.world.viewed import ViewedWorld
 
 
 class TerrainSession:
@@ -26,8 +28,8 @@ class TerrainSession:
         self.terrain: Terrain | None = None
         self.sketch: Sketch | None = None
         self.recipe = b""
-        self.lacks = ""
-        self.owed: list[Box] = []
+        self.lacks = ""  # one line, why there is no device
+        self.dirty_areas: list[Box] = []  # m: heights that differ from what was shown last
         self._mirror = SketchMirror()
         self._failed: list[Device] = []
         self._context: ComputeContext | None = None
@@ -48,7 +50,7 @@ class TerrainSession:
         recipe = None
         for plan in plans:
             self._mirror.apply(plan.update)
-            self.owed += plan.areas
+            self.dirty_areas += plan.areas
             recipe = plan.recipe or recipe
         self.sketch = self._mirror.sketch()
         if recipe is not None:
@@ -57,7 +59,7 @@ class TerrainSession:
         elif self.terrain is not None:
             self._make(self.terrain.recipe)
 
-    def go_over(self) -> str:
+    def switch_device(self) -> str:
         """Leave the device, which failed, for another one; return a line that says so.
 
         The terrain is made anew there; without another device there is none any more.
@@ -71,8 +73,7 @@ class TerrainSession:
         while (spare := spare_device(self._failed)) is not None:
             try:
                 self._context = self._open_device(spare)
-                if self.recipe:
-                    self._make(unpickled(self.recipe, but=self.sketch))
+                self._rebuild()
             except DeviceError:
                 self._failed.append(spare)
                 continue
@@ -89,6 +90,10 @@ class TerrainSession:
         except DeviceError as error:
             self.lacks = one_line(error)
 
+    def _rebuild(self) -> None:
+        if self.recipe:
+            self._make(unpickled(self.recipe, but=self.sketch))
+
     def _make(self, recipe: TerrainRecipe) -> None:
         from sketchterrain.terrain import Terrain
 
@@ -97,4 +102,38 @@ class TerrainSession:
         if self.terrain is None:
             self.terrain = Terrain(self.sketch, recipe, self._context)
         else:
-            self.terrain = self.terrain.after(self.sketch, recipe, self.owed)
+            self.terrain = self.terrain.after(self.sketch, recipe, self.dirty_areas)
+
+
+class WorldSession(TerrainSession):
+    """A stored world in place of a terrain that is evaluated; there is no recipe and no sketch to update."""
+
+    def __init__(
+        self,
+        path: Path,
+        report: Callable[[str], None],
+        open_device: Callable[[Device], ComputeContext],
+        *,
+        device: str | None = None,
+    ) -> None:
+        from sketchterrain.world.opening import open_world
+
+        self._stored, self._report = open_world(path), report
+        self.world: ViewedWorld | None = None
+        super().__init__(open_device, device=device)
+        self._rebuild()
+
+    @property
+    def version(self) -> int:
+        """Always the same: nothing is edited."""
+        return 0
+
+    def _rebuild(self) -> None:
+        from sketchterrain.terrain import build
+        from sketchterrain.world.viewed import ViewedWorld
+
+        if self._context is not None:
+            sketch = self._stored.sketch()
+            features = None if sketch is None else build(sketch, device=self._context)
+            self.world = ViewedWorld(self._stored, self._context, features, told=self._report)
+            self.terrain = cast("Terrain", self.world)  # for the renderer they are the same

@@ -1,1 +1,0 @@
-"""Written worlds in a window of their own."""

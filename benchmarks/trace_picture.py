@@ -14,8 +14,7 @@ from typing import Final
 from PIL import Image, ImageDraw, ImageFont
 
 from sketchterrain.trace.coloured_map import read_map
-from sketchterrain.trace.preview import preview_png
-from sketchterrain.trace.sheet import Sheet
+from sketchterrain.trace.sheet import Sheet, preview_png
 from sketchterrain.whole_files import write_whole
 
 _SIZE: Final = (600, 420)

@@ -16,9 +16,8 @@ from sketchterrain.sketch import load_sketch
 from sketchterrain.sketch.document import labels_in
 from sketchterrain.sketch.label_colours import DRAW_ORDER, label_rgb, to_oklab
 from sketchterrain.trace.coloured_map import read_map
-from sketchterrain.trace.legend import NOTHING, Legend, LegendColour, Meaning
-from sketchterrain.trace.preview import sketch_picture
-from sketchterrain.trace.sheet import Sheet
+from sketchterrain.trace.legend import NOTHING, Legend, Meaning
+from sketchterrain.trace.sheet import Sheet, sketch_picture
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -104,16 +103,16 @@ def _nearest(path: Path, legend: Legend, sketch: Sketch) -> Labels:
         size = (sketch.width_px, sketch.height_px)
         rgb = np.asarray(image.convert("RGB").resize(size, Image.Resampling.NEAREST))
     lab = to_oklab(rgb / 255.0)
-    colours = to_oklab(np.array([each.rgb for each in legend.colours]) / 255.0)
+    colours = to_oklab(np.array(list(legend.colours)) / 255.0)
     nearest = np.argmin(np.stack([((lab - each) ** 2).sum(axis=-1) for each in colours]), axis=0)
-    values = np.array([_value(*each.meaning) for each in legend.colours])
+    values = np.array([_value(*meaning) for meaning in legend.colours.values()])
     return np.asarray(values[nearest])
 
 
 def _legend(sketch: Sketch) -> Legend:
     painted = [Meaning(layer, label) for layer in DRAW_ORDER for label in labels_in(sketch.layers[layer])]
-    colours = [LegendColour(label_rgb(*each), each) for each in painted]
-    return Legend((LegendColour((255, 255, 255), NOTHING), *colours))
+    colours = {label_rgb(*each): each for each in painted}
+    return Legend({(255, 255, 255): NOTHING, **colours})
 
 
 def _labels(sketch: Sketch) -> Labels:

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.sketch import Sketch
-    from sketchterrain.trace.sheet import Sheet
-    from sketchterrain.trace.traced import Traced
+    from sketchterrain.trace.sheet import Sheet, Traced
 
 _ZIP = ".sketch"
 # Which options are about which kind of source; the others are about all.
@@ -38,7 +37,7 @@ _KINDS = {
     "picture": "a picture",
     "folder": "a folder of pictures",
     "open raster": "an OpenRaster file",
-    "vectors": "GeoJSON or a GeoPackage",
+    "vectors": "vectors",
 }
 
 
@@ -58,7 +57,7 @@ def trace(
         typer.Argument(
             metavar="FILE",
             help="A coloured map (PNG, JPEG, TIFF, WebP), layers (.ora, a folder of pictures), "
-            "GeoJSON or a GeoPackage.",
+            "vectors (GeoJSON, GeoPackage, FlatGeobuf, Shapefile, OSM PBF).",
         ),
     ],
     output: Annotated[
@@ -133,8 +132,8 @@ def trace(
     with Stages() as stages:
         with stages.stage("program", "Loading the program"):
             from sketchterrain.sketch import save_sketch
+            from sketchterrain.trace.picture import kind_of
             from sketchterrain.trace.sheet import Sheet
-            from sketchterrain.trace.source import kind_of
 
             kind = kind_of(file)
             _refuse_others(kind, {**coloured, **mapped, "--layer": layer, "--extent": extent})
@@ -161,7 +160,7 @@ def trace(
         with stages.stage("files", "Writing files"):
             save_sketch(done.sketch, output)
             if preview is not None:
-                from sketchterrain.trace.preview import preview_png
+                from sketchterrain.trace.sheet import preview_png
                 from sketchterrain.whole_files import write_whole
 
                 write_whole(preview, preview_png(done.sketch, source))

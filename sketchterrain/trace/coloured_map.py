@@ -2,38 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import LAYERS
-from sketchterrain.trace.found_colours import find_colours
-from sketchterrain.trace.gaps import fill_gaps, without_specks, without_threads
-from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND
-from sketchterrain.trace.lines import joined
-from sketchterrain.trace.majority import NO_VOTE, majority
-from sketchterrain.trace.picture import read_picture
-from sketchterrain.trace.sorted_pixels import CLEAR, UNKNOWN, sort_pixels
-from sketchterrain.trace.traced import Traced
-from sketchterrain.trace.waters import narrow_waters, parted_waters
+from sketchterrain.trace.label_image import (
+    NO_VOTE,
+    fill_gaps,
+    joined,
+    majority,
+    narrow_waters,
+    parted_waters,
+    without_specks,
+    without_threads,
+)
+from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND, Legend, Meaning
+from sketchterrain.trace.picture import Picture, read_picture
+from sketchterrain.trace.picture_colours import (
+    CLEAR,
+    UNKNOWN,
+    FoundColour,
+    SortedPixels,
+    find_colours,
+    sort_pixels,
+)
+from sketchterrain.trace.sheet import Sheet, Traced
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from sketchterrain.trace.found_colours import FoundColour
-    from sketchterrain.trace.legend import Legend, Meaning
-    from sketchterrain.trace.picture import Picture
-    from sketchterrain.trace.sheet import Sheet
-    from sketchterrain.trace.sorted_pixels import SortedPixels
-
-__all__ = ["SPECKS", "ColouredMap", "TracedMap", "map_of", "read_map"]
-
-SPECKS: Final = 16
-"""Areas of fewer pixels of the sketch vanish unless it is asked otherwise."""
+SPECKS: Final = 16  # areas of fewer pixels of the sketch vanish unless it is asked otherwise
 
 _INK_REACH = 24.0  # px of the sketch that lettering is filled from its sides; a wider area stays empty
 _THIN = ("river",)
@@ -44,15 +45,9 @@ _TOLD = 12  # colours that notes name
 
 @dataclass(frozen=True, eq=False)
 class TracedMap(Traced):
-    """What a coloured map gave.
+    """A traced map: what each of its colours was taken for (None: the legend does not have it).
 
-    Attributes
-    ----------
-    colours : tuple of (FoundColour, Meaning or None)
-        What each of its colours was taken for; None: for nothing, the legend does not have it.
-    sure, taken, unknown : float
-        Shares of the picture: plainly one of its colours; taken from what is beside, as borders are; like
-        nothing around it.
+    `sure`, `taken` and `unknown` are shares of the picture, as in `SortedPixels`.
     """
 
     colours: tuple[tuple[FoundColour, Meaning | None], ...]
@@ -63,19 +58,10 @@ class TracedMap(Traced):
 
 @dataclass(frozen=True, eq=False)
 class ColouredMap:
-    """A coloured map that was read: it is asked for a sketch as often as meanings change.
+    """A coloured map that was read: a sketch can be made of it as often as meanings change.
 
-    Attributes
-    ----------
-    name : str
-        Of its file, without the ending.
-    rgba : numpy.ndarray
-        uint8, (height, width, 4).
-    colours : tuple of FoundColour
-        The most common first.
-    meanings : tuple of Meaning or None
-        What the legend says of each of these.
-    pixels : SortedPixels
+    `rgba` is uint8, (height, width, 4); `meanings` is what the legend says of its colours, the most common
+    first.
     """
 
     name: str
@@ -92,7 +78,7 @@ class ColouredMap:
         specks: int = SPECKS,
         narrow: float = 0.0,
     ) -> TracedMap:
-        """Return the sketch.
+        """Return the sketch; raise `InputError` if no colour stands for a label.
 
         Parameters
         ----------
@@ -104,11 +90,6 @@ class ColouredMap:
         narrow
             Water narrower than so many pixels of the sketch is a river, other water a lake, whichever colour
             it has; 0: its colour decides.
-
-        Raises
-        ------
-        InputError
-            If no colour stands for a label.
         """
         meant = tuple(self.meanings if meanings is None else meanings)
         painted = sorted({each for each in meant if each is not None and each.label}, key=_order)
@@ -152,39 +133,12 @@ class ColouredMap:
 
 
 def read_map(path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
-    """Read a coloured map.
-
-    Parameters
-    ----------
-    path
-        A PNG, JPEG, TIFF or WebP picture.
-    legend
-        What its colours stand for.
-
-    Raises
-    ------
-    InputError
-        If it is no such picture, is too large, or has no colours.
-    """
+    """Read a coloured map from a picture; raise `InputError` if it is none or has no colours."""
     return map_of(read_picture(path), path, legend)
 
 
 def map_of(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> ColouredMap:
-    """Return the coloured map that a picture is.
-
-    Parameters
-    ----------
-    picture
-    path
-        Where it came from.
-    legend
-        What its colours stand for.
-
-    Raises
-    ------
-    InputError
-        If it has no colours.
-    """
+    """Return the coloured map that a picture from a path is; raise `InputError` if it has no colours."""
     place = one_line(path)
     if picture.is_grey:
         raise InputError(
@@ -193,7 +147,7 @@ def map_of(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> Coloure
         )
     # The program's own legend has more colours than any picture: they are no reason to tell two apart.
     is_own = legend.colours is OWN_LEGEND.colours
-    sought = () if is_own else (each.rgb for each in legend.colours)
+    sought = () if is_own else legend.colours
     colours = find_colours(picture.rgba, sought=sought)
     if not colours:
         raise InputError(f"{place}: no area of it is of one colour: expected a coloured map")

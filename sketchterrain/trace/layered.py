@@ -1,37 +1,52 @@
-"""Layers of a paint program as a sketch: OpenRaster files, folders of pictures, one picture for one layer."""
+"""Layers of a paint program as a sketch: OpenRaster files, folders of pictures, one picture for one layer.
+
+OpenRaster (``.ora``) is read after the Layer Stack and File Layout Specifications at openraster.org; like
+GIMP's reader (plug-ins/python/file-openraster.py), a group has no offset of its own.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import LAYERS
+from sketchterrain.sketch.label_colours import to_oklab
+from sketchterrain.sketch.safe_zip import open_zip
 from sketchterrain.sketch.wording import shown
-from sketchterrain.trace.layer_names import meant_by
-from sketchterrain.trace.legend import Meaning
-from sketchterrain.trace.majority import majority
-from sketchterrain.trace.masks import painted
-from sketchterrain.trace.open_raster import read_open_raster
-from sketchterrain.trace.picture import kind_of_picture, picture_from, read_picture
-from sketchterrain.trace.traced import Traced
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-    from sketchterrain.trace.sheet import Sheet
-
-__all__ = ["trace_folder", "trace_mask", "trace_open_raster"]
+from sketchterrain.trace.label_image import majority
+from sketchterrain.trace.legend import Meaning, meant_by
+from sketchterrain.trace.picture import (
+    Picture,
+    check_size,
+    kind_of_picture,
+    picture_from,
+    read_picture,
+)
+from sketchterrain.trace.sheet import Sheet, Traced
 
 Mask = npt.NDArray[np.bool_]
 
 _SETTINGS = "sketch.toml"
 _MOST_FILES = 1000
-_LIKE: Final = 0.01  # by which the shapes of a folder's pictures may differ
+_LIKE = 0.01  # by which the shapes of a folder's pictures may differ
+# Paint beside paper
+_OTHER = 0.2  # Oklab: farther from the paper's colour is paint; half as far as what is painted most plainly
+_SAME = 0.04  # Oklab: a picture that differs by less is of one colour
+_ROWS = 512
+# OpenRaster
+_LARGEST = 1 << 30  # bytes of the file, unpacked or not
+_LARGEST_PNG = 256 << 20
+_LARGEST_STACK = 4 << 20
+_DEEPEST = 100
+_MOST_LAYERS = 256
+_FARTHEST = 1 << 24  # px of an offset
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +72,7 @@ class _Sheets:
 
 
 def trace_mask(path: Path, layer: str, sheet: Sheet) -> Traced:
-    """Return a sketch with one layer, painted where a picture is.
-
-    Parameters
-    ----------
-    path
-    layer
-        Its name, with a label if wanted: ``mountain``, ``river.2``.
-    sheet
+    """Return a sketch with one layer (``mountain``, ``river.2``), painted where a picture is.
 
     Raises
     ------
@@ -76,7 +84,7 @@ def trace_mask(path: Path, layer: str, sheet: Sheet) -> Traced:
         raise InputError(
             f"layer {shown(layer)}: expected {', '.join(LAYERS)}, or one with a label, as river.2"
         )
-    mask, how = painted(read_picture(path))
+    mask, how = painted_mask(read_picture(path))
     if not mask.any():
         raise InputError(f"{one_line(path)}: {how}: expected a picture with something on its paper")
     sheets = _Sheets.empty(sheet.size(mask.shape[1], mask.shape[0]))
@@ -85,34 +93,73 @@ def trace_mask(path: Path, layer: str, sheet: Sheet) -> Traced:
     return Traced(sketch, (f"{path.name} is {meaning}: {how}", *told))
 
 
+class _StackLayer(NamedTuple):
+    """A layer of OpenRaster: its meaning or its group's, its north-west corner (px), its picture's entry."""
+
+    name: str
+    meaning: Meaning | None
+    is_hidden: bool
+    x: int
+    y: int
+    source: str
+
+
 def trace_open_raster(path: Path, sheet: Sheet) -> Traced:
-    """Return the sketch that lies in the layers of an OpenRaster file.
+    """Return the sketch that lies in the layers of an OpenRaster file, named as a sketch's.
+
+    Layers and groups that are hidden, or of no opacity at all, are left out; how faint another is does not
+    matter, for people dim what they look through.
 
     Raises
     ------
     InputError
-        If it is none, is unsafe, or no visible layer is called as a sketch's.
+        If it is none, is unsafe, or no visible layer is named as a sketch's.
     """
-    place, read = one_line(path), read_open_raster(path)
-    if not read.layers:
-        raise _unnamed(place, "layer", (*read.others, *read.hidden))
-    sheets, notes = _Sheets.empty(sheet.size(read.width, read.height)), []
-    for layer in read.layers:
-        picture = picture_from(layer.png, f"{place}: layer {shown(layer.name)}")
-        height, width = picture.rgba.shape[:2]
-        covers = layer.x <= 0 and layer.y <= 0
-        covers = covers and layer.x + width >= read.width and layer.y + height >= read.height
-        mask, how = painted(picture)
-        # A layer is cut to what is on it: one that does not cover the picture has no paper, nor has one that
-        # is filled with a colour.
-        if not picture.see_through and not (covers and mask.any()):
-            mask, how = np.ones((height, width), dtype=bool), ""
-        count = sheets.add(layer.meaning, _placed(mask, layer.x, layer.y, (read.height, read.width)))
-        notes.append(f"layer {shown(layer.name)} is {layer.meaning}{_empty(count, how)}")
-    notes += [f"hidden, left out: {_listed(read.hidden)}"] if read.hidden else []
-    notes += [f"no layer of a sketch, left out: {_listed(read.others)}"] if read.others else []
+    place = one_line(path)
+    with open_zip(
+        path, place, largest=_LARGEST, expected="a whole OpenRaster file", inside="the archive"
+    ) as archive:
+        kind = archive.read("mimetype", 256).strip() if "mimetype" in archive.names else b""
+        if kind == b"application/x-krita":
+            raise InputError(f"{place} is a Krita file: in Krita, File ▸ Save As, OpenRaster (.ora)")
+        if kind != b"image/openraster" or "stack.xml" not in archive.names:
+            raise InputError(f"{place}: expected an OpenRaster file, with stack.xml in it")
+        size, layers = _stack(archive.read("stack.xml", _LARGEST_STACK), f"{place}/stack.xml")
+        hidden = [each.name for each in layers if each.is_hidden]
+        others = [each.name for each in layers if each.meaning is None and not each.is_hidden]
+        named = [(each, each.meaning) for each in layers if each.meaning is not None and not each.is_hidden]
+        if not named:
+            raise _unnamed(place, "layer", (*others, *hidden))
+        if len(named) > _MOST_LAYERS:
+            raise InputError(f"{place}: expected at most {_MOST_LAYERS} layers that mean something")
+        sheets, notes, total = _Sheets.empty(sheet.size(*size)), [], 0
+        for layer, meaning in named:
+            if layer.source not in archive.names or layer.source.endswith("/"):
+                raise InputError(f"{place}: layer {shown(layer.name)}: {shown(layer.source)} is not in it")
+            png = archive.read(layer.source, min(_LARGEST_PNG, _LARGEST - total))
+            total += len(png)
+            mask, how = _layer_mask(picture_from(png, f"{place}: layer {shown(layer.name)}"), layer, size)
+            notes.append(f"layer {shown(layer.name)} is {meaning}{_empty(sheets.add(meaning, mask), how)}")
+    notes += [f"hidden, left out: {_listed(hidden)}"] if hidden else []
+    notes += [f"no layer of a sketch, left out: {_listed(others)}"] if others else []
     sketch, told = sheet.sketch(sheets.layers, path.stem)
     return Traced(sketch, (*notes, *told))
+
+
+def _layer_mask(picture: Picture, layer: _StackLayer, size: tuple[int, int]) -> tuple[Mask, str]:
+    """Return where a layer is painted on a picture of a size (width, height), and how that was told."""
+    height, width = picture.rgba.shape[:2]
+    covers = layer.x <= 0 and layer.y <= 0 and layer.x + width >= size[0] and layer.y + height >= size[1]
+    mask, how = painted_mask(picture)
+    # A layer is cut to what is on it: one that does not cover the picture has no paper, nor has one that is
+    # filled with a colour.
+    if not picture.see_through and not (covers and mask.any()):
+        mask, how = np.ones((height, width), dtype=bool), ""
+    whole = np.zeros((size[1], size[0]), dtype=bool)
+    top, left = max(0, layer.y), max(0, layer.x)
+    part = mask[top - layer.y :, left - layer.x :][: max(0, size[1] - top), : max(0, size[0] - left)]
+    whole[top : top + part.shape[0], left : left + part.shape[1]] = part
+    return whole, how
 
 
 def trace_folder(folder: Path, sheet: Sheet) -> Traced:
@@ -147,7 +194,7 @@ def trace_folder(folder: Path, sheet: Sheet) -> Traced:
             counts = [sheets.add(Meaning(meaning.layer, label), values == label) for label in labels]
             notes.append(f"{path.name}: its values are labels of {meaning.layer}{_empty(sum(counts), '')}")
             continue
-        mask, how = painted(picture)
+        mask, how = painted_mask(picture)
         notes.append(f"{path.name} is {meaning}{_empty(sheets.add(meaning, mask), how)}")
     if sheets is None:
         raise RuntimeError("expected a picture")
@@ -158,10 +205,7 @@ def trace_folder(folder: Path, sheet: Sheet) -> Traced:
 
 
 def _named_files(folder: Path) -> tuple[list[tuple[Meaning, Path]], list[str], list[str]]:
-    """Return the pictures in a folder that are called as layers, the lowest label first, and names of others.
-
-    These are of other pictures, and of what is called as a layer but is none.
-    """
+    """Return pictures named as layers, the lowest label first, other pictures and other files so named."""
     place = one_line(folder)
     try:
         paths = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
@@ -186,16 +230,6 @@ def _start(path: Path) -> bytes:
         return stream.read(16)
 
 
-def _placed(mask: Mask, x: int, y: int, shape: tuple[int, int]) -> Mask:
-    """Return a mask where it lies on a picture of a shape (height, width)."""
-    whole = np.zeros(shape, dtype=bool)
-    top, left = max(0, y), max(0, x)
-    bottom, right = min(shape[0], y + mask.shape[0]), min(shape[1], x + mask.shape[1])
-    if bottom > top and right > left:
-        whole[top:bottom, left:right] = mask[top - y : bottom - y, left - x : right - x]
-    return whole
-
-
 def _unnamed(place: str, what: str, names: Iterable[str]) -> InputError:
     found = _listed(names)
     return InputError(
@@ -215,3 +249,77 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(shown(name) for name in given[:10]) + (
         f" and {len(given) - 10} more" if len(given) > 10 else ""
     )
+
+
+def painted_mask(picture: Picture) -> tuple[npt.NDArray[np.bool_], str]:
+    """Return where a layer is painted, (height, width), and in words how that was told.
+
+    A layer that is transparent somewhere is painted where it is more than half opaque. Any other has a paper:
+    the colour that most of its border has. White strokes on black are paint, and so are black ones on white.
+    """
+    rgba = picture.rgba
+    if picture.see_through:
+        return rgba[..., 3] >= 128, "what is opaque is painted"
+    paper = _paper(rgba)
+    origin = to_oklab(np.array(paper) / 255.0)
+    far = np.empty(rgba.shape[:2], dtype=np.float32)
+    for top in range(0, len(rgba), _ROWS):
+        colours = to_oklab(rgba[top : top + _ROWS, :, :3] / 255.0)
+        far[top : top + _ROWS] = np.sqrt(((colours - origin) ** 2).sum(axis=-1))
+    farthest = float(far.max())
+    code = "#{:02x}{:02x}{:02x}".format(*paper)
+    if farthest < _SAME:
+        return np.zeros(far.shape, dtype=bool), f"it is all {code}, so nothing is painted"
+    return far > min(_OTHER, 0.5 * farthest), f"its border is {code}, so what is not is painted"
+
+
+def _paper(rgba: npt.NDArray[np.uint8]) -> tuple[int, int, int]:
+    """Return the colour that most of the border has."""
+    border = np.concatenate([rgba[0], rgba[-1], rgba[:, 0], rgba[:, -1]])[:, :3]
+    coarse = (border >> 4).astype(np.int32)
+    cells = (coarse[:, 0] << 8) | (coarse[:, 1] << 4) | coarse[:, 2]
+    most = np.bincount(cells).argmax()
+    red, green, blue = (int(value) for value in np.rint(border[cells == most].mean(axis=0)))
+    return red, green, blue
+
+
+def _stack(data: bytes, place: str) -> tuple[tuple[int, int], list[_StackLayer]]:
+    """Return the size (width, height) of an OpenRaster picture and its layers, the topmost first."""
+    if b"<!DOCTYPE" in data:  # could define entities
+        raise InputError(f"{place}: it has a DOCTYPE: expected none")
+    try:
+        image = ET.fromstring(data)  # noqa: S314 # no entities
+    except (ET.ParseError, ValueError) as error:
+        raise InputError(f"{place}: expected XML ({one_line(error)})") from None
+    if image.tag != "image":
+        raise InputError(f"{place}: expected <image>, got <{one_line(image.tag)}>")
+    width, height = (round(_number(image, key, 0.0, place)) for key in ("w", "h"))
+    check_size((width, height), place)
+    layers: list[_StackLayer] = []
+    waiting: list[tuple[ET.Element, bool, Meaning | None, int]] = [(image, False, None, 0)]
+    while waiting:
+        element, is_hidden, meaning, depth = waiting.pop()
+        if depth > _DEEPEST:
+            raise InputError(f"{place}: groups are nested too deeply")
+        if element is not image:
+            is_hidden |= element.get("visibility") == "hidden"
+            is_hidden |= not _number(element, "opacity", 1.0, place) > 0.0
+            meaning = meant_by(element.get("name", "")) or meaning
+        if element.tag == "layer":
+            x, y = (round(_number(element, key, 0.0, place)) for key in ("x", "y"))
+            layers.append(
+                _StackLayer(element.get("name", ""), meaning, is_hidden, x, y, element.get("src", ""))
+            )
+        waiting.extend((child, is_hidden, meaning, depth + 1) for child in reversed(element))
+    return (width, height), layers
+
+
+def _number(element: ET.Element, key: str, default: float, place: str) -> float:
+    text = element.get(key)
+    try:
+        value = default if text is None else float(text)
+    except ValueError:
+        value = float("nan")
+    if not -_FARTHEST <= value <= _FARTHEST:
+        raise InputError(f"{place}: {key}={shown(text)}: expected a number of pixels or a share")
+    return value

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from pathlib import Path
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -14,34 +16,22 @@ from sketchterrain.sketch.label_colours import to_oklab
 from sketchterrain.sketch.toml_reading import load_toml
 from sketchterrain.sketch.wording import did_you_mean, shown
 
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from pathlib import Path
-
-__all__ = ["INK", "NOTHING", "OWN_LEGEND", "TOLERANCE", "Legend", "LegendColour", "Meaning", "read_legend"]
-
 Rgb = tuple[int, int, int]
 
-TOLERANCE: Final = 0.1
-"""How far, in Oklab, a colour may be from a legend's; black and white are 1 apart, like shades 0.05."""
+TOLERANCE: Final = 0.1  # Oklab, from a legend's colour; black and white are 1 apart, like shades 0.05
 
 _LARGEST = 1 << 20  # bytes of a legend's file
 _MOST_COLOURS = 1000
 _KEYS = ("rgb", "layer", "label")
 _HEX = re.compile(r"#?([0-9a-fA-F]{6}|[0-9a-fA-F]{3})")
+_NAMED = re.compile(r"([a-z]+)[\s._#:(-]*(\d{1,3})?\)?(?:\.png)?", re.IGNORECASE)
 _GIVEN = re.compile(r"\s*([A-Za-z]+)(?:\.(\d{1,9}))?\s*=\s*(\S+)\s*")
 
 
 class Meaning(NamedTuple):
-    """What a colour stands for.
+    """What a colour stands for: a layer and a label, 1 to 255, or `NOTHING` (no paint) or `INK` with 0.
 
-    Attributes
-    ----------
-    layer : str
-        A name in `LAYERS`, ``nothing`` (no paint) or ``ink`` (lettering and outlines: what is beside them
-        lies beneath them too).
-    label : int
-        Of the layer, 1 to 255; else 0.
+    Ink is lettering and outlines: what is beside them lies beneath them too.
     """
 
     layer: str
@@ -56,68 +46,39 @@ INK: Final = Meaning("ink", 0)
 
 
 @dataclass(frozen=True)
-class LegendColour:
-    """A colour, sRGB from 0 to 255, and what it stands for."""
-
-    rgb: Rgb
-    meaning: Meaning
-
-
-@dataclass(frozen=True)
 class Legend:
-    """What colours stand for.
+    """What colours (sRGB, 0 to 255) stand for, and how far, in Oklab, a colour may be from one of these."""
 
-    Parameters
-    ----------
-    colours
-    tolerance
-        How far, in Oklab, a colour may be from one of these.
-    """
-
-    colours: tuple[LegendColour, ...]
+    colours: Mapping[Rgb, Meaning]
     tolerance: float = TOLERANCE
 
     @classmethod
     def given(cls, texts: Iterable[str], *, tolerance: float = TOLERANCE) -> Legend:
         """Return the legend of texts like ``mountain=#8b5a2b``, ``river.2=#0000ff`` or ``ink=#000000``.
 
-        Raises
-        ------
-        InputError
-            If a text is not like that, or a colour is there twice.
+        Raise `InputError` if a text is not like that, or a colour has two meanings.
         """
         colours = []
         for text in texts:
             match = _GIVEN.fullmatch(text)
             if match is None:
                 raise InputError(f"colour {shown(text)}: expected LAYER=#rrggbb or LAYER.LABEL=#rrggbb")
-            layer, label = match[1].lower(), match[2]
-            where = f"colour {shown(text)}"
-            colours.append(
-                LegendColour(
-                    _rgb(match[3], where), _meaning(layer, None if label is None else int(label), where)
-                )
-            )
+            where, label = f"colour {shown(text)}", match[2] and int(match[2])
+            colours.append((_rgb(match[3], where), _meaning(match[1].lower(), label, where)))
         return cls(_checked(colours, "colours"), tolerance)
 
     def meaning(self, rgb: Rgb) -> Meaning | None:
         """Return what the nearest colour of the legend stands for; None if none is near enough."""
         if not self.colours:
             return None
-        lab = to_oklab(np.array([rgb, *(each.rgb for each in self.colours)]) / 255.0)
+        lab = to_oklab(np.array([rgb, *self.colours]) / 255.0)
         distance = np.sqrt(((lab[1:] - lab[0]) ** 2).sum(axis=1))
         nearest = int(np.argmin(distance))
-        return self.colours[nearest].meaning if distance[nearest] <= self.tolerance else None
+        return list(self.colours.values())[nearest] if distance[nearest] <= self.tolerance else None
 
 
 def read_legend(path: Path, *, tolerance: float = TOLERANCE) -> Legend:
-    """Read a legend from a TOML file: tables ``[[colour]]`` of ``rgb``, ``layer`` and ``label``, else 1.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read or is not as that says.
-    """
+    """Read a legend from a TOML file: tables ``[[colour]]`` of ``rgb``, ``layer`` and ``label``, else 1."""
     place = one_line(path)
     try:
         with path.open("rb") as stream:
@@ -132,7 +93,7 @@ def read_legend(path: Path, *, tolerance: float = TOLERANCE) -> Legend:
         raise InputError(f"{place}: {error}") from None
 
 
-def _from_toml(read: dict[str, object]) -> tuple[LegendColour, ...]:
+def _from_toml(read: dict[str, object]) -> dict[Rgb, Meaning]:
     tables = read.get("colour")
     others = [key for key in read if key != "colour"]
     if others:
@@ -153,7 +114,7 @@ def _from_toml(read: dict[str, object]) -> tuple[LegendColour, ...]:
             raise InputError(f"{where}: expected layer, a layer's name, got {shown(layer)}")
         if label is not None and (not isinstance(label, int) or isinstance(label, bool)):
             raise InputError(f"{where}: expected label, 1 to 255, got {shown(label)}")
-        colours.append(LegendColour(_rgb(table.get("rgb"), where), _meaning(layer, label, where)))
+        colours.append((_rgb(table.get("rgb"), where), _meaning(layer, label, where)))
     return _checked(colours, "[[colour]]")
 
 
@@ -181,15 +142,15 @@ def _meaning(layer: str, label: int | None, where: str) -> Meaning:
     return Meaning(layer, label or 1)
 
 
-def _checked(colours: list[LegendColour], where: str) -> tuple[LegendColour, ...]:
+def _checked(colours: list[tuple[Rgb, Meaning]], where: str) -> dict[Rgb, Meaning]:
     meant: dict[Rgb, Meaning] = {}
-    for each in colours:
-        if meant.setdefault(each.rgb, each.meaning) != each.meaning:
-            code = "#{:02x}{:02x}{:02x}".format(*each.rgb)
-            raise InputError(f"{where}: {code} stands for {meant[each.rgb]} and for {each.meaning}")
+    for rgb, meaning in colours:
+        if meant.setdefault(rgb, meaning) != meaning:
+            code = "#{:02x}{:02x}{:02x}".format(*rgb)
+            raise InputError(f"{where}: {code} stands for {meant[rgb]} and for {meaning}")
     if not colours:
         raise InputError(f"{where}: expected at least one colour")
-    return tuple(colours)
+    return meant
 
 
 def _own() -> Legend:
@@ -202,9 +163,18 @@ def _own() -> Legend:
         *("lake=#aad3df", "forest=#add19e", "dune=#f5e9c6", "material=#eee5dc", "nothing=#f2efe9"),
         *("nothing=#cdebb0", "nothing=#ddecec"),
     )
-    layers = tuple(LegendColour(layer.colour, Meaning(name, 1)) for name, layer in LAYERS.items())
-    return Legend(layers + Legend.given(common).colours)
+    layers = {layer.colour: Meaning(name, 1) for name, layer in LAYERS.items()}
+    return Legend({**layers, **Legend.given(common).colours, **layers})
 
 
-OWN_LEGEND: Final = _own()
-"""The colours in which the program shows layers, and those that people and common maps use."""
+OWN_LEGEND: Final = _own()  # the program's own colours and those that people and common maps use
+
+
+def meant_by(name: str) -> Meaning | None:
+    """Return the layer and label of a name such as ``Mountains``, ``river 2`` or ``lake_3.png``, or None."""
+    match = _NAMED.fullmatch(name.strip())
+    if match is None:
+        return None
+    word, label = match[1].lower(), int(match[2] or 1)
+    known = {**{each: each for each in LAYERS}, **{LAYERS[each].title.lower(): each for each in LAYERS}}
+    return Meaning(known[word], label) if word in known and 1 <= label <= 255 else None

@@ -1,27 +1,27 @@
-"""The sketch that something is traced to: its pixels, its extent, its name."""
+"""The sketch that something is traced to: its pixels, its extent, its name, its picture."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, SKETCH, Sketch
 from sketchterrain.sketch.document import LARGEST_SIDE, MOST_LABELS, labels_in
-from sketchterrain.trace.majority import scaled_size
+from sketchterrain.sketch.label_colours import DRAW_ORDER, label_rgb
+from sketchterrain.sketch.parameter import Value
+from sketchterrain.trace.label_image import scaled_size
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+LONGEST: Final = 1024  # px along the longer side at most, unless more are asked for
 
-    import numpy as np
-    import numpy.typing as npt
-
-    from sketchterrain.sketch.parameter import Value
-
-__all__ = ["LONGEST", "Sheet"]
-
-LONGEST: Final = 1024
-"""The most pixels along the longer side unless more are asked for."""
+_GAP = 8  # px between a sketch's picture and its source's
+_TALLEST = 1024  # px of the picture
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,7 @@ class Sheet:
         return scaled_size(width, height, self.size_px or min(longest, LONGEST))
 
     def sketch(self, layers: Mapping[str, npt.NDArray[np.uint8]], called: str) -> tuple[Sketch, list[str]]:
-        """Return the sketch of layers' images, and what is to be told of it.
-
-        Parameters
-        ----------
-        layers
-            uint8, (height, width), by name; all of one size.
-        called
-            Its name if none was given.
-        """
+        """Return the sketch of layers' images, uint8 (height, width) of one size, and notes on it."""
         there = {name: image for name, image in layers.items() if image.any()}
         labels: dict[tuple[str, int], dict[str, Value]] = {}
         for name, image in there.items():
@@ -100,3 +92,38 @@ class Sheet:
 
 def _numbers(image: npt.NDArray[np.uint8]) -> str:
     return "+".join(str(label) for label in labels_in(image))
+
+
+@dataclass(frozen=True, eq=False)
+class Traced:
+    """A sketch made from something else, and notes: what was taken, left out and guessed, one line each."""
+
+    sketch: Sketch
+    notes: tuple[str, ...]
+
+
+def sketch_picture(sketch: Sketch) -> npt.NDArray[np.uint8]:
+    """Return what a sketch looks like on white paper: uint8, (height, width, 3), sRGB."""
+    shown = np.full((sketch.height_px, sketch.width_px, 3), 255, dtype=np.uint8)
+    for layer in DRAW_ORDER:
+        image = sketch.layers[layer]
+        for label in labels_in(image):
+            shown[image == label] = label_rgb(layer, label)
+    return shown
+
+
+def preview_png(sketch: Sketch, source: npt.NDArray[np.uint8] | None = None) -> bytes:
+    """Return a PNG of a sketch, at the right of its source if one is given: uint8, (height, width, 4)."""
+    traced = Image.fromarray(sketch_picture(sketch))
+    height = min(traced.height, _TALLEST)
+    size = max(1, round(traced.width * height / traced.height)), height
+    traced = traced.resize(size, Image.Resampling.NEAREST)
+    if source is not None:
+        beside = Image.new("RGB", (2 * size[0] + _GAP, height), (128, 128, 128))
+        original = Image.fromarray(source).resize(size, Image.Resampling.BOX)
+        beside.paste(original, (0, 0), original)
+        beside.paste(traced, (size[0] + _GAP, 0))
+        traced = beside
+    stream = io.BytesIO()
+    traced.save(stream, format="PNG")
+    return stream.getvalue()

@@ -1,44 +1,36 @@
-"""Which layer of a sketch a feature of a map belongs to, and what it says of its properties there."""
+"""Layer and label of a map's feature by its tags; few labels for many features."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, Final
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.trace.layer_names import meant_by
+from sketchterrain.sketch.parameter import Value
+from sketchterrain.trace.legend import meant_by
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from sketchterrain.sketch.parameter import Parameter, Value
-
-__all__ = ["READ", "Wanted", "number_in", "tags_of", "wanted_by"]
+Properties = dict[str, Value]
+_Rule = tuple[str, Properties]
 
 
-class Wanted(NamedTuple):
-    """What a feature becomes.
+@dataclass(frozen=True)
+class Wanted:
+    """The layer of a feature and the properties of its label that the feature states.
 
-    Attributes
-    ----------
-    layer : str
-    properties : dict
-        Of the label, only what is said.
-    guessed : frozenset of str
-        Those of them that follow from what the feature is called.
-    clipped, unread : int
-        Values that were out of range and were taken to its end; values that nothing could be made of.
+    `guessed` names those that follow from the kind of feature; `clipped` counts values that were out of range
+    and `unread` those that could not be read.
     """
 
     layer: str
-    properties: dict[str, Value]
+    properties: Properties
     guessed: frozenset[str]
     clipped: int
     unread: int
-
-
-_Rule = tuple[str, dict[str, "Value"]]
 
 
 def _rules(layer: str, values: str, **properties: Value) -> dict[str, _Rule]:
@@ -83,50 +75,46 @@ _ALSO = {
 }
 
 READ: Final = frozenset(
-    {"layer", "other_tags", "radius", *_KEYS}
+    {"layer", "tags", "other_tags", "radius", *_KEYS}
     | {name for layer in LAYERS.values() for name in layer.parameters}
     | {name for names in _ALSO.values() for name in names}
-)
-"""Names of the properties that count, in lower case."""
+)  # names of the properties that count, in lower case
 
 _HSTORE = re.compile(r'"((?:[^"\\]|\\.)*)"=>"((?:[^"\\]|\\.)*)"')
 _NUMBER = re.compile(r"\s*([+-]?\d+(?:\.\d+)?)\s*(?:m|metres?|meters?)?\s*", re.I)
 
 
 def tags_of(properties: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what counts of a feature's properties, by lower-case names.
+    """Return the properties that count, by lower-case names, with nested tags laid out flat.
 
-    Tags in an object ``tags`` (Overpass) or in a text ``other_tags`` (GDAL's driver OSM) are laid out flat.
+    These are an object ``tags`` (Overpass), which GDAL gives as JSON, and ``other_tags`` (GDAL's driver OSM).
     """
-    nested = properties.get("tags")
-    flat = {**nested, **properties} if isinstance(nested, dict) else dict(properties)
-    others = flat.get("other_tags")
+    flat = _stated(properties)
+    nested, others = flat.get("tags"), flat.get("other_tags")
+    if isinstance(nested, str) and nested.startswith("{"):
+        with suppress(ValueError, RecursionError):
+            flat = _stated(json.loads(nested)) | flat
     if isinstance(others, str):
-        flat = dict(_HSTORE.findall(others)) | flat
+        flat = _stated(dict(_HSTORE.findall(others))) | flat
+    return flat
+
+
+def _stated(tags: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tags that count and have a value, by lower-case names."""
     return {
         name.lower(): value
-        for name, value in flat.items()
+        for name, value in tags.items()
         if name.lower() in READ and value is not None and value != "" and value == value  # no NaN
     }
 
 
 def wanted_by(tags: Mapping[str, Any], source: str, layer: str | None) -> Wanted | None:
-    """Return what a feature becomes, or None if nothing says so.
+    """Return the layer and properties of a feature, or None if nothing states them.
 
-    What its property ``layer`` names counts most, then its tags, then the name of the layer that it is from,
-    then what is to be taken for all others.
-
-    Parameters
-    ----------
-    tags
-        From `tags_of`.
-    source
-        Name of the layer or file.
-    layer
-        For what says nothing of itself.
+    Its property ``layer`` counts first, then its tags, then the name of its `source` layer, then `layer`.
     """
     named = tags.get("layer")
-    name, given = _named(named) if isinstance(named, str) else None, dict[str, "Value"]()
+    name, given = _named(named) if isinstance(named, str) else None, Properties()
     if name is None:
         name, given = _tagged(tags)
     name = name or _named(source) or _SOURCES.get(source.lower()) or layer
@@ -134,7 +122,7 @@ def wanted_by(tags: Mapping[str, Any], source: str, layer: str | None) -> Wanted
 
 
 def number_in(value: object) -> float | None:
-    """Return the number that a value is or that a text such as ``12.5 m`` has, or None."""
+    """Return a number, or that of a text such as ``12.5 m``, or None."""
     if isinstance(value, bool):
         return None
     if isinstance(value, int | float):
@@ -148,7 +136,7 @@ def _named(text: str) -> str | None:
     return meaning.layer if meaning is not None else None
 
 
-def _tagged(tags: Mapping[str, Any]) -> tuple[str | None, dict[str, Value]]:
+def _tagged(tags: Mapping[str, Any]) -> tuple[str | None, Properties]:
     for key, rules in _KEYS.items():
         value = tags.get(key)
         if isinstance(value, str):
@@ -158,30 +146,74 @@ def _tagged(tags: Mapping[str, Any]) -> tuple[str | None, dict[str, Value]]:
     return None, {}
 
 
-def _with_properties(layer: str, given: dict[str, Value], tags: Mapping[str, Any]) -> Wanted:
-    said: dict[str, Value] = {}
+def _with_properties(layer: str, given: Properties, tags: Mapping[str, Any]) -> Wanted:
+    said: Properties = {}
     clipped = unread = 0
     for name, parameter in LAYERS[layer].parameters.items():
         value = next((tags[each] for each in _ALSO.get(name, (name,)) if each in tags), None)
-        if value is None:
-            continue
-        taken = _taken(value, parameter)
-        if taken is None:
-            unread += 1
-            continue
-        said[name] = taken
         number = number_in(value)
-        clipped += number is not None and not parameter.low <= number <= parameter.high
+        if parameter.kind is str and isinstance(value, str) and value in parameter.choices:
+            said[name] = value
+        elif parameter.kind is not str and number is not None:
+            inside = min(max(number, parameter.low), parameter.high)
+            clipped += inside != number
+            # A float32's 0.8999999762 is 0.9.
+            said[name] = round(inside) if parameter.kind is int else float(f"{inside:.6g}")
+        else:
+            unread += value is not None
     guessed = frozenset(given.keys() - said.keys())
     return Wanted(layer, given | said, guessed, clipped, unread)
 
 
-def _taken(value: object, parameter: Parameter) -> Value | None:
-    if parameter.kind is str:
-        return value if isinstance(value, str) and value in parameter.choices else None
-    number = number_in(value)
-    if number is None:
-        return None
-    inside = min(max(number, parameter.low), parameter.high)
-    # A float32's 0.8999999762 is 0.9.
-    return round(inside) if parameter.kind is int else float(f"{inside:.6g}")
+def classed(wanted: Sequence[Properties], most: int) -> tuple[list[int], list[Properties], float]:
+    """Return the class of each feature, the properties of at most `most` classes, and the error.
+
+    The error is the largest relative one of a number. Classes are in the order in which they appear.
+
+    Equal properties share a class. Where these are too many, so do numbers within one step of a geometric
+    scale, as fine a one as possible; a class has their mean.
+    """
+    steps = math.inf
+    while True:
+        keys = [tuple((name, _step(value, steps)) for name, value in sorted(each.items())) for each in wanted]
+        order = {key: index for index, key in enumerate(dict.fromkeys(keys))}
+        if len(order) <= most:
+            break
+        if steps < 1 / 64:  # texts, signs and what is said at all make too many
+            return [0] * len(wanted), [{}], math.inf
+        steps = 64.0 if steps == math.inf else steps / 2.0
+    of = [order[key] for key in keys]
+    members: list[list[Properties]] = [[] for _ in order]
+    for index, each in zip(of, wanted, strict=True):
+        members[index].append(each)
+    properties = [_mean(each) for each in members]
+    error = max((_off(each, properties[index]) for index, each in zip(of, wanted, strict=True)), default=0.0)
+    return of, properties, error
+
+
+def _step(value: Value, steps: float) -> Value:
+    """Return a key that is equal for values within one of so many steps an octave."""
+    if isinstance(value, str) or value == 0 or steps == math.inf:
+        return value
+    return f"{'-' if value < 0 else '+'} {round(math.log2(abs(value)) * steps)}"
+
+
+def _mean(members: Sequence[Properties]) -> Properties:
+    """Return the properties of a class, with the mean of numbers that differ."""
+    mean = dict(members[0])
+    for name, first in mean.items():
+        if not isinstance(first, str) and any(each[name] != first for each in members):
+            value = math.fsum(float(each[name]) for each in members) / len(members)
+            mean[name] = round(value) if isinstance(first, int) else float(f"{value:.4g}")
+    return mean
+
+
+def _off(wanted: Properties, got: Properties) -> float:
+    return max(
+        (
+            abs(float(got[name]) / float(value) - 1.0)
+            for name, value in wanted.items()
+            if value and not isinstance(value, str)
+        ),
+        default=0.0,
+    )

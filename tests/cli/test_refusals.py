@@ -153,7 +153,7 @@ TRACE = [
     ("--colours none.toml", 3, ("none.toml: cannot be read",)),
     ("--layer sea", 3, ("layer 'sea'",)),
     ("--layer hill --specks 3", 2, ("--specks: not with --layer",)),
-    ("--bounds 1,2,3,4", 2, ("--bounds: not with a picture, only with GeoJSON or a GeoPackage",)),
+    ("--bounds 1,2,3,4", 2, ("--bounds: not with a picture, only with vectors",)),
     ("--bounds 1,2,3", 2, ("WEST,SOUTH,EAST,NORTH",)),
     ("--extent 0", 3, ("extent",)),
     ("--extent nan", 3, ("extent",)),

@@ -6,8 +6,7 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
-from sketchterrain.trace.layer_names import meant_by
-from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND, Legend, Meaning, read_legend
+from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND, Legend, Meaning, meant_by, read_legend
 
 
 def test_colours_stand_for_layers_within_the_tolerance() -> None:
@@ -33,7 +32,7 @@ def test_a_legend_file_is_read(tmp_path) -> None:
         '[[colour]]\nrgb = "#000"\nlayer = "ink"\n'
     )
     legend = read_legend(path)
-    assert [(each.rgb, each.meaning) for each in legend.colours] == [
+    assert list(legend.colours.items()) == [
         ((139, 90, 43), Meaning("mountain", 1)),
         ((0, 0, 255), Meaning("river", 2)),
         ((0, 0, 0), INK),

@@ -11,8 +11,7 @@ import pytest
 from PIL import Image
 
 from sketchterrain.errors import InputError
-from sketchterrain.trace.picture import picture_from, read_picture
-from sketchterrain.trace.source import kind_of
+from sketchterrain.trace.picture import kind_of, picture_from, read_picture
 
 VRT = (
     b'<VRTDataset rasterXSize="20" rasterYSize="20"><SourceFilename>/etc/passwd</SourceFilename></VRTDataset>'

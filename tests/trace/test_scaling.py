@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from sketchterrain.trace.gaps import fill_gaps, without_specks, without_threads
-from sketchterrain.trace.lines import joined, thinned
-from sketchterrain.trace.majority import NO_VOTE, majority, scaled_size
-from sketchterrain.trace.mixtures import mixtures
+from sketchterrain.trace.label_image import (
+    NO_VOTE,
+    fill_gaps,
+    joined,
+    majority,
+    scaled_size,
+    thinned,
+    without_specks,
+    without_threads,
+)
+from sketchterrain.trace.picture_colours import mixtures
 
 
 def test_scaling_by_majority_inverts_whole_factors_and_keeps_uniform_images() -> None:
@@ -44,7 +51,7 @@ def test_each_pixel_is_what_covers_most_of_it() -> None:
 def test_scaling_in_bands_changes_no_pixel(monkeypatch) -> None:
     values = np.random.default_rng(5).integers(0, 4, (97, 61), dtype=np.uint8)
     whole = majority(values, (40, 63), thin=(2,))
-    monkeypatch.setattr("sketchterrain.trace.majority._PIXELS", 1)
+    monkeypatch.setattr("sketchterrain.trace.label_image._PIXELS", 1)
     assert np.array_equal(majority(values, (40, 63), thin=(2,)), whole)
 
 

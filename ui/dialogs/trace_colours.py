@@ -9,8 +9,8 @@ from PyQt6.QtGui import QColor, QIcon, QPixmap
 from PyQt6.QtWidgets import QComboBox, QFrame, QGridLayout, QLabel, QScrollArea, QWidget
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.trace.found_colours import FoundColour
 from sketchterrain.trace.legend import INK, NOTHING, Meaning
+from sketchterrain.trace.picture_colours import FoundColour
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
 

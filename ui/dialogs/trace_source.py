@@ -14,11 +14,8 @@ from sketchterrain.sketch.document import DEFAULT_SIDE
 from sketchterrain.trace.coloured_map import ColouredMap, map_of
 from sketchterrain.trace.layered import trace_folder, trace_mask, trace_open_raster
 from sketchterrain.trace.legend import Meaning
-from sketchterrain.trace.picture import read_picture
-from sketchterrain.trace.preview import sketch_picture
-from sketchterrain.trace.sheet import Sheet
-from sketchterrain.trace.source import Kind, kind_of
-from sketchterrain.trace.traced import Traced
+from sketchterrain.trace.picture import Kind, kind_of, read_picture
+from sketchterrain.trace.sheet import Sheet, Traced, sketch_picture
 
 _SHOWN = 900  # px along the longer side of what is shown
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Final
@@ -257,13 +257,8 @@ class FullViews(QObject):
         actions.bind({"leave": self.leave})
         actions.bind_checked({"full-screen": self.fill_screen})
         if layout is not None:
-            actions.bind({"reset-layout": partial(self._lay_out, layout.reset)})
-            actions.bind_checked(
-                {
-                    f"{part}-only": lambda on, part=part: self._lay_out(layout.show_alone, part if on else "")
-                    for part in _ALONE
-                }
-            )
+            actions.bind({"reset-layout": self._reset})
+            actions.bind_checked({f"{part}-only": partial(self._show_alone, part) for part in _ALONE})
         self._refresh()
 
     def fill_screen(self, on: bool) -> None:
@@ -280,13 +275,19 @@ class FullViews(QObject):
     def leave(self) -> None:
         """Go back by one step."""
         if self._layout is not None and self._layout.alone:
-            self._lay_out(self._layout.show_alone, "")
+            self._show_alone("", False)
         else:
             self.fill_screen(False)
 
-    def _lay_out(self, change: Callable[..., None], *given: str) -> None:
-        change(*given)
-        self._refresh()
+    def _show_alone(self, part: str, on: bool) -> None:
+        if self._layout is not None:
+            self._layout.show_alone(part if on else "")
+            self._refresh()
+
+    def _reset(self) -> None:
+        if self._layout is not None:
+            self._layout.reset()
+            self._refresh()
 
     def _refresh(self) -> None:
         alone, actions = "", self._actions

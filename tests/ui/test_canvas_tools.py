@@ -5,14 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
-from PyQt6.QtGui import (
-    QInputDevice,
-    QKeyEvent,
-    QPointingDevice,
-    QPointingDeviceUniqueId,
-    QTabletEvent,
-    QWheelEvent,
-)
 from PyQt6.QtWidgets import QApplication, QMenu
 
 from sketchterrain.sketch import LAYERS, Sketch
@@ -22,7 +14,9 @@ from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.handles import handles_of
 from sketchterrain.ui.models.workspace import Chosen
 
-LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
+from . import events
+from .events import LEFT, MIDDLE, RIGHT
+
 SIDE = 128
 
 
@@ -49,25 +43,13 @@ def at(canvas: Canvas, x: float, y: float) -> QPoint:
     return QPoint(round(place.x()), round(place.y()))
 
 
-def drag(qtbot, canvas: Canvas, points, button=LEFT, modifier=Qt.KeyboardModifier.NoModifier) -> None:
-    qtbot.mousePress(canvas, button, modifier, at(canvas, *points[0]))
-    for point in points[1:]:
-        move(canvas, at(canvas, *point), button, modifier)
-    qtbot.mouseRelease(canvas, button, modifier, at(canvas, *points[-1]))
+def drag(canvas: Canvas, *points, button=LEFT) -> None:
+    places = [at(canvas, *point) for point in points]
+    events.drag(canvas, *((place.x(), place.y()) for place in places), button=button)
 
 
-def move(canvas, place, buttons=Qt.MouseButton.NoButton, modifier=Qt.KeyboardModifier.NoModifier) -> None:
-    from PyQt6.QtGui import QMouseEvent
-
-    event = QMouseEvent(
-        QEvent.Type.MouseMove,
-        QPointF(place),
-        QPointF(canvas.mapToGlobal(place)),
-        Qt.MouseButton.NoButton,
-        buttons,
-        modifier,
-    )
-    QApplication.sendEvent(canvas, event)
+def move(canvas, place, buttons=events.NO_BUTTON) -> None:
+    events.mouse(canvas, events.MOVE, place.x(), place.y(), buttons)
 
 
 def steps(document: Document) -> tuple[str, ...]:
@@ -75,7 +57,7 @@ def steps(document: Document) -> tuple[str, ...]:
 
 
 def test_a_stroke_is_one_step_and_a_click_a_disc(canvas, blank, qtbot, workspace) -> None:
-    drag(qtbot, canvas, [(30.0, 30.0), (50.0, 34.0), (70.0, 30.0), (90.0, 60.0)])
+    drag(canvas, (30.0, 30.0), (50.0, 34.0), (70.0, 30.0), (90.0, 60.0))
     assert steps(blank) == ("Paint mountains",)
     image = blank.sketch.layers["mountain"]
     for x, y in ((30, 30), (70, 30), (90, 60)):
@@ -86,17 +68,17 @@ def test_a_stroke_is_one_step_and_a_click_a_disc(canvas, blank, qtbot, workspace
     assert not blank.sketch.layers["mountain"].any()
 
     workspace.brush = 8.0
-    drag(qtbot, canvas, [(60.0, 60.0)])
+    drag(canvas, (60.0, 60.0))
     assert (blank.sketch.layers["mountain"] > 0).sum() == pytest.approx(np.pi * 64, rel=0.08)
 
 
 def test_eraser_and_right_button_erase(canvas, blank, workspace, qtbot) -> None:
-    drag(qtbot, canvas, [(30.0, 60.0), (100.0, 60.0)])
-    drag(qtbot, canvas, [(50.0, 40.0), (50.0, 90.0)], RIGHT)
+    drag(canvas, (30.0, 60.0), (100.0, 60.0))
+    drag(canvas, (50.0, 40.0), (50.0, 90.0), button=RIGHT)
     assert blank.sketch.layers["mountain"][60, 50] == 0
     assert blank.sketch.layers["mountain"][60, 80] == 1
     workspace.tool = "eraser"
-    drag(qtbot, canvas, [(80.0, 40.0), (80.0, 90.0)])
+    drag(canvas, (80.0, 40.0), (80.0, 90.0))
     assert blank.sketch.layers["mountain"][60, 80] == 0
     assert steps(blank) == ("Paint mountains", "Erase mountains", "Erase mountains")
 
@@ -112,7 +94,7 @@ def test_escape_undo_another_tool_and_another_document_end_a_stroke(canvas, blan
     assert steps(blank) == ()
     assert not blank.layer("mountain").any()
 
-    drag(qtbot, canvas, [(30.0, 30.0), (60.0, 30.0)])
+    drag(canvas, (30.0, 30.0), (60.0, 30.0))
     qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 80.0))
     blank.undo()
     move(canvas, at(canvas, 60.0, 80.0), LEFT)
@@ -151,7 +133,7 @@ def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace, qtbot) -> No
         workspace.set_look("mountain", **change)
         for tool in ("brush", "eraser", "line", "fill"):
             workspace.tool = tool
-            drag(qtbot, canvas, [(30.0, 30.0), (60.0, 60.0)])
+            drag(canvas, (30.0, 30.0), (60.0, 60.0))
     assert steps(blank) == ()
     assert len(lines) == 8
     assert "Mountains are locked" in lines[0]
@@ -185,7 +167,7 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     assert steps(blank) == ("Draw a line of rivers",)
     assert blank.sketch.layers["river"][60, 22:88].all()
     blank.undo()
-    drag(qtbot, canvas, [(20.0, 20.0), (40.0, 30.0), (60.0, 28.0), (90.0, 50.0)])
+    drag(canvas, (20.0, 20.0), (40.0, 30.0), (60.0, 28.0), (90.0, 50.0))
     assert steps(blank) == ("Draw a line of rivers",)
     assert blank.sketch.layers["river"][48:53, 87:93].any()
 
@@ -224,12 +206,12 @@ def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot)
     place = at(canvas, 40.0, 90.0)
     before = canvas._desk.on_sketch(QPointF(place))
     scale = canvas.viewport.scale
-    wheel(canvas, place, 120)
+    events.wheel(canvas, place.x(), place.y(), 1)
     assert canvas.viewport.scale == pytest.approx(1.2 * scale)
     assert canvas._desk.on_sketch(QPointF(place)) == pytest.approx(before, abs=0.6 / scale)
-    wheel(canvas, place, 120, Qt.KeyboardModifier.ControlModifier)
+    events.wheel(canvas, place.x(), place.y(), 1, Qt.KeyboardModifier.ControlModifier)
     assert workspace.brush == pytest.approx(5.0 * 1.15)
-    wheel(canvas, place, -120, Qt.KeyboardModifier.ShiftModifier)
+    events.wheel(canvas, place.x(), place.y(), -1, Qt.KeyboardModifier.ShiftModifier)
     assert workspace.brush == pytest.approx(5.0)
     canvas.fit()
     qtbot.keyClick(canvas, Qt.Key.Key_BracketRight)
@@ -246,35 +228,15 @@ def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot)
     assert canvas.viewport.scale == pytest.approx(scale)
 
 
-def wheel(canvas, place, turn, modifier=Qt.KeyboardModifier.NoModifier) -> None:
-    event = QWheelEvent(
-        QPointF(place),
-        QPointF(canvas.mapToGlobal(place)),
-        QPoint(),
-        QPoint(0, turn),
-        Qt.MouseButton.NoButton,
-        modifier,
-        Qt.ScrollPhase.NoScrollPhase,
-        False,
-    )
-    QApplication.sendEvent(canvas, event)
-
-
 def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtbot) -> None:
-    def kept(key: Qt.Key, modifier: Qt.KeyboardModifier = Qt.KeyboardModifier.NoModifier) -> bool:
-        event = QKeyEvent(QEvent.Type.ShortcutOverride, key, modifier)
-        event.ignore()
-        QApplication.sendEvent(canvas, event)
-        return event.isAccepted()
-
-    assert kept(Qt.Key.Key_BracketLeft)
-    assert not kept(Qt.Key.Key_B)
-    assert not kept(Qt.Key.Key_Escape)
-    assert not kept(Qt.Key.Key_Plus, Qt.KeyboardModifier.ControlModifier)
+    assert events.keeps(canvas, Qt.Key.Key_BracketLeft)
+    assert not events.keeps(canvas, Qt.Key.Key_B)
+    assert not events.keeps(canvas, Qt.Key.Key_Escape)
+    assert not events.keeps(canvas, Qt.Key.Key_Plus, Qt.KeyboardModifier.ControlModifier)
     qtbot.mousePress(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
-    assert kept(Qt.Key.Key_Escape)
+    assert events.keeps(canvas, Qt.Key.Key_Escape)
     qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 60.0))
-    assert not kept(Qt.Key.Key_Escape)
+    assert not events.keeps(canvas, Qt.Key.Key_Escape)
 
 
 def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qtbot) -> None:
@@ -300,38 +262,8 @@ def test_a_pen_presses_and_erases(canvas, blank, workspace) -> None:
     workspace.brush = 16.0
 
     def pen(kind: QEvent.Type, x: float, y: float, pressure: float, *, erases: bool = False) -> None:
-        tip = QPointingDevice.PointerType.Eraser if erases else QPointingDevice.PointerType.Pen
-        device = QPointingDevice(
-            "pen",
-            1,
-            QInputDevice.DeviceType.Stylus,
-            tip,
-            QInputDevice.Capability.Pressure,
-            1,
-            2,
-            "",
-            QPointingDeviceUniqueId(),
-        )
-        place = QPointF(at(canvas, x, y))
-        button = Qt.MouseButton.NoButton if kind == QEvent.Type.TabletMove else LEFT
-        held = Qt.MouseButton.NoButton if kind == QEvent.Type.TabletRelease else LEFT
-        event = QTabletEvent(
-            kind,
-            device,
-            place,
-            QPointF(canvas.mapToGlobal(place.toPoint())),
-            pressure,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            Qt.KeyboardModifier.NoModifier,
-            button,
-            held,
-        )
-        QApplication.sendEvent(canvas, event)
-        assert event.isAccepted()
+        place = at(canvas, x, y)
+        assert events.pen(canvas, kind, place.x(), place.y(), pressure, erases=erases)
 
     pen(QEvent.Type.TabletPress, 30.0, 30.0, 0.0)
     pen(QEvent.Type.TabletRelease, 30.0, 30.0, 0.0)
@@ -498,15 +430,6 @@ def test_the_menu_of_a_feature(full, document, workspace, placed) -> None:
     assert (document.sketch.edits[-1].x, document.sketch.edits[-1].y) == (3000.0, 3100.0)
     assert steps(document) == ("Lock mountain", "Add hill")
     menu.deleteLater()
-
-
-def test_tools_without_anything_placed_do_no_harm(canvas, workspace, qtbot) -> None:
-    for tool in ("select", "pan", "pick", "line", "fill", "eraser"):
-        workspace.tool = tool
-        drag(qtbot, canvas, [(30.0, 30.0), (60.0, 50.0)])
-        qtbot.mouseDClick(canvas, LEFT, pos=at(canvas, 64.0, 64.0))
-        qtbot.keyClick(canvas, Qt.Key.Key_Delete)
-        canvas.grab()
 
 
 def test_a_drag_from_nothing_moves_the_sheet(full, document, qtbot) -> None:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
-from PyQt6.QtGui import QColor, QFocusEvent, QImage, QKeyEvent, QMouseEvent, QWheelEvent
+from PyQt6.QtCore import QEvent, QRectF, Qt
+from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.render.camera import Camera
@@ -33,8 +33,24 @@ from sketchterrain.ui.view3d.hud import Bar, Card, Compass
 from sketchterrain.ui.view3d.navigation import overview
 from sketchterrain.ui.view3d.view import View3D
 
+from .events import (
+    DOUBLE,
+    LEFT,
+    MIDDLE,
+    MOVE,
+    NO_KEYS,
+    PRESS,
+    RELEASE,
+    RIGHT,
+    click,
+    drag,
+    keeps,
+    key,
+    mouse,
+    wheel,
+)
+
 WIDTH, HEIGHT = 640, 480
-LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
 SHIFT = Qt.KeyboardModifier.ShiftModifier
 
 
@@ -63,47 +79,25 @@ def show_picture(link, document, placed, *, eye=None, target=None) -> None:
 
 
 @pytest.fixture
-def view(qtbot, document, workspace, link, placed):
+def bare(qtbot, document, workspace, link):
+    """A view before the first picture."""
     widget = View3D(document, workspace, link)
     qtbot.addWidget(widget)
     widget.resize(WIDTH, HEIGHT)
     widget.show()
+    return widget
+
+
+@pytest.fixture
+def view(qtbot, bare, document, link, placed):
     show_picture(link, document, placed)
     qtbot.waitUntil(lambda: link.view.width > 0)
     link.told.clear()
-    return widget
+    return bare
 
 
 def motions(link, *, without=(Pick,)):
     return [each for each in link.told if not isinstance(each, without)]
-
-
-def mouse(
-    view, kind: QEvent.Type, x: float, y: float, button=LEFT, modifiers=Qt.KeyboardModifier.NoModifier
-) -> None:
-    held = Qt.MouseButton.NoButton if kind == QEvent.Type.MouseButtonRelease else button
-    at = QPointF(x, y)
-    QApplication.sendEvent(view, QMouseEvent(kind, at, view.mapToGlobal(at), button, held, modifiers))
-
-
-def drag(view, start, *places, button=LEFT, modifiers=Qt.KeyboardModifier.NoModifier) -> None:
-    mouse(view, QEvent.Type.MouseButtonPress, *start, button, modifiers)
-    for place in places:
-        mouse(view, QEvent.Type.MouseMove, *place, button, modifiers)
-    mouse(view, QEvent.Type.MouseButtonRelease, *places[-1], button, modifiers)
-
-
-def click(view, x: float, y: float, button=LEFT) -> None:
-    mouse(view, QEvent.Type.MouseButtonPress, x, y, button)
-    mouse(view, QEvent.Type.MouseButtonRelease, x, y, button)
-
-
-def key(
-    view, code: Qt.Key, *, up: bool = False, text: str = "", repeat: bool = False, modifiers=None
-) -> None:
-    kind = QEvent.Type.KeyRelease if up else QEvent.Type.KeyPress
-    none = Qt.KeyboardModifier.NoModifier
-    QApplication.sendEvent(view, QKeyEvent(kind, code, modifiers or none, text, repeat))
 
 
 def test_drags_turn_move_and_look_around(view, link) -> None:
@@ -113,39 +107,14 @@ def test_drags_turn_move_and_look_around(view, link) -> None:
     assert sum(each.right for each in turns) == pytest.approx(-9.0)
     assert sum(each.up for each in turns) == pytest.approx(9.0)
 
-    for button, modifiers in [(RIGHT, None), (MIDDLE, None), (LEFT, SHIFT)]:
+    for button, modifiers in [(RIGHT, NO_KEYS), (MIDDLE, NO_KEYS), (LEFT, SHIFT)]:
         link.told.clear()
-        drag(
-            view,
-            (300, 200),
-            (348, 200),
-            (348, 248),
-            button=button,
-            modifiers=modifiers or Qt.KeyboardModifier.NoModifier,
-        )
+        drag(view, (300, 200), (348, 200), (348, 248), button=button, modifiers=modifiers)
         assert motions(link) == [Pan(-0.1, 0.0), Pan(0.0, 0.1)], (button, modifiers)
     link.told.clear()
     link.view = replace(link.view, mode="fly")
     drag(view, (300, 200), (400, 200), (400, 160))
     assert motions(link) == [Turn(15.0, 0.0), Turn(0.0, 6.0)]
-
-
-def wheel(view, x: float, y: float, notches: float) -> None:
-    at = QPointF(x, y)
-    turn = QPoint(0, round(120 * notches))
-    QApplication.sendEvent(
-        view,
-        QWheelEvent(
-            at,
-            view.mapToGlobal(at),
-            QPoint(),
-            turn,
-            Qt.MouseButton.NoButton,
-            Qt.KeyboardModifier.NoModifier,
-            Qt.ScrollPhase.NoScrollPhase,
-            False,
-        ),
-    )
 
 
 def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link) -> None:
@@ -160,14 +129,14 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link) 
 
     click(view, 320, 240)
     link.told.clear()
-    mouse(view, QEvent.Type.MouseButtonDblClick, 320, 240)
-    mouse(view, QEvent.Type.MouseButtonRelease, 320, 240)
+    mouse(view, DOUBLE, 320, 240)
+    mouse(view, RELEASE, 320, 240)
     (pick,) = link.told
     assert pick == Pick(pick.token, 0.5, 0.5)
     link.picked.emit(Picked(pick.token, (10.0, 20.0, 5.0)))
     assert link.told[-1] == GoTo(10.0, 20.0)
-    mouse(view, QEvent.Type.MouseButtonDblClick, 320, 10)
-    mouse(view, QEvent.Type.MouseButtonRelease, 320, 10)
+    mouse(view, DOUBLE, 320, 10)
+    mouse(view, RELEASE, 320, 10)
     link.picked.emit(Picked(link.told[-1].token, None))
     assert isinstance(link.told[-1], Pick), "there is no way into the sky"
 
@@ -206,21 +175,18 @@ def chosen(view, workspace, placed):
 
 def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, chosen) -> None:
     grip = grips(view)["move"]
-    mouse(view, QEvent.Type.MouseButtonPress, grip.x, grip.y)
-    mouse(view, QEvent.Type.MouseMove, grip.x + 50, grip.y)
+    mouse(view, PRESS, grip.x, grip.y)
+    mouse(view, MOVE, grip.x + 50, grip.y)
     assert document.sketch.edits
     key(view, Qt.Key.Key_Escape)
     assert document.sketch.edits == ()
     assert not document.is_modified
-    mouse(view, QEvent.Type.MouseMove, grip.x + 90, grip.y)
+    mouse(view, MOVE, grip.x + 90, grip.y)
     assert document.sketch.edits == ()
-    mouse(view, QEvent.Type.MouseButtonRelease, grip.x + 90, grip.y)
+    mouse(view, RELEASE, grip.x + 90, grip.y)
     key(view, Qt.Key.Key_Escape)
     assert workspace.chosen is None
-    override = QKeyEvent(QEvent.Type.ShortcutOverride, Qt.Key.Key_Escape, Qt.KeyboardModifier.NoModifier)
-    override.ignore()
-    QApplication.sendEvent(view, override)
-    assert not override.isAccepted()
+    assert not keeps(view, Qt.Key.Key_Escape)
 
 
 def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, chosen, link) -> None:
@@ -340,18 +306,12 @@ def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link)
 
 
 def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view) -> None:
-    def accepted(code: Qt.Key, modifiers=Qt.KeyboardModifier.NoModifier) -> bool:
-        event = QKeyEvent(QEvent.Type.ShortcutOverride, code, modifiers)
-        event.ignore()
-        QApplication.sendEvent(view, event)
-        return event.isAccepted()
-
     for code in (Qt.Key.Key_W, Qt.Key.Key_E, Qt.Key.Key_F, Qt.Key.Key_1, Qt.Key.Key_Delete, Qt.Key.Key_R):
-        assert accepted(code)
-        assert not accepted(code, Qt.KeyboardModifier.ControlModifier)
-    assert accepted(Qt.Key.Key_W, SHIFT)
-    assert not accepted(Qt.Key.Key_B)
-    assert not accepted(Qt.Key.Key_V)
+        assert keeps(view, code)
+        assert not keeps(view, code, Qt.KeyboardModifier.ControlModifier)
+    assert keeps(view, Qt.Key.Key_W, SHIFT)
+    assert not keeps(view, Qt.Key.Key_B)
+    assert not keeps(view, Qt.Key.Key_V)
 
 
 def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, chosen, placed) -> None:
@@ -428,25 +388,13 @@ def test_pictures_fill_the_view_sharp_and_undistorted(qtbot, view, link) -> None
     view.resize(800, 480)
     place = view._scene.place(800, 480)
     assert place.width() / place.height() == pytest.approx(WIDTH / HEIGHT)
-    assert place.left() <= 0
-    assert place.top() <= 0
-    assert place.right() >= 800
-    assert place.bottom() >= 480
+    assert place.contains(QRectF(0, 0, 800, 480))
     assert view._scene.projection(800, 480).share(400, 240) == pytest.approx((0.5, 0.5))
 
 
 def texts(view) -> str:
     card = view.findChildren(Card)[0]
     return "" if card.isHidden() else "\n".join(each.text() for each in card.findChildren(QLabel))
-
-
-@pytest.fixture
-def bare(qtbot, document, workspace, link):
-    widget = View3D(document, workspace, link)
-    qtbot.addWidget(widget)
-    widget.resize(WIDTH, HEIGHT)
-    widget.show()
-    return widget
 
 
 def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, document, placed) -> None:
@@ -513,13 +461,9 @@ def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, documen
         show_picture(link, document, placed, eye=eye, target=target)
         assert not view.grab().isNull()
     show_picture(link, document, placed)
-    things = [
-        None,
-        Chosen("lake", placed.lakes[0].id),
-        Chosen("river", placed.rivers[0].id),
-        Chosen("feature", 1),
-    ]
-    things += [Chosen("river", placed.rivers[0].id, 3), Chosen("feature", int(placed.points["id"][0]))]
+    lake, river = Chosen("lake", placed.lakes[0].id), Chosen("river", placed.rivers[0].id)
+    things = [None, lake, river, replace(river, index=3), Chosen("feature", 1)]
+    things.append(Chosen("feature", int(placed.points["id"][0])))
     for mode in ("orbit", "walk"):
         link.view = replace(link.view, mode=mode)
         for chosen in things:

@@ -1,4 +1,4 @@
-"""A written world in its window: keys and mouse, what is told; and the real process behind it."""
+"""A stored world in its window: the editor's view without a sketch; and the real process behind it."""
 
 from __future__ import annotations
 
@@ -10,43 +10,29 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PyQt6.QtCore import QEventLoop, QPoint, QPointF, Qt
-from PyQt6.QtGui import QImage, QWheelEvent
-from PyQt6.QtTest import QTest
+from PyQt6.QtCore import QEventLoop, Qt
+from PyQt6.QtGui import QImage
+from PyQt6.QtWidgets import QDialog, QTextBrowser
 
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.render import Camera
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui import worlds
+from sketchterrain.ui.engine import protocol
 from sketchterrain.ui.engine.background import JobQueue
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.engine import Engine
-from sketchterrain.ui.engine.protocol import (
-    EngineFacts,
-    Fly,
-    FrameFacts,
-    FrameTaken,
-    GoTo,
-    Look,
-    Pan,
-    Pick,
-    Picked,
-    Pose,
-    Quit,
-    Trouble,
-    Turn,
-    ViewState,
-    Working,
-    WorldFacts,
-    Zoom,
-)
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pick, Picked, Pose, Trouble, ViewState
 from sketchterrain.ui.worlds import WorldLink
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
 from sketchterrain.world.run import run_world
 
-WORLD = WorldFacts((1000.0, 5000.0), (0.0, -2000.0, 4000.0, 0.0), 2.0, 120.0, ("the world holds no sketch",))
+from .events import DOUBLE, RELEASE, RIGHT, click, key, mouse
+
+LACKS = ("the world holds no sketch",)
+WORLD = protocol.WorldFacts((1000.0, 5000.0), (0.0, -2000.0, 4000.0, 0.0), 2.0, 120.0, LACKS)
 
 
 class Silent(WorldLink):
@@ -63,12 +49,6 @@ class Silent(WorldLink):
         self.told.append(message)
 
 
-def frame():
-    pose = Pose((10.0, -20.0, 300.0), (10.0, 80.0, 280.0))
-    to_clip = tuple(Camera(pose.eye, pose.target).to_clip(1.6).ravel().tolist())
-    return FrameFacts(320, 200, 0, pose, to_clip, 0.02, 0.01, 9, 1000, True, 1 << 20)
-
-
 @pytest.fixture
 def window(qtbot, tmp_path, monkeypatch):
     monkeypatch.setattr(worlds, "WorldLink", Silent)
@@ -82,58 +62,59 @@ def window(qtbot, tmp_path, monkeypatch):
     link.world_known.emit(WORLD)
     link.picture = QImage(320, 200, QImage.Format.Format_RGB32)
     link.picture.fill(0xFF336699)
-    link.frame = frame()
+    pose = Pose((10.0, -20.0, 300.0), (10.0, 80.0, 280.0))
+    to_clip = tuple(Camera(pose.eye, pose.target).to_clip(1.6).ravel().tolist())
+    link.frame = protocol.FrameFacts(320, 200, 0, pose, to_clip, 0.02, 0.01, 9, 1000, True, 1 << 20)
     link.frame_shown.emit(link.frame)
     link.told.clear()
     return shown
 
 
-def test_keys_fly_and_choose_how_one_moves(window):
+def test_it_flies_walks_goes_to_places_and_selects_nothing(window) -> None:
     view, link = window.view, window.link
     assert link.view.mode == "fly"
-    QTest.keyPress(view, Qt.Key.Key_W)
-    QTest.keyPress(view, Qt.Key.Key_Shift)
-    QTest.keyRelease(view, Qt.Key.Key_Shift)
-    QTest.keyRelease(view, Qt.Key.Key_W)
-    flights = [told for told in link.told if isinstance(told, Fly)]
-    assert [each.forward for each in flights] == [1.0, 1.0, 1.0, 0.0]
-    assert flights[1].boost > 1
-    QTest.keyClick(view, Qt.Key.Key_3)
+    key(view, Qt.Key.Key_W)
+    key(view, Qt.Key.Key_W, up=True)
+    assert [told for told in link.told if isinstance(told, Fly)] == [Fly(forward=1.0), Fly()]
+    key(view, Qt.Key.Key_3)
     assert link.view.mode == "walk"
-    QTest.keyClick(view, Qt.Key.Key_R)
+    assert window.actions_by_name["mode-walk"].isChecked()
+    key(view, Qt.Key.Key_R)
     (look,) = [told for told in link.told if isinstance(told, Look)]
     assert look.pose.target == (2000.0, -1000.0, 120.0), "the middle, in viewing coordinates"
     assert look.pose.eye[1] < -2000.0 < look.pose.eye[2]
-
-
-def test_the_mouse_looks_around_moves_zooms_and_goes(window):
-    view, link = window.view, window.link
-    QTest.mousePress(view, Qt.MouseButton.LeftButton, pos=QPoint(200, 100))
-    QTest.mouseMove(view, QPoint(260, 130))
-    QTest.mouseRelease(view, Qt.MouseButton.LeftButton, pos=QPoint(260, 130))
-    wheel = QWheelEvent(
-        QPointF(160, 100),
-        QPointF(160, 100),
-        QPoint(),
-        QPoint(0, 120),
-        Qt.MouseButton.NoButton,
-        Qt.KeyboardModifier.NoModifier,
-        Qt.ScrollPhase.NoScrollPhase,
-        False,
-    )
-    view.wheelEvent(wheel)
-    (zoom,) = [told for told in link.told if isinstance(told, Zoom)]
-    assert zoom.factor < 1
-    assert 0.0 < zoom.x < 0.5
-    QTest.mouseDClick(view, Qt.MouseButton.LeftButton, pos=QPoint(300, 200))
-    (asked,) = [told for told in link.told if isinstance(told, Pick)]
-    link.picked.emit(Picked(asked.token, (70.0, -90.0, 12.0)))
+    mouse(view, DOUBLE, 300, 200)
+    mouse(view, RELEASE, 300, 200)
+    link.picked.emit(Picked(link.told[-1].token, (70.0, -90.0, 12.0)))
     assert link.told[-1] == GoTo(70.0, -90.0)
-    assert any(isinstance(told, Turn) for told in link.told)
-    assert not any(isinstance(told, Pan) for told in link.told)
+    for button in (Qt.MouseButton.LeftButton, RIGHT):
+        click(view, 300, 200, button)
+        link.picked.emit(Picked(link.told[-1].token, (70.0, -90.0, 12.0)))
+    for code in (Qt.Key.Key_Delete, Qt.Key.Key_F, Qt.Key.Key_Menu):
+        key(view, code)
+    assert not view.grab().isNull()
 
 
-def test_the_window_tells_what_it_shows_and_what_is_lost(window):
+def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypatch) -> None:
+    there = [each.objectName() for menu in window.menuBar().actions() for each in menu.menu().actions()]
+    assert {"save-picture", "quit", "full-screen", "mode-fly", "look-all", "play", "bookmark", "keys"} <= set(
+        there
+    )
+    assert not {"save", "undo", "measure", "export", "look-chosen", "canvas-only"} & set(there)
+    window.actions_by_name["play"].trigger()
+    assert not window.link.view.plays
+    window.actions_by_name["bookmark"].trigger()
+    window.actions_by_name["bookmark-1"].trigger()
+    assert window.link.told[-1] == Look(window.link.frame.pose)
+    pages = []
+    monkeypatch.setattr(QDialog, "exec", lambda it: pages.append(it.findChild(QTextBrowser).toPlainText()))
+    window.actions_by_name["keys"].trigger()
+    assert "Fly and walk" in pages[0]
+    assert "Erase" not in pages[0]
+
+
+def test_the_window_tells_what_it_shows_and_what_is_lost(window) -> None:
+    card = window.view._hud.card
     assert window.windowTitle() == "island.zarr"
     assert "4.0 km × 2.0 km, 2 m between vertices" in window._what.text()
     assert "Eye at 1010, 4980 m, 300 m high" in window._where.text()
@@ -142,14 +123,14 @@ def test_the_window_tells_what_it_shows_and_what_is_lost(window):
         window.link.trouble.emit(Trouble("world", f"height {chunk}: broken"))
     assert window.banner.message.kind == "warning"
     assert "height 1: broken (2 parts so far)" in window.banner.message.line
-    assert not window.view._hud.card.isVisible(), "the picture stays"
+    assert not card.isVisible(), "the picture stays"
     window.link.trouble.emit(Trouble("engine", "no such device"))
-    assert window.view._hud.card.notice.line == "no such device"
-    window.view._hud.card.pressed.emit()
+    assert card.notice.line == "no such device"
+    card.pressed.emit()
     assert window.link.starts == 2
 
 
-def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot):
+def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot) -> None:
     file = tmp_path / "seen"
     monkeypatch.setattr(worlds.QFileDialog, "getSaveFileName", lambda *_: (str(file), ""))
     window.view.picture_wanted.emit()
@@ -158,11 +139,10 @@ def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot):
     assert QImage(str(file.with_suffix(".png"))).size() == window.link.picture.size()
 
 
-class Ground:
-    """A plane that lies at 100 m."""
+class Plane:
+    """Ground that lies at 100 m."""
 
-    extent = 4000.0
-    size = (4000.0, 2000.0)
+    extent, size = 4000.0, (4000.0, 2000.0)
 
     def heights(self, x, y, *, cell_size=0.0):
         return np.full(np.broadcast(x, y).shape, 100.0, np.float32)
@@ -171,8 +151,8 @@ class Ground:
 class Stored:
     """The session of a stored world without another device."""
 
-    terrain, version, dirty_areas = Ground(), 0, ()
-    sketch, recipe, device, lacks = None, b"", None, ""
+    terrain, version, dirty_areas = Plane(), 0, ()
+    sketch, device, lacks = None, None, ""
 
     def switch_device(self):
         return "there is no other device"
@@ -183,19 +163,13 @@ class FakePacer:
 
     def __init__(self):
         self.stage = SimpleNamespace(is_empty=True, sharing="copy", clear=lambda: None)
-        self.broken = False
-        self.error = None
-        self.stops = self.taken_frames = 0
-
-    def look(self, view):
-        self.view = view
+        self.error, self.broken, self.stops = None, False, 0
+        self.expect = lambda *, coming: None
+        self.look = lambda view: None
 
     def show(self, world, version, areas, eye):
         self.stage.is_empty = False
-        return "it is night"
-
-    def expect(self, *, coming):
-        pass
+        return ""
 
     def due(self, *, moving):
         return 0.0 if moving or self.error else None
@@ -207,18 +181,15 @@ class FakePacer:
         eye.advance(0.05)
         return eye.pose()
 
-    def taken(self):
-        self.taken_frames += 1
-
     def stop(self):
         self.stops += 1
 
 
-def test_the_engine_draws_answers_and_reports_what_fails(capsys):
+def test_the_engine_draws_a_world_once_it_has_a_size_and_reports_what_fails(capsys) -> None:
     mine, its = socket.socketpair()
-    window, other = Channel(mine), Channel(its, patient=False)
-    pacer = FakePacer()
-    engine = Engine(other, None, session=Stored(), pacer=pacer, jobs=JobQueue(), facts=EngineFacts())
+    window, other, pacer = Channel(mine), Channel(its, patient=False), FakePacer()
+    facts = protocol.EngineFacts()
+    engine = Engine(other, None, session=Stored(), pacer=pacer, jobs=JobQueue(), facts=facts)
     thread = threading.Thread(target=engine.run, daemon=True)
     thread.start()
 
@@ -227,41 +198,27 @@ def test_the_engine_draws_answers_and_reports_what_fails(capsys):
             pass
         return message
 
-    window.send(FrameTaken())
-    window.send(ViewState(mode="fly"))
+    window.send(Look(Pose((0.0, 0.0, 400.0), (0.0, 300.0, 100.0))))
     window.send(Pick(1, 0.5, 0.5))
-    answer(Picked)
+    assert answer(Picked).place is None
     assert pacer.stage.is_empty, "a view without a size is not drawn"
     window.send(ViewState(width=160, height=100, mode="fly"))
-    assert answer(Working) == Working("Preparing the picture")
-    assert answer(Trouble) == Trouble("view", "it is night")
-    answer(Pose)
-    assert answer(Working) == Working("")
-    assert pacer.view.width == 160
-    assert pacer.taken_frames == 1
-
-    window.send(Look(Pose((0.0, 0.0, 400.0), (0.0, 300.0, 100.0))))
-    assert any(np.allclose(answer(Pose).eye, (0.0, 0.0, 400.0), atol=0.5) for _ in range(20))
+    assert np.allclose(answer(Pose).eye, (0.0, 0.0, 400.0), atol=0.5)
     window.send(Pick(7, 0.5, 0.5))
     picked = answer(Picked)
-    assert picked.token == 7
-    assert picked.place == pytest.approx((0.0, 300.0, 100.0), abs=2.0)
+    assert (picked.token, picked.place) == (7, pytest.approx((0.0, 300.0, 100.0), abs=2.0))
     window.send(Fly(forward=1.0))
     assert any(answer(Pose).eye[1] > 1.0 for _ in range(500))
     window.send(Fly())
-
-    for error, what in (
-        (DeviceFailedError("lost"), "engine"),
-        (InputError("odd"), "view"),
-        (ZeroDivisionError("0"), "view"),
-    ):
+    errors = DeviceFailedError("lost"), InputError("odd"), ZeroDivisionError("0")
+    for error, what in zip(errors, ("engine", "view", "view"), strict=True):
         pacer.error = error
         while str(error) not in (trouble := answer(Trouble)).line:
             pass
         assert trouble.what == what
-    assert pacer.stops == 2, "a device that fails is left"
+    assert pacer.stops == 2, "a device that fails is left for another one"
     assert "ZeroDivisionError" in capsys.readouterr().err
-    window.send(Quit())
+    window.send(protocol.Quit())
     thread.join(10.0)
     assert not thread.is_alive()
     window.close()
@@ -295,10 +252,9 @@ def world(tmp_path_factory):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_the_process_draws_tells_and_ends(world, qapp):
-    link = WorldLink(world)
+def test_the_process_draws_tells_and_ends(world, qapp) -> None:
+    link, troubles = WorldLink(world), []
     link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False)
-    troubles = []
     link.trouble.connect(troubles.append)
     try:
         link.start()
@@ -307,24 +263,29 @@ def test_the_process_draws_tells_and_ends(world, qapp):
         assert link.picture.size().width() == 160
         # Near the broken part it is looked at closely.
         link.tell(Look(Pose((200.0, -200.0, 60.0), (60.0, -60.0, 0.0))))
-        _wait(qapp, lambda: any(each.what == "world" for each in troubles))
-        (told, *_) = [each.line for each in troubles if each.what == "world"]
-        assert "height" in told
+        _wait(qapp, lambda: any("height" in each.line for each in troubles))
         _wait(qapp, lambda: link.frame.settled)
         assert all(each.what == "world" for each in troubles)
-        child = link._children._processes["engine"]
         x = link.frame.pose.eye[0]
         link.tell(Fly(right=1.0))
         _wait(qapp, lambda: abs(link.frame.pose.eye[0] - x) > 1.0)
+        troubles.clear()
+        link._children._processes["engine"].kill()
+        _wait(qapp, lambda: troubles)
+        assert (troubles[0].what, troubles[0].line) == ("engine", "The engine crashed (signal 9).")
+        link.frame_shown.connect(troubles.append)
+        link.start()
+        _wait(qapp, lambda: len(troubles) > 1)
+        assert abs(link.frame.pose.eye[0] - x) < 2000.0, "the eye stays where it was"
+        child = link._children._processes["engine"]
     finally:
         link.stop()
     assert child.poll() is not None
 
 
 @pytest.mark.slow
-def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp):
-    link = WorldLink(tmp_path)
-    troubles = []
+def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp) -> None:
+    link, troubles = WorldLink(tmp_path), []
     link.trouble.connect(troubles.append)
     link.start()
     _wait(qapp, lambda: troubles)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.sketch.box import around
+from sketchterrain.sketch.box import Box, around
 from sketchterrain.ui.engine.protocol import LayerPatch, SketchUpdate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from sketchterrain.sketch.document import LabelImage
-    from sketchterrain.ui.models.document import Box, Document
+    from sketchterrain.ui.models.document import Document
 
 
 def settings_of(sketch: Sketch) -> dict[str, Any]:

@@ -1,0 +1,69 @@
+"""Events of mouse, wheel, pen and keys, sent to a widget as Qt sends them."""
+
+from __future__ import annotations
+
+from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
+from PyQt6.QtGui import (
+    QInputDevice,
+    QKeyEvent,
+    QMouseEvent,
+    QPointingDevice,
+    QPointingDeviceUniqueId,
+    QTabletEvent,
+    QWheelEvent,
+)
+from PyQt6.QtWidgets import QApplication
+
+LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
+NO_BUTTON, NO_KEYS = Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier
+PRESS, RELEASE = QEvent.Type.MouseButtonPress, QEvent.Type.MouseButtonRelease
+MOVE, DOUBLE = QEvent.Type.MouseMove, QEvent.Type.MouseButtonDblClick
+
+
+def mouse(widget, kind: QEvent.Type, x: float, y: float, button=LEFT, modifiers=NO_KEYS) -> None:
+    at, held = QPointF(x, y), NO_BUTTON if kind == RELEASE else button
+    changed = NO_BUTTON if kind == MOVE else button
+    QApplication.sendEvent(widget, QMouseEvent(kind, at, widget.mapToGlobal(at), changed, held, modifiers))
+
+
+def drag(widget, start, *places, button=LEFT, modifiers=NO_KEYS) -> None:
+    mouse(widget, PRESS, *start, button, modifiers)
+    for place in places:
+        mouse(widget, MOVE, *place, button, modifiers)
+    mouse(widget, RELEASE, *(places or [start])[-1], button, modifiers)
+
+
+def click(widget, x: float, y: float, button=LEFT, modifiers=NO_KEYS) -> None:
+    drag(widget, (x, y), button=button, modifiers=modifiers)
+
+
+def wheel(widget, x: float, y: float, notches: float, modifiers=NO_KEYS) -> None:
+    at, turn = QPointF(x, y), QPoint(0, round(120 * notches))
+    phase = Qt.ScrollPhase.NoScrollPhase
+    event = QWheelEvent(at, widget.mapToGlobal(at), QPoint(), turn, NO_BUTTON, modifiers, phase, False)
+    QApplication.sendEvent(widget, event)
+
+
+def key(widget, code: Qt.Key, *, up=False, repeat=False, modifiers=NO_KEYS) -> None:
+    kind = QEvent.Type.KeyRelease if up else QEvent.Type.KeyPress
+    QApplication.sendEvent(widget, QKeyEvent(kind, code, modifiers, "", repeat))
+
+
+def keeps(widget, code: Qt.Key, modifiers=NO_KEYS) -> bool:
+    """Whether a widget keeps a key from being a shortcut of its window."""
+    event = QKeyEvent(QEvent.Type.ShortcutOverride, code, modifiers)
+    event.ignore()
+    QApplication.sendEvent(widget, event)
+    return event.isAccepted()
+
+
+def pen(widget, kind: QEvent.Type, x: float, y: float, pressure: float, *, erases=False) -> bool:
+    """Send a pen's event; return whether it was accepted."""
+    tip = QPointingDevice.PointerType.Eraser if erases else QPointingDevice.PointerType.Pen
+    stylus, feels = QInputDevice.DeviceType.Stylus, QInputDevice.Capability.Pressure
+    device = QPointingDevice("pen", 1, stylus, tip, feels, 1, 2, "", QPointingDeviceUniqueId())
+    at, held = QPointF(x, y), NO_BUTTON if kind == QEvent.Type.TabletRelease else LEFT
+    where, tilt = widget.mapToGlobal(at), [0.0] * 5
+    event = QTabletEvent(kind, device, at, where, pressure, *tilt, NO_KEYS, LEFT, held)
+    QApplication.sendEvent(widget, event)
+    return event.isAccepted()

@@ -10,35 +10,35 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from typing import Any, Final, Self
 from urllib.parse import urlsplit
 from uuid import uuid4
 
+from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError, one_line
 from sketchterrain.exit_codes import DEBUG
 from sketchterrain.world.forms import store_of
 from sketchterrain.world.job import Job
 from sketchterrain.world.libraries import require
+from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.tasks import Task, TaskResult
 
 _TIMEOUT: Final = 10.0  # s that a scheduler may take to answer
 _ENDING: Final = 60.0  # s that running tasks may take to end
 _LOOK: Final = 1.0  # s between two looks at the workers
 _PAUSE: Final = 0.02  # s between two looks at finished tasks
-_ALONE, _UNREADY = 60.0, 600.0  # s without any worker, and without an accepted one
+_PATIENCE: Final = 300.0  # s without an accepted worker
 _RETRIES: Final = 2  # of a task that failed
-_DEATHS: Final = 10  # of workers at one task
 _LOCAL: Final = {
-    "distributed.scheduler.allowed-failures": _DEATHS,
+    "distributed.scheduler.allowed-failures": 10,  # workers that die at one task
     "distributed.worker.profile.enabled": False,
     "distributed.worker.use-file-locking": False,
 }
-_LIBRARIES: Final = ("distributed", "tornado", "asyncio", "bokeh")
 
 
 class ClusterExecutor:
-    """Runs tasks in workers, each with a device of its own; a context manager.
+    """Runs tasks in the workers of a scheduler, each with a device of its own; a context manager.
 
     Each worker is checked by :class:`~sketchterrain.world.worker.WorkerSetup` before it gets a task. No more
     tasks are submitted than accepted workers take at once, so a world of any size needs no list of them. The
@@ -63,13 +63,17 @@ class ClusterExecutor:
         self._accepted: dict[str, tuple[str, int]] = {}  # names and slots, by address
         self._refused: dict[str, tuple[str, str]] = {}  # names and reasons
         self._events = 0
-        self._looked = self._accompanied = self._ready = time.monotonic()
+        self._looked = self._ready = time.monotonic()
         self._pending: set[Any] = set()
 
     def __enter__(self) -> Self:
         """Find or start the workers; the output's folder must be there."""
         with ExitStack() as stack:
-            stack.enter_context(silence_dask_logging())
+            if not os.environ.get(DEBUG):  # what matters of dask's log is reported in lines of our own
+                logging.disable(logging.CRITICAL)
+                stack.callback(logging.disable, logging.NOTSET)
+                stack.enter_context(warnings.catch_warnings())
+                warnings.filterwarnings("ignore", module="(distributed|dask|tornado)")
             self._client = self._connect(stack)
             probe = store_of(self._job).journal.with_name(f".{self._run}")
             stack.callback(probe.unlink, missing_ok=True)
@@ -91,6 +95,8 @@ class ClusterExecutor:
         """
         from distributed import as_completed
 
+        from sketchterrain.world.worker import run_task
+
         todo, more, completed = iter(tasks), True, as_completed(loop=self._client.loop)
         self._look()
         while more or self._pending:
@@ -103,33 +109,29 @@ class ClusterExecutor:
                 if task is None:
                     more = False
                     break
-                future = self._submit(task)
+                future = self._client.submit(
+                    run_task,
+                    self._run,
+                    tuple(task),
+                    key=(self._run, *task),
+                    resources={self._run: 1},
+                    retries=_RETRIES,
+                )
                 self._pending.add(future)
                 completed.add(future)
             batch = completed.next_batch(block=False) if self._pending else ()
             for future in batch:
                 try:
                     result = self._result(future)
-                except TimeoutError:  # its worker died before it was fetched: it is run again
+                except TimeoutError:  # the worker died with the result: the task is run again
+                    if future.status == "error":
+                        raise
                     completed.add(future)
                     continue
                 self._pending.discard(future)
                 yield result
             if not batch:
                 time.sleep(_PAUSE)
-
-    def _submit(self, task: Task) -> Any:
-        from sketchterrain.world.worker import run_task
-
-        return self._client.submit(
-            run_task,
-            self._run,
-            tuple(task),
-            key=(self._run, *task),
-            resources={self._run: 1},
-            retries=_RETRIES,
-            pure=False,
-        )
 
     def _result(self, future: Any) -> TaskResult:
         from distributed.scheduler import KilledWorker
@@ -140,7 +142,7 @@ class ClusterExecutor:
             shard = "{} of shard {},{} of level {}".format(*(future.key[place] for place in (1, 3, 4, 2)))
             raise SketchterrainError(f"{error.allowed_failures + 1} workers died at the {shard}") from error
         except CancelledError as error:
-            raise self._gone() from error
+            raise SketchterrainError(f"{self._title} does not answer any more") from error
         except RuntimeError as error:
             if "deserialization of the task graph" not in str(error):
                 raise
@@ -167,12 +169,9 @@ class ClusterExecutor:
         if present and present.keys() <= self._refused.keys():
             reasons = "; ".join(f"{name}: {why}" for name, why in map(self._refused.__getitem__, present))
             raise DeviceError(f"no worker is left: {reasons}")
-        self._accompanied = self._looked if present else self._accompanied
         self._ready = self._looked if self._accepted else self._ready
-        if self._looked - self._accompanied > _ALONE:
-            raise SketchterrainError(f"{self._title} has had no worker for {_ALONE:.0f} s")
-        if self._looked - self._ready > _UNREADY:
-            raise SketchterrainError(f"{self._title} has had no worker that is ready for {_UNREADY:.0f} s")
+        if self._looked - self._ready > _PATIENCE:
+            raise SketchterrainError(f"{self._title} has had no worker that is ready for {_PATIENCE:.0f} s")
 
     def _refuse(self, address: str, name: str, reason: str) -> None:
         self._accepted.pop(address, None)
@@ -183,10 +182,7 @@ class ClusterExecutor:
         try:
             return self._client.sync(what, **named, callback_timeout=timeout)
         except (OSError, TimeoutError, CancelledError) as error:
-            raise self._gone() from error
-
-    def _gone(self) -> SketchterrainError:
-        return SketchterrainError(f"{self._title} does not answer any more")
+            raise SketchterrainError(f"{self._title} does not answer any more") from error
 
     def _connect(self, stack: ExitStack) -> Any:
         """Return a client of the scheduler, or of one that is started here with its workers."""
@@ -202,33 +198,35 @@ class ClusterExecutor:
                         threads_per_worker=_threads(count),
                         memory_limit=None,
                         dashboard_address=None,
+                        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                         silence_logs=logging.CRITICAL + 1,
                         preload="sketchterrain.world.worker",
                     )
             except (OSError, RuntimeError) as error:
                 raise SketchterrainError(f"workers cannot be started: {one_line(error)}") from error
-            stack.push(lambda *_: cluster.close(timeout=_TIMEOUT))
+            stack.enter_context(suppress(TimeoutError))
+            stack.callback(cluster.close, timeout=_TIMEOUT)
             address = cluster.scheduler_address
         else:
             address = self._scheduler
             # A client that cannot connect is hard to be rid of; so it is made where one can.
             if not address.startswith("inproc://"):
                 check_scheduler(address)
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            client = Client(address, timeout=_TIMEOUT, set_as_default=False)
+        client = Client(address, timeout=_TIMEOUT, set_as_default=False)
         stack.callback(client.close, timeout=_TIMEOUT)
-        if any("VersionMismatch" in each.category.__name__ for each in caught):
-            self._note(f"{self._title} or its workers have other versions of Python or dask")
         return client
 
     def _set_up(self, probe: tuple[str, str]) -> None:
         """Have all workers checked, now and when they come."""
         from distributed.protocol.pickle import dumps
 
-        from sketchterrain.world.worker import WorkerSetup
+        from sketchterrain.world.worker import WorkerSetup, bits_of
 
-        plugin = WorkerSetup(self._run, self._job, probe=probe, device=self._device, bits=self._bits())
+        # Workers must compute what this machine does, on a device with known bits if there is one.
+        known = (device for device in list_devices() if device.known and is_usable(device))
+        device = next(known, None) or choose_device(self._device)
+        bits = bits_of(TaskRunner(self._job, ComputeContext(device)))
+        plugin = WorkerSetup(self._run, self._job, probe=probe, device=self._device, bits=bits)
         answers = self._ask(
             self._client.scheduler.register_worker_plugin,
             timeout=_ENDING,
@@ -250,48 +248,34 @@ class ClusterExecutor:
             if self._scheduler is not None:
                 self._ask(self._client.scheduler.unregister_worker_plugin, timeout=_ENDING, name=self._run)
 
-    def _bits(self) -> str:
-        """Return the bits of some of the ground on this machine, by a known device if there is one."""
-        from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
-        from sketchterrain.world.task_runner import TaskRunner
-        from sketchterrain.world.worker import bits_of
-
-        known = (device for device in list_devices() if device.known and is_usable(device))
-        device = next(known, None) or choose_device(self._device)
-        return bits_of(TaskRunner(self._job, ComputeContext(device)))
-
 
 def check_scheduler(address: str) -> None:
     """Raise an error in one line if there is no scheduler at an address, at once.
 
     The address is ``tcp://HOST:PORT`` or ``tls://HOST:PORT``; certificates are those of dask's configuration.
     """
-    expected = f"expected a scheduler's address such as tcp://HOST:8786, got {one_line(address)!r}"
-    try:
+    parts, port = None, None
+    with suppress(ValueError):
         parts = urlsplit(address)
         port = parts.port
-    except ValueError as error:
-        raise InputError(expected) from error
-    if parts.scheme not in ("tcp", "tls") or not parts.hostname or port is None:
-        raise InputError(expected)
-    problem = f"scheduler {address} cannot be reached"
+    if parts is None or parts.scheme not in ("tcp", "tls") or not parts.hostname or port is None:
+        raise InputError(f"expected a scheduler's address such as tcp://HOST:8786, got {one_line(address)!r}")
     try:
         # dask would try again until its time is over.
         with socket.create_connection((parts.hostname, port), timeout=_TIMEOUT):
             pass
         answer = asyncio.run(asyncio.wait_for(_identity(address), _TIMEOUT))
-    except socket.gaierror as error:
-        raise SketchterrainError(f"{problem}: no machine is known as {parts.hostname}") from error
-    except ConnectionRefusedError as error:
-        raise SketchterrainError(f"{problem}: nothing listens there") from error
-    except TimeoutError as error:
-        raise SketchterrainError(f"{problem}: no answer within {_TIMEOUT:.0f} s") from error
-    except Exception as error:  # whatever comes of another protocol's answer
-        lacks = parts.scheme == "tls" and isinstance(error, TypeError)
-        reason = "dask's configuration names no certificates" if lacks else "what listens there is none"
-        raise SketchterrainError(f"{problem}: {reason}") from error
-    if answer.get("type") != "Scheduler":
-        raise SketchterrainError(f"{problem}: a dask {str(answer.get('type')).lower()} is there")
+        reason = "" if answer.get("type") == "Scheduler" else "what answers is no scheduler"
+    except socket.gaierror:
+        reason = f"no machine is known as {parts.hostname}"
+    except ConnectionRefusedError:
+        reason = "nothing listens there"
+    except TimeoutError:
+        reason = f"no answer within {_TIMEOUT:.0f} s"
+    except Exception:  # noqa: BLE001 - whatever comes of another protocol's answer
+        reason = "no dask scheduler answers, or dask's configuration lacks its certificates"
+    if reason:
+        raise SketchterrainError(f"scheduler {address} cannot be reached: {reason}")
 
 
 async def _identity(address: str) -> dict[str, Any]:
@@ -304,34 +288,8 @@ async def _identity(address: str) -> dict[str, Any]:
         return answer
 
 
-@contextmanager
-def silence_dask_logging() -> Iterator[None]:
-    """Log nothing of dask's within this context, unless ``SKETCHTERRAIN_DEBUG`` is set."""
-    if os.environ.get(DEBUG):
-        yield
-        return
-    import distributed  # noqa: F401 - its loggers are there only then
-
-    names = {
-        *_LIBRARIES,
-        *(name for name in logging.root.manager.loggerDict if name.split(".")[0] in _LIBRARIES),
-    }
-    before = {name: logging.getLogger(name).level for name in names}
-    for name in before:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", module="(distributed|dask|tornado)")
-            yield
-    finally:
-        for name, level in before.items():
-            logging.getLogger(name).setLevel(level)
-
-
 def _threads(workers: int) -> int:
     """Return the tasks that each worker of this machine takes at once: a CPU device leaves no core free."""
-    from sketchterrain.compute import list_devices
-
     if all(device.type != "GPU" for device in list_devices()):
         return 1
     return max(1, min(8, (os.cpu_count() or 1) // workers))

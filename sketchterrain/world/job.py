@@ -1,18 +1,14 @@
-"""All that a world follows from, as a value that is sent to whoever computes some of it."""
+"""The job of writing a world: all that its bytes follow from, as a value that travels to workers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal
+from pathlib import Path
+from typing import Final, Literal
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.world.grid import World
-
-__all__ = ["ENDINGS", "Form", "Job", "PlantsForm"]
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.world.grid import World
 
 Form = Literal["zarr", "tiles", "tif"]
 """A Zarr store; a folder of GeoTIFF tiles with VRTs; one GeoTIFF a layer."""
@@ -25,29 +21,10 @@ PlantsForm = Literal["none", "parquet", "flatgeobuf"]
 class Job:
     """A world that is to be written.
 
-    Attributes
-    ----------
-    sketch : Sketch
-        With the seed that counts.
-    recipe : TerrainRecipe
-        Of that sketch: placed once, not again by each worker.
-    world : World
-    output : Path
-        Absolute: a folder ``….zarr``, a folder, or a file ``….tif``.
-    form : Form
-    layers : tuple of str
-        Which of `LAYERS`.
-    plants : PlantsForm
-    grass : bool
-        Whether grass is among the plants.
-    crs : str or None
-        Coordinate reference system; None: metres from the sketch's south-west corner.
-    origin : (float, float)
-        Where that corner lies in it, m.
-    step : float
-        Heights are rounded to multiples of it, a power of two in m; 0 keeps every bit.
-    fast : bool
-        Whether kernels may trade bits for speed.
+    `sketch` has the seed that counts, and `recipe` is placed once, not by each worker. `output` is absolute.
+    `crs` None means metres from the sketch's south-west corner, which lies at `origin` in it. Heights are
+    rounded to multiples of `step`, a power of two in m; 0 keeps every bit. With `fast`, kernels trade bits
+    for speed.
     """
 
     sketch: Sketch

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, get_args
+from typing import get_args
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import Sketch
@@ -16,7 +16,6 @@ from sketchterrain.world.ground import LAYERS
 from sketchterrain.world.job import Form, Job, PlantsForm
 from sketchterrain.world.libraries import require
 
-_PLANTS: Final = get_args(PlantsForm)
 _FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
 
 
@@ -43,10 +42,10 @@ class WorldOptions:
         """Return where the world is sampled; raise InputError for options that make no sense."""
         world = World(*(self.bounds or (0.0, 0.0, *sketch.size)), self.cell)
         _check_lattice(world, sketch.extent)
-        if self.plants not in _PLANTS:
-            raise InputError(f"expected plants as {_either(_PLANTS)}, got {one_line(self.plants)!r}")
+        if self.plants not in get_args(PlantsForm):
+            raise InputError(f"expected plants as none, parquet or flatgeobuf, got {one_line(self.plants)!r}")
         if self.grass and self.plants == "none":
-            raise InputError(f"grass without plants: expected plants as {_either(_PLANTS[1:])} with it")
+            raise InputError("grass without plants: expected plants as parquet or flatgeobuf with it")
         _check_step(self.step)
         if not all(math.isfinite(number) for number in self.origin):
             raise InputError(f"expected a finite origin, got {self.origin}")
@@ -134,7 +133,3 @@ def _check_step(step: float) -> None:
         f"step {step:g}: expected a power of two of metres up to {_COARSEST_STEP:g}, as 0.0078125, "
         "or 0 for every bit"
     )
-
-
-def _either(names: tuple[str, ...]) -> str:
-    return f"{', '.join(names[:-1])} or {names[-1]}"

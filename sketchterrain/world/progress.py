@@ -20,7 +20,7 @@ _NAMED: Final = 10  # broken files; --json has them all
 
 
 class ProgressReporter:
-    """The :class:`~sketchterrain.world.run.Watcher` of the command line and of the window; a context manager.
+    """Reports the progress of a run to a person; a context manager.
 
     `show` takes what is being done, the share that is done and the time left as text, `echo` a line that
     stays; by default both go to stderr.
@@ -55,17 +55,17 @@ class ProgressReporter:
         self._bar.stop()
 
     def verified(self, share: float) -> None:
-        """Show how much is verified."""
+        """Show the share of the existing files that is verified."""
         self._show("Verifying", share, "")
 
     def broken(self, file: Broken) -> None:
-        """Report a broken file; of very many only their number."""
+        """Report a missing or changed file, which is made again; of many only their number."""
         self._broken += 1
         if self._broken <= _NAMED:
             self._echo(f"{one_line(file.file)} {file.why}: is made again")
 
     def began(self, tasks: int, done: int) -> None:
-        """Report what is there, and start the clock."""
+        """Report how many of all tasks are done before the first one is run."""
         if self._broken > _NAMED:
             self._echo(f"and {self._broken - _NAMED} more files are made again")
         if done:
@@ -85,7 +85,7 @@ class ProgressReporter:
         )
 
     def joined(self, share: float) -> None:
-        """Show how much is joined."""
+        """Show the share of the joined files that is written."""
         self._show("Joining", share, "")
 
     def note(self, line: str) -> None:

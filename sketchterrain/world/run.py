@@ -4,47 +4,28 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Protocol
+from itertools import chain
 
 from msgspec import structs
 
 from sketchterrain.batch.interrupts import Interrupts
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.world.cluster import ClusterExecutor
 from sketchterrain.world.fingerprint import fingerprint
 from sketchterrain.world.forms import plants_of, store_of
 from sketchterrain.world.job import Job
 from sketchterrain.world.journal import Header, Journal, Ledger, exclusive_run
 from sketchterrain.world.layout import OutputLayout
+from sketchterrain.world.progress import ProgressReporter
 from sketchterrain.world.resume import SavedState, check_output_unused, load_state, remove_partial_files
-from sketchterrain.world.serial import Executor, SerialExecutor
+from sketchterrain.world.serial import SerialExecutor
 from sketchterrain.world.task_runner import file_record
-from sketchterrain.world.tasks import Task, TaskResult, WrittenFile, task_count, tasks_of
+from sketchterrain.world.tasks import Task, WrittenFile, task_count, tasks_of
 from sketchterrain.world.verification import Broken, broken_lines, verify
 
-
-class Watcher(Protocol):
-    """Receives the progress of a run, all in one thread; whatever it raises ends the run."""
-
-    def verified(self, share: float) -> None:
-        """Receive the share of the existing files that is verified, 0 … 1."""
-
-    def broken(self, file: Broken) -> None:
-        """Receive a file that is missing or differs; it will be made again."""
-
-    def began(self, tasks: int, done: int) -> None:
-        """Receive the number of all tasks and of the finished ones, before the first is run."""
-
-    def made(self, made: TaskResult) -> None:
-        """Receive a finished task."""
-
-    def joined(self, share: float) -> None:
-        """Receive the share of the joined files that is written, 0 … 1."""
-
-    def note(self, line: str) -> None:
-        """Receive what happened to devices and workers."""
+Executor = SerialExecutor | ClusterExecutor
 
 
 @dataclass(frozen=True)
@@ -66,7 +47,7 @@ def run_world(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
-    watcher: Watcher,
+    watcher: ProgressReporter,
 ) -> WorldResult:
     """Write a world.
 
@@ -85,7 +66,7 @@ def run_world(
     resume
         Resume an existing run.
     watcher
-        Receives the progress.
+        Receives the progress, in this thread; whatever it raises ends the run.
 
     Raises
     ------
@@ -118,7 +99,9 @@ def run_world(
 class _Run:
     """The state of a run."""
 
-    def __init__(self, job: Job, state: SavedState | None, watcher: Watcher, interrupts: Interrupts) -> None:
+    def __init__(
+        self, job: Job, state: SavedState | None, watcher: ProgressReporter, interrupts: Interrupts
+    ) -> None:
         self.job, self.watcher, self._interrupts = job, watcher, interrupts
         self._store, self._plants, self._layout = store_of(job), plants_of(job), OutputLayout.of(job)
         header = Header(fingerprint(job), version("sketchterrain"))
@@ -131,7 +114,7 @@ class _Run:
     def is_finished(self) -> bool:
         """Verify all files; return whether the world is finished and none of them is broken."""
         found = verify(self._ledger, self._layout, progress=self._interruptible(self.watcher.verified))
-        for each in (*found, *(broken_lines(self._ledger) if self._was_finished else ())):
+        for each in chain(found, broken_lines(self._ledger) if self._was_finished else ()):
             self._broken.append(each)
             self.watcher.broken(each)
         lost = self._store.keeps_shards and self.has_tasks_left
@@ -140,7 +123,9 @@ class _Run:
     def prepare(self) -> None:
         """Remove what is not whole, and write what depends on no ground."""
         broken, done = {each.file for each in self._broken}, self._ledger.done
-        for task in [task for task, files in done.items() if not broken.isdisjoint(_names(files))]:
+        for task in [
+            task for task, files in done.items() if not broken.isdisjoint(file.file for file in files)
+        ]:
             del done[task]
         self._remove_partial_files()
         self._ledger.others = (*self._records(self._store.create()), *self._fixed_of_plants())
@@ -153,10 +138,8 @@ class _Run:
 
     def run_tasks(self, *, device: str | None, workers: int | None, scheduler: str | None) -> None:
         """Run the tasks that are not done, and write them into the journal."""
-        with ExitStack() as stack:
-            executor = self._executor(device=device, workers=workers, scheduler=scheduler)
-            journal = stack.enter_context(Journal(self._store.journal, self._ledger))
-            stack.enter_context(executor)
+        executor = self._executor(device=device, workers=workers, scheduler=scheduler)
+        with Journal(self._store.journal, self._ledger) as journal, executor:
             for result in executor.run(self._tasks_left()):
                 journal.add(result.task, result.files)
                 self._ledger.done[result.task] = result.files
@@ -199,8 +182,6 @@ class _Run:
                 f"{one_line(self.job.output)}: was begun on {begun_on}, and workers have other bits"
             )
         self._ledger.header = structs.replace(header, device="")
-        from sketchterrain.world.cluster import ClusterExecutor
-
         return ClusterExecutor(
             self.job,
             workers=workers,
@@ -229,14 +210,11 @@ class _Run:
         return reported
 
     def _remove_partial_files(self) -> None:
-        remove_partial_files(self.job, self._store, self._layout, {*_names(self._ledger.files)})
+        whole = {file.file for file in self._ledger.files}
+        remove_partial_files(self.job, self._store, self._layout, whole)
 
     def _fixed_of_plants(self) -> tuple[WrittenFile, ...]:
         return () if self._plants is None else self._records(self._layout.plant_names(self._plants.create()))
 
     def _records(self, names: Iterable[str]) -> tuple[WrittenFile, ...]:
         return tuple(file_record(self._layout.path(name), name) for name in names)
-
-
-def _names(files: Iterable[WrittenFile]) -> Iterator[str]:
-    return (file.file for file in files)

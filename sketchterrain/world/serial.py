@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from typing import Protocol, Self
+from typing import Self
 
 from sketchterrain.compute import ComputeContext, Device, choose_device, spare_device
 from sketchterrain.errors import DeviceFailedError, InputError
@@ -13,22 +13,6 @@ from sketchterrain.terrain import self_test
 from sketchterrain.world.job import Job
 from sketchterrain.world.task_runner import PendingTask, TaskRunner
 from sketchterrain.world.tasks import Task, TaskResult
-
-
-class Executor(Protocol):
-    """Runs a world's tasks in any order; a context manager that leaves no partial file."""
-
-    def __enter__(self) -> Self:
-        """Open devices, or find the workers."""
-        ...
-
-    def __exit__(self, *_: object) -> None:
-        """Finish what is begun and release everything."""
-        ...
-
-    def run(self, tasks: Iterable[Task]) -> Iterator[TaskResult]:
-        """Yield tasks once their files are there, taking only as many ahead as keep everyone busy."""
-        ...
 
 
 class SerialExecutor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -45,24 +45,14 @@ def verify(ledger: Ledger, layout: OutputLayout, *, progress: Callable[[float], 
 
 
 def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Iterator[Broken]:
-    """Verify a finished world, and yield what is missing or differs.
+    """Verify a finished world (a Zarr store, a folder of tiles, or the GeoTIFF of the heights).
 
-    Parameters
-    ----------
-    path
-        A Zarr store, a folder of tiles, or the GeoTIFF of the heights.
-    progress
-        Called with the share that is read, 0 … 1.
-
-    Raises
-    ------
-    InputError
-        If there is no ledger, it is broken, or the world is not finished.
+    Raises InputError if there is no ledger, it is broken, or the world is not finished.
     """
     place = Path(path)
     ledger = _ledger(place)
     layout = OutputLayout(place if place.is_dir() else place.parent, plants_folder(place))
-    return _all_broken(ledger, layout, progress)
+    return chain(broken_lines(ledger), verify(ledger, layout, progress=progress))
 
 
 def broken_lines(ledger: Ledger) -> Iterator[Broken]:
@@ -71,11 +61,6 @@ def broken_lines(ledger: Ledger) -> Iterator[Broken]:
         yield Broken("ledger", f"has broken lines: {ledger.unreadable}")
     elif not ledger.others:
         yield Broken("ledger", "does not name the files that belong to the whole")
-
-
-def _all_broken(ledger: Ledger, layout: OutputLayout, progress: Callable[[float], None]) -> Iterator[Broken]:
-    yield from broken_lines(ledger)
-    yield from verify(ledger, layout, progress=progress)
 
 
 def _ledger(place: Path) -> Ledger:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import errno
+import logging
 import os
 import pickle
 import signal
@@ -22,6 +22,7 @@ from distributed.core import Status
 from distributed.utils import sync
 
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
+from sketchterrain.exit_codes import DEBUG
 from sketchterrain.world.fingerprint import code_digest
 from sketchterrain.world.tasks import Task, TaskResult
 
@@ -69,33 +70,13 @@ class WorkerSetup(WorkerPlugin):
         """Run a task; a device that fails sends it to another worker."""
         try:
             with self._device:
-                self._check_running()
-                pending = self._runner.evaluate(task)
-            self._check_running()
+                pending = None if self._stopped.is_set() else self._runner.evaluate(task)
+            if pending is None or self._stopped.is_set():
+                raise SketchterrainError("the run has ended")
             return replace(self._runner.finish(pending), worker=self._called)
         except DeviceError as error:
             sync(self._worker.loop, self._worker.set_resources, **{self.name: 0})
             self._report(refused=one_line(error))
-            raise Reschedule from error
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            raise SketchterrainError(one_line(f"{where}{error.strerror or error}")) from error
-        except SketchterrainError as error:
-            if not _is_full(error):
-                self._check_folder(error)
-            raise
-
-    def _check_running(self) -> None:
-        if self._stopped.is_set():
-            raise SketchterrainError("the run has ended")
-
-    def _check_folder(self, error: Exception) -> None:
-        """Send a task to another worker if this one alone has lost the output's folder."""
-        try:
-            check_folder(*self._probe)
-        except RefusedError as refused:
-            sync(self._worker.loop, self._worker.set_resources, **{self.name: 0})
-            self._report(refused=one_line(refused))
             raise Reschedule from error
 
     async def _accept_or_refuse(self) -> None:
@@ -156,17 +137,17 @@ def run_task(run: str, task: Task) -> TaskResult:
 def dask_setup(_: Worker) -> None:
     """Prepare a worker process of this machine: Ctrl-C in the terminal is for its starter alone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if not os.environ.get(DEBUG):
+        logging.disable(logging.CRITICAL)
 
 
 def check_folder(probe: str, text: str) -> None:
     """Refuse a worker that does not see the output's folder, or cannot write into it."""
     path, until = Path(probe), time.monotonic() + _VISIBLE
-    while (found := _text_of(path)) != text:
+    while not path.is_file() or path.read_text(encoding="utf-8") != text:
         if time.monotonic() > until:
-            seen = (
-                "another folder is there" if found is not None or path.parent.is_dir() else "nothing is there"
-            )
-            raise RefusedError(f"it does not see the output's folder {path.parent}: {seen}")
+            seen = "another folder" if path.parent.is_dir() else "nothing"
+            raise RefusedError(f"it does not see the output's folder {path.parent}: {seen} is there")
         time.sleep(0.1)
     own = path.with_name(f"{path.name}-{uuid4().hex[:8]}")
     try:
@@ -208,19 +189,6 @@ def bits_of(runner: Any) -> str:
     ):
         digest.update(band.height.tobytes())
     return digest.hexdigest()
-
-
-def _is_full(error: SketchterrainError) -> bool:
-    """Return whether a disk is full, which no other worker can help."""
-    full = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
-    return isinstance(error.__cause__, OSError) and error.__cause__.errno in full
-
-
-def _text_of(path: Path) -> str | None:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError:
-        return None
 
 
 def _name_of(worker: Worker) -> str:

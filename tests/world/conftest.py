@@ -16,6 +16,7 @@ from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
+from sketchterrain.world.progress import ProgressReporter
 from sketchterrain.world.run import run_world
 
 if TYPE_CHECKING:
@@ -26,10 +27,11 @@ if TYPE_CHECKING:
     from sketchterrain.world.verification import Broken
 
 
-class Heard:
+class Heard(ProgressReporter):
     """A watcher that remembers."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.shares: list[float] = []
         self.found: list[Broken] = []
         self.counts: list[tuple[int, int]] = []

@@ -12,26 +12,10 @@ import numpy.typing as npt
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import LAYERS
-from sketchterrain.trace.label_image import (
-    NO_VOTE,
-    fill_gaps,
-    joined,
-    majority,
-    narrow_waters,
-    parted_waters,
-    without_specks,
-    without_threads,
-)
+from sketchterrain.trace import label_image, picture_colours
 from sketchterrain.trace.legend import INK, NOTHING, OWN_LEGEND, Legend, Meaning
 from sketchterrain.trace.picture import Picture, read_picture
-from sketchterrain.trace.picture_colours import (
-    CLEAR,
-    UNKNOWN,
-    FoundColour,
-    SortedPixels,
-    find_colours,
-    sort_pixels,
-)
+from sketchterrain.trace.picture_colours import CLEAR, UNKNOWN, FoundColour, find_colours, sort_pixels
 from sketchterrain.trace.sheet import Sheet, Traced
 
 SPECKS: Final = 16  # areas of fewer pixels of the sketch vanish unless it is asked otherwise
@@ -68,7 +52,7 @@ class ColouredMap:
     rgba: npt.NDArray[np.uint8]
     colours: tuple[FoundColour, ...]
     meanings: tuple[Meaning | None, ...]
-    pixels: SortedPixels
+    pixels: picture_colours.SortedPixels
 
     def traced(
         self,
@@ -92,33 +76,36 @@ class ColouredMap:
             it has; 0: its colour decides.
         """
         meant = tuple(self.meanings if meanings is None else meanings)
-        painted = sorted({each for each in meant if each is not None and each.label}, key=_order)
+        painted = {each for each in meant if each is not None and each.label}
         if not painted:
             named = ", ".join(each.code for each in self.colours[:_TOLD])
             raise InputError(
                 f"no colour of the legend in it, but {named}: expected some to be named, "
                 "as with --colour mountain=#8b5a2b"
             )
-        value_of = {meaning: value for value, meaning in enumerate(painted, start=1)}
+        order = sorted(painted, key=lambda each: (tuple(LAYERS).index(each.layer), each.label))
+        value_of = {meaning: value for value, meaning in enumerate(order, start=1)}
         table = np.zeros(256, dtype=np.uint8)
-        table[UNKNOWN] = NO_VOTE
+        table[UNKNOWN] = label_image.NO_VOTE
         table[CLEAR] = 0
         for index, meaning in enumerate(meant):
-            table[index] = NO_VOTE if meaning == INK else value_of.get(meaning or NOTHING, 0)
+            table[index] = label_image.NO_VOTE if meaning == INK else value_of.get(meaning or NOTHING, 0)
         height, width = self.pixels.index.shape
         thin = [value for meaning, value in value_of.items() if meaning.layer in _THIN]
-        values = majority(table[self.pixels.index], sheet.size(width, height), thin=thin)
+        values = label_image.majority(table[self.pixels.index], sheet.size(width, height), thin=thin)
         if INK in meant:  # where lettering is, outlines are too
-            values = without_threads(values, {0, *value_of.values()}.difference(thin))
-        values = fill_gaps(values, reach=_INK_REACH, beyond=0)
+            values = label_image.without_threads(values, {0, *value_of.values()}.difference(thin))
+        values = label_image.fill_gaps(values, reach=_INK_REACH, beyond=0)
         for value in thin:
-            values[joined(values == value, _GAP)] = value
-        values = without_specks(values, specks)
+            values[label_image.joined(values == value, _GAP)] = value
+        values = label_image.without_specks(values, specks)
         layers = {name: np.zeros(values.shape, dtype=np.uint8) for name in LAYERS}
         for meaning, value in value_of.items():
             layers[meaning.layer][values == value] = meaning.label
         if narrow > 0.0:
-            layers["river"], layers["lake"] = parted_waters(layers["river"], layers["lake"], narrow)
+            layers["river"], layers["lake"] = label_image.parted_waters(
+                layers["river"], layers["lake"], narrow
+            )
         sketch, told = sheet.sketch(layers, self.name)
         pairs = tuple(zip(self.colours, meant, strict=True))
         pixels = self.pixels
@@ -146,17 +133,12 @@ def map_of(picture: Picture, path: Path, legend: Legend = OWN_LEGEND) -> Coloure
             "that is painted in it, as with --layer mountain"
         )
     # The program's own legend has more colours than any picture: they are no reason to tell two apart.
-    is_own = legend.colours is OWN_LEGEND.colours
-    sought = () if is_own else legend.colours
+    sought = () if legend.colours is OWN_LEGEND.colours else legend.colours
     colours = find_colours(picture.rgba, sought=sought)
     if not colours:
         raise InputError(f"{place}: no area of it is of one colour: expected a coloured map")
     meanings = tuple(legend.meaning(each.rgb) for each in colours)
     return ColouredMap(path.stem, picture.rgba, colours, meanings, sort_pixels(picture.rgba, colours))
-
-
-def _order(meaning: Meaning) -> tuple[int, int]:
-    return tuple(LAYERS).index(meaning.layer), meaning.label
 
 
 def _colour_notes(pairs: Sequence[tuple[FoundColour, Meaning | None]]) -> list[str]:
@@ -172,7 +154,7 @@ def _colour_notes(pairs: Sequence[tuple[FoundColour, Meaning | None]]) -> list[s
 
 
 def _water_notes(river: npt.NDArray[np.bool_], lake: npt.NDArray[np.bool_]) -> list[str]:
-    if river.any() or not lake.any() or not narrow_waters(lake, _NARROW).any():
+    if river.any() or not lake.any() or not label_image.narrow_waters(lake, _NARROW).any():
         return []
     return [f"some lakes are narrow and long: --rivers-up-to {_NARROW} makes rivers of them"]
 

@@ -108,8 +108,7 @@ def joined(where: Mask, gap: int) -> Mask:
         if reached.any():
             nearest = others[reached][np.argmin(distance[reached])]
             steps = np.linspace(0.0, 1.0, int(np.abs(nearest).max()) + 1)[:, None]
-            path = np.rint(steps * nearest).astype(np.intp) + end
-            whole[path[:, 0], path[:, 1]] = True
+            whole[tuple((np.rint(steps * nearest).astype(np.intp) + end).T)] = True
     return whole
 
 

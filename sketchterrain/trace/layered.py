@@ -7,7 +7,6 @@ GIMP's reader (plug-ins/python/file-openraster.py), a group has no offset of its
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
@@ -49,17 +48,12 @@ _MOST_LAYERS = 256
 _FARTHEST = 1 << 24  # px of an offset
 
 
-@dataclass(frozen=True, eq=False)
 class _Sheets:
     """Label images that are being put together: what is on top is added first."""
 
-    size: tuple[int, int]
-    layers: dict[str, npt.NDArray[np.uint8]]
-
-    @classmethod
-    def empty(cls, size: tuple[int, int]) -> _Sheets:
-        shape = (size[1], size[0])
-        return cls(size, {name: np.zeros(shape, dtype=np.uint8) for name in LAYERS})
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.size = size
+        self.layers = {name: np.zeros(size[::-1], dtype=np.uint8) for name in LAYERS}
 
     def add(self, meaning: Meaning, mask: Mask) -> int:
         """Paint where nothing is yet; return how many pixels that were."""
@@ -87,7 +81,7 @@ def trace_mask(path: Path, layer: str, sheet: Sheet) -> Traced:
     mask, how = painted_mask(read_picture(path))
     if not mask.any():
         raise InputError(f"{one_line(path)}: {how}: expected a picture with something on its paper")
-    sheets = _Sheets.empty(sheet.size(mask.shape[1], mask.shape[0]))
+    sheets = _Sheets(sheet.size(mask.shape[1], mask.shape[0]))
     sheets.add(meaning, mask)
     sketch, told = sheet.sketch(sheets.layers, path.stem)
     return Traced(sketch, (f"{path.name} is {meaning}: {how}", *told))
@@ -132,7 +126,7 @@ def trace_open_raster(path: Path, sheet: Sheet) -> Traced:
             raise _unnamed(place, "layer", (*others, *hidden))
         if len(named) > _MOST_LAYERS:
             raise InputError(f"{place}: expected at most {_MOST_LAYERS} layers that mean something")
-        sheets, notes, total = _Sheets.empty(sheet.size(*size)), [], 0
+        sheets, notes, total = _Sheets(sheet.size(*size)), [], 0
         for layer, meaning in named:
             if layer.source not in archive.names or layer.source.endswith("/"):
                 raise InputError(f"{place}: layer {shown(layer.name)}: {shown(layer.source)} is not in it")
@@ -181,7 +175,7 @@ def trace_folder(folder: Path, sheet: Sheet) -> Traced:
         picture = read_picture(path)
         height, width = picture.rgba.shape[:2]
         if sheets is None:
-            sheets, first = _Sheets.empty(sheet.size(width, height)), (width, height, path.name)
+            sheets, first = _Sheets(sheet.size(width, height)), (width, height, path.name)
         if abs(width * first[1] / (height * first[0]) - 1.0) > _LIKE:
             raise InputError(
                 f"{one_line(path)} is {width}×{height} px, but {one_line(first[2])} is "

@@ -63,14 +63,12 @@ class Legend:
             match = _GIVEN.fullmatch(text)
             if match is None:
                 raise InputError(f"colour {shown(text)}: expected LAYER=#rrggbb or LAYER.LABEL=#rrggbb")
-            where, label = f"colour {shown(text)}", match[2] and int(match[2])
+            where, label = f"colour {shown(text)}", int(match[2]) if match[2] else None
             colours.append((_rgb(match[3], where), _meaning(match[1].lower(), label, where)))
         return cls(_checked(colours, "colours"), tolerance)
 
     def meaning(self, rgb: Rgb) -> Meaning | None:
         """Return what the nearest colour of the legend stands for; None if none is near enough."""
-        if not self.colours:
-            return None
         lab = to_oklab(np.array([rgb, *self.colours]) / 255.0)
         distance = np.sqrt(((lab[1:] - lab[0]) ** 2).sum(axis=1))
         nearest = int(np.argmin(distance))

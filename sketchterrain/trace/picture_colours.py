@@ -86,12 +86,8 @@ class SortedPixels:
 def find_colours(rgba: Bytes, *, sought: Iterable[tuple[int, int, int]] = ()) -> tuple[FoundColour, ...]:
     """Return the colours of a picture, the most common first: peaks of the histogram of unmixed pixels.
 
-    Parameters
-    ----------
-    rgba
-        uint8, (height, width, 4); what is more than half transparent does not count.
-    sought
-        Colours, sRGB, that are told apart from others like them if they are there.
+    `rgba` is uint8, (height, width, 4); what is more than half transparent does not count. Colours in
+    `sought`, sRGB, are told apart from others like them if they are there.
     """
     counts, flats, sums = _histogram(rgba)
     total = int(counts.sum())
@@ -102,7 +98,9 @@ def find_colours(rgba: Bytes, *, sought: Iterable[tuple[int, int, int]] = ()) ->
     colours = sums[filled] / weight[:, None]
     lab = to_oklab(colours / 255.0)
     given = np.array(list(sought), dtype=np.float64).reshape(-1, 3)
-    centres = _centres(lab, weight, flat, _peaks(counts)[filled], to_oklab(given / 255.0))
+    cube = counts.reshape((1 << _BITS,) * 3)
+    peaks = (cube == ndimage.maximum_filter(cube, size=3, mode="constant")).ravel()[filled]
+    centres = _centres(lab, weight, flat, peaks, to_oklab(given / 255.0))
     nearest = np.full(len(lab), -1)
     if len(centres):
         nearest = np.argmin(((lab[:, None] - centres[None]) ** 2).sum(axis=2), axis=1)
@@ -160,11 +158,8 @@ def _without_blends(found: list[FoundColour], solid: list[bool]) -> list[FoundCo
     parts = np.linspace(0.15, 0.85, 15)[:, None]
     kept = []
     for index, each in enumerate(found):
-        larger = [
-            other
-            for other in range(len(found))
-            if other != index and (solid[other] or found[other].share > each.share)
-        ]
+        others = (other for other in range(len(found)) if other != index)
+        larger = [other for other in others if solid[other] or found[other].share > each.share]
         pairs = [(rgb[one], rgb[other]) for one in larger for other in larger if one < other]
         if solid[index] or not pairs:
             kept.append(each)
@@ -173,12 +168,6 @@ def _without_blends(found: list[FoundColour], solid: list[bool]) -> list[FoundCo
         if ((blends - to_oklab(rgb[index] / 255.0)) ** 2).sum(axis=1).min() > _BETWEEN**2:
             kept.append(each)
     return kept
-
-
-def _peaks(counts: npt.NDArray[np.int64]) -> Mask:
-    """Return which cells have no fuller one beside them."""
-    cube = counts.reshape((1 << _BITS,) * 3)
-    return np.asarray(cube == ndimage.maximum_filter(cube, size=3, mode="constant")).ravel()
 
 
 def _histogram(rgba: Bytes) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
@@ -212,8 +201,7 @@ def sort_pixels(rgba: Bytes, colours: Sequence[FoundColour]) -> SortedPixels:
     """
     height, width = rgba.shape[:2]
     centres = to_oklab(np.array([each.rgb for each in colours]).reshape(-1, 3) / 255.0).astype(np.float32)
-    there = _colours_there(rgba)
-    lab = _oklab_of(there)
+    there, lab = _colours_there(rgba)
     plain, strict = (np.full(1 << 24, UNKNOWN, dtype=np.uint8) for _ in range(2))
     plain[there], strict[there] = _plain_colours(lab, centres)
     sure = np.empty((height, width), dtype=np.uint8)
@@ -251,20 +239,18 @@ def _packed(rgba: Bytes) -> Packed:
     return (wide[..., 0] << 16) | (wide[..., 1] << 8) | wide[..., 2]
 
 
-def _colours_there(rgba: Bytes) -> Packed:
+def _colours_there(rgba: Bytes) -> tuple[Packed, npt.NDArray[np.float32]]:
+    """Return the colours of a picture, in order, and the same in Oklab."""
     seen = np.zeros(1 << 24, dtype=bool)
     for top, bottom in _bands(len(rgba)):
         seen[_packed(rgba[top:bottom])] = True
-    return np.flatnonzero(seen).astype(np.int32)
-
-
-def _oklab_of(packed: Packed) -> npt.NDArray[np.float32]:
+    packed = np.flatnonzero(seen).astype(np.int32)
     lab = np.empty((len(packed), 3), dtype=np.float32)
     for start in range(0, len(packed), _COLOURS):
         part = packed[start : start + _COLOURS]
         rgb = np.stack([part >> 16, (part >> 8) & 255, part & 255], axis=1)
         lab[start : start + _COLOURS] = to_oklab(rgb / 255.0)
-    return lab
+    return packed, lab
 
 
 def _plain_colours(lab: npt.NDArray[np.float32], centres: npt.NDArray[np.float32]) -> tuple[Bytes, Bytes]:
@@ -316,12 +302,7 @@ def mixtures(rgb: Bytes, rough: Mask | None = None) -> Mask:
     gives each channel a value in between. A thin line, a river, has the same on both sides, and is no mixture
     of it.
 
-    Parameters
-    ----------
-    rgb
-        uint8, (height, width, 3 or 4).
-    rough
-        The result of `uneven`, if that is known already.
+    `rgb` is uint8, (height, width, 3 or 4), `rough` the result of `uneven`, if that is known already.
     """
     mixed = np.zeros(rgb.shape[:2], dtype=bool)
     rows, columns = np.nonzero(uneven(rgb) if rough is None else rough)

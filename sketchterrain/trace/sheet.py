@@ -26,7 +26,7 @@ _TALLEST = 1024  # px of the picture
 
 @dataclass(frozen=True)
 class Sheet:
-    """What a traced sketch shall be; what is None is found.
+    """Options of a traced sketch; raise `InputError` for values that no sketch can have.
 
     Parameters
     ----------
@@ -37,11 +37,6 @@ class Sheet:
     name
         By default that of what is traced.
     seed
-
-    Raises
-    ------
-    InputError
-        If a value is none that a sketch can have.
     """
 
     size_px: int | None = None
@@ -85,13 +80,12 @@ class Sheet:
             told.append(f"extent: {sketch.extent:g} m along the longer side, for none was given")
         told.append(
             f"{sketch.width_px}×{sketch.height_px} px, {sketch.pixel_size:.4g} m each: "
-            + (", ".join(f"{name} {_numbers(image)}" for name, image in there.items()) or "nothing")
+            + (
+                ", ".join(f"{name} {'+'.join(map(str, labels_in(image)))}" for name, image in there.items())
+                or "nothing"
+            )
         )
         return sketch, told
-
-
-def _numbers(image: npt.NDArray[np.uint8]) -> str:
-    return "+".join(str(label) for label in labels_in(image))
 
 
 @dataclass(frozen=True, eq=False)

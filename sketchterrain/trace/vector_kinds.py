@@ -113,8 +113,7 @@ def wanted_by(tags: Mapping[str, Any], source: str, layer: str | None) -> Wanted
 
     Its property ``layer`` counts first, then its tags, then the name of its `source` layer, then `layer`.
     """
-    named = tags.get("layer")
-    name, given = _named(named) if isinstance(named, str) else None, Properties()
+    name, given = _named(tags.get("layer")), Properties()
     if name is None:
         name, given = _tagged(tags)
     name = name or _named(source) or _SOURCES.get(source.lower()) or layer
@@ -131,8 +130,8 @@ def number_in(value: object) -> float | None:
     return float(match[1]) if match else None
 
 
-def _named(text: str) -> str | None:
-    meaning = meant_by(text)
+def _named(text: object) -> str | None:
+    meaning = meant_by(text) if isinstance(text, str) else None
     return meaning.layer if meaning is not None else None
 
 
@@ -168,10 +167,9 @@ def _with_properties(layer: str, given: Properties, tags: Mapping[str, Any]) -> 
 def classed(wanted: Sequence[Properties], most: int) -> tuple[list[int], list[Properties], float]:
     """Return the class of each feature, the properties of at most `most` classes, and the error.
 
-    The error is the largest relative one of a number. Classes are in the order in which they appear.
-
-    Equal properties share a class. Where these are too many, so do numbers within one step of a geometric
-    scale, as fine a one as possible; a class has their mean.
+    The error is the largest relative one of a number. Classes are in the order in which they appear. Equal
+    properties share a class. Where these are too many, so do numbers within one step of a geometric scale, as
+    fine a one as possible; a class has their mean.
     """
     steps = math.inf
     while True:
@@ -209,11 +207,5 @@ def _mean(members: Sequence[Properties]) -> Properties:
 
 
 def _off(wanted: Properties, got: Properties) -> float:
-    return max(
-        (
-            abs(float(got[name]) / float(value) - 1.0)
-            for name, value in wanted.items()
-            if value and not isinstance(value, str)
-        ),
-        default=0.0,
-    )
+    numbers = ((got[name], value) for name, value in wanted.items() if value and not isinstance(value, str))
+    return max((abs(float(mean) / float(value) - 1.0) for mean, value in numbers), default=0.0)

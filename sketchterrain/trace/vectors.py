@@ -20,18 +20,11 @@ from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.sketch.document import LARGEST_SIDE, MOST_LABELS, LabelImage
 from sketchterrain.sketch.parameter import Value
 from sketchterrain.sketch.wording import did_you_mean, shown
+from sketchterrain.trace import vector_place
 from sketchterrain.trace.sheet import Traced
 from sketchterrain.trace.vector_files import Shapes, VectorLayer, read_vector_layers, valid_areas
 from sketchterrain.trace.vector_kinds import Wanted, classed, number_in, tags_of, wanted_by
-from sketchterrain.trace.vector_place import (
-    Area,
-    Box,
-    area_of,
-    metric,
-    middle_longitude,
-    reprojected,
-    to_degrees,
-)
+from sketchterrain.trace.vector_place import Area, Box
 
 Mask = npt.NDArray[np.bool_]
 
@@ -81,15 +74,12 @@ def sketch_from_vectors(
     ----------
     path
         GeoJSON, a GeoPackage, FlatGeobuf, a Shapefile or OpenStreetMap PBF, known by its first bytes.
-    layer
-        For features that say nothing of themselves.
-    width
-        m, of lines that say none.
+    layer, width
+        For features that say nothing of themselves; m, of lines that say none.
     bounds
         West, south, east, north in the file's own coordinates; None: all that is taken.
     crs
-        Coordinate reference system in metres to bring it into; None: the file's own if its metres are such
-        on the ground, else the UTM zone of the middle.
+        In metres; None: the file's own if its metres are such on the ground, else the UTM zone of the middle.
     size_px
         Pixels along the sketch's longer side.
     name
@@ -110,8 +100,8 @@ def sketch_from_vectors(
         latitude: float | None = None
         if home is not None:
             middle = (0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3]))
-            latitude = round(float(to_degrees(home, np.array([middle]))[0, 1]), 2)
-            target = target or metric(home, middle)
+            latitude = round(float(vector_place.to_degrees(home, np.array([middle]))[0, 1]), 2)
+            target = target or vector_place.metric(home, middle)
             features = features._replace(shapes=_reprojected(features.shapes, home, target))
             if bounds is not None:
                 step = 0.05 * max(box[2] - box[0], box[3] - box[1])
@@ -119,7 +109,9 @@ def sketch_from_vectors(
                 box = shapely.bounds(_reprojected(outline, home, target)).tolist()
         elif target is not None:
             raise InputError("its metres lie nowhere on Earth: expected no crs to bring it into")
-        area = area_of(_extent(features) if bounds is None else box, size_px, chosen=bounds is not None)
+        area = vector_place.area_of(
+            _extent(features) if bounds is None else box, size_px, chosen=bounds is not None
+        )
         features = features._replace(shapes=shapely.transform(features.shapes, area.pixels))
         features = _visible(features, area, skipped)
         images, labels, notes = _painted(features, area, width)
@@ -132,9 +124,7 @@ def sketch_from_vectors(
         layers=images,
         labels=labels,
     )
-    if +skipped:
-        left = (f"{count} {why}" for why, count in sorted((+skipped).items()))
-        notes.append(f"left out: {', '.join(left)}")
+    notes += [f"left out: {_left_out(skipped)}"] if +skipped else []
     notes.append(f"{sketch.width_px}×{sketch.height_px} px, {sketch.pixel_size:.4g} m each")
     return Traced(sketch, (*notes, _place_note(area, target)))
 
@@ -164,9 +154,9 @@ def _chosen(
             continue
         if not chosen:
             home = each.crs
-        elif each.crs is not None and home is not None:
+        elif each.crs and home:
             features = features._replace(shapes=_reprojected(features.shapes, each.crs, home))
-        elif each.crs is not home:
+        elif each.crs or home:
             raise InputError("some of its layers lie on Earth and some do not: expected one or the other")
         chosen.append(features)
     if not chosen:
@@ -246,7 +236,7 @@ def _unwrapped(shapes: Shapes, bounds: Box | None) -> Shapes:
         )
     x = places[:, 0]
     if bounds is None:
-        x -= 360.0 * np.rint((x - middle_longitude(x)) / 360.0)
+        x -= 360.0 * np.rint((x - vector_place.middle_longitude(x)) / 360.0)
     else:
         west, _, east, _ = shapely.bounds(shapes).T
         torn = (shapely.get_dimensions(shapes) == _LINE) & (east - west > 180.0)  # lines run the short way
@@ -257,7 +247,7 @@ def _unwrapped(shapes: Shapes, bounds: Box | None) -> Shapes:
 
 
 def _reprojected(shapes: Any, source: CRS, target: CRS) -> Any:
-    return shapely.transform(shapes, lambda places: reprojected(places, source, target))
+    return shapely.transform(shapes, lambda places: vector_place.reprojected(places, source, target))
 
 
 def _extent(features: _Features) -> Box:
@@ -280,8 +270,7 @@ def _visible(features: _Features, area: Area, skipped: Counter[str]) -> _Feature
     skipped["outside"] += int(outside.sum())
     skipped["smaller than half a pixel"] += int(tiny.sum())
     if (outside | tiny).all():
-        why = ", ".join(f"{n} {why}" for why, n in (+skipped).items())
-        raise InputError(f"nothing of it is to be seen ({why})")
+        raise InputError(f"nothing of it is to be seen ({_left_out(skipped)})")
     return features.where(~outside & ~tiny)
 
 
@@ -329,15 +318,16 @@ def _painted(
 
 
 def _properties(wanted: Wanted, dimension: int, width: float | None) -> dict[str, Value]:
-    if wanted.layer != "river":
-        return dict(wanted.properties)
-    if dimension == _AREA:
-        return wanted.properties | {"width": 0.0}  # as wide as it is painted
+    """Return the properties of a feature's label; a river's area, of width 0, is as wide as it is painted."""
     said = dict(wanted.properties)
-    table = LAYERS["river"].parameters["width"]
-    if width is not None and ("width" not in said or "width" in wanted.guessed):
-        said["width"] = min(width, table.high)
-    return {"width": table.default, **said}
+    if wanted.layer == "river":
+        table = LAYERS["river"].parameters["width"]
+        if dimension == _AREA:
+            said["width"] = 0.0
+        elif width is not None and ("width" not in said or "width" in wanted.guessed):
+            said["width"] = min(width, table.high)
+        said.setdefault("width", table.default)
+    return said
 
 
 def _river_width(properties: Mapping[str, Value]) -> float:
@@ -350,8 +340,9 @@ def _line_widths(
     """Return the widths (m) of a layer's lines and discs: a river's is its label's."""
     if features.wanted[0].layer == "river":
         return np.array([_river_width(each) for each in labels])
-    given = features.dimensions == _LINE if width is not None else np.zeros(len(features.shapes), bool)
-    default = np.where(given, width or 0.0, _WIDE * area.extent)
+    default = np.full(len(features.shapes), _WIDE * area.extent)
+    if width is not None:
+        default[features.dimensions == _LINE] = width
     return np.where(np.isnan(features.widths), default, features.widths)
 
 
@@ -394,20 +385,21 @@ def _guesses(features: _Features, area: Area, width: float | None) -> list[str]:
             f"lines and points that say nothing of their size ({guessed}): "
             f"{_WIDE * area.extent:.4g} m wide{'' if width is None else f', lines {width:g} m'}"
         )
-    clipped = sum(each.clipped for each in features.wanted)
-    unread = sum(each.unread for each in features.wanted)
-    if clipped:
-        notes.append(f"{clipped} numbers were out of range and went to its end")
-    if unread:
-        notes.append(f"{unread} properties could not be read and have their defaults")
+    clipped, unread = (sum(getattr(each, key) for each in features.wanted) for key in ("clipped", "unread"))
+    notes += [f"{clipped} numbers were out of range and went to its end"] if clipped else []
+    notes += [f"{unread} properties could not be read and have their defaults"] if unread else []
     return notes
+
+
+def _left_out(skipped: Counter[str]) -> str:
+    return ", ".join(f"{count} {why}" for why, count in sorted((+skipped).items()))
 
 
 def _place_note(area: Area, crs: CRS | None) -> str:
     corner = f"{area.west:.10g},{area.south:.10g}"
-    if crs is None:
-        return f"south-west corner: {corner} in its own metres; export with --origin {corner} puts it back"
-    code = crs.to_authority()
-    name = ":".join(code) if code else "its own coordinate reference system"
-    back = f"--crs {name} --origin {corner}" if code else f"--origin {corner}"
-    return f"south-west corner: {corner} in {name}; export with {back} puts it back"
+    code = crs and crs.to_authority()
+    name = "its own metres" if crs is None else "its own coordinate reference system"
+    back = f"--crs {':'.join(code)} --origin {corner}" if code else f"--origin {corner}"
+    return (
+        f"south-west corner: {corner} in {':'.join(code) if code else name}; export with {back} puts it back"
+    )

@@ -86,22 +86,21 @@ def _tell_checked(store: Path, broken: list[Broken], *, as_json: bool) -> None:
 
 
 def _lines(store: Path, found: Statistics) -> list[str]:
-    level, relief, slopes = found.level, found.relief, found.slopes
+    relief, slopes = found.relief, found.slopes
     lines = [
-        f"{store}, level {level.number}: {level.columns} × {level.rows} vertices {level.cell:g} m apart, "
+        f"{store}, level {found.level}: {found.columns} × {found.rows} vertices {found.cell:g} m apart, "
         f"{_area(found.area)}",
-        f"{'relief':<{_NAME}}{relief.lowest:.1f} to {relief.highest:.1f} m, range "
-        f"{relief.highest - relief.lowest:.1f} m; mean {relief.mean:.1f}, standard deviation "
-        f"{relief.deviation:.1f}",
+        f"{'relief':<{_NAME}}{relief.minimum:.1f} to {relief.maximum:.1f} m, range {relief.range:.1f} m; "
+        f"mean {relief.mean:.1f}, standard deviation {relief.standard_deviation:.1f}",
         f"{'':<{_NAME}}{_quantiles(relief.quantiles, ' m')}",
     ]
     if slopes is not None:
         lines += [
-            f"{'slopes':<{_NAME}}mean {slopes.mean:.1f}°, steepest {slopes.steepest:.1f}° (Horn 1981); the "
-            f"surface is {slopes.surface:.3f} of its map's area",
+            f"{'slopes':<{_NAME}}mean {slopes.mean:.1f}°, steepest {slopes.maximum:.1f}° ({slopes.method}); "
+            f"the surface is {slopes.surface_ratio:.3f} of its map's area",
             f"{'':<{_NAME}}{_quantiles(slopes.quantiles, '°')}",
         ]
-        step = 90 // len(slopes.shares)
+        step = slopes.class_width
         last = max(number for number, share in enumerate(slopes.shares) if share > 0)
         top = max(slopes.shares)
         lines += [
@@ -110,13 +109,12 @@ def _lines(store: Path, found: Statistics) -> list[str]:
         ]
     hypsometry = found.hypsometry
     lines.append(f"{'hypsometry':<{_NAME}}integral {hypsometry.integral:.3f} (Strahler 1952); area above")
-    rows = list(zip(hypsometry.heights, hypsometry.above, strict=True))
+    rows = list(zip(hypsometry.heights, hypsometry.share_above, strict=True))
     lines += [_bar(f"{height:.0f} m", share, 1.0) for height, share in rows[::-2]]
     if found.materials:
         lines.append(f"{'materials':<{_NAME}}share of the whole")
         ordered = sorted(found.materials.items(), key=lambda each: -each[1])
-        top = ordered[0][1]
-        lines += [_bar(name, share, top) for name, share in ordered]
+        lines += [_bar(name, share, ordered[0][1]) for name, share in ordered]
     return lines
 
 
@@ -125,8 +123,8 @@ def _bar(name: str, share: float, top: float) -> str:
     return f"  {name:>{_NAME}}  {share:6.1%}  {'█' * filled}".rstrip()
 
 
-def _quantiles(quantiles: dict[float, float], unit: str) -> str:
-    return ", ".join(f"{share:.0%} {value:.1f}{unit}" for share, value in quantiles.items())
+def _quantiles(quantiles: dict[str, float], unit: str) -> str:
+    return ", ".join(f"{float(share):.0%} {value:.1f}{unit}" for share, value in quantiles.items())
 
 
 def _area(square_metres: float) -> str:

@@ -3,108 +3,86 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.errors import InputError
-from sketchterrain.world.grid import CHUNK
-from sketchterrain.world.sums import Sums
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.world.grid import Level
-    from sketchterrain.world.opening import StoredWorld
-
-__all__ = ["QUANTILES", "Hypsometry", "Relief", "Slopes", "Statistics", "statistics_of"]
+from sketchterrain.world.grid import CHUNK, Level
+from sketchterrain.world.opening import StoredWorld
 
 QUANTILES: Final = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 _STRIPE: Final = 16 * CHUNK  # columns that are read together, with one more on either side
 _CLASSES: Final = 20
 _SLOPE_CLASS: Final = 5  # degrees
 _THREADS: Final = 4
+_BINS: Final = 1 << 16  # over the range of the coarsest level
+_SLOPE_BINS: Final = 100  # a degree
+_AT_ONCE: Final = 64  # rows: what is computed at once stays in a processor's caches
 
 
 @dataclass(frozen=True)
 class Relief:
     """Heights, m. All are exact but the quantiles, which are known to a 65,536th of the range.
 
-    Attributes
-    ----------
-    lowest, highest, mean, deviation : float
-        The last is the standard deviation.
-    quantiles : dict of float to float
-        By the share of vertices that lie lower.
+    `quantiles` are by the share of vertices that lie lower.
     """
 
-    lowest: float
-    highest: float
+    minimum: float
+    maximum: float
+    range: float
     mean: float
-    deviation: float
-    quantiles: dict[float, float]
+    standard_deviation: float
+    quantiles: dict[str, float]
 
 
 @dataclass(frozen=True)
 class Slopes:
     """Slopes, degrees, by the weighted differences of Horn (1981), at all vertices but the outermost.
 
-    Attributes
-    ----------
-    mean, steepest : float
-    quantiles : dict of float to float
-        By the share of vertices that are flatter; to a hundredth of a degree.
-    shares : tuple of float
-        Of the vertices, in classes of 5° from 0°.
-    surface : float
-        The surface's area for that of its map, at least 1.
+    `quantiles`, to a hundredth of a degree, are by the share of vertices that are flatter; `shares` of the
+    vertices are in classes of 5° from 0°; `surface_ratio` is the surface's area by that of its map.
     """
 
     mean: float
-    steepest: float
-    quantiles: dict[float, float]
+    maximum: float
+    quantiles: dict[str, float]
     shares: tuple[float, ...]
-    surface: float
+    surface_ratio: float
+    unit: str = "degrees"
+    method: str = "Horn 1981"
+    class_width: int = _SLOPE_CLASS
 
 
 @dataclass(frozen=True)
 class Hypsometry:
-    """How much of the area lies above which height (Strahler 1952).
+    """Share of the area that lies above each of 21 heights (Strahler 1952).
 
-    Attributes
-    ----------
-    heights, above : tuple of float
-        m, from the lowest to the highest in 20 equal steps; the share of the area that lies above.
-    integral : float
-        The area under that curve, both axes from 0 to 1: (mean − lowest) / range, which is the same
-        (Pike and Wilson 1971). 0.5 where the ground is flat.
+    `integral` is the area under that curve, both axes from 0 to 1: (mean − lowest) / range, which is the same
+    (Pike and Wilson 1971). 0.5 where the ground is flat.
     """
 
-    heights: tuple[float, ...]
-    above: tuple[float, ...]
     integral: float
+    heights: tuple[float, ...]
+    share_above: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """What one level of a world holds.
+    """Statistics of one level of a world.
 
-    Attributes
-    ----------
-    level : Level
-    area : float
-        m² that its vertices span.
-    relief : Relief
-    slopes : Slopes or None
-        None where the level has no vertex with neighbours all around.
-    hypsometry : Hypsometry
-    materials : dict of str to float
-        Share of each of the whole; empty where none are written.
+    `area` is what its vertices span, m²; `slopes` is None where no vertex has neighbours all around;
+    `materials` has the share of each of the whole, and is empty where none are written.
     """
 
-    level: Level
+    level: int
+    cell: float
+    columns: int
+    rows: int
     area: float
     relief: Relief
     slopes: Slopes | None
@@ -113,71 +91,36 @@ class Statistics:
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON has it."""
-        relief, slopes, hypsometry = self.relief, self.slopes, self.hypsometry
-        return {
-            "level": self.level.number,
-            "cell": self.level.cell,
-            "columns": self.level.columns,
-            "rows": self.level.rows,
-            "area": self.area,
-            "relief": {
-                "minimum": relief.lowest,
-                "maximum": relief.highest,
-                "range": relief.highest - relief.lowest,
-                "mean": relief.mean,
-                "standard_deviation": relief.deviation,
-                "quantiles": {f"{share:g}": value for share, value in relief.quantiles.items()},
-            },
-            "slopes": None
-            if slopes is None
-            else {
-                "unit": "degrees",
-                "method": "Horn 1981",
-                "mean": slopes.mean,
-                "maximum": slopes.steepest,
-                "quantiles": {f"{share:g}": value for share, value in slopes.quantiles.items()},
-                "class": _SLOPE_CLASS,
-                "shares": list(slopes.shares),
-                "surface_ratio": slopes.surface,
-            },
-            "hypsometry": {
-                "integral": hypsometry.integral,
-                "heights": list(hypsometry.heights),
-                "share_above": list(hypsometry.above),
-            },
-            "materials": self.materials,
-        }
+        found = asdict(self)
+        if found["slopes"] is not None:
+            found["slopes"]["class"] = found["slopes"].pop("class_width")
+        return found
 
 
 def statistics_of(
     stored: StoredWorld, *, level: int = 0, progress: Callable[[float], None] | None = None
 ) -> Statistics:
-    """Measure one level of a world.
+    """Measure one level of a world; 0 is the finest.
 
     The same numbers on every machine: stripes are measured by several threads, and put together in order.
-
-    Parameters
-    ----------
-    stored
-    level
-        Its number; 0 is the finest.
-    progress
-        Called with the share that is done, 0 … 1.
+    `progress` is called with the share that is done, 0 … 1.
 
     Raises
     ------
     InputError
         If there is no such level, or some of it is missing or broken.
     """
-    there = [each.number for each in stored.levels]
-    if level not in there:
-        raise InputError(f"no level {level}: expected {there[0]} to {there[-1]}")
-    chosen = stored.levels[there.index(level)]
+    if not 0 <= level < len(stored.levels):
+        raise InputError(f"no level {level}: expected 0 to {len(stored.levels) - 1}")
+    chosen, bounds = stored.levels[level], _range(stored, stored.levels[-1])
     names = stored.material_names if "materials" in stored.layers else ()
-    total = Sums(chosen.cell, len(names))
+    total = _Sums(bounds, chosen.cell, len(names))
     stripes = range(0, chosen.columns, _STRIPE)
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1), thread_name_prefix="statistics") as pool:
-        parts = [pool.submit(_stripe, stored, chosen, left, len(names)) for left in stripes]
+        parts = [
+            pool.submit(_stripe, stored, chosen, left, _Sums(bounds, chosen.cell, len(names)))
+            for left in stripes
+        ]
         try:
             for number, part in enumerate(parts, start=1):
                 total.add(part.result())
@@ -185,47 +128,163 @@ def statistics_of(
                     progress(number / len(parts))
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
-    return _told(chosen, total, names)
+    return _statistics(chosen, total, names)
 
 
-def _stripe(stored: StoredWorld, level: Level, left: int, materials: int) -> Sums:
+def _range(stored: StoredWorld, level: Level) -> tuple[float, float]:
+    """Return the lowest and highest height of a level."""
+    lows, highs = [], []
+    for top in range(0, level.rows, CHUNK):
+        rows = min(CHUNK, level.rows - top)
+        height = stored.read("height", level.number, top=top, left=0, rows=rows, columns=level.columns)
+        lows.append(float(height.min()))
+        highs.append(float(height.max()))
+    return min(lows), max(highs)
+
+
+def _stripe(stored: StoredWorld, level: Level, left: int, sums: _Sums) -> _Sums:
     """Measure some columns, from the north on: a chunk's rows at a time, and two from those before."""
-    sums = Sums(level.cell, materials)
     columns = min(_STRIPE, level.columns - left)
     first, last = max(left - 1, 0), min(left + columns + 1, level.columns)
     before = np.empty((0, last - first), np.float32)
     for top in range(0, level.rows, CHUNK):
-        rows = min(CHUNK, level.rows - top)
-        window = {"top": top, "rows": rows}
+        window = {"top": top, "rows": min(CHUNK, level.rows - top)}
         height = stored.read("height", level.number, left=first, columns=last - first, **window)
         sums.add_heights(height[:, left - first : left - first + columns])
         joined = np.concatenate([before, height])
         sums.add_slopes(joined)
         before = joined[-2:]
-        if materials:
-            sums.add_materials(stored.read("materials", level.number, left=left, columns=columns, **window))
+        if len(sums.weights):
+            weights = stored.read("materials", level.number, left=left, columns=columns, **window)
+            sums.weights += weights.sum(axis=(1, 2), dtype=np.int64)
     return sums
 
 
-def _told(level: Level, sums: Sums, names: tuple[str, ...]) -> Statistics:
-    lowest, highest = sums.lowest, sums.highest
-    relief = Relief(
-        lowest, highest, sums.mean, sums.deviation, {share: sums.height_at(share) for share in QUANTILES}
-    )
-    steps = np.linspace(lowest, highest, _CLASSES + 1)
-    above = tuple(1.0 - sums.share_below(float(height)) for height in steps)
-    flat = highest <= lowest
-    integral = 0.5 if flat else (sums.mean - lowest) / (highest - lowest)
-    slopes = None
-    if sums.slope_count:
-        shares = sums.slope_shares(_SLOPE_CLASS)
-        quantiles = {share: sums.slope_at(share) for share in QUANTILES}
-        slopes = Slopes(sums.slope_mean, sums.steepest, quantiles, shares, sums.surface)
+class _Sums:
+    """Counts, sums and histograms that are put together window by window.
+
+    Bins of heights reach over the range of the coarsest level and as far beyond it on either side; heights
+    beyond those are counted in the outermost bins.
+    """
+
+    def __init__(self, bounds: tuple[float, float], cell: float, materials: int) -> None:
+        span = max(bounds[1] - bounds[0], 1.0)
+        self._cell, self._start, self._width = cell, bounds[0] - span, span / _BINS
+        self._centre = (bounds[0] + bounds[1]) / 2
+        self.lowest, self.highest, self.steepest = np.inf, -np.inf, 0.0
+        self._sums = np.zeros(4)  # of heights from the centre, their squares, slopes, surfaces
+        self._heights = np.zeros(3 * _BINS, np.int64)
+        self._slopes = np.zeros(90 * _SLOPE_BINS, np.int64)
+        self.weights = np.zeros(materials, np.int64)
+
+    def add_heights(self, height: npt.NDArray[np.float32]) -> None:
+        """Count heights of vertices, m."""
+        for top in range(0, len(height), _AT_ONCE):
+            part = height[top : top + _AT_ONCE].astype(np.float64)
+            self.lowest = min(self.lowest, float(part.min()))
+            self.highest = max(self.highest, float(part.max()))
+            number = ((part - self._start) / self._width).clip(0, len(self._heights) - 1).astype(np.int64)
+            self._heights += np.bincount(number.ravel(), minlength=len(self._heights))
+            part -= self._centre
+            self._sums[:2] += part.sum(), np.square(part).sum()
+
+    def add_slopes(self, height: npt.NDArray[np.float32]) -> None:
+        """Count the slopes of a grid of heights (m), of the vertices inside."""
+        for top in range(0, len(height) - 2 if height.shape[1] > 2 else 0, _AT_ONCE):
+            tangent = horn_slopes(height[top : top + _AT_ONCE + 2], self._cell)
+            degrees = np.degrees(np.arctan(tangent))
+            self.steepest = max(self.steepest, float(degrees.max()))
+            self._sums[2:] += degrees.sum(), np.sqrt(1.0 + np.square(tangent)).sum()
+            number = np.minimum((degrees * _SLOPE_BINS).astype(np.int64), len(self._slopes) - 1)
+            self._slopes += np.bincount(number.ravel(), minlength=len(self._slopes))
+
+    def add(self, other: _Sums) -> None:
+        """Add all that another part has."""
+        self.lowest, self.highest = min(self.lowest, other.lowest), max(self.highest, other.highest)
+        self.steepest = max(self.steepest, other.steepest)
+        self._sums += other._sums
+        self._heights += other._heights
+        self._slopes += other._slopes
+        self.weights += other.weights
+
+    def relief(self) -> Relief:
+        """Return the statistics of the heights."""
+        mean, square = self._sums[:2] / self._heights.sum()
+        edges, below = self._curve()
+        return Relief(
+            self.lowest,
+            self.highest,
+            self.highest - self.lowest,
+            float(self._centre + mean),
+            float(np.sqrt(max(square - mean * mean, 0.0))),
+            _quantiles(below, edges),
+        )
+
+    def slopes(self) -> Slopes | None:
+        """Return the statistics of the slopes."""
+        count = int(self._slopes.sum())
+        if not count:
+            return None
+        mean, surface = (float(each) for each in self._sums[2:] / count)
+        classes = self._slopes.reshape(-1, _SLOPE_CLASS * _SLOPE_BINS).sum(axis=1) / count
+        below = np.concatenate([[0], np.cumsum(self._slopes)]) / count
+        quantiles = _quantiles(below, np.arange(len(below)) / _SLOPE_BINS)
+        return Slopes(mean, self.steepest, quantiles, tuple(map(float, classes)), surface)
+
+    def hypsometry(self, mean: float) -> Hypsometry:
+        """Return the hypsometric curve."""
+        edges, below = self._curve()
+        reach = self.highest - self.lowest
+        steps = np.linspace(self.lowest, self.highest, _CLASSES + 1)
+        above = 1.0 - np.interp(steps, edges, below) if reach > 0 else np.ones(_CLASSES + 1)
+        integral = (mean - self.lowest) / reach if reach > 0 else 0.5
+        return Hypsometry(integral, tuple(map(float, steps)), tuple(map(float, above)))
+
+    def _curve(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return edges of bins, the outermost where the heights end, and the share that lies below each."""
+        there = np.flatnonzero(self._heights)
+        first, last = int(there[0]), int(there[-1]) + 1
+        edges = self._start + np.arange(first, last + 1) * self._width
+        edges[0], edges[-1] = self.lowest, self.highest
+        counts = np.concatenate([[0], np.cumsum(self._heights[first:last])])
+        return edges, counts / counts[-1]
+
+
+def horn_slopes(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.float64]:
+    """Return the tangents of a grid's slopes, by differences over eight neighbours: (rows − 2, columns − 2).
+
+    Horn (1981), "Hill shading and the reflectance map", as `gdaldem slope` has it by default: exact on a
+    plane, and half as much disturbed by noise as plain central differences.
+    """
+    z = height.astype(np.float64)
+    across = z[:, 2:] - z[:, :-2]
+    down = z[2:] - z[:-2]
+    east = across[:-2] + 2.0 * across[1:-1] + across[2:]
+    north = down[:, :-2] + 2.0 * down[:, 1:-1] + down[:, 2:]
+    return np.asarray(np.sqrt(np.square(east) + np.square(north)) / (8.0 * cell))
+
+
+def _quantiles(below: npt.NDArray[np.float64], edges: npt.NDArray[np.float64]) -> dict[str, float]:
+    """Return where a rising curve reaches each of `QUANTILES`; on a level stretch, where that begins."""
+    first = np.searchsorted(below, QUANTILES, side="left").clip(1, len(below) - 1)
+    low, high = below[first - 1], below[first]
+    part = (np.asarray(QUANTILES) - low) / np.where(high > low, high - low, 1.0)
+    found = edges[first - 1] + part * (edges[first] - edges[first - 1])
+    return {f"{share:g}": float(value) for share, value in zip(QUANTILES, found, strict=True)}
+
+
+def _statistics(level: Level, sums: _Sums, names: tuple[str, ...]) -> Statistics:
+    relief = sums.relief()
+    shares = sums.weights / max(int(sums.weights.sum()), 1)
+    area = (level.columns - 1) * (level.rows - 1) * level.cell**2
     return Statistics(
-        level,
-        (level.columns - 1) * (level.rows - 1) * level.cell**2,
+        level.number,
+        level.cell,
+        level.columns,
+        level.rows,
+        area,
         relief,
-        slopes,
-        Hypsometry(tuple(float(step) for step in steps), above, integral),
-        dict(zip(names, sums.material_shares, strict=True)),
+        sums.slopes(),
+        sums.hypsometry(relief.mean),
+        {name: float(share) for name, share in zip(names, shares, strict=True)},
     )

@@ -3,34 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
+from sketchterrain.compute import ComputeContext
 from sketchterrain.errors import InputError
+from sketchterrain.features.catalogue import FEATURE
+from sketchterrain.look import waters
+from sketchterrain.render.scene import Sketch
+from sketchterrain.terrain import Terrain
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.plant import PLANT
-from sketchterrain.terrain.vertices import FACTS, VertexStore
+from sketchterrain.terrain.vertices import FACTS, VertexMemory, VertexStore
 from sketchterrain.tiles.bounds import meets
 from sketchterrain.tiles.codes import code_of
-from sketchterrain.world.viewed_features import NOTHING, ViewedFeatures
-from sketchterrain.world.viewed_heights import ViewedHeights
-from sketchterrain.world.viewed_levels import BARE, ViewedLevels
-from sketchterrain.world.viewed_tiles import ViewedTiles
+from sketchterrain.world.opening import StoredWorld
+from sketchterrain.world.stored_pyramid import BARE, StoredPyramid
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Mapping, Sequence
-
-    import numpy.typing as npt
-
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.render.scene import Sketch
-    from sketchterrain.terrain import Terrain
-    from sketchterrain.terrain.vertices import VertexMemory
-    from sketchterrain.world.opening import StoredWorld
-
-__all__ = ["ViewedWorld"]
+Bounds = tuple[float, float, float, float]
+Floats = npt.NDArray[np.float64]
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1
@@ -38,15 +33,15 @@ _MOST_BITS: Final = LATTICE_BITS - 1
 
 
 class _NoSketch:
-    """In place of a sketch that is not there: all as it is by default."""
+    """Stands for a sketch that is not there: all as it is by default."""
 
     climate: Mapping[str, float] = MappingProxyType({})
     look: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
     weather: Mapping[str, float] = MappingProxyType({})
 
 
-class ViewedWorld:
-    """A stored world as a `~sketchterrain.render.scene.Terrain` that ends.
+class StoredTerrain:
+    """A stored world as a bounded `~sketchterrain.render.scene.Terrain`.
 
     Viewing coordinates are metres east and north of its north-west corner, so all of it lies south of the
     origin. A level-0 tile is the least power of two of cells that spans it; so vertices of tiles are stored
@@ -56,17 +51,36 @@ class ViewedWorld:
     ----------
     world : StoredWorld
     context : ComputeContext
-        Whose memory tiles are written to, and what makes textures.
+        Tiles are written to its memory; it makes textures.
     terrain : Terrain or None
         Of the world's sketch, for plants and water; None: there are none.
     told : callable or None
-        Given a line for each part that cannot be read, and what is known more coarsely is shown there. None:
-        that is an error.
+        Called with a line for each part that cannot be read; what is known more coarsely is shown there.
+        None: that is an error.
+
+    Attributes
+    ----------
+    corner : (float, float)
+        Origin of the viewing coordinates, m east and north of the sketch's south-west corner.
+    extent : float
+        Width of a level-0 tile (m).
+    finest_cell : float
+        Metres between vertices of the finest level.
+    size : (float, float)
+        Metres from west to east and from south to north.
+    bounds : (float, float, float, float)
+        West, south, east, north in viewing coordinates (m).
+    sketch : Sketch
+        One that says nothing where the world holds none.
+    features : Features
+        Rivers and lakes.
+    lacks : list of str
+        A line for each thing that the world does not hold, and what is shown instead.
 
     Raises
     ------
     InputError
-        If the world has a large grid without coarser ones, or too many cells, or unknown materials.
+        If the world has too many cells, or unknown materials.
     """
 
     def __init__(
@@ -77,89 +91,37 @@ class ViewedWorld:
         *,
         told: Callable[[str], None] | None = None,
     ) -> None:
-        self._levels = ViewedLevels(world, told=told)
-        self._tiles = ViewedTiles(self._levels)
-        finest = self._levels.finest
+        self._pyramid, self._terrain, self.context = StoredPyramid(world, told=told), terrain, context
+        finest = world.levels[0]
         across, down = finest.columns - 1, finest.rows - 1
-        bits = max(math.ceil(math.log2(max(across, down, 1))), _LEAST_BITS)
-        if bits > _MOST_BITS:
-            raise InputError(
-                f"expected a world of at most {1 << _MOST_BITS} cells a side, got {across}×{down}"
-            )
-        self._bits = bits
-        self._size = across * finest.cell, down * finest.cell
-        self._heights = ViewedHeights(self._levels, self._size)
-        self._corner = world.west, world.north
-        self._context = context
-        self._terrain = terrain
-        self._features = (
-            NOTHING if terrain is None else ViewedFeatures.of(terrain.features, *self._corner, self.bounds)
+        self._bits = max(math.ceil(math.log2(max(across, down, 1))), _LEAST_BITS)
+        if self._bits > _MOST_BITS:
+            most = 1 << _MOST_BITS
+            raise InputError(f"expected a world of at most {most} cells a side, got {across}×{down}")
+        self.corner = world.west, world.north
+        self.finest_cell = finest.cell
+        self.extent = finest.cell * 2.0**self._bits
+        self.size = across * finest.cell, down * finest.cell
+        self.bounds: Bounds = (0.0, -self.size[1], self.size[0], 0.0)
+        self.sketch: Sketch = _NoSketch() if terrain is None else terrain.sketch
+        self.features = (
+            _Features(np.zeros(0, FEATURE), (), ())
+            if terrain is None
+            else _moved_features(terrain.features, *self.corner, self.bounds)
         )
-        self._sketch: Sketch = _NoSketch() if terrain is None else terrain.sketch
-
-    @property
-    def context(self) -> ComputeContext:
-        """What tiles are written by."""
-        return self._context
-
-    @property
-    def corner(self) -> tuple[float, float]:
-        """Where the viewing coordinates' origin lies, m east and north of the sketch's south-west corner."""
-        return self._corner
-
-    @property
-    def extent(self) -> float:
-        """Width of a level-0 tile (m)."""
-        return self.finest_cell * 2.0**self._bits
-
-    @property
-    def finest_cell(self) -> float:
-        """Metres between vertices of the finest level."""
-        return self._levels.finest.cell
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Metres from west to east and from south to north."""
-        return self._size
-
-    @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """West, south, east, north of the ground in viewing coordinates (m)."""
-        return 0.0, -self._size[1], self._size[0], 0.0
-
-    @property
-    def sketch(self) -> Sketch:
-        """The document; where the world holds none, one that says nothing."""
-        return self._sketch
-
-    @property
-    def features(self) -> ViewedFeatures:
-        """Rivers and lakes; none where the world holds no sketch."""
-        return self._features
-
-    @property
-    def lacks(self) -> list[str]:
-        """A line for each thing that the world does not hold, and what is shown instead."""
-        lines = []
-        if "normal" not in self._levels.world.layers:
-            lines.append("the world holds no normals: they are taken from its heights")
-        if "materials" not in self._levels.world.layers:
-            lines.append(f"the world holds no materials: all of it is shown as {BARE}")
-        if self._terrain is None:
-            lines.append("the world holds no sketch: it is shown without plants and water")
-        return lines
-
-    def heights(
-        self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0
-    ) -> npt.NDArray[np.float32]:
-        """Return heights (m) at viewing coordinates (m); see `ViewedHeights.at`."""
-        return self._heights.at(x, y, cell_size=cell_size)
+        self.heights = self._pyramid.heights
+        lacks = {
+            "the world holds no normals: they are taken from its heights": "normal" not in world.layers,
+            f"the world holds no materials: all of it is shown as {BARE}": "materials" not in world.layers,
+            "the world holds no sketch: it is shown without plants and water": terrain is None,
+        }
+        self.lacks = [line for line, true in lacks.items() if true]
 
     def vertex_store(
         self, slots: int, *, quads: int = QUADS, memory: VertexMemory | None = None
     ) -> VertexStore:
         """Return room for so many tiles, for `write_tiles`."""
-        return VertexStore(self._context, slots, quads=quads, memory=memory)
+        return VertexStore(self.context, slots, quads=quads, memory=memory)
 
     def write_tiles(
         self,
@@ -181,28 +143,31 @@ class ViewedWorld:
         roots = np.asarray(parents, np.int64).reshape(-1) < 0
         facts = np.zeros(len(place), FACTS)
         codes = np.array([code_of(*key) for key in keys], np.int64)
-        there = np.flatnonzero(meets(codes, self.extent, self.bounds)).tolist()
         coarsest = self._bits - LATTICE_BITS + finest_level(store.quads)
         made = []
-        for i in there:
+        for i in np.flatnonzero(meets(codes, self.extent, self.bounds)).tolist():
             level, column, row = keys[i]
-            made.append(
-                self._tiles.tile(coarsest - level, column, row, quads=store.quads, root=bool(roots[i]))
+            tile, facts[i] = self._pyramid.tile(
+                coarsest - level, column, row, quads=store.quads, root=bool(roots[i])
             )
+            made.append((int(place[i]), tile))
         store.acquire()
         try:
-            for i, (tile, known) in zip(there, made, strict=True):
-                store.write(int(place[i]), tile)
-                facts[i] = known
+            for slot, tile in made:
+                store.write(slot, tile)
         finally:
             store.release(place)
         return facts
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
         """Return the plants in a rectangle of viewing coordinates (m), on the stored ground."""
-        if self._terrain is None:
-            return np.zeros(0, PLANT)
-        return self._planted(self._terrain.foliage(*self._in_world(west, south, east, north)))
+        steps = self.foliage_steps(west, south, east, north)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                found: npt.NDArray[np.void] = end.value
+                return found
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float
@@ -210,23 +175,84 @@ class ViewedWorld:
         """Find them in steps of a few ms; the last one returns them."""
         if self._terrain is None:
             return np.zeros(0, PLANT)
-        found = yield from self._terrain.foliage_steps(*self._in_world(west, south, east, north))
-        return self._planted(found)
+        x, y = self.corner
+        found = yield from self._terrain.foliage_steps(west + x, south + y, east + x, north + y)
+        plants = found.copy()
+        plants["x"] -= x
+        plants["y"] -= y
+        plants = plants[_within(plants["x"], plants["y"], self.bounds)]
+        if len(plants):
+            plants["z"] = self.heights(plants["x"], plants["y"])
+        return plants
 
-    def _in_world(
-        self, west: float, south: float, east: float, north: float
-    ) -> tuple[float, float, float, float]:
-        x, y = self._corner
-        return west + x, south + y, east + x, north + y
 
-    def _planted(self, plants: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
-        """Return plants in viewing coordinates, those that have ground, at its height."""
-        moved = plants.copy()
-        moved["x"] -= self._corner[0]
-        moved["y"] -= self._corner[1]
-        west, south, east, north = self.bounds
-        there = (moved["x"] >= west) & (moved["x"] <= east) & (moved["y"] >= south) & (moved["y"] <= north)
-        moved = moved[there]
-        if len(moved):
-            moved["z"] = self._heights.at(moved["x"], moved["y"])
-        return moved
+ViewedWorld = StoredTerrain
+
+
+class _River(NamedTuple):
+    centreline: Floats
+    centreline_width: npt.NDArray[np.float32]
+
+
+class _Shape(NamedTuple):
+    west: float
+    south: float
+    spacing: float
+    inside: npt.NDArray[np.float32]
+
+
+class _Lake(NamedTuple):
+    shape: _Shape
+    level: float
+
+
+class _Features(NamedTuple):
+    """Points, rivers and lakes; see `~sketchterrain.look.waters.Features`."""
+
+    points: npt.NDArray[np.void]
+    rivers: tuple[_River, ...]
+    lakes: tuple[_Lake, ...]
+
+
+def _moved_features(features: waters.Features, west: float, north: float, bounds: Bounds) -> _Features:
+    """Return features about an origin (m), cut off at bounds about that (m)."""
+    points = features.points.copy()
+    points["x"] -= west
+    points["y"] -= north
+    reach = points["radius"]
+    there = (points["x"] + reach > bounds[0]) & (points["x"] - reach < bounds[2])
+    there &= (points["y"] + reach > bounds[1]) & (points["y"] - reach < bounds[3])
+    moved = np.array([west, north, 0.0])
+    rivers = [
+        part
+        for river in features.rivers
+        for part in _river_parts(np.asarray(river.centreline) - moved, river.centreline_width, bounds)
+    ]
+    lakes = [_lake(lake, west, north, bounds) for lake in features.lakes]
+    return _Features(points[there], tuple(rivers), tuple(lake for lake in lakes if lake is not None))
+
+
+def _river_parts(line: Floats, width: npt.NDArray[np.float32], bounds: Bounds) -> Iterator[_River]:
+    """Return the parts of a river within bounds: from the first point within to the last one."""
+    inside = _within(line[:, 0], line[:, 1], bounds)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        if last - first > 1:
+            yield _River(np.ascontiguousarray(line[first:last]), np.ascontiguousarray(width[first:last]))
+
+
+def _lake(lake: waters.Pool, west: float, north: float, bounds: Bounds) -> _Lake | None:
+    """Return the part of a lake within bounds: its distance field is cut by the distance to a border."""
+    field = lake.shape
+    rows, columns = field.inside.shape
+    x = field.west - west + np.arange(columns) * field.spacing
+    y = field.south - north + np.arange(rows) * field.spacing
+    across, down = np.minimum(x - bounds[0], bounds[2] - x), np.minimum(y - bounds[1], bounds[3] - y)
+    inside = np.minimum(field.inside, np.minimum(across[None, :], down[:, None])).astype(np.float32)
+    if not (inside > 0).any():
+        return None
+    return _Lake(_Shape(float(x[0]), float(y[0]), field.spacing, inside), lake.level)
+
+
+def _within(x: npt.NDArray[Any], y: npt.NDArray[Any], bounds: Bounds) -> npt.NDArray[np.bool_]:
+    return np.asarray((x >= bounds[0]) & (y >= bounds[1]) & (x <= bounds[2]) & (y <= bounds[3]))

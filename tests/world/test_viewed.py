@@ -11,9 +11,9 @@ from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import build
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.vertices import VERTEX
-from sketchterrain.world.grid import CHUNK, Level
-from sketchterrain.world.viewed import ViewedWorld
-from sketchterrain.world.viewed_levels import BARE, ViewedLevels
+from sketchterrain.world.grid import CHUNK
+from sketchterrain.world.stored_pyramid import BARE, StoredPyramid
+from sketchterrain.world.viewed import StoredTerrain
 
 from .grown import Grown
 
@@ -69,7 +69,7 @@ def chain(key, up):
 
 
 def test_vertices_are_those_that_the_terrain_would_write(terrain, whole):
-    view = ViewedWorld(whole, terrain.context)
+    view = StoredTerrain(whole, terrain.context)
     assert view.extent == terrain.extent
     for level, column, row in ((4, 7, 10), (4, 0, 15), (3, 5, 2), (2, 3, 0)):
         live = chain((level, column, row), level - 2)  # coarser ones are not stored
@@ -95,7 +95,7 @@ def test_vertices_are_those_that_the_terrain_would_write(terrain, whole):
 
 
 def test_tile_vertices_are_stored_samples_bit_for_bit(terrain, odd):
-    view = ViewedWorld(odd, terrain.context)
+    view = StoredTerrain(odd, terrain.context)
     bits = int(np.log2(view.extent / CELL))
     checked = 0
     for level, column, row in ((4, 3, -5), (4, 8, -4), (3, 0, -1), (3, 3, -3)):
@@ -116,7 +116,7 @@ def test_tile_vertices_are_stored_samples_bit_for_bit(terrain, odd):
 
 
 def test_neighbours_and_parents_hold_the_same_bits_where_they_meet(terrain, odd):
-    view = ViewedWorld(odd, terrain.context)
+    view = StoredTerrain(odd, terrain.context)
     level = 4
     keys = [(level, x, y) for x in (3, 4) for y in (-4, -3)]
     above = sorted({(level - 1, x >> 1, y >> 1) for _, x, y in keys})
@@ -136,7 +136,7 @@ def test_neighbours_and_parents_hold_the_same_bits_where_they_meet(terrain, odd)
 
 
 def test_levels_beyond_the_coarsest_are_thinned_out_of_it(terrain, odd):
-    levels = ViewedLevels(odd)
+    levels = StoredPyramid(odd)
     last = odd.levels[-1]
     coarse = levels.level(last.number + 2)
     assert coarse.cell == 4 * last.cell
@@ -146,7 +146,7 @@ def test_levels_beyond_the_coarsest_are_thinned_out_of_it(terrain, odd):
 
 
 def test_windows_go_on_beyond_the_ends(terrain, odd):
-    levels, height = ViewedLevels(odd), odd.data["height", 0]
+    levels, height = StoredPyramid(odd), odd.data["height", 0]
     rows, columns = height.shape
     found = levels.window("height", 0, top=-3, left=columns - 2, rows=8, columns=9)
     assert np.array_equal(found, np.pad(height, ((3, 9), (0, 9)), mode="edge")[:8, columns - 2 : columns + 7])
@@ -155,7 +155,7 @@ def test_windows_go_on_beyond_the_ends(terrain, odd):
 
 
 def test_the_error_tells_how_far_the_finest_level_is(terrain, whole):
-    view = ViewedWorld(whole, terrain.context)
+    view = StoredTerrain(whole, terrain.context)
     finest = whole.data["height", 0]
     shares = []
     for level in (1, 2, 3):
@@ -177,7 +177,7 @@ def test_the_error_tells_how_far_the_finest_level_is(terrain, whole):
 
 
 def test_heights_are_the_samples_and_lie_between_them(terrain, odd):
-    view = ViewedWorld(odd, terrain.context)
+    view = StoredTerrain(odd, terrain.context)
     height = odd.data["height", 0]
     rng = np.random.default_rng(1)
     row, column = rng.integers(0, height.shape[0], 50), rng.integers(0, height.shape[1], 50)
@@ -197,7 +197,7 @@ def test_heights_are_the_samples_and_lie_between_them(terrain, odd):
 
 
 def test_beyond_the_ends_is_low_ground(terrain, odd):
-    view = ViewedWorld(odd, terrain.context)
+    view = StoredTerrain(odd, terrain.context)
     height = odd.data["height", 0]
     far = view.heights([-5000.0, view.size[0] + 10.0], [-100.0, -100.0])
     assert (far <= np.percentile(odd.data["height", len(odd.levels) - 1], 5) + 1e-3).all()
@@ -206,7 +206,7 @@ def test_beyond_the_ends_is_low_ground(terrain, odd):
 
 def test_normals_and_materials_that_are_not_stored(terrain):
     bare = Grown(terrain, (0.0, 0.0, 1024.0, 1024.0), CELL, layers=("height",))
-    view = ViewedWorld(bare, terrain.context)
+    view = StoredTerrain(bare, terrain.context)
     key = (3, 3, -4)
     tiles, _ = written(view, [key], roots=[key])
     tile = tiles[key][:-1, :-1]
@@ -218,7 +218,7 @@ def test_normals_and_materials_that_are_not_stored(terrain):
 
 
 def test_tiles_without_ground_are_neither_read_nor_written(terrain, odd):
-    view = ViewedWorld(odd, terrain.context)
+    view = StoredTerrain(odd, terrain.context)
     before = odd.reads
     keys = [(4, 3, 0), (4, -1, -1), (4, 15, -1)]
     _, facts = written(view, keys, roots=keys)
@@ -229,7 +229,7 @@ def test_tiles_without_ground_are_neither_read_nor_written(terrain, odd):
 def test_a_broken_chunk_is_an_error_that_names_it(terrain, odd):
     odd.broken.add(("height", 0, 0, 1))
     try:
-        view = ViewedWorld(odd, terrain.context)
+        view = StoredTerrain(odd, terrain.context)
         with pytest.raises(InputError, match="0/height/0/1"):
             view.heights(CELL * (CHUNK + 3), -CELL)
         with pytest.raises(InputError, match="0/height/0/1"):
@@ -240,11 +240,11 @@ def test_a_broken_chunk_is_an_error_that_names_it(terrain, odd):
 
 def test_where_a_chunk_is_broken_the_coarser_level_stands_in(terrain, odd):
     keys = [(4, column, -1) for column in range(6, 9)]
-    sound, _ = written(ViewedWorld(odd, terrain.context), keys, roots=keys)
+    sound, _ = written(StoredTerrain(odd, terrain.context), keys, roots=keys)
     told = []
     odd.broken |= {(layer, 0, 0, 1) for layer in odd.layers}
     try:
-        view = ViewedWorld(odd, terrain.context, told=told.append)
+        view = StoredTerrain(odd, terrain.context, told=told.append)
         tiles, _ = written(view, keys, roots=keys)
     finally:
         odd.broken.clear()
@@ -260,7 +260,7 @@ def test_where_a_chunk_is_broken_the_coarser_level_stands_in(terrain, odd):
 
 
 def test_plants_and_water_come_from_the_sketch_and_end_with_the_world(terrain, odd):
-    view = ViewedWorld(odd, terrain.context, terrain)
+    view = StoredTerrain(odd, terrain.context, terrain)
     west, south, east, north = view.bounds
     plants = view.foliage(west - 50, south - 50, west + 150, south + 100)
     live = terrain.foliage(100.0, 200.0, 250.0, 300.0)
@@ -282,22 +282,12 @@ def test_plants_and_water_come_from_the_sketch_and_end_with_the_world(terrain, o
         assert south <= line[:, 1].min() <= line[:, 1].max() <= north
 
 
-def test_a_large_grid_without_coarser_ones_is_refused(terrain, odd):
-    class Flat(Grown):
-        def __init__(self):
-            self.levels, self.layers = (Level(0, 1.0, 4000, 3000),), ("height",)
-            self.material_names = ()
-
-    with pytest.raises(InputError, match="got none below 4000×3000"):
-        ViewedLevels(Flat())
-
-
 def test_foreign_materials_are_refused(terrain, odd):
     class Foreign:
         levels, layers, material_names = odd.levels, odd.layers, ("grass", "lava")
 
     with pytest.raises(InputError, match="lava"):
-        ViewedLevels(Foreign())
+        StoredPyramid(Foreign())
 
 
 def test_vertices_are_32_bytes_as_the_shader_reads_them():

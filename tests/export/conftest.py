@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,9 +10,6 @@ import pytest
 import sketchterrain as st
 from sketchterrain.terrain import Raster
 from sketchterrain.terrain.plant import PLANT, SPECIES
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 SIDE = 129
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +15,6 @@ from sketchterrain.export.sampled import Grid, Sampled, ground_at
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.export.weights import control_map, edge_to_edge, normals_down
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 UNITY = EngineAxes("east", "up", "north")
 UNREAL = EngineAxes("east", "south", "up", unit="cm", per_metre=100.0, origin=(10.0, 20.0, 0.0))

@@ -1,19 +1,16 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import sketchterrain as st
 from sketchterrain.export import write_features
 from sketchterrain.features import FEATURE, FEATURE_TYPES, Lake, ShapeField
 from sketchterrain.terrain import TerrainFeatures
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import sketchterrain as st
 
 COMMON = {"id", "type", "x", "y", "radius", "strength", "painted"}
 

@@ -170,7 +170,7 @@ def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short() -> No
     assert typed_rows({"tiles": tiles[:1]})[0] == Row(0, "tile", "")
     rows = typed_rows({"texture": {"file": "a.exr", "plane": {"size": 1.0, "place": {"x": 1.0}}}})
     assert [(row.depth, row.name) for row in rows] == [
-        *((0, "texture"), (1, "file"), (1, "plane"), (2, "size"), (2, "place")),
+        *((0, "texture"), (1, "file"), (1, "plane"), (2, "size"), (2, "place"))
     ]
 
 

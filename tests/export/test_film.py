@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,9 +11,6 @@ from PIL import Image, ImageSequence
 
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.export.film import ANIMATED, VIDEO, check_film, film
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SIZE = (64, 48)
 

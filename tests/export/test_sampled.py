@@ -1,18 +1,13 @@
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pytest
 
+import sketchterrain as st
 from sketchterrain.errors import InputError
 from sketchterrain.export import quantised_weights
 from sketchterrain.export.sampled import BYTES_PER_VERTEX, Grid, sample
-from sketchterrain.terrain import raster_windows
-
-if TYPE_CHECKING:
-    import sketchterrain as st
-    from sketchterrain.terrain import Raster
+from sketchterrain.terrain import Raster, raster_windows
 
 
 def test_the_sketch_s_rectangle_is_the_raster_to_the_bit(terrain: st.Terrain, raster: Raster) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,9 +13,7 @@ from sketchterrain.features.density import DensityField
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.terrain import make_recipe
-
-if TYPE_CHECKING:
-    from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.recipe import TerrainRecipe
 
 
 def squares(count: int = 4) -> Sketch:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,9 +12,6 @@ import pytest
 
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.sketch.parameters import DENSITY, LAYERS, Parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 COUNT = 300
 

@@ -6,23 +6,20 @@ A few belong to the default tier, 30 to the slow one, 300 to the soak. Warnings 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from sketchterrain.features import FEATURE_TYPES, label_shapes, place
+from sketchterrain.features.catalogue import Points
 from sketchterrain.features.placement import LOOSENESS
 from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import LAYER_CODES, TYPES
+from sketchterrain.features.shapes import Shape
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.terrain import make_recipe
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.reference import reference_heights
-
-if TYPE_CHECKING:
-    from sketchterrain.features.catalogue import Points
-    from sketchterrain.features.shapes import Shape
-    from sketchterrain.terrain.recipe import TerrainRecipe
 
 COUNT = 300
 

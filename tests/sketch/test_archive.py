@@ -7,16 +7,13 @@ import time
 import tracemalloc
 import zipfile
 import zlib
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
 from sketchterrain.sketch import load_sketch
 from sketchterrain.sketch.archive import pack_zip
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 _SETTINGS = b"format = 1\n"
 _TEN_GB = 10 * 10**9

@@ -1,26 +1,20 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import ACTIONS, ADDED_BIT, Edit, Sketch, load_sketch, save_sketch
+from sketchterrain.sketch import ACTIONS, ADDED_BIT, Edit, Parameter, Sketch, load_sketch, save_sketch
 from sketchterrain.sketch.contents import SETTINGS, file_limit
 from sketchterrain.sketch.edits import MOST_EDITS
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from hypothesis.strategies import SearchStrategy
-
-    from sketchterrain.sketch import Parameter
 
 HILL = Edit("add", type="hill", x=10.0, y=20.0, radius=30.0, strength=5.0)
 

@@ -3,8 +3,8 @@ from __future__ import annotations
 import io
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -15,9 +15,6 @@ from PIL import Image
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.resources import preset, preset_names
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, new_sketch, save_sketch
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _FILES = sorted(["sketch.toml", *(f"{name}.png" for name in LAYERS)])
 _IMAGES = st.builds(
@@ -144,10 +141,7 @@ def test_undeclared_and_unpainted_labels_have_properties(
 _REFUSED_NAMES = [
     ("mountains.png", "did you mean 'mountain.png'"),
     ("Mountain.PNG", "did you mean 'mountain.png'"),
-    (
-        "pond.png",
-        "expected mountain.png, hill.png, river.png, dune.png, forest.png, lake.png, material.png",
-    ),
+    ("pond.png", "expected mountain.png, hill.png, river.png, dune.png, forest.png, lake.png, material.png"),
     ("hill.jpg", "'hill.jpg': expected a PNG file, hill.png"),
     ("River.TIFF", "expected a PNG file, river.png"),
     ("two\nlines.png", r"unknown layer image 'two\\nlines.png'"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,9 +14,6 @@ from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
 from sketchterrain.sketch.folder_save import PLEDGE
 from sketchterrain.sketch.layer_images import encode_layer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 
 class Killed(BaseException):

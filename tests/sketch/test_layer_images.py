@@ -4,7 +4,7 @@ import io
 import struct
 import tracemalloc
 import zlib
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -15,9 +15,6 @@ from PIL import Image
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.layer_images import decode_layer, encode_layer
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _SMALL = np.array([[0, 1, 2], [255, 0, 7]], dtype=np.uint8)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -25,10 +26,6 @@ from sketchterrain.sketch.contents import SETTINGS, file_limit
 from sketchterrain.sketch.material_rule import MOST_FACTORS, MOST_INPUTS
 from sketchterrain.sketch.material_rules import MOST_RULES
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 _WEIGHTS = st.dictionaries(
     st.sampled_from(list(INPUTS)),
@@ -124,10 +121,7 @@ _REFUSED = [
     (f'{_ROW}before = "snow"', "number 1: before = 'snow': expected one of dry_soil, "),
     ('[[material_rule]]\nname = "rok_face"', "a new rule needs a material; .*did you mean 'rock_face'"),
     (f"{_ROW}factor = 3", "number 1: factor = 3: expected tables"),
-    (
-        f"{_RAMP}steepnes = 1",
-        r"unknown key 'steepnes' = 1 in \[\[material_rule.factor\]\]: .*'steepness'",
-    ),
+    (f"{_RAMP}steepnes = 1", r"unknown key 'steepnes' = 1 in \[\[material_rule.factor\]\]: .*'steepness'"),
     (f"{_RAMP}steepness = 'x'", "number 1: factor.steepness = 'x': expected a number from -10000"),
     (f"{_RAMP}start = 1\nwater = 1", "number 1: factor.full = 1.0: expected at least 0.0001 from start"),
     (f"{_RAMP}shape = 'round'\nwater = 1", "factor.shape = 'round': expected 'smooth' or 'straight'"),

@@ -1,21 +1,17 @@
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.strategies import SearchStrategy
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Parameter, Sketch
 from sketchterrain.sketch.contents import SETTINGS, file_limit
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from hypothesis.strategies import SearchStrategy
 
 _TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=200)
 
@@ -113,10 +109,7 @@ _UNDECLARED = [
     ("format = '1'", "format = 1 expected, got '1'"),
     ("seeed = 3", "unknown key 'seeed' = 3: expected .*; did you mean 'seed'"),
     ("[montain.1]", "unknown key 'montain' = .*; did you mean 'mountain'"),
-    (
-        "[mountain.1]\nheigth = 3.0",
-        r"unknown key 'heigth' = 3.0 in \[mountain.1\]: .*did you mean 'height'",
-    ),
+    ("[mountain.1]\nheigth = 3.0", r"unknown key 'heigth' = 3.0 in \[mountain.1\]: .*did you mean 'height'"),
     (
         "[density]\nriver = 1",
         r"unknown key 'river' = 1 in \[density\]: expected mountain, hill, dune, forest",
@@ -142,10 +135,7 @@ _UNDECLARED = [
     ("[[density]]", r"\[density\] = \[\{\}\]: expected a table"),
     ("mountain = 3", r"\[mountain.1\] = 3: expected a table"),
     ("mountain.1 = 3", r"\[mountain.1\] = 3: expected a table"),
-    (
-        "[mountain]\nheight = 3",
-        r"key 'height' = 3 in \[mountain\]: expected .* for example \[mountain.1\]",
-    ),
+    ("[mountain]\nheight = 3", r"key 'height' = 3 in \[mountain\]: expected .* for example \[mountain.1\]"),
     ("[mountain.0]", "for a label from 1 to 255"),
     ("[mountain.256]", "for a label from 1 to 255"),
     ("[mountain.01]", "for a label from 1 to 255"),

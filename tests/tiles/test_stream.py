@@ -226,11 +226,7 @@ def test_invalid_numbers_are_refused(toy):
         with pytest.raises(InputError, match=expected):
             TileStream(toy.EXTENT, **{"quads": 4, **options})
     stream = toy.new_stream()
-    for east, budget, expected in (
-        (1e12, 1.0, "within ±"),
-        (np.nan, 1.0, "within ±"),
-        (0.0, -1.0, "budget"),
-    ):
+    for east, budget, expected in ((1e12, 1.0, "within ±"), (np.nan, 1.0, "within ±"), (0.0, -1.0, "budget")):
         with pytest.raises(InputError, match=expected):
             stream.plan(toy.view_from((east, 0.0, 1.0)), budget=budget)
 

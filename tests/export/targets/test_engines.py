@@ -121,11 +121,7 @@ def godot_(outcome: Outcome) -> list[Imported]:
     return found
 
 
-IMPORT: dict[str, Callable[[Outcome], list[Imported]]] = {
-    "unity": unity,
-    "unreal": unreal_,
-    "godot": godot_,
-}
+IMPORT: dict[str, Callable[[Outcome], list[Imported]]] = {"unity": unity, "unreal": unreal_, "godot": godot_}
 
 
 def world(axes: dict[str, Any], vectors: np.ndarray, *, places: bool = True) -> np.ndarray:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import resource
 import struct
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pyogrio
 import pytest
 import rasterio
 import shapely
+from numpy.typing import NDArray
 from scipy import ndimage
 
 import sketchterrain as st
@@ -23,12 +25,6 @@ from sketchterrain.features.catalogue import Lake
 from sketchterrain.features.shape_fields import ShapeField
 from sketchterrain.progress import Stages
 from sketchterrain.trace.vectors import sketch_from_vectors
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 PLACED = {"crs": "EPSG:25832", "origin": (EAST, NORTH)}

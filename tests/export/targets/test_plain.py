@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import struct
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
 import pytest
 import rasterio
+from numpy.typing import NDArray
 from PIL import Image
 
 import sketchterrain as st
@@ -21,12 +24,6 @@ from sketchterrain.export.targets import target_named
 from sketchterrain.export.tiling import Tiling
 from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.progress import Stages
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 SIDE = 65
 FORMS = [("raw", "r16"), ("raw", "r16be"), ("raw", "r32"), ("png16", None), ("exr", None), ("npy", None)]

@@ -1,4 +1,4 @@
-"""GLB read again by trimesh, pygltflib and by its bytes: in its place, the right way up, within its error."""
+"""GLB, OBJ, STL and Blender's displacement by independent readers: in place, upright, within the error."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import json
 import struct
 
 import numpy as np
+import OpenEXR
+import pygltflib
 import pytest
 import trimesh
 from PIL import Image
@@ -16,8 +18,6 @@ from sketchterrain.export.gltf import Glb
 from sketchterrain.export.gltf_plants import INSTANCING, herb_model
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.export.targets.gltf import check_glb
-
-pygltflib = pytest.importorskip("pygltflib")
 
 SIZE = 65
 SPACING = 16.0
@@ -29,8 +29,8 @@ def whole(exported):
 
 
 @pytest.fixture(scope="module")
-def adaptive(exported):
-    return exported("gltf", size=SIZE, error=2.0, plants=False)
+def obj(exported):
+    return exported("obj", size=SIZE)
 
 
 @pytest.fixture(scope="module")
@@ -38,13 +38,23 @@ def plants(terrain):
     return terrain.foliage(0.0, 0.0, 1024.0, 1024.0)
 
 
-def scene_of(outcome, ending="high_corner.glb"):
-    return trimesh.load(outcome.of(ending)[0], process=False)
+def wanted(outcome, terrain):
+    """The vertices of the terrain as x east, y north, z up."""
+    x, y = (each.ravel() for each in outcome.places())
+    return np.stack([x, y, terrain.heights(x, y, cell_size=SPACING)], axis=-1)
+
+
+def by_place(places):
+    return places[np.lexsort(places[:, :2].round(2).T)]
 
 
 def ground_of(outcome):
     """The ground's vertices as x east, y north, z up, and its triangles, by trimesh."""
-    scene = scene_of(outcome)
+    if outcome.of(".stl"):
+        mesh = trimesh.load(outcome.of(".stl")[0])
+        return mesh.vertices, mesh
+    path = (outcome.of(".obj") or outcome.of("high_corner.glb"))[0]
+    scene = trimesh.load(path, process=False)
     turn, geometry = scene.graph.get("ground")
     mesh = scene.geometry[geometry]
     x, y, z = trimesh.transform_points(mesh.vertices, turn).T
@@ -62,44 +72,43 @@ def accessor(gltf, index):
     return np.frombuffer(blob, kind).reshape(told.count, wide)
 
 
-def test_the_ground_has_the_terrains_heights_and_faces_up(whole, terrain):
-    places, mesh = ground_of(whole)
-    x, y = whole.places()
-    assert len(places) == x.size
-    assert len(mesh.faces) == 2 * (SIZE - 1) ** 2
-    order = np.lexsort((places[:, 0], -places[:, 1]))
-    assert np.abs(places[order, 0] - x.ravel()).max() < 1e-4
-    assert np.abs(places[order, 1] - y.ravel()).max() < 1e-4
-    heights = terrain.heights(x.ravel(), y.ravel(), cell_size=SPACING)
-    assert np.abs(places[order, 2] - heights).max() < 1e-3
-
-    places, mesh = ground_of(whole)
-    top = places[places[:, 2].argmax()]
-    assert top[0] > 700.0
-    assert top[1] > 700.0
-    assert (mesh.face_normals[:, 1] > 0.0).all()
-    assert (mesh.vertex_normals[:, 1] > 0.0).all()
+def test_the_ground_has_the_terrains_heights_and_faces_up(whole, obj, terrain):
+    for outcome in (whole, obj):
+        places, mesh = ground_of(outcome)
+        found = by_place(np.unique(places.round(9), axis=0))
+        assert np.abs(found - by_place(wanted(outcome, terrain))).max() < 1e-3
+        assert len(mesh.faces) == 2 * (SIZE - 1) ** 2
+        top = places[places[:, 2].argmax()]
+        assert top[0] > 700.0 < top[1]
+        assert (mesh.face_normals[:, 1] > 0.0).all()
+        assert (mesh.vertex_normals[:, 1] > 0.0).all()
+    assert obj.sidecar["mesh"]["error_measured"] <= 0.5e-4
+    places, mesh = ground_of(obj)
+    u, v = mesh.visual.uv.T
+    column, row = np.rint(u * SIZE - 0.5), np.rint((1.0 - v) * SIZE - 0.5)
+    assert np.abs(places[:, 0] - SPACING * column).max() < 1e-3
+    assert np.abs(places[:, 1] - (1024.0 - SPACING * row)).max() < 1e-3
 
 
 def test_an_adaptive_ground_stays_within_its_error(exported, terrain):
-    for error in [0.25, 2.0, 20.0]:
-        outcome = exported("gltf", size=SIZE, error=error, plants=False)
+    for target, error in [("gltf", 0.25), ("gltf", 2.0), ("gltf", 20.0), ("obj", 1.0), ("stl", 1.0)]:
+        outcome = exported(target, size=SIZE, error=error, plants=False)
+        told = outcome.sidecar["mesh"]
+        assert told["error_measured"] <= told["error_asked"] == error, (target, error)
         places, mesh = ground_of(outcome)
-        x, y = (each.ravel() for each in outcome.places())
-        heights = terrain.heights(x, y, cell_size=SPACING)
+        faces = mesh.faces[mesh.face_normals[:, 2 if target == "stl" else 1] > 1e-9]
+        assert len(faces) < 2 * (SIZE - 1) ** 2, (target, error)
+        assert told["triangles"] == len(faces) or target == "stl", (target, error)
+        assert target != "stl" or mesh.is_watertight
+        x, y, z = wanted(outcome, terrain).T
         surface = np.full(x.size, np.nan)
-        for a, b, c in places[mesh.faces]:
+        for a, b, c in places[faces]:
             area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
             wb = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / area
             wc = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / area
             inside = (wb > -1e-9) & (wc > -1e-9) & (wb + wc < 1.0 + 1e-9)
             surface[inside] = (a[2] + wb * (b[2] - a[2]) + wc * (c[2] - a[2]))[inside]
-        off = np.abs(surface - heights).max()
-        told = outcome.sidecar["mesh"]
-        assert told["triangles"] == len(mesh.faces) < 2 * (SIZE - 1) ** 2, error
-        assert told["error_asked"] == error, error
-        assert told["error_measured"] <= error, error
-        assert off == pytest.approx(told["error_measured"], abs=1e-3), error
+        assert np.abs(surface - z).max() == pytest.approx(told["error_measured"], abs=1e-3), (target, error)
 
 
 def test_chunks_and_accessors_follow_the_format(whole):
@@ -207,7 +216,7 @@ def test_points_are_the_same_plants_for_programs_without_the_extension(whole, pl
 
 
 def test_waters_lie_where_they_were_placed(whole, terrain):
-    scene = scene_of(whole)
+    scene = trimesh.load(whole.of("high_corner.glb")[0], process=False)
     (lake,), (river,) = terrain.features.lakes, terrain.features.rivers
     for name, line in ((f"river {river.id}", river.centreline), (f"lake {lake.id}", None)):
         turn, geometry = scene.graph.get(name)
@@ -226,10 +235,10 @@ def test_waters_lie_where_they_were_placed(whole, terrain):
             assert abs(-south[at] - north[1]) < 40.0
 
 
-def test_without_plants_there_is_no_extension_and_no_file_of_points(adaptive):
-    assert not adaptive.of("plant_points.glb")
-    gltf = pygltflib.GLTF2().load(adaptive.of("high_corner.glb")[0])
-    assert not gltf.extensionsUsed
+def test_without_plants_there_is_no_extension_and_no_file_of_points(exported):
+    outcome = exported("gltf", size=SIZE, error=2.0, plants=False)
+    assert not outcome.of("plant_points.glb")
+    assert not pygltflib.GLTF2().load(outcome.of("high_corner.glb")[0]).extensionsUsed
 
 
 def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_path):
@@ -250,3 +259,106 @@ def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_pa
     with pytest.raises(InputError, match="holds 4 GiB"):
         glb.write(tmp_path / "large.glb")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_obj_counts_from_one_and_names_what_is_there(obj, terrain):
+    lines = obj.of(".obj")[0].read_text(encoding="ascii").splitlines()
+    counts = {word: sum(line.startswith(f"{word} ") for line in lines) for word in ("v", "vt", "vn", "f")}
+    corners = [corner.split("/") for line in lines if line.startswith("f ") for corner in line[2:].split(" ")]
+    for place, word in enumerate(("v", "vt", "vn")):
+        numbers = {int(corner[place]) for corner in corners if corner[place]}
+        assert (min(numbers), max(numbers)) == (1, counts[word])
+    (lake,), (river,) = terrain.features.lakes, terrain.features.rivers
+    objects = [line[2:] for line in lines if line.startswith("o ")]
+    assert objects == ["ground", f"lake_{lake.id}", f"river_{river.id}"]
+    library = obj.of(".mtl")[0].read_text(encoding="ascii")
+    for line in lines:
+        if line.startswith("usemtl "):
+            assert f"newmtl {line[7:]}" in library
+    picture = next(line[7:] for line in library.splitlines() if line.startswith("map_Kd "))
+    with Image.open(obj.folder / picture) as image:
+        assert image.size == (SIZE, SIZE)
+
+
+def test_an_stl_is_a_closed_solid_in_the_binary_format(exported, terrain):
+    stl = exported("stl", size=SIZE)
+    mesh = trimesh.load(stl.of(".stl")[0])
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    assert mesh.volume > 0.0
+    z = wanted(stl, terrain)[:, 2]
+    floor = stl.sidecar["mesh"]["floor"]
+    assert mesh.bounds[0] == pytest.approx([0.0, 0.0, floor], abs=1e-3)
+    assert mesh.bounds[1] == pytest.approx([1024.0, 1024.0, z.max()], abs=1e-3)
+    assert floor == pytest.approx(z.min() - 0.02 * 1024.0, abs=1e-2)
+    ground = np.unique(mesh.vertices[mesh.vertices[:, 2] > floor + 1.0], axis=0)
+    assert np.abs(by_place(ground) - by_place(wanted(stl, terrain))).max() < 1e-3
+
+    content = stl.of(".stl")[0].read_bytes()
+    (count,) = struct.unpack_from("<I", content, 80)
+    assert not content.startswith(b"solid")  # that would be text
+    assert len(content) == 84 + 50 * count
+    assert count == stl.sidecar["mesh"]["solid_triangles"]
+    facets = np.frombuffer(content[84:], np.dtype([("floats", "<f4", 12), ("rest", "<u2")]))
+    normal, a, b, c = np.moveaxis(facets["floats"].reshape(-1, 4, 3).astype(float), 1, 0)
+    cross = np.cross(b - a, c - a)
+    assert np.abs(normal - cross / np.linalg.norm(cross, axis=1, keepdims=True)).max() < 1e-4
+
+
+@pytest.fixture(scope="module")
+def blender(exported):
+    return exported("blender", size=SIZE, plants=False)
+
+
+@pytest.fixture(scope="module")
+def image(blender):
+    with OpenEXR.File(str(blender.of("_height.exr")[0]), separate_channels=True) as file:
+        return {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+
+
+def displaced(told, image):
+    """A grid as Blender makes it of the settings: U eastward, V northward, a picture's first row on top."""
+    grid = told["displace_modifier"]["grid"]
+    columns, rows = grid["x_subdivisions"] + 1, grid["y_subdivisions"] + 1
+    v, u = (each.ravel() for each in np.mgrid[0 : 1 : rows * 1j, 0 : 1 : columns * 1j])
+    x = (u - 0.5) * grid["size"] * grid["scale"]["x"] + grid["location"]["x"]
+    y = (v - 0.5) * grid["size"] * grid["scale"]["y"] + grid["location"]["y"]
+    high, wide = image.shape
+    column = np.minimum((u * wide).astype(int), wide - 1)  # no interpolation, edges extended
+    row = high - 1 - np.minimum((v * high).astype(int), high - 1)
+    modifier = told["displace_modifier"]
+    return x, y, modifier["strength"] * (image[row, column] - modifier["midlevel"])
+
+
+def test_the_displaced_grid_is_the_terrain(blender, image, terrain):
+    assert all((channel == image["R"]).all() for channel in image.values())
+    assert {channel.dtype.name for channel in image.values()} == {"float32"}
+    x, y, z = displaced(blender.sidecar["import"], image["R"])
+    assert np.abs(z - terrain.heights(x, y, cell_size=1024.0 / (SIZE - 1))).max() < 1e-3
+    assert min(x[z.argmax()], y[z.argmax()]) > 700.0
+
+
+def test_a_texels_middle_is_its_place_on_the_plane_of_the_displacement_node(blender, image, terrain):
+    node = blender.sidecar["import"]["displacement_node"]
+    plane, n = node["plane"], SIZE
+    along = (np.arange(n) + 0.5) / n - 0.5
+    x = along * plane["scale"]["x"] + plane["location"]["x"]
+    y = -along * plane["scale"]["y"] + plane["location"]["y"]
+    x, y = (each.ravel() for each in np.meshgrid(x, y))
+    z = node["scale"] * (image["R"].ravel() - node["midlevel"])
+    assert np.abs(z - terrain.heights(x, y, cell_size=1024.0 / (n - 1))).max() < 1e-3
+
+
+def test_the_glb_comes_to_lie_on_the_displaced_grid(blender, image):
+    glb, _ = ground_of(blender)  # as Blender's importer turns it
+    grid = np.stack(displaced(blender.sidecar["import"], image["R"]), axis=-1)
+    assert np.abs(by_place(glb) - by_place(grid)).max() < 1e-3
+
+
+def test_plants_stand_apart_as_instances_and_as_points(exported):
+    told = exported("blender", size=SIZE)
+    names = [path.name for path in told.of(".glb")]
+    assert sorted(names) == ["high_corner.glb", "high_corner_plant_points.glb", "high_corner_plants.glb"]
+    scene = trimesh.load(told.of("corner.glb")[0], process=False)
+    assert {name.split()[0] for name in scene.geometry} == {"ground", "river", "lake"}
+    assert told.sidecar["plants"]["count"] > 500

@@ -1,5 +1,3 @@
-"""Programs, buffers and launches."""
-
 from __future__ import annotations
 
 import re
@@ -13,7 +11,6 @@ from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.errors import BuildError
 
 pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
-
 ADD = """
 __kernel void add(__global const float *a, float b, __global float *sum)
 {
@@ -22,7 +19,7 @@ __kernel void add(__global const float *a, float b, __global float *sum)
 """
 
 
-def test_a_kernel_runs_and_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_runs_and_is_timed_and_empty_arrays_travel(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resources, "source", lambda name: ADD)
     context = ComputeContext()
     values = np.arange(1000, dtype=np.float32)
@@ -35,25 +32,21 @@ def test_a_kernel_runs_and_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert time.kernel == "add"
     assert 0 < time.seconds < 60
 
+    context = ComputeContext()
+    context.upload(np.zeros((0, 4), np.float32))
+    assert context.download(context.empty(0, np.float32), 0, np.float32).shape == (0,)
 
-def test_a_failed_build_tells_all_in_one_error(monkeypatch: pytest.MonkeyPatch) -> None:
+
+def test_failed_builds_and_missing_kernels_are_one_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resources, "source", lambda name: "__kernel void broken() { nonsense; }")
     context = ComputeContext()
     with pytest.raises(BuildError, match=r"kernels/broken.cl did not build on .* with -cl-std") as caught:
         context.launch("broken.cl", "broken", (1,))
     assert "nonsense" in str(caught.value)
 
-
-def test_a_program_without_the_kernel_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(resources, "source", lambda name: ADD)
     with pytest.raises(BuildError, match=r"kernels/add.cl was built on .* without its kernel subtract"):
         ComputeContext().launch("add.cl", "subtract", (1,))
-
-
-def test_empty_arrays_travel() -> None:
-    context = ComputeContext()
-    context.upload(np.zeros((0, 4), np.float32))
-    assert context.download(context.empty(0, np.float32), 0, np.float32).shape == (0,)
 
 
 def test_kernels_name_double_only_where_there_is_one() -> None:

@@ -1,5 +1,3 @@
-"""Which devices are found, and which one is taken."""
-
 from __future__ import annotations
 
 import os
@@ -26,19 +24,19 @@ def in_fresh_process(code: str, **environment: str) -> str:
 
 
 @needs_device
-def test_the_preferred_device_comes_first() -> None:
+def test_the_preferred_device_comes_first_and_each_is_found_by_number_and_name() -> None:
     order = {"GPU": 0, "CPU": 1}
     kinds = [order.get(device.type, 2) for device in DEVICES]
     assert kinds == sorted(kinds)
     assert [device.index for device in DEVICES] == list(range(len(DEVICES)))
     assert choose_device() == DEVICES[0] or "PYOPENCL_CTX" in os.environ
 
-
-@needs_device
-def test_a_device_by_number_and_by_name() -> None:
     for device in DEVICES:
         assert choose_device(str(device.index)) == device
         assert choose_device(device.platform.upper()).platform == device.platform
+
+    with pytest.raises(DeviceError, match="no OpenCL device fits --device 99; there are 0: "):
+        choose_device("99")
 
 
 def test_selectors_match_types_then_platforms_then_vendors_then_names(
@@ -98,12 +96,6 @@ def test_pyopencl_ctx_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYOPENCL_CTX", "no such platform")
     with pytest.raises(DeviceError, match="no OpenCL device fits PYOPENCL_CTX=no such platform"):
         choose_device()
-
-
-@needs_device
-def test_a_device_that_is_not_there() -> None:
-    with pytest.raises(DeviceError, match="no OpenCL device fits --device 99; there are 0: "):
-        choose_device("99")
 
 
 def test_no_device_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -84,7 +84,7 @@ def test_each_edit_changes_its_feature_alone(painted: np.ndarray) -> None:
     assert unedited.orphans == ()
 
 
-def test_added_features_can_be_edited(painted: np.ndarray) -> None:
+def test_added_and_locked_features_have_all_their_values(painted: np.ndarray) -> None:
     dune = Edit("add", type="dune", x=5.0, y=6.0, radius=70.0, strength=3.0, wavelength=20.0)
     points = edited_painted(painted, [dune, Edit("move", dune.feature, x=1.0, y=2.0)]).points
     added = _of(points, dune.feature)
@@ -93,8 +93,6 @@ def test_added_features_can_be_edited(painted: np.ndarray) -> None:
     assert added["painted"]
     assert points["id"][-1] == dune.feature
 
-
-def test_a_lock_stores_all_values_of_a_feature(painted: np.ndarray) -> None:
     locks = [lock_of(point) for point in painted]
     assert edited_painted(painted[:0], locks).points.tobytes() == painted.tobytes()
     grove = Edit("add", type="forest", x=5.0, y=6.0, radius=70.0, strength=0.5)
@@ -104,11 +102,22 @@ def test_a_lock_stores_all_values_of_a_feature(painted: np.ndarray) -> None:
     assert _of(points, pines.feature)["peakiness"] == 1.75
 
 
-def test_edits_of_missing_features_are_orphans(painted: np.ndarray) -> None:
+def test_edits_survive_painting_elsewhere_and_are_orphans_without_their_feature(
+    painted: np.ndarray, sketch: Sketch
+) -> None:
     edited = edited_painted(painted, [Edit("move", 5, x=1.0, y=2.0), Edit("delete", int(painted["id"][0]))])
     assert edited.orphans == ("move of feature 5: there is no such feature any more",)
     again = edited_painted(painted[1:], [Edit("delete", int(painted["id"][0]))])
     assert len(again.orphans) == 1
+
+    recipe = make_recipe(sketch)
+    name = int(recipe.painted["id"][0])
+    edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
+    more = edited.replace(layers={**sketch.layers, "hill": _image((60, 20, 8), (120, 120, 6))})
+    moved = _of(make_recipe(more).painted, name)
+    assert (moved["x"], moved["y"]) == (500.0, 700.0)
+    erased = make_recipe(edited.replace(layers={"river": sketch.layers["river"]}))
+    assert erased.orphans == (f"move of feature {name}: there is no such feature any more",)
 
 
 def test_a_lock_keeps_a_feature_whatever_is_painted(sketch: Sketch) -> None:
@@ -122,18 +131,7 @@ def test_a_lock_keeps_a_feature_whatever_is_painted(sketch: Sketch) -> None:
         assert repainted.orphans == ()
 
 
-def test_edits_survive_painting_elsewhere_and_are_orphans_when_erased(sketch: Sketch) -> None:
-    recipe = make_recipe(sketch)
-    name = int(recipe.painted["id"][0])
-    edited = sketch.with_edit(Edit("move", name, x=500.0, y=700.0))
-    more = edited.replace(layers={**sketch.layers, "hill": _image((60, 20, 8), (120, 120, 6))})
-    moved = _of(make_recipe(more).painted, name)
-    assert (moved["x"], moved["y"]) == (500.0, 700.0)
-    erased = make_recipe(edited.replace(layers={"river": sketch.layers["river"]}))
-    assert erased.orphans == (f"move of feature {name}: there is no such feature any more",)
-
-
-def test_the_fill_keeps_clear_of_what_was_moved(sketch: Sketch, painted: np.ndarray) -> None:
+def test_the_fill_is_edited_and_keeps_clear_of_what_was_moved(sketch: Sketch, painted: np.ndarray) -> None:
     mountain = painted[painted["type"] == 0][0]
     east, north = sketch.size
     moved = make_recipe(sketch.with_edit(Edit("move", int(mountain["id"]), x=0.6 * east, y=0.1 * north)))
@@ -142,8 +140,6 @@ def test_the_fill_keeps_clear_of_what_was_moved(sketch: Sketch, painted: np.ndar
     distance = np.hypot(hills["x"] - 0.6 * east, hills["y"] - 0.1 * north)
     assert (distance >= 0.5 * (hills["radius"] + mountain["radius"]) - 0.01).all()
 
-
-def test_features_of_the_fill_are_edited_too(sketch: Sketch, painted: np.ndarray) -> None:
     fill = Fill(sketch, painted, seed=sketch.seed)
     there = fill.within(0, 0, *sketch.size)
     first, second, third = (int(name) for name in there["id"][:3])
@@ -234,7 +230,7 @@ def test_a_tributary_follows_the_river_that_moved(sketch: Sketch) -> None:
     assert np.hypot(*(end[:2] - joint[:2])) > 20.0
 
 
-def test_a_river_gets_the_width_that_it_is_given(sketch: Sketch) -> None:
+def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without_it(sketch: Sketch) -> None:
     stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
     after, _ = _rivers(sketch.with_edit(Edit("width", stem.id, width=60.0)))
     middle = len(stem.centreline) // 2
@@ -242,8 +238,6 @@ def test_a_river_gets_the_width_that_it_is_given(sketch: Sketch) -> None:
     np.testing.assert_array_equal(after[stem.id].centreline[:, :2], stem.centreline[:, :2])
     np.testing.assert_array_equal(after[tributary.id].centreline[:, :2], tributary.centreline[:, :2])
 
-
-def test_without_the_stem_a_tributary_is_a_river_of_its_own(sketch: Sketch) -> None:
     stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
     after, orphans = _rivers(sketch.with_edit(Edit("delete", stem.id)))
     assert set(after) == {tributary.id}

@@ -84,15 +84,13 @@ def test_the_fill_keeps_clear_of_painted_shapes_and_rivers() -> None:
             of_type = found["type"] == code
             assert np.all(distance[of_type] > CLEARANCE[name, layer] * found["radius"][of_type])
 
-
-def test_the_river_distance_can_be_given() -> None:
     sketch = Sketch(density={"hill": 2.0})
     shy = Fill(sketch, place(sketch, seed=1), seed=1, river_distance=lambda x, _: np.abs(x - 9000.0))
     found = shy.within(0, 0, 20_000, 20_000)
     assert np.all(np.abs(found["x"] - 9000.0) > 0.9 * found["radius"])
 
 
-def test_no_density_and_large_least_radii_give_no_features() -> None:
+def test_small_features_can_be_left_out_and_no_density_gives_none() -> None:
     sketch = Sketch()
     nothing = Fill(sketch, place(sketch, seed=1), seed=1)
     assert nothing.max_radius == 0.0
@@ -103,8 +101,6 @@ def test_no_density_and_large_least_radii_give_no_features() -> None:
         with pytest.raises(InputError, match="expected finite bounds"):
             ground.within(*box)
 
-
-def test_small_features_can_be_left_out() -> None:
     ground = fill()
     everything = ground.within(0, 0, 20_000, 20_000)
     large = ground.within(0, 0, 20_000, 20_000, min_radius=300.0)

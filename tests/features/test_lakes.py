@@ -1,9 +1,12 @@
+"""Lakes, and rivers through them and through mountains."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from sketchterrain.features.catalogue import Lake, ShapeField
+from sketchterrain.features.catalogue import Lake, River, ShapeField
+from sketchterrain.features.contradictions import Resolution, crossings, mountain_numbers, resolutions
 from sketchterrain.features.lakes import (
     lake_centre,
     lake_pixels,
@@ -32,7 +35,7 @@ def test_the_distance_inside_a_disc_is_that_to_its_circle() -> None:
     np.testing.assert_allclose(lake_centre(disc(130, 70, 20)), [130, 70])
 
 
-def test_a_line_through_two_lakes_has_a_run_in_each() -> None:
+def test_runs_of_a_line_in_lakes_begin_before_the_shore_and_include_the_rim() -> None:
     line = np.column_stack([np.arange(0.0, 400.0, 1.0), np.full(400, 100.0)])
     runs = runs_inside([disc(300, 100, 30), disc(100, 100, 40)], line)
     assert [lake for _, _, lake in runs] == [1, 0]
@@ -40,8 +43,6 @@ def test_a_line_through_two_lakes_has_a_run_in_each() -> None:
     assert (first, last) == pytest.approx((60, 140), abs=1.5)
     assert (later, end) == pytest.approx((270, 330), abs=1.5)
 
-
-def test_still_runs_begin_before_the_shore_and_include_the_rim() -> None:
     lake = disc(200, 100, 40, margin=50.0)  # its rim: 0.2 of 50 m
     x = np.arange(0.0, 400.0, 1.0)
     ((shore, first, last, _),) = still_runs([lake], np.column_stack([x, np.full(400, 100.0)]))
@@ -52,7 +53,7 @@ def test_still_runs_begin_before_the_shore_and_include_the_rim() -> None:
     assert still_runs([lake], np.column_stack([x, np.full(400, 155.0)])) == []
 
 
-def test_a_lake_stands_below_the_low_parts_of_its_shore() -> None:
+def test_lakes_are_those_painted_and_stand_below_the_low_parts_of_their_shores() -> None:
     layer = (np.hypot(COLUMN - 32, ROW - 32) < 12).astype(np.uint8)
     sketch = Sketch(extent=640.0, layers={"lake": layer}, labels={("lake", 1): {"depth": 9.0}})
     (flat,) = painted_lakes(sketch, lambda x, _: 0 * x + 20.0)
@@ -61,11 +62,64 @@ def test_a_lake_stands_below_the_low_parts_of_its_shore() -> None:
     (slope,) = painted_lakes(sketch, lambda x, _: 0.1 * x)
     assert 0.1 * 200 < slope.level < 0.1 * 250  # the western shore, at 205 m
 
-
-def test_lake_pixels_are_those_painted() -> None:
     layer = np.zeros((SIZE, SIZE), np.uint8)
     assert lake_pixels(Sketch(layers={"lake": layer})) is None
     layer[10, 20] = 1
     tree = lake_pixels(Sketch(layers={"lake": layer}))
     assert tree is not None
     assert tree.query([10, 23])[0] == 3.0
+
+
+WIDE = 40
+X = np.arange(0.0, 400.0, 5.0)
+
+
+def sketch(*columns: tuple[int, int]) -> Sketch:
+    """Mountains from top to bottom between columns of 10 m."""
+    layer = np.zeros((WIDE, WIDE), np.uint8)
+    for first, end in columns:
+        layer[:, first:end] = 1
+    return Sketch(extent=10.0 * WIDE, layers={"mountain": layer})
+
+
+def river(x: np.ndarray = X) -> River:
+    line = np.column_stack([x, np.full(len(x), 200.0), 10 - 0.01 * x])
+    ones = np.ones(len(x), np.float32)
+    return River(1, 1, line[::10], ones[::10], ones[::10], line, ones, ones)
+
+
+def told(plan: Sketch, line: np.ndarray = X, ground: float = 60.0) -> tuple[str, ...]:
+    return tuple(each.line for each in resolved(plan, line, ground))
+
+
+def resolved(plan: Sketch, line: np.ndarray = X, ground: float = 60.0) -> tuple[Resolution, ...]:
+    return resolutions(plan, mountain_numbers(plan), [river(line)], [np.full(len(line), ground)], [])
+
+
+def test_crossings_are_the_runs_inside_mountains_numbered_in_reading_order() -> None:
+    numbers = mountain_numbers(sketch((5, 10), (20, 30)))
+    assert numbers[0, [0, 5, 9, 10, 20, 29, 30]].tolist() == [0, 1, 1, 0, 2, 2, 0]
+
+    plan = sketch((5, 10), (20, 30))
+    found = crossings(plan, mountain_numbers(plan), river().centreline)
+    assert [(run.first, run.last, run.mountain) for run in found] == [(10, 19, 1), (40, 59, 2)]
+    outside = river().centreline + np.array([0.0, 900.0, 0.0])
+    assert crossings(plan, mountain_numbers(plan), outside) == []
+
+
+def test_a_river_crosses_springs_or_ends_in_a_mountain_at_a_position() -> None:
+    assert told(sketch((10, 20))) == ("river 1 crosses mountain 1: valley cut 52 m",)
+    assert told(sketch((0, 10))) == ("river 1 begins in mountain 1: springs there at 10 m",)
+    assert told(sketch((30, 40))) == ("river 1 ends in mountain 1: valley cut 54 m",)
+    assert told(sketch()) == ()
+    # Above the ground it cuts nothing.
+    assert told(sketch((10, 20)), ground=-5.0) == ("river 1 crosses mountain 1: valley cut 0 m",)
+
+    (crosses,) = resolved(sketch((10, 20)))
+    assert (crosses.x, crosses.y) == (145.0, 200.0)
+    (begins,) = resolved(sketch((0, 10)))
+    assert (begins.x, begins.y) == (X[0], 200.0)
+    (ends,) = resolved(sketch((30, 40)))
+    assert (ends.x, ends.y) == (X[-1], 200.0)
+    (all_of_it,) = resolved(sketch((0, 40)))
+    assert all_of_it.x == X[(len(X) - 1) // 2]

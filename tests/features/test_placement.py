@@ -47,14 +47,12 @@ def test_a_feature_moves_less_than_its_disc_allows_and_at_fidelity_one_not_at_al
         assert np.all(moved <= 0.5 * 0.6 * placed["radius"] / TYPES["hill"].reach + 1e-3)
 
 
-def test_the_summit_has_the_labels_height_unless_too_steep() -> None:
+def test_features_have_the_heights_and_properties_of_their_labels() -> None:
     painted = sketch(0.8, mountain=disc(60, 60, 30))
     assert place(painted, seed=1)["strength"].max() == 600.0
     steep = painted.replace(labels={("mountain", 1): {"height": 5000.0}})
     assert place(steep, seed=1)["strength"].max() <= 300 * math.tan(math.radians(70)) * 1.001
 
-
-def test_properties_reach_the_features() -> None:
     labels = {
         ("dune", 2): {"height": 9.0, "wavelength": 77.0, "wind": 30.0},
         ("mountain", 1): {"peakiness": 0.9},
@@ -68,14 +66,12 @@ def test_properties_reach_the_features() -> None:
     assert np.all((forests["strength"] > 0.5) & (forests["strength"] <= 1.0))
 
 
-def test_painting_elsewhere_changes_nothing_here() -> None:
+def test_painting_elsewhere_changes_nothing_here_and_mountains_keep_away_from_a_river() -> None:
     before = place(sketch(0.5, hill=disc(30, 30, 15)), seed=1)
     painted = disc(30, 30, 15) | 2 * disc(100, 100, 20)
     after = place(sketch(0.5, hill=painted, mountain=disc(100, 60, 12)), seed=1)
     np.testing.assert_array_equal(after[np.isin(after["id"], before["id"])], before)
 
-
-def test_mountains_keep_away_from_a_river() -> None:
     river = (np.abs(COLUMN - 60) < 2).astype(np.uint8)
     mountain = disc(64, 64, 30)
     alone = place(sketch(0.0, mountain=mountain), seed=1)

@@ -61,7 +61,7 @@ def check(river: River) -> None:
     assert 4 << 48 <= river.id < 5 << 48
 
 
-def test_a_river_runs_downhill_and_keeps_its_labels_sizes() -> None:
+def test_a_river_runs_downhill_or_as_its_label_says_and_keeps_its_sizes() -> None:
     picture = painted([(80, 30), (70, 80), (90, 130)], label=4)
     (river,) = trace(picture, southward, labels={("river", 4): {"width": 20.0, "depth": 3.0}})
     assert river.label == 4
@@ -72,8 +72,6 @@ def test_a_river_runs_downhill_and_keeps_its_labels_sizes() -> None:
     (back,) = trace(picture, lambda x, y: -southward(x, y))
     assert back.points[0, 1] < back.points[-1, 1]
 
-
-def test_the_flow_of_a_label_directs_its_river() -> None:
     picture = painted([(40, 130), (120, 30)])
     for flow in (0.0, 90.0, 180.0):
         (river,) = trace(picture, southward, labels={("river", 1): {"flow": flow}})
@@ -81,7 +79,7 @@ def test_the_flow_of_a_label_directs_its_river() -> None:
         assert run @ [np.sin(np.deg2rad(flow)), np.cos(np.deg2rad(flow))] > 0, flow
 
 
-def test_the_centreline_follows_the_painted_skeleton() -> None:
+def test_the_centreline_follows_the_painted_skeleton_below_the_ground() -> None:
     picture = painted([(30, 40), (60, 60), (70, 110), (120, 120), (140, 60)])
     (skeleton,) = skeletons(picture > 0)
     at = np.column_stack([(skeleton.columns + 0.5) * 10, (SIZE - skeleton.rows - 0.5) * 10])
@@ -90,8 +88,6 @@ def test_the_centreline_follows_the_painted_skeleton() -> None:
         distance = cKDTree(river.centreline[:, :2]).query(at)[0] / 10
         assert distance.mean() < (0.75 if fidelity == 1.0 else 1.5), fidelity
 
-
-def test_water_lies_below_the_smoothed_ground_and_falls_enough() -> None:
     (river,) = trace(painted([(80, 20), (80, 140)]), southward)
     line = river.centreline
     assert np.all(line[:, 2] < southward(line[:, 0], line[:, 1]))
@@ -99,13 +95,31 @@ def test_water_lies_below_the_smoothed_ground_and_falls_enough() -> None:
     assert falls.min() >= LEAST_FALL * 0.999
 
 
-def test_a_tributary_ends_on_the_stem_at_its_level() -> None:
+def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end() -> None:
     rivers = trace(painted([(80, 20), (80, 140)], [(20, 40), (80, 90)]), southward)
     stem, tributary = sorted(rivers, key=lambda river: -len(river.centreline))
     at = np.flatnonzero((stem.centreline == tributary.centreline[-1]).all(axis=1))
     assert len(at) == 1
     assert stem.centreline_width[-1] > stem.centreline_width[at[0]]
     assert tributary.centreline[-2, 2] > tributary.centreline[-1, 2]
+
+    stem = painted([(80, 20), (80, 140)])
+    for gap in (1, 2, 3):
+        side = painted([(20, 70), (110, 70)])
+        side[:, 80 - 2 - gap :] = 0
+        rivers = trace(stem | side, southward)
+        assert len(rivers) == 2, gap
+        longer, joining = sorted(rivers, key=lambda river: -len(river.centreline))
+        assert (longer.centreline == joining.centreline[-1]).all(axis=1).any(), gap
+
+    far = painted([(20, 70), (70, 70)])
+    far[:, 80 - 2 - 8 :] = 0
+    beside = painted([(72, 30), (72, 120)])
+    for other in (far, beside):
+        first, second = trace(painted([(80, 20), (80, 140)]) | other, southward)
+        assert not (first.centreline == second.centreline[-1]).all(axis=1).any()
+        assert not (second.centreline == first.centreline[-1]).all(axis=1).any()
+    assert len(trace(painted([(80, 20), (80, 70)]) | painted([(80, 78), (80, 140)]), southward)) == 2
 
 
 @pytest.mark.parametrize(
@@ -132,28 +146,6 @@ def test_confluences_meet_on_any_ground(seed: int) -> None:
         for river in rivers
     )
     assert ends == len(rivers) - 1
-
-
-def test_a_tributary_painted_short_of_its_stem_joins_it() -> None:
-    stem = painted([(80, 20), (80, 140)])
-    for gap in (1, 2, 3):
-        side = painted([(20, 70), (110, 70)])
-        side[:, 80 - 2 - gap :] = 0
-        rivers = trace(stem | side, southward)
-        assert len(rivers) == 2, gap
-        longer, joining = sorted(rivers, key=lambda river: -len(river.centreline))
-        assert (longer.centreline == joining.centreline[-1]).all(axis=1).any(), gap
-
-
-def test_rivers_apart_beside_or_end_to_end_do_not_join() -> None:
-    far = painted([(20, 70), (70, 70)])
-    far[:, 80 - 2 - 8 :] = 0
-    beside = painted([(72, 30), (72, 120)])
-    for other in (far, beside):
-        first, second = trace(painted([(80, 20), (80, 140)]) | other, southward)
-        assert not (first.centreline == second.centreline[-1]).all(axis=1).any()
-        assert not (second.centreline == first.centreline[-1]).all(axis=1).any()
-    assert len(trace(painted([(80, 20), (80, 70)]) | painted([(80, 78), (80, 140)]), southward)) == 2
 
 
 @pytest.mark.parametrize("half", [1.0, 2.5, 4.0])
@@ -188,7 +180,7 @@ def test_a_narrow_label_joins_a_wide_one() -> None:
     assert (wide.centreline == narrow.centreline[-1]).all(axis=1).any()
 
 
-def test_a_river_is_as_wide_as_its_painted_wedge() -> None:
+def test_a_river_has_the_width_of_its_wedge_and_keeps_it_where_others_join() -> None:
     half = 1.0 + (ROW - 20) / 20  # px: from 20 m wide to 140 m, by 1 m in a metre
     wedge = ((np.abs(COLUMN - 80.2) <= half) & (ROW >= 20) & (ROW < 140)).astype(np.uint8)
     (river,) = trace(wedge, southward, labels={("river", 1): {"width": 0.0, "depth": 2.0}})
@@ -198,6 +190,13 @@ def test_a_river_is_as_wide_as_its_painted_wedge() -> None:
     assert np.all(np.abs(width / (20.0 + row[inside] - 20.0) - 1) < 0.15)
     assert np.all(np.diff(width) > -0.1)
     assert np.all(np.diff(river.centreline_depth[inside][[0, 20, -1]]) > 0)
+
+    picture = painted([(80, 20), (80, 140)], [(20, 40), (80, 90)])
+    rivers = trace(picture, southward, labels={("river", 1): {"width": 0.0}})
+    stem = max(rivers, key=lambda river: len(river.centreline))
+    assert len(rivers) == 2
+    assert np.all(np.abs(stem.width[1:-1] / 50.0 - 1) < 0.35)
+    assert stem.width[-4] == pytest.approx(50.0, rel=0.1)
 
 
 @pytest.mark.parametrize("thick", [1, 2, 3, 4, 7])
@@ -212,16 +211,7 @@ def test_a_painted_width_is_that_of_the_stroke(thick: int, turn: float) -> None:
     assert middle.mean() == pytest.approx(share, rel=0.15)
 
 
-def test_as_painted_neither_tapers_nor_grows_where_others_join() -> None:
-    picture = painted([(80, 20), (80, 140)], [(20, 40), (80, 90)])
-    rivers = trace(picture, southward, labels={("river", 1): {"width": 0.0}})
-    stem = max(rivers, key=lambda river: len(river.centreline))
-    assert len(rivers) == 2
-    assert np.all(np.abs(stem.width[1:-1] / 50.0 - 1) < 0.35)
-    assert stem.width[-4] == pytest.approx(50.0, rel=0.1)
-
-
-def test_a_river_at_the_edge_runs_on_beyond_it() -> None:
+def test_a_river_runs_on_beyond_the_edge() -> None:
     picture = painted([(80, 60), (70, 159)])
     (river,) = trace(picture, southward)
     beyond = river.centreline[:, 1] < 0
@@ -233,8 +223,6 @@ def test_a_river_at_the_edge_runs_on_beyond_it() -> None:
     (river,) = trace(picture, lambda x, y: -0.005 * y + 0 * x)
     assert river.points[-1, 1] < 0
 
-
-def test_a_river_through_the_sketch_runs_on_at_both_ends() -> None:
     (river,) = trace(painted([(0, 80), (159, 70)]), lambda x, y: 0.05 * x + 0 * y)
     assert river.centreline[0, 0] > 10 * SIZE + 200
     assert river.centreline[-1, 0] < -200
@@ -246,7 +234,7 @@ def test_a_river_through_the_sketch_runs_on_at_both_ends() -> None:
     assert river.centreline[:, 1].min() > 0
 
 
-def test_a_dab_is_a_short_reach() -> None:
+def test_dabs_loops_and_thick_brushes() -> None:
     for size in ((1, 1), (2, 2), (1, 2), (9, 9), (3, 3)):
         picture = np.zeros((SIZE, SIZE), np.uint8)
         assert trace(picture) == ()
@@ -258,8 +246,6 @@ def test_a_dab_is_a_short_reach() -> None:
         middle = [(70 + size[1] / 2) * 10, (SIZE - 60 - size[0] / 2) * 10]
         assert np.abs(centre - middle).max() <= 10, size
 
-
-def test_a_loop_becomes_two_arms_with_one_mouth() -> None:
     distance = np.hypot(ROW - 80, COLUMN - 80)
     rivers = trace((np.abs(distance - 50) < 2.5).astype(np.uint8), southward)
     assert len(rivers) == 2
@@ -268,8 +254,6 @@ def test_a_loop_becomes_two_arms_with_one_mouth() -> None:
     springs = [river.centreline[0, :2] for river in rivers]
     assert np.hypot(*(springs[0] - springs[1])) < 100
 
-
-def test_a_thick_brush_leaves_no_spurs() -> None:
     rng = np.random.default_rng(3)
     picture = np.zeros((SIZE, SIZE), np.uint8)
     for t in np.linspace(0, 1, 200):

@@ -39,22 +39,18 @@ def covered(features: np.ndarray, picture: np.ndarray) -> float:
     return float(union[picture > 0].mean())
 
 
-def test_at_fidelity_one_the_discs_cover_the_shape() -> None:
+def test_discs_cover_the_shape_as_the_fidelity_asks_and_stay_inside() -> None:
     for picture in (blob(), stroke(), ring()):
         for multitude in (1, 6):
             features = broken_up(picture, multitude=multitude)
             assert covered(features, picture) > 0.99
             assert len(features) < 130
 
-
-def test_lower_fidelity_covers_less_with_fewer() -> None:
     loose, near, exact = (broken_up(stroke(), fidelity=fidelity) for fidelity in (0.0, 0.8, 1.0))
     assert len(loose) < len(near) < len(exact)
     assert 0.6 <= covered(loose, stroke()) < covered(exact, stroke())
     assert covered(near, stroke()) > 0.85
 
-
-def test_discs_stay_inside_the_shape() -> None:
     (shape,) = label_shapes("hill", blob())
     features = user_features(shape, multitude=4, fidelity=1.0, seed=1)
     depth = np.zeros(blob().shape)
@@ -62,7 +58,7 @@ def test_discs_stay_inside_the_shape() -> None:
     assert np.all(features["disc"] <= np.maximum(depth[features["row"], features["column"]], 1.0))
 
 
-def test_multitude_counts_the_summits_and_they_keep_apart() -> None:
+def test_multitude_counts_the_summits_and_a_range_with_one_is_a_ridge() -> None:
     for multitude in (1, 2, 5, 12):
         assert broken_up(blob(), multitude=multitude)["summit"].sum() == multitude
     features = broken_up(blob(), multitude=8)
@@ -71,8 +67,6 @@ def test_multitude_counts_the_summits_and_they_keep_apart() -> None:
     distance = np.hypot(row[:, None] - row, column[:, None] - column) + 1e9 * np.eye(len(summits))
     assert distance.min() >= 0.9 * mean_size(int(blob().sum()), 8)
 
-
-def test_a_long_range_with_one_summit_is_a_ridge() -> None:
     features = broken_up(stroke(), "mountain", multitude=1)
     support = features[~features["summit"]]
     assert features["summit"].sum() == 1
@@ -93,13 +87,11 @@ def test_every_shape_yields_a_feature() -> None:
         assert np.all((features["share"] > 0) & (features["share"] <= 1.25))
 
 
-def test_the_seed_changes_the_features_and_nothing_else_does() -> None:
+def test_the_seed_alone_changes_the_features_and_a_dab_keeps_most_summits() -> None:
     first = broken_up(blob(), multitude=5)
     np.testing.assert_array_equal(first, broken_up(blob(), multitude=5))
     assert not np.array_equal(first["id"][:5], broken_up(blob(), multitude=5, seed=8)["id"][:5])
 
-
-def test_a_dab_at_the_edge_keeps_most_summits() -> None:
     picture = blob()
     dabbed = picture | (np.hypot(ROW - 80, COLUMN - 158) < 4).astype(np.uint8)
     before, after = (broken_up(each, multitude=8) for each in (picture, dabbed))

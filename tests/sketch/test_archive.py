@@ -58,7 +58,7 @@ def _bomb(name: str, count: int, *, declared: int, start: bytes = b"") -> bytes:
     return entries + directory + tail
 
 
-def test_the_sketch_may_lie_at_the_top_or_in_one_folder(
+def test_the_sketch_may_lie_at_the_top_or_in_one_folder_beside_other_files(
     packed: Callable[..., Path], grey: Callable[..., bytes]
 ) -> None:
     hill = grey([[1, 0, 0]])
@@ -69,8 +69,6 @@ def test_the_sketch_may_lie_at_the_top_or_in_one_folder(
         assert sketch.seed == 5
         assert sketch.layers["hill"].tolist() == [[1, 0, 0]]
 
-
-def test_other_files_in_the_archive_are_ignored(packed: Callable[..., Path]) -> None:
     path = packed(
         ("valley/", b""),
         ("valley/sketch.toml", _SETTINGS),
@@ -178,7 +176,7 @@ def test_ten_gigabytes_of_zeros_take_neither_time_nor_memory(
         tracemalloc.stop()
 
 
-def test_a_damaged_zip_is_refused_wherever_it_is_damaged(
+def test_damaged_zips_and_errors_inside_are_refused(
     packed: Callable[..., Path], refusal: Callable[..., str], grey: Callable[..., bytes]
 ) -> None:
     path = packed(("sketch.toml", _SETTINGS), ("hill.png", grey([[0, 1], [2, 3]])))
@@ -187,10 +185,6 @@ def test_a_damaged_zip_is_refused_wherever_it_is_damaged(
         path.write_bytes(whole[:length])
         assert "valley.sketch" in refusal(path)
 
-
-def test_errors_inside_name_the_archive_and_the_file(
-    packed: Callable[..., Path], refusal: Callable[..., str], grey: Callable[..., bytes]
-) -> None:
     path = packed(("v/sketch.toml", b"format = 1\nextent = 0\n"))
     assert refusal(path) == f"{path}/sketch.toml: extent = 0: expected a number from 1 to 1000000 m"
     path = packed(("v/sketch.toml", _SETTINGS), ("v/mountains.png", grey([[0]])))

@@ -1,3 +1,5 @@
+"""Sketches as values, and the look of their materials."""
+
 from __future__ import annotations
 
 import dataclasses
@@ -9,13 +11,14 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, TABLES, Edit, Sketch, label_image
 from sketchterrain.sketch.document import labels_in
+from sketchterrain.sketch.toml_text import parse_settings, settings_text
 
 
 def _image(height: int, width: int, label: int = 0) -> np.ndarray:
     return np.full((height, width), label, dtype=np.uint8)
 
 
-def test_a_bare_sketch_is_a_square_with_nothing_painted_and_all_defaults() -> None:
+def test_extent_is_the_longer_side_and_all_else_is_the_default() -> None:
     sketch = Sketch()
     assert (sketch.width_px, sketch.height_px) == (512, 512)
     assert list(sketch.layers) == list(LAYERS)
@@ -24,8 +27,6 @@ def test_a_bare_sketch_is_a_square_with_nothing_painted_and_all_defaults() -> No
         assert getattr(sketch, key) == {name: parameter.default for name, parameter in table.items()}
     assert not sketch.labels
 
-
-def test_extent_is_the_longer_side() -> None:
     for height, width, size in ((100, 200, (4000, 2000)), (200, 50, (1000, 4000))):
         sketch = Sketch(extent=4000, layers={"hill": _image(height, width)})
         assert sketch.size == size
@@ -33,7 +34,7 @@ def test_extent_is_the_longer_side() -> None:
         assert all(image.shape == (height, width) for image in sketch.layers.values())
 
 
-def test_a_sketch_never_changes() -> None:
+def test_a_sketch_never_changes_and_shares_what_stays_the_same() -> None:
     mine = _image(4, 4, 1)
     sketch = Sketch(layers={"hill": mine}, labels={("hill", 1): {"height": 10}})
     mine[:] = 2
@@ -48,8 +49,6 @@ def test_a_sketch_never_changes() -> None:
         with pytest.raises(TypeError):
             mapping["hill"] = 1  # type: ignore[index]
 
-
-def test_replace_shares_what_stays_the_same() -> None:
     sketch = Sketch(layers={"hill": _image(4, 4, 1)})
     other = sketch.replace(seed=9)
     assert (other.seed, sketch.seed) == (9, 0)
@@ -77,8 +76,6 @@ def test_properties_are_the_declared_ones_over_the_defaults() -> None:
         with pytest.raises(InputError, match="a label from 1 to 255"):
             sketch.properties("mountain", label)  # type: ignore[arg-type]
 
-
-def test_labels_are_ordered_by_layer_and_number() -> None:
     sketch = Sketch(labels={("river", 2): {}, ("mountain", 9): {}, ("river", 1): {}})
     assert list(sketch.labels) == [("mountain", 9), ("river", 1), ("river", 2)]
 
@@ -111,15 +108,13 @@ def test_refused_values_name_the_key() -> None:
             Sketch(**changes)  # type: ignore[arg-type]
 
 
-def test_labels_in_finds_each_label_in_images_of_any_shape() -> None:
+def test_an_image_is_looked_at_once_for_labels_in_any_shape(monkeypatch: pytest.MonkeyPatch) -> None:
     image = np.zeros((3000, 1000), dtype=np.uint8)
     assert labels_in(image) == ()
     image[2999, 999], image[0, 0], image[1500, 3] = 255, 7, 1
     assert labels_in(image) == (1, 7, 255)
     assert labels_in(image.T) == (1, 7, 255)
 
-
-def test_an_image_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     looked: list[int] = []
     real = label_image.labels_in
 
@@ -169,3 +164,41 @@ def test_a_sketch_pickles_small() -> None:
     large["hill"][40:300, 100:200] = 1
     large["river"][:, 250:253] = 1
     assert len(pickle.dumps(Sketch(layers=large))) < 8000
+
+
+LOOK = {"sand": {"size": 9.0}, "grass": {"colour": "#3f6B2a", "roughness": 0.5, "bump": 0.0}}
+
+
+def parse(text: str) -> Sketch:
+    return parse_settings(f"format = 1\n{text}".encode())
+
+
+def test_only_given_values_are_kept_in_the_order_of_materials() -> None:
+    sketch = Sketch(look=LOOK)
+    assert dict(sketch.look) == LOOK
+    assert list(sketch.look) == ["grass", "sand"]
+    text = settings_text(sketch)
+    assert parse_settings(text.encode()).look == sketch.look
+    assert "[look.grass]" in text
+    assert parse("").look == {}
+    assert "look" not in settings_text(Sketch())
+
+
+_REFUSED_LOOKS = [
+    ("[look.gras]\nbump = 1.0", r"\[look\.'gras'\]: expected a material, grass, soil.*did you mean"),
+    ('[look.grass]\ncolour = "green"', "look.grass.colour = 'green': expected a colour as \"#rrggbb\""),
+    ('[look.grass]\ncolour = "#12345g"', 'expected a colour as "#rrggbb"'),
+    ("[look.grass]\ncolour = 7", 'expected a colour as "#rrggbb"'),
+    ("[look.rock]\nbump = 2.5", "look.rock.bump = 2.5: expected a number from 0 to 2"),
+    ("[look.rock]\nroughness = 1.5", "look.rock.roughness = 1.5"),
+    ("[look.rock]\nshine = 1", r"shine.*\[look\.rock\]"),
+    ("look = 3", r"\[look\.grass\] = 3: expected a table"),
+    ("[look]\ngrass = 3", r"\[look\.grass\] = 3: expected a table"),
+]
+
+
+def test_refused_looks_name_the_material_and_the_key() -> None:
+    for text, message in _REFUSED_LOOKS:
+        with pytest.raises(InputError, match=message) as caught:
+            parse(text)
+        assert "\n" not in str(caught.value)

@@ -46,14 +46,12 @@ def test_edits_round_trip_through_the_settings(edits: list[Edit]) -> None:
     assert settings_text(again) == settings_text(sketch)
 
 
-def test_edits_are_saved_with_the_sketch(tmp_path: Path, same: Callable[..., None]) -> None:
+def test_edits_are_saved_with_the_sketch_as_they_look(tmp_path: Path, same: Callable[..., None]) -> None:
     sketch = Sketch(edits=(HILL, Edit("move", 7, x=1.0, y=2.0), Edit("delete", 2**63 + 5)))
     for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
         save_sketch(sketch, path)
         same(load_sketch(path), sketch)
 
-
-def test_an_edit_in_the_file_is_what_it_looks_like() -> None:
     text = b'format = 1\n[[edit]]\naction = "move_point"\nfeature = 12\nindex = 3\nx = 5\ny = -2.5\n'
     assert parse_settings(text).edits == (Edit("move_point", 12, index=3, x=5.0, y=-2.5),)
 
@@ -87,15 +85,13 @@ _REFUSED = [
 ]
 
 
-def test_refused_edits_name_number_and_key() -> None:
+def test_refused_edits_name_number_and_key_and_the_most_fit_the_file() -> None:
     for text, message in _REFUSED:
         with pytest.raises(InputError, match=message) as caught:
             parse_settings(f"format = 1\n{text}\n".encode())
         assert "\n" not in str(caught.value), text
         assert len(str(caught.value)) < 300, text
 
-
-def test_refused_values_of_edits() -> None:
     with pytest.raises(InputError, match="edits: expected Edit values, got 'move'"):
         Sketch(edits=("move",))  # type: ignore[arg-type]
     with pytest.raises(InputError, match=f"expected at most {MOST_EDITS}"):
@@ -103,8 +99,6 @@ def test_refused_values_of_edits() -> None:
     with pytest.raises(InputError, match="from_x and from_y"):
         Edit("move_point", 4, index=0, x=0.0, y=0.0, from_x=3.0)
 
-
-def test_the_most_edits_fit_the_file() -> None:
     third = {name: parameter.high / 3 for name, parameter in ACTIONS["lock"].values.items()}
     lock = Edit("lock", 2**64 - 1, **(third | {"type": "mountain"}))  # type: ignore[arg-type]
     text = settings_text(Sketch(edits=(lock,) * MOST_EDITS)).encode()
@@ -120,7 +114,7 @@ def test_added_features_have_an_id_hashed_from_their_values() -> None:
     assert dataclasses.replace(HILL, x=11.0).feature != HILL.feature
 
 
-def test_a_later_edit_replaces_an_earlier_one_of_the_same_target() -> None:
+def test_a_later_edit_replaces_an_earlier_one_and_deleting_drops_them() -> None:
     sketch = Sketch().with_edit(Edit("move", 1, x=0.0, y=0.0)).with_edit(Edit("resize", 1, radius=5.0))
     sketch = sketch.with_edit(Edit("move", 1, x=9.0, y=9.0)).with_edit(Edit("move", 2, x=1.0, y=1.0))
     assert [(e.action, e.feature) for e in sketch.edits] == [("resize", 1), ("move", 1), ("move", 2)]
@@ -136,8 +130,6 @@ def test_a_later_edit_replaces_an_earlier_one_of_the_same_target() -> None:
     painted = sketch.replace(layers={"hill": np.ones((9, 9), np.uint8)})
     assert painted.edits == sketch.edits
 
-
-def test_deleting_drops_the_other_edits_of_a_feature() -> None:
     sketch = Sketch().with_edit(Edit("move", 1, x=0.0, y=0.0)).with_edit(Edit("delete", 1))
     assert sketch.edits == (Edit("delete", 1),)
     assert HILL.feature is not None

@@ -69,9 +69,7 @@ def test_a_folder_and_a_zip_of_it_are_the_same_sketch(tmp_path: Path, same: Call
     assert (tmp_path / "a.sketch").read_bytes() == (tmp_path / "b.sketch").read_bytes()
 
 
-def test_saving_again_empties_what_was_painted_and_leaves_other_files_alone(
-    tmp_path: Path, same: Callable[..., None]
-) -> None:
+def test_saving_replaces_a_sketch_and_nothing_else(tmp_path: Path, same: Callable[..., None]) -> None:
     save_sketch(_painted(), tmp_path)
     (tmp_path / "notes.txt").write_text("mine")
     emptied = _painted().replace(layers={"river": np.ones((9, 9), dtype=np.uint8)})
@@ -80,13 +78,18 @@ def test_saving_again_empties_what_was_painted_and_leaves_other_files_alone(
     assert sorted(entry.name for entry in tmp_path.iterdir()) == sorted([*_FILES, "notes.txt"])
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
-
-def test_a_folder_named_as_a_zip_stays_a_folder(tmp_path: Path, same: Callable[..., None]) -> None:
+    # A folder that is named as a zip stays a folder.
     path = tmp_path / "valley.sketch"
     path.mkdir()
     save_sketch(_painted(), path)
     assert path.is_dir()
     same(load_sketch(path), _painted())
+
+    path = tmp_path / "photo.png"
+    path.write_bytes(b"mine")
+    with pytest.raises(InputError, match=r"expected a folder or a name that ends in \.sketch"):
+        save_sketch(Sketch(), path)
+    assert path.read_bytes() == b"mine"
 
 
 def test_a_failed_save_leaves_the_old_sketch(
@@ -110,15 +113,7 @@ def test_a_failed_save_leaves_the_old_sketch(
         same(load_sketch(path), _painted())
 
 
-def test_a_file_of_another_name_is_not_overwritten(tmp_path: Path) -> None:
-    path = tmp_path / "photo.png"
-    path.write_bytes(b"mine")
-    with pytest.raises(InputError, match=r"expected a folder or a name that ends in \.sketch"):
-        save_sketch(Sketch(), path)
-    assert path.read_bytes() == b"mine"
-
-
-def test_missing_layers_are_empty_and_take_the_size_of_the_others(
+def test_missing_layers_are_empty_and_unpainted_labels_have_properties(
     folder: Callable[..., Path], grey: Callable[..., bytes]
 ) -> None:
     sketch = load_sketch(folder("extent = 100"))
@@ -126,16 +121,11 @@ def test_missing_layers_are_empty_and_take_the_size_of_the_others(
     assert not any(image.any() for image in sketch.layers.values())
     sketch = load_sketch(folder(files={"hill.png": grey(np.zeros((3, 7)))}))
     assert {image.shape for image in sketch.layers.values()} == {(3, 7)}
-    sketch = load_sketch(folder(files={f"{name}.png": grey(np.full((8, 8), 1)) for name in LAYERS}))
-    assert all((image == 1).all() for image in sketch.layers.values())
-
-
-def test_undeclared_and_unpainted_labels_have_properties(
-    folder: Callable[..., Path], grey: Callable[..., bytes]
-) -> None:
     sketch = load_sketch(folder("[hill.9]\nheight = 5", {"hill.png": grey([[0, 3]])}))
     assert sketch.properties("hill", 3)["height"] == 80.0
     assert sketch.properties("hill", 9)["height"] == 5.0
+    sketch = load_sketch(folder(files={f"{name}.png": grey(np.full((8, 8), 1)) for name in LAYERS}))
+    assert all((image == 1).all() for image in sketch.layers.values())
 
 
 _REFUSED_NAMES = [
@@ -204,17 +194,23 @@ _REFUSED_SETTINGS = [
 ]
 
 
-def test_a_missing_sketch_names_the_presets(tmp_path: Path, refusal: Callable[..., str]) -> None:
+def test_presets_are_loaded_by_name_and_a_sketch_here_goes_first(
+    tmp_path: Path, refusal: Callable[..., str], same: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
     message = refusal(str(tmp_path / "nowhere"))
     assert "expected a folder, a .sketch file or a preset" in message
     assert all(name in message for name in preset_names())
     for strange in ("x" * 5000, "a\0b", "two\nlines"):
         refusal(strange)
 
+    for name in preset_names():
+        sketch = load_sketch(name)
+        assert any(image.any() for image in sketch.layers.values()), name
+        assert sketch.name
+        save_sketch(sketch, tmp_path / "copy.sketch")
+        same(load_sketch(tmp_path / "copy.sketch"), sketch)
+        assert preset(name).joinpath("sketch.toml").is_file()
 
-def test_a_preset_is_loaded_by_name_and_a_sketch_here_goes_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, same: Callable[..., None]
-) -> None:
     shelf = tmp_path / "presets"
     save_sketch(_painted(), shelf / "valley")
     monkeypatch.setattr("sketchterrain.sketch.files.preset_names", lambda: ("valley",))
@@ -233,17 +229,7 @@ def test_a_preset_is_loaded_by_name_and_a_sketch_here_goes_first(
     assert load_sketch("valley").name == "My sketch"
 
 
-def test_every_preset_is_a_sketch(same: Callable[..., None], tmp_path: Path) -> None:
-    for name in preset_names():
-        sketch = load_sketch(name)
-        assert any(image.any() for image in sketch.layers.values()), name
-        assert sketch.name
-        save_sketch(sketch, tmp_path / "copy.sketch")
-        same(load_sketch(tmp_path / "copy.sketch"), sketch)
-        assert preset(name).joinpath("sketch.toml").is_file()
-
-
-def test_the_starter_shows_every_layer_and_something_painted(tmp_path: Path) -> None:
+def test_the_starter_shows_every_layer_and_takes_an_empty_folder_alone(tmp_path: Path) -> None:
     new_sketch(tmp_path / "mine")
     assert sorted(entry.name for entry in (tmp_path / "mine").iterdir()) == _FILES
     sketch = load_sketch(tmp_path / "mine")
@@ -257,12 +243,12 @@ def test_the_starter_shows_every_layer_and_something_painted(tmp_path: Path) -> 
     for layer in LAYERS.values():
         assert all(parameter.help in text for parameter in layer.parameters.values())
 
-
-def test_the_starter_takes_an_empty_folder_and_no_other(tmp_path: Path) -> None:
-    new_sketch(tmp_path)
-    (tmp_path / "sketch.toml").write_text("mine")
+    (tmp_path / "other").mkdir()
+    new_sketch(tmp_path / "other")
+    settings = tmp_path / "other" / "sketch.toml"
+    settings.write_text("mine")
     with pytest.raises(InputError, match="this one is not empty"):
-        new_sketch(tmp_path)
+        new_sketch(tmp_path / "other")
     with pytest.raises(InputError, match="expected a folder"):
-        new_sketch(tmp_path / "sketch.toml")
-    assert (tmp_path / "sketch.toml").read_text() == "mine"
+        new_sketch(settings)
+    assert settings.read_text() == "mine"

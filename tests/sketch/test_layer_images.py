@@ -59,7 +59,7 @@ def test_a_written_layer_is_an_8_bit_palette_image_in_the_layers_colour() -> Non
             assert len(np.unique(np.asarray(picture.convert("RGB")).reshape(-1, 3), axis=0)) == 17
 
 
-def test_a_palette_index_is_the_label_at_any_depth(png: Callable[..., bytes]) -> None:
+def test_indices_and_grey_values_are_labels(png: Callable[..., bytes], grey: Callable[..., bytes]) -> None:
     for depth in (1, 2, 4, 8):
         bits = [0, 1] * 4 if depth == 1 else [0, 1, 2, 3]
         packed = int("".join(f"{bit:0{depth}b}" for bit in bits), 2).to_bytes(len(bits) * depth // 8, "big")
@@ -67,13 +67,13 @@ def test_a_palette_index_is_the_label_at_any_depth(png: Callable[..., bytes]) ->
         image = decode_layer(png([packed], len(bits), depth=depth, colour_type=3, palette=palette))
         assert image.tolist() == [bits], depth
 
-
-def test_grey_values_are_labels_whatever_the_transparency(
-    grey: Callable[..., bytes], png: Callable[..., bytes]
-) -> None:
     np.testing.assert_array_equal(decode_layer(grey(_SMALL)), _SMALL)
     np.testing.assert_array_equal(decode_layer(_saved(Image.fromarray(_SMALL), transparency=1)), _SMALL)
     assert decode_layer(png([b"\x81", b"\xff"], 8, depth=1)).tolist() == [[1, 0, 0, 0, 0, 0, 0, 1], [1] * 8]
+
+    assert decode_layer(grey([list(range(17))])).shape == (1, 17)  # 0 is no label
+    assert decode_layer(grey([list(range(1, 17))])).shape == (1, 16)
+    assert "it has 17 labels, expected at most 16" in _refusal(grey([list(range(18))]))
 
 
 def test_refused_images(png: Callable[..., bytes]) -> None:
@@ -103,12 +103,6 @@ def _resized(png: bytes, width: int, height: int) -> bytes:
     data[16:24] = struct.pack(">II", width, height)
     data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
     return bytes(data)
-
-
-def test_16_labels_pass_and_17_do_not(grey: Callable[..., bytes]) -> None:
-    assert decode_layer(grey([list(range(17))])).shape == (1, 17)  # 0 is no label
-    assert decode_layer(grey([list(range(1, 17))])).shape == (1, 16)
-    assert "it has 17 labels, expected at most 16" in _refusal(grey([list(range(18))]))
 
 
 def test_a_png_truncated_or_changed_at_any_byte_is_refused() -> None:

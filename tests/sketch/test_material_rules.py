@@ -1,5 +1,3 @@
-"""Rules by which materials cover the ground: their table, and what a sketch changes in it."""
-
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -71,7 +69,7 @@ def test_the_default_rules_hold_to_the_declarations() -> None:
         assert resolved_rules([change]) == DEFAULT_RULES
 
 
-def test_a_rule_of_the_table_keeps_its_place_and_what_is_not_given() -> None:
+def test_changed_rules_keep_what_is_not_given_and_new_ones_lie_on_top_or_before_another() -> None:
     rules = resolved_rules([RuleChange("rock_face", cover=0.25)])
     assert [rule.name for rule in rules] == _OLD
     old, new = (table[_OLD.index("rock_face")] for table in (DEFAULT_RULES, rules))
@@ -79,8 +77,6 @@ def test_a_rule_of_the_table_keeps_its_place_and_what_is_not_given() -> None:
     (bare,) = (r for r in resolved_rules([RuleChange("rock_face", factors=())]) if r.name == "rock_face")
     assert bare.factors == ()
 
-
-def test_a_new_rule_lies_on_top_or_before_another() -> None:
     top, below = RuleChange("moss", "grass"), RuleChange("moss", "grass", before="snow")
     assert [rule.name for rule in resolved_rules([top])] == [*_OLD, "moss"]
     names = [rule.name for rule in resolved_rules([below])]
@@ -104,8 +100,6 @@ def test_every_line_of_a_written_rule_says_what_it_means() -> None:
 
 _ROW = '[[material_rule]]\nname = "snow"\n'
 _RAMP = f"{_ROW}[[material_rule.factor]]\n"
-
-
 _REFUSED = [
     ("material_rule = 3", r"material_rule = 3: expected tables, each with \[\[material_rule\]\]"),
     ("[material_rule]", r"material_rule = \{\}: expected tables"),

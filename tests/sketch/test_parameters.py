@@ -19,7 +19,7 @@ _TABLES = {
 _ALL = [(f"{table}.{p.name}", p) for table, ps in _TABLES.items() for p in ps.values()]
 
 
-def test_each_declaration_is_whole() -> None:
+def test_each_declaration_is_whole_and_holds_to_its_type_and_range() -> None:
     for name, parameter in _ALL:
         assert parameter.kind in (int, float, str), name
         assert type(parameter.default) is parameter.kind, name
@@ -31,8 +31,6 @@ def test_each_declaration_is_whole() -> None:
         assert math.isfinite(parameter.low), name
         assert math.isfinite(parameter.high), name
 
-
-def test_numbers_are_held_to_their_range() -> None:
     for name, parameter in _ALL:
         if parameter.kind is str:
             continue
@@ -43,15 +41,13 @@ def test_numbers_are_held_to_their_range() -> None:
             with pytest.raises(InputError, match="expected"):
                 parameter.check(bad)
 
-
-def test_other_types_are_refused() -> None:
     for _, parameter in _ALL:
         for bad in (None, True, False, [], {}, [1.0], b"1", 1j):
             with pytest.raises(InputError, match="expected"):
                 parameter.check(bad)
 
 
-def test_a_whole_number_is_a_number_but_not_the_other_way_round() -> None:
+def test_a_whole_number_is_a_number_and_errors_name_key_value_unit_and_range() -> None:
     assert SKETCH["extent"].check(100) == 100.0
     assert isinstance(SKETCH["extent"].check(100), float)
     assert SKETCH["seed"].check(np.int64(7)) == 7
@@ -63,8 +59,6 @@ def test_a_whole_number_is_a_number_but_not_the_other_way_round() -> None:
     with pytest.raises(InputError):
         SKETCH["seed"].check(2**63)
 
-
-def test_an_error_names_key_value_unit_and_range() -> None:
     with pytest.raises(InputError) as caught:
         LAYERS["mountain"].parameters["height"].check("high", "mountain.1.height")
     assert str(caught.value) == "mountain.1.height = 'high': expected a number from 1 to 9000 m"
@@ -78,15 +72,13 @@ def test_an_error_names_key_value_unit_and_range() -> None:
         SKETCH["name"].check("x" * 201)
 
 
-def test_names_and_colours_of_layers_are_distinct() -> None:
+def test_names_are_distinct_and_the_reference_lists_every_parameter() -> None:
     assert all(name == layer.name for name, layer in LAYERS.items())
     assert len({layer.colour for layer in LAYERS.values()}) == len(LAYERS)
     assert all(0 <= channel <= 255 for layer in LAYERS.values() for channel in layer.colour)
     names = ["format", *SKETCH, *TABLES, *LAYERS, "look", "material_rule", "edit"]
     assert len(set(names)) == len(names)
 
-
-def test_the_reference_lists_every_parameter() -> None:
     text = reference_table()
     rows = [line for line in text.splitlines() if line.startswith("| `")]
     assert len(rows) == len(_ALL)

@@ -54,12 +54,10 @@ def test_settings_round_trip(sketch: Sketch) -> None:
     assert settings_text(again) == settings_text(sketch)
 
 
-def test_any_name_round_trips() -> None:
+def test_the_example_of_the_format_and_any_name() -> None:
     for name in ('say "hi"', "C:\\sketch", "Größe 山 🏔", "two\nlines\r\n\t", "\x00\x1f\x7f", "'''"):
         assert parse_settings(settings_text(Sketch(name=name)).encode()).name == name
 
-
-def test_the_example_of_the_format() -> None:
     sketch = parse_settings(
         b"""format = 1
 name = "Valley with a river"

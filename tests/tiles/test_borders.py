@@ -1,5 +1,3 @@
-"""Triangles of a tile beside coarser neighbours, and the weights of its morph."""
-
 from __future__ import annotations
 
 import numpy as np
@@ -48,7 +46,7 @@ def test_triangles_of_each_case_fill_the_tile_once_and_drop_vertices_on_coarser_
             assert (length == (2 if case & border else 1)).all(), name
 
 
-def test_a_tile_that_shows_its_parent_has_a_quarter_of_the_triangles():
+def test_a_tile_that_shows_its_parent_has_its_parents_very_surface():
     for quads in QUADS:
         triangles = triangles_of(quads, PARENT)
         assert len(triangles) == quads**2 // 2
@@ -57,9 +55,7 @@ def test_a_tile_that_shows_its_parent_has_a_quarter_of_the_triangles():
         assert not (y % 2).any()
         assert (doubled_areas(x, y) == 4).all()
 
-
-def test_no_triangle_crosses_a_diagonal_of_the_parent():
-    """So a tile that shows its parent's heights shows its parent's very surface."""
+    # So a tile that shows its parent's heights shows its parent's very surface.
     quads = 8
     for case in (0, NORTH | EAST, SOUTH | WEST, NORTH | WEST, SOUTH | EAST):
         x, y = places(triangles_of(quads, case), quads)

@@ -1,5 +1,3 @@
-"""Changes of the ground under a moving eye: every drawn vertex is of the newest ground."""
-
 from __future__ import annotations
 
 import math
@@ -147,7 +145,7 @@ def test_a_batch_that_is_cut_short_leaves_no_outdated_tile(toy, world):
         assert stream.settled
 
 
-def test_a_small_change_writes_few_tiles_and_one_outside_writes_none(toy, world):
+def test_small_changes_write_few_tiles_and_those_out_of_view_later(toy, world):
     stream, written = world
     view = toy.view_from((300.0, 200.0, 60.0), everywhere=False)
     draws = settled(stream, written, view)
@@ -162,8 +160,6 @@ def test_a_small_change_writes_few_tiles_and_one_outside_writes_none(toy, world)
     assert 0 < now <= 12
     assert now < 0.2 * len(draws.keys)
 
-
-def test_tiles_out_of_view_are_rewritten_later(toy, world):
     stream, written = world
     north = toy.view_from((300.0, 200.0, 60.0), everywhere=False)
     settled(stream, written, north)

@@ -1,5 +1,3 @@
-"""Streaming of tiles: balance, tolerance, morphing, budgets and slots."""
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -121,7 +119,7 @@ def test_controls_move_no_quicker_than_their_rate(toy):
         known = now
 
 
-def test_tiles_out_of_view_are_coarser_and_ready_when_the_view_turns(toy):
+def test_tiles_out_of_view_are_coarser_and_those_ahead_are_fetched_before(toy):
     stream = toy.new_stream(metric=ScreenError(1.0, quad=1e9))
     eye = EYES[0]
     ahead = stream.settle(toy.view_from(eye, heading=0.0, everywhere=False), toy.generate)
@@ -133,8 +131,6 @@ def test_tiles_out_of_view_are_coarser_and_ready_when_the_view_turns(toy):
     assert back.keys
     assert back.screen_errors[back.levels < stream.finest].max() < 1.0 / 0.2
 
-
-def test_tiles_ahead_are_fetched_before_they_are_wanted(toy):
     quiet, moving = (toy.new_stream(metric=ScreenError(4.0, quad=1e9)) for _ in range(2))
     view = toy.view_from(EYES[0])
     for stream in (quiet, moving):

@@ -1,4 +1,4 @@
-"""Parts of engine exports: axes, interpolated ground, weights, control maps."""
+"""Parts of engine exports: axes, interpolated ground, weights, control maps, steps of heights."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.engines import EngineAxes, path_of, plant_rows, storeys_of
+from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.sampled import Grid, Sampled, ground_at
 from sketchterrain.export.target import Export, ExportOptions
 from sketchterrain.export.tiling import Tiling
@@ -63,7 +66,7 @@ def test_ground_between_vertices_is_exact_on_a_plane_and_clamped_at_the_edge() -
     np.testing.assert_array_equal(ground_at(ground, np.array([0.0, 99.0]), np.array([99.0, 0.0])), [0.0, 5.0])
 
 
-def test_resampled_weights_reach_the_edges_and_agree_between_tiles() -> None:
+def test_resampled_weights_reach_the_edges_and_agree_between_tiles_and_normals_turn_green_alone() -> None:
     ramp = np.arange(33)
     weights = np.zeros((33, 33, 3), np.uint8)
     weights[..., 0] = np.rint(ramp * 255 / 32)[None]
@@ -83,8 +86,6 @@ def test_resampled_weights_reach_the_edges_and_agree_between_tiles() -> None:
         west, east = (edge_to_edge(weights[:, left : left + 65]) for left in (0, 64))
         np.testing.assert_array_equal(west[:, -1], east[:, 0])
 
-
-def test_normals_down_turn_green_alone() -> None:
     normal = np.uint8([[[10, 20, 30], [128, 255, 0]]])
     np.testing.assert_array_equal(normals_down(normal), [[[10, 235, 30], [128, 0, 0]]])
     np.testing.assert_array_equal(normals_down(normals_down(normal)), normal)
@@ -132,3 +133,61 @@ def test_storeys_and_file_names_follow_the_options(tmp_path: Path) -> None:
         export = Export(None, "hill", ExportOptions(), ground.grid, tiling, ground, tmp_path, None)  # type: ignore[arg-type]
         piece = list(tiling.pieces(5, 5))[tiling.columns - 1]
         assert path_of(export, what, piece, ".png") == tmp_path / name, name
+
+
+METRES = some.floats(-12_000.0, 12_000.0, width=32)
+
+
+def decoded(steps: HeightSteps, numbers: np.ndarray) -> np.ndarray:
+    return steps.low + numbers.astype(np.float64) * steps.range / 65536.0
+
+
+@settings(deadline=None)
+@given(some.lists(METRES, min_size=1, max_size=9))
+def test_heights_round_trip_within_half_a_step(heights: list[float]) -> None:
+    height = np.array([heights], np.float32)
+    steps = HeightSteps.of(height)
+    numbers = steps.encode(height)
+    assert numbers.dtype == np.uint16
+    off = np.abs(decoded(steps, numbers) - height.astype(np.float64))
+    assert off.max() <= 0.5 * steps.step * (1.0 + 1e-9)
+    assert steps.range <= max(1.0, float(np.ptp(height.astype(np.float64))) * 65536 / 65535 + 0.0025)
+
+
+@settings(deadline=None)
+@given(METRES, METRES)
+def test_low_and_range_are_whole_millimetres(one: float, other: float) -> None:
+    steps = HeightSteps.of(np.array([[one, other]], np.float32))
+    for each in (steps.low, steps.range):
+        assert float(f"{each:.3f}") == each
+
+
+def test_the_whole_range_of_numbers_is_used_and_what_lies_outside_is_refused() -> None:
+    numbers = HeightSteps.of(np.array([[0.0, 1000.0]], np.float32)).encode(
+        np.array([[0.0, 1000.0]], np.float32)
+    )
+    assert numbers[0, 0] == 0
+    assert numbers[0, 1] >= 65534
+
+    height = np.full((3, 3), 812.5, np.float32)
+    steps = HeightSteps.of(height)
+    assert (steps.low, steps.range) == (812.5, 1.0)
+    assert (steps.encode(height) == 0).all()
+
+    steps = HeightSteps.of(np.array([[10.0, 20.0]], np.float32), (-100.0, 900.0))
+    assert (steps.low, steps.range) == (-100.0, 1000.0)
+    assert steps.step == 1000.0 / 65536.0
+    assert steps.highest == pytest.approx(900.0 - steps.step)
+
+    for wanted in [(0.0, 500.0), (11.0, 1000.0), (10.0, 999.98)]:
+        with pytest.raises(InputError, match=r"the terrain goes from 10\.00 to 1000\.00 m"):
+            HeightSteps.of(np.array([[10.0, 1000.0]], np.float32), wanted)
+
+    for wanted in [(5.0, 5.0), (5.0, 4.0), (float("nan"), 1.0), (0.0, float("inf"))]:
+        with pytest.raises(InputError, match="expected the lowest and the highest"):
+            HeightSteps.of(np.zeros((2, 2), np.float32), wanted)
+
+    steps = HeightSteps(0.0, 100.0)
+    for outside in (-0.01, 100.0):
+        with pytest.raises(InputError, match="do not fit"):
+            steps.encode(np.array([[outside]], np.float32))

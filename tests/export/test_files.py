@@ -21,7 +21,9 @@ from sketchterrain.export.sidecar import SIDECAR, Row, replaced_files, typed_row
 from sketchterrain.whole_files import write_whole
 
 
-def test_new_content_replaces_the_old_and_a_missing_folder_is_refused(tmp_path: Path) -> None:
+def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.bin"
     assert write_whole(path, b"old") == path
     write_whole(path, b"new")
@@ -33,10 +35,6 @@ def test_new_content_replaces_the_old_and_a_missing_folder_is_refused(tmp_path: 
     assert "\n" not in str(caught.value)
     assert ".tmp" not in str(caught.value)
 
-
-def test_a_failing_or_interrupted_write_leaves_the_old_file_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
     path = tmp_path / "a.bin"
     write_whole(path, b"old")
     for failure, told in [
@@ -90,7 +88,7 @@ def test_json_keeps_order_and_letters_and_refuses_nan(tmp_path: Path) -> None:
     assert not (tmp_path / "b.json").exists()
 
 
-def test_staged_files_are_moved_together(tmp_path: Path) -> None:
+def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_path: Path) -> None:
     (tmp_path / "old").write_bytes(b"old")
     with staging(tmp_path) as hidden:
         assert hidden.parent == tmp_path
@@ -98,6 +96,12 @@ def test_staged_files_are_moved_together(tmp_path: Path) -> None:
         (hidden / "unwanted").write_bytes(b"")
         assert move_into(tmp_path, [hidden / "a"], outdated=[tmp_path / "old"]) == (tmp_path / "a",)
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+    with pytest.raises(SketchterrainError, match="cannot be written") as caught, staging(tmp_path) as hidden:
+        raise SketchterrainError(f"{hidden / 'a'}: cannot be written")
+    assert str(caught.value).startswith(f"{tmp_path / 'a'}: ")
+    with pytest.raises(SketchterrainError, match="cannot be written"), staging(tmp_path / "none"):
+        pass
 
 
 def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_path: Path) -> None:
@@ -121,15 +125,7 @@ def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_pat
     assert [*tmp_path.iterdir()] == []
 
 
-def test_errors_name_the_final_folder(tmp_path: Path) -> None:
-    with pytest.raises(SketchterrainError, match="cannot be written") as caught, staging(tmp_path) as hidden:
-        raise SketchterrainError(f"{hidden / 'a'}: cannot be written")
-    assert str(caught.value).startswith(f"{tmp_path / 'a'}: ")
-    with pytest.raises(SketchterrainError, match="cannot be written"), staging(tmp_path / "none"):
-        pass
-
-
-def test_only_files_of_the_folder_itself_have_no_successor(tmp_path: Path) -> None:
+def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_path: Path) -> None:
     for name in ("a", "b", "c"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "inner").mkdir()
@@ -137,8 +133,6 @@ def test_only_files_of_the_folder_itself_have_no_successor(tmp_path: Path) -> No
     before = ["a", "b", "gone", "inner", "inner/d", "../" + tmp_path.name + "/c", "", "."]
     assert files_without_successor(tmp_path, before, ["b", "new"]) == [tmp_path / "a"]
 
-
-def test_only_an_earlier_export_of_the_same_sketch_and_target_is_replaced(tmp_path: Path) -> None:
     def sidecar(*names: str, target: str = "raw") -> dict[str, object]:
         files = [{"file": name} for name in names]
         return {"format": 1, "target": target, "sketch": "a", "files": files}

@@ -101,7 +101,9 @@ def test_an_interrupted_film_leaves_nothing(tmp_path: Path) -> None:
             assert not list((folder / "frames").iterdir()) if name == "frames" else True, (name, failure)
 
 
-def test_longer_films_odd_sides_and_files_in_the_way_are_refused(tmp_path: Path) -> None:
+def test_longer_films_odd_sides_missing_libraries_and_files_in_the_way_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     write(tmp_path, 5)
     check_film(tmp_path, size=SIZE, frames=5)
     (tmp_path / "notes.png").write_text("mine")
@@ -119,8 +121,6 @@ def test_longer_films_odd_sides_and_files_in_the_way_are_refused(tmp_path: Path)
         with pytest.raises(InputError, match="expected a folder"):
             check_film(path, size=SIZE, frames=3)
 
-
-def test_without_pyav_one_line_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(SketchterrainError, match=r"pip install 'sketchterrain\[video\]'"):
         check_film(tmp_path / "a.mp4", size=SIZE, frames=3)

@@ -85,7 +85,9 @@ def test_normals_are_red_east_green_north_blue_up(tmp_path: Path, raster: Raster
     assert green[row - 8 : row, beside].mean() > 128 > green[row + 1 : row + 9, beside].mean()
 
 
-def test_heights_round_trip_bit_for_bit_north_up(tmp_path: Path, raster: Raster) -> None:
+def test_height_tif_round_trips_bit_for_bit_with_vertices_at_their_places(
+    tmp_path: Path, raster: Raster, terrain: st.Terrain, ground: Callable[[object], Raster]
+) -> None:
     (path,) = write_height_tif(tmp_path, raster)
     with rasterio.open(path, driver="GTiff") as file:
         assert (file.count, file.dtypes, file.units) == (1, ("float32",), ("m",))
@@ -101,10 +103,6 @@ def test_heights_round_trip_bit_for_bit_north_up(tmp_path: Path, raster: Raster)
     (first,), (second,) = write_height_tif(tmp_path, raster), write_height_tif(tmp_path / "b", raster)
     assert first.read_bytes() == second.read_bytes()
 
-
-def test_vertices_lie_at_their_places_for_gdal_and_in_the_raw_tags(
-    tmp_path: Path, terrain: st.Terrain, raster: Raster, ground: Callable[[object], Raster]
-) -> None:
     (path,) = write_height_tif(tmp_path, raster)
     east, north = terrain.size
     with rasterio.open(path) as file:
@@ -125,7 +123,7 @@ def test_vertices_lie_at_their_places_for_gdal_and_in_the_raw_tags(
     assert [RASTER_TYPE_KEY, 0, 1, PIXEL_IS_POINT] in keys.tolist()
 
 
-def test_the_files_sum_to_255_and_hold_the_weights(
+def test_the_files_sum_to_255_hold_the_weights_and_are_filled_up_with_zeros(
     tmp_path: Path, terrain: st.Terrain, raster: Raster
 ) -> None:
     *images, meaning = write_materials(tmp_path, raster, terrain.material_names)
@@ -138,8 +136,6 @@ def test_the_files_sum_to_255_and_hold_the_weights(
     assert (weights.sum(axis=-1, dtype=int) == 255).all()
     assert np.abs(weights - 255.0 * raster.materials).max() < 1.001
 
-
-def test_the_last_file_is_filled_up_with_zeros(tmp_path: Path) -> None:
     weights = np.zeros((2, 3, 5), np.float32)
     weights[..., 4] = 1
     flat = np.zeros((2, 3), np.float32)

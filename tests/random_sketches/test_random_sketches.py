@@ -1,16 +1,20 @@
 """Random sketches: no shape lost, no exception, no warning, no feature outside the bounds of the rules.
 
 A few belong to the default tier, 30 to the slow one, 300 to the soak. Warnings are errors here as everywhere.
+Hypothesis draws tiny ones besides, down to a single pixel.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
 
-from sketchterrain.features import FEATURE_TYPES, label_shapes, place
+from sketchterrain.features import FEATURE_TYPES, Fill, River, label_shapes, place, trace_rivers
 from sketchterrain.features.catalogue import Points
 from sketchterrain.features.placement import LOOSENESS
 from sketchterrain.features.profiles import shown_at
@@ -54,6 +58,45 @@ def test_shapes_and_features_of_all_others(sketch_of: SketchOf, first: int) -> N
                 raise
 
 
+@st.composite
+def tiny_sketches(draw: st.DrawFn) -> Sketch:
+    size = draw(st.tuples(st.integers(1, 14), st.integers(1, 14)))
+    names = draw(st.sets(st.sampled_from(sorted(LAYER_CODES)), min_size=1))
+    labels = st.sampled_from([0, 0, 0, 1, 1, 2])
+    layers = {name: draw(arrays.arrays(np.uint8, size, elements=labels)) for name in sorted(names)}
+    extent, fidelity = (
+        draw(st.sampled_from([1.0, 100.0, 4096.0, 1e6])),
+        draw(st.sampled_from([0.0, 0.5, 1.0])),
+    )
+    seed = draw(st.integers(0, 2**63 - 1))
+    return Sketch(extent=extent, seed=seed, fidelity=fidelity, layers=layers, density={"hill": 0.5})
+
+
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(tiny_sketches())
+def test_tiny_sketches_keep_their_shapes_and_are_finite(sketch: Sketch) -> None:
+    check_tiny(sketch)
+
+
+@pytest.mark.slow
+@settings(max_examples=120, deadline=None, derandomize=True)
+@given(tiny_sketches())
+def test_many_tiny_sketches_keep_their_shapes_and_are_finite(sketch: Sketch) -> None:
+    check_tiny(sketch)
+
+
+def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 10 * np.sin(x / 30) + 10 * np.cos(y / 40)
+
+
+def check_tiny(sketch: Sketch) -> None:
+    placed = place(sketch, seed=sketch.seed)
+    for name in TYPES:
+        check_points(sketch, name, placed[placed["type"] == FEATURE_TYPES.index(name)])
+    check_rivers(sketch, trace_rivers(sketch, seed=sketch.seed, ground=rolling))
+    check_fill(Fill(sketch, placed, seed=sketch.seed), -2000.0, -2000.0, 6000.0, 6000.0)
+
+
 def check(sketch: Sketch) -> None:
     recipe = make_recipe(sketch)
     assert recipe.orphans == ()
@@ -61,9 +104,10 @@ def check(sketch: Sketch) -> None:
     for name in TYPES:
         check_points(sketch, name, placed[placed["type"] == FEATURE_TYPES.index(name)])
     check_strengths(recipe, placed)
-    check_rivers(sketch, recipe)
+    check_rivers(sketch, recipe.rivers)
     check_fields(sketch, recipe)
-    check_fill(sketch, recipe)
+    (east, north), reach = sketch.size, min(2000.0, sketch.extent)
+    check_fill(recipe.fill, -reach, -reach, min(east, reach), min(north, reach))
     check_heights(sketch, recipe)
 
 
@@ -126,14 +170,14 @@ def check_strengths(recipe: TerrainRecipe, placed: Points) -> None:
     assert np.all(recipe.painted["strength"] >= 0)
 
 
-def check_rivers(sketch: Sketch, recipe: TerrainRecipe) -> None:
+def check_rivers(sketch: Sketch, rivers: Sequence[River]) -> None:
     """Every network has a river; water never rises on its way."""
     painted = sketch.layers["river"] > 0
     shapes = label_shapes("river", painted.astype(np.uint8))
-    row, column = pixels_of(np.array([river.id for river in recipe.rivers], dtype=np.uint64), sketch)
-    assert len({river.id for river in recipe.rivers}) == len(recipe.rivers)
+    row, column = pixels_of(np.array([river.id for river in rivers], dtype=np.uint64), sketch)
+    assert len({river.id for river in rivers}) == len(rivers)
     assert number_of_shapes_hit(shapes, row, column) == len(shapes)
-    for river in recipe.rivers:
+    for river in rivers:
         for values in (river.points, river.centreline, river.centreline_width, river.centreline_depth):
             assert np.isfinite(values).all()
         assert np.all(np.diff(river.centreline[:, 2]) <= 0)
@@ -159,13 +203,11 @@ def check_fields(sketch: Sketch, recipe: TerrainRecipe) -> None:
         assert lake.depth > 0
 
 
-def check_fill(sketch: Sketch, recipe: TerrainRecipe) -> None:
-    east, north = sketch.size
-    reach = min(2000.0, sketch.extent)
-    found = recipe.fill.within(-reach, -reach, min(east, reach), min(north, reach))
+def check_fill(fill: Fill, west: float, south: float, east: float, north: float) -> None:
+    found = fill.within(west, south, east, north)
     for field in found.dtype.names:
         assert np.isfinite(found[field]).all()
-    assert np.all(found["radius"] <= recipe.fill.max_radius)
+    assert np.all(found["radius"] <= fill.max_radius)
     assert np.all(found["radius"] > 0)
 
 

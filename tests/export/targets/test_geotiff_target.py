@@ -53,7 +53,7 @@ def layer(outcome, name: str) -> tuple[dict, NDArray[np.object_], dict[str, NDAr
     return meta, shapely.from_wkb(geometry), dict(zip(meta["fields"], fields, strict=True))
 
 
-def test_gdal_reads_the_terrains_heights_at_their_places(outcome, terrain) -> None:
+def test_gdal_reads_heights_at_their_places_with_and_without_a_crs(outcome, terrain, exported) -> None:
     with rasterio.open(raster(outcome, "height")) as file:
         height = file.read(1)
         x, y = world(file)
@@ -66,8 +66,6 @@ def test_gdal_reads_the_terrains_heights_at_their_places(outcome, terrain) -> No
     row, column = np.unravel_index(height.argmax(), height.shape)
     assert row < 160 < 350 < column  # the mountain stands in the north-east
 
-
-def test_without_a_crs_the_sketch_lies_in_local_metres(exported, terrain) -> None:
     local = exported("geotiff", size=65, plants=False)
     with rasterio.open(raster(local, "height")) as file:
         assert 'UNIT["metre",1' in file.crs.to_wkt()
@@ -81,7 +79,7 @@ def test_without_a_crs_the_sketch_lies_in_local_metres(exported, terrain) -> Non
     assert shapely.contains_xy(lakes[0], 10 * 16.0, 10 * 16.0)
 
 
-def test_files_are_cloud_optimised(outcome) -> None:
+def test_files_are_cloud_optimised_with_overviews_that_are_means(outcome) -> None:
     """As GDAL's validate_cloud_optimized_geotiff.py wants it, but read without GDAL."""
     for what in ["height", "normal", "materials"]:
         content = raster(outcome, what).read_bytes()
@@ -94,6 +92,20 @@ def test_files_are_cloud_optimised(outcome) -> None:
         first = [min(offset for offset in tags[324] if offset) for tags in directories]
         assert first == sorted(first, reverse=True), what
         assert len(content) > max(first), what
+
+    with rasterio.open(raster(outcome, "height")) as file:
+        height = file.read(1).astype(np.float64)
+        assert file.overviews(1) == [2]
+    with rasterio.open(raster(outcome, "height"), overview_level=0) as coarse:
+        shown = coarse.read(1)
+    assert shown.shape == (256, 256)
+    # Exactly 513/256 pixels a pixel: the mean with the shares of those that are cut.
+    edges = np.linspace(0.0, 513.0, 257)
+    share = np.clip(
+        np.minimum(edges[1:, None], np.arange(1, 514)) - np.maximum(edges[:-1, None], np.arange(513)), 0, 1
+    )
+    share /= share.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(shown, share @ height @ share.T, atol=1e-3)
 
 
 def tiff_directories(content: bytes) -> Iterator[dict[int, tuple[int, ...]]]:
@@ -116,22 +128,6 @@ def tiff_directories(content: bytes) -> Iterator[dict[int, tuple[int, ...]]]:
         (at,) = struct.unpack_from("<I", content, at + 2 + 12 * count)
 
 
-def test_an_overview_is_the_mean_of_what_it_covers(outcome) -> None:
-    with rasterio.open(raster(outcome, "height")) as file:
-        height = file.read(1).astype(np.float64)
-        assert file.overviews(1) == [2]
-    with rasterio.open(raster(outcome, "height"), overview_level=0) as coarse:
-        shown = coarse.read(1)
-    assert shown.shape == (256, 256)
-    # Exactly 513/256 pixels a pixel: the mean with the shares of those that are cut.
-    edges = np.linspace(0.0, 513.0, 257)
-    share = np.clip(
-        np.minimum(edges[1:, None], np.arange(1, 514)) - np.maximum(edges[:-1, None], np.arange(513)), 0, 1
-    )
-    share /= share.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(shown, share @ height @ share.T, atol=1e-3)
-
-
 def test_normals_and_weights_have_named_bands(outcome, terrain) -> None:
     with rasterio.open(raster(outcome, "normal")) as file:
         assert file.descriptions == ("east", "north", "up")
@@ -148,7 +144,7 @@ def test_normals_and_weights_have_named_bands(outcome, terrain) -> None:
         assert np.all(file.read().sum(axis=0, dtype=int) == 255)
 
 
-def test_the_river_runs_down_from_north_to_south_in_the_west(outcome, terrain) -> None:
+def test_rivers_and_lakes_lie_where_they_were_painted(outcome, terrain) -> None:
     meta, (line,), fields = layer(outcome, "rivers")
     assert meta["geometry_type"] == "LineString Z"
     assert rasterio.crs.CRS.from_user_input(meta["crs"]).to_epsg() == 25832
@@ -167,8 +163,6 @@ def test_the_river_runs_down_from_north_to_south_in_the_west(outcome, terrain) -
     np.testing.assert_array_equal(along["width"], river.centreline_width)
     assert along["distance"][-1] == pytest.approx(line.length)
 
-
-def test_the_lake_lies_where_it_was_painted_at_its_level(outcome, terrain) -> None:
     _, (area,), fields = layer(outcome, "lakes")
     (lake,) = terrain.features.lakes
     assert fields["level"].tolist() == [lake.level]

@@ -311,8 +311,7 @@ def full(workspace, document, link, placed, qtbot):
 
 
 def mountain(placed: Placed) -> np.void:
-    points = placed.points
-    tall = points[(points["type"] == 0) & points["painted"]]
+    tall = placed.points[(placed.points["type"] == 0) & placed.points["painted"]]
     return tall[np.argmax(tall["strength"])]
 
 

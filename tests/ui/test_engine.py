@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -55,9 +57,8 @@ def pixels(link) -> np.ndarray:
 
 def stroke(document, row, column, layer="mountain", label=1):
     draft = document.begin_draft(layer)
-    box = (row, column, row + 12, column + 12)
     draft.image[row : row + 12, column : column + 12] = label
-    draft.touch(box)
+    draft.touch((row, column, row + 12, column + 12))
     return draft
 
 
@@ -105,21 +106,15 @@ def running(qapp):
 @pytest.mark.slow
 def test_strokes_are_placed_drawn_picked_and_undone(running, qapp) -> None:
     document, link, listener = running
-    assert link.facts.device
-    assert link.facts.platform
-    assert link.facts.renderer
+    assert all((link.facts.device, link.facts.platform, link.facts.renderer))
     assert link.facts.sharing in ("extension", "mapped", "copy")
-    assert not link.facts.no_device
-    assert not link.facts.no_picture
-
+    assert not link.facts.no_device + link.facts.no_picture
     assert (link.picture.width(), link.picture.height()) == (160, 100)
     assert pixels(link).std() > 5.0  # not one colour
     assert link.relief.step == 1
     assert link.relief.height.shape == link.relief.shade.shape == (SIDE, SIDE)
     assert link.relief.height[22:38, 22:38].max() > link.relief.height[60:].max()
-    assert link.frame.tiles > 0
-    assert link.frame.triangles > 0
-    assert link.frame.memory > 1 << 20
+    assert min(link.frame.tiles, link.frame.triangles, link.frame.memory >> 20) > 0
 
     look(qapp, link, elevation=0.15)
     image = pixels(link)
@@ -232,7 +227,7 @@ def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp) -> None:
 
 @pytest.mark.slow
 def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn(running, qapp) -> None:
-    _, link, _ = running
+    document, link, listener = running
     link.show(replace(VIEW, width=200, height=140))
     wait(qapp, lambda: link.picture.width() == 200 and link.frame.settled)
     plain = pixels(link)
@@ -243,7 +238,6 @@ def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn
     link.show(VIEW)
     wait(qapp, lambda: link.frame.settled)
 
-    document, link, listener = running
     link.show(replace(VIEW, width=0, height=0))
     time.sleep(0.5)
     qapp.processEvents()
@@ -269,11 +263,9 @@ def test_hour_and_look_change_the_picture_and_no_heights(running, qapp) -> None:
     document.undo()
     wait(qapp, lambda: link.frame.version == newest(link) and not link._timer.isActive())
 
-    document, link, _ = running
     look(qapp, link)
     before, heights = pixels(link), link.relief.height
-    sketch = document.sketch
-    document.do("Set look", sketch.replace(look={"grass": {"colour": "#c04040"}}))
+    document.do("Set look", document.sketch.replace(look={"grass": {"colour": "#c04040"}}))
     version = newest(link)
     wait(qapp, lambda: link.frame.version > version and link.frame.settled)
     assert np.abs(pixels(link).astype(int) - before).mean() > 0.5
@@ -371,9 +363,6 @@ def test_stop_is_quick_and_leaves_nothing(qapp):
 
 @pytest.mark.slow
 def test_processes_end_with_the_window_even_if_it_is_killed(tmp_path):
-    import subprocess
-    import sys
-
     code = (
         "import sys, time\n"
         "from sketchterrain.ui.engine.link import Children\n"

@@ -1,10 +1,11 @@
-"""The engine on a thread of the test: what is missing or fails is said, and all else goes on."""
+"""The engine on a thread of the test, and the link to it: what is missing or fails is said."""
 
 from __future__ import annotations
 
 import socket
 import threading
-from typing import ClassVar
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -19,12 +20,14 @@ from sketchterrain.ui.engine.background import JobQueue
 from sketchterrain.ui.engine.channel import Channel, pickled
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.link import EngineLink, PictureSource
 from sketchterrain.ui.engine.protocol import (
     Adherence,
     Coming,
     EngineFacts,
     Followed,
+    FrameTaken,
+    FrameThere,
     LayerPatch,
     MeasureAdherence,
     Pick,
@@ -39,10 +42,58 @@ from sketchterrain.ui.engine.protocol import (
     TakePicture,
     Trouble,
     Turn,
+    ViewState,
     Working,
 )
 from sketchterrain.ui.engine.sketch_updates import settings_of
 from sketchterrain.ui.engine.terrain_session import TerrainSession
+
+
+class Source(PictureSource):
+    """Remembers its requests."""
+
+    def __init__(self) -> None:
+        super().__init__(ViewState())
+        self.told: list[Any] = []
+
+    def tell(self, message: Any) -> None:
+        self.told.append(message)
+
+
+def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
+    memory, source, shown = FrameMemory(), Source(), []
+    source.frame_shown.connect(shown.append)
+    colours = np.random.default_rng(3)
+    try:
+        for place, (width, height) in enumerate([(33, 20), (64, 48)]):
+            rgbx = colours.integers(0, 256, (height, width, 4), dtype=np.uint8)
+            start, capacity = memory.place(place, rgbx.nbytes)
+            with memory.view(start, rgbx.nbytes, capacity) as pixels:
+                pixels[:] = rgbx.tobytes()
+            facts = SimpleNamespace(width=width, height=height)
+            source._children = SimpleNamespace(frames=memory)
+            source._take(0, "engine", FrameThere(facts, start, capacity))
+            with memory.view(start, rgbx.nbytes, capacity) as pixels:
+                pixels[:] = bytes(rgbx.nbytes)  # the next frame: the picture is a copy
+            picture = source.picture
+            assert (picture.width(), picture.height()) == (width, height)
+            bgrx = np.frombuffer(picture.constBits().asarray(picture.sizeInBytes()), np.uint8)
+            bgrx = bgrx.reshape(height, picture.bytesPerLine())[:, : 4 * width].reshape(height, width, 4)
+            np.testing.assert_array_equal(bgrx[..., 2::-1], rgbx[..., :3])
+            assert shown[-1] is source.frame is facts
+        assert source.told == [FrameTaken(), FrameTaken()]
+    finally:
+        memory.close()
+
+
+def test_requests_are_numbered_and_repeated_states_are_not_sent(qapp):
+    source = Source()
+    assert [source.pick(1.0, 2.0), source.pick(3.0, 4.0)] == [1, 2]
+    assert source.told == [Pick(1, 1.0, 2.0), Pick(2, 3.0, 4.0)]
+    source.show(ViewState())
+    source.show(ViewState(width=64, height=48))
+    source.show(ViewState(width=64, height=48))
+    assert source.told[2:] == [ViewState(width=64, height=48)]
 
 
 class Around:
@@ -86,6 +137,13 @@ class Around:
         assert not self.thread.is_alive()
         for channel in (self.window, self.placer, *self.its):
             channel.close()
+
+
+def failing(error):
+    def fail(*_, **__):
+        raise error
+
+    return fail
 
 
 def blob(column):
@@ -180,10 +238,7 @@ def test_a_device_that_fails_is_left_for_another_one(around, monkeypatch):
     first, _ = around.answer(Relief)
     failed = around.session.device
 
-    def broken(*_, **__):
-        raise DeviceFailedError("the device fell over")
-
-    monkeypatch.setattr(around.session.terrain, "heights", broken)
+    monkeypatch.setattr(around.session.terrain, "heights", failing(DeviceFailedError("the device fell over")))
     around.window.send(Pick(1, 0.5, 0.6))
     trouble, _ = around.answer(Trouble)
     assert "fell over" in trouble.line
@@ -199,11 +254,8 @@ def test_a_defect_is_a_message(around, monkeypatch, capsys):
     around.plan(blob(20))
     around.answer(Followed)
 
-    def broken(_):
-        raise ZeroDivisionError("oops")
-
     with monkeypatch.context() as patched:
-        patched.setattr(around.session, "take", broken)
+        patched.setattr(around.session, "take", failing(ZeroDivisionError("oops")))
         around.plan(blob(10))
         trouble, _ = around.answer(Trouble)
     assert "oops" in trouble.line
@@ -281,14 +333,8 @@ def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, monk
     monkeypatch.setattr(FakeChildren, "made", [])
     link = EngineLink(document)
     told = []
-    for name in (
-        "placed_changed",
-        "relief_changed",
-        "adherence_changed",
-        "picture_written",
-        "picked",
-        "facts_changed",
-    ):
+    names = "placed_changed relief_changed adherence_changed picture_written picked facts_changed"
+    for name in names.split():
         getattr(link, name).connect(lambda what, name=name: told.append((name, what)))
     link.start()
     engine, placer = FakeChildren.made[-1].its
@@ -302,13 +348,8 @@ def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, monk
     placer.send(placed)
     placer.send(StillPlaced(7))
     qtbot.waitUntil(lambda: link.placed is not None and link.placed.version == 7)
-    for message in (
-        relief,
-        StillRelief(8),
-        Picked(3, None),
-        EngineFacts(device="a"),
-        PictureWritten("b.png"),
-    ):
+    facts = EngineFacts(device="a")
+    for message in (relief, StillRelief(8), Picked(3, None), facts, PictureWritten("b.png")):
         engine.send(message)
     qtbot.waitUntil(lambda: told[-1] == ("picture_written", "b.png"))
     assert [name for name, _ in told] == [

@@ -137,7 +137,7 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link) 
     assert link.told[-1] == GoTo(10.0, 20.0)
     mouse(view, DOUBLE, 320, 10)
     mouse(view, RELEASE, 320, 10)
-    link.picked.emit(Picked(link.told[-1].token, None))
+    answer(link, None)
     assert isinstance(link.told[-1], Pick), "there is no way into the sky"
 
 
@@ -149,7 +149,7 @@ def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(
     link.picked.emit(Picked(link.told[-1].token, (float(point["x"]), float(point["y"]), 0.0)))
     assert workspace.chosen == Chosen("feature", int(point["id"]))
     click(view, 5, 5)
-    link.picked.emit(Picked(link.told[-1].token, None))
+    answer(link, None)
     assert workspace.chosen is None
 
     points = placed.points[placed.points["painted"]][:2]
@@ -164,6 +164,11 @@ def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(
 
 def grips(view):
     return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).grips}
+
+
+def answer(link, place) -> None:
+    """Let the engine answer the newest pick."""
+    link.picked.emit(Picked(link.told[-1].token, place))
 
 
 @pytest.fixture
@@ -264,7 +269,7 @@ def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspa
         assert document.sketch.edits[-1].action == action
     assert workspace.chosen is None
     click(view, 320, 10, RIGHT)
-    link.picked.emit(Picked(link.told[-1].token, None))
+    answer(link, None)
     assert not [each for each in view.findChildren(DoingMenu) if each.isVisible()]
 
 
@@ -287,12 +292,9 @@ def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link)
     key(view, Qt.Key.Key_W, up=True)
     key(view, Qt.Key.Key_D, up=True)
     key(view, Qt.Key.Key_Shift, up=True)
+    both = Fly(forward=1.0, right=1.0)
     assert motions(link) == [
-        Fly(forward=1.0),
-        Fly(forward=1.0, right=1.0),
-        Fly(forward=1.0, right=1.0, boost=4.0),
-        Fly(right=1.0, boost=4.0),
-        Fly(),
+        *(Fly(forward=1.0), both, replace(both, boost=4.0), Fly(right=1.0, boost=4.0), Fly())
     ]
     link.told.clear()
     key(view, Qt.Key.Key_Up)
@@ -408,23 +410,20 @@ def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, docum
 
 
 def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link) -> None:
-    link.facts = EngineFacts(device="cpu", no_picture="no OpenGL 4.3: install mesa's drivers")
-    link.facts_changed.emit(link.facts)
-    assert "install mesa" in texts(bare)
+    def say(**facts: str) -> str:
+        link.facts = EngineFacts(**facts)
+        link.facts_changed.emit(link.facts)
+        return texts(bare)
+
+    assert "install mesa" in say(device="cpu", no_picture="no OpenGL 4.3: install mesa's drivers")
     assert bare.findChildren(Bar)[0].isHidden()
     button = bare.findChildren(Card)[0].findChildren(QPushButton)[0]
     assert not button.isHidden()
     button.click()
     assert link.running
 
-    link.facts = EngineFacts(no_device="no OpenCL device: install pocl")
-    link.facts_changed.emit(link.facts)
-    assert "install pocl" in texts(bare)
-
-    link.facts = EngineFacts(
-        no_picture="a rather long reason that needs some lines in such a small view " * 2
-    )
-    link.facts_changed.emit(link.facts)
+    assert "install pocl" in say(no_device="no OpenCL device: install pocl")
+    say(no_picture="a rather long reason that needs some lines in such a small view " * 2)
     for size in ((160, 120), (300, 200), (900, 700)):
         bare.resize(*size)
         card = bare.findChildren(Card)[0].geometry()

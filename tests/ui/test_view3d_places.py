@@ -156,32 +156,19 @@ def test_a_rivers_grips_keep_apart(placed) -> None:
     assert 3 < len(points) < len(river.points)
     apart = np.hypot(*np.diff([(each.x, each.y) for each in points], axis=0).T)
     assert apart.min() >= 13.0
-    hidden = next(
-        i for i in range(len(river.points)) if i not in [each.handle.chosen.index for each in points]
-    )
+    shown = {each.handle.chosen.index for each in points}
+    hidden = min(set(range(len(river.points))) - shown)
     taken = marks_of(projection, ground, placed, Chosen("river", river.id, hidden), all_features=False)
     assert hidden in [each.handle.chosen.index for each in taken.grips], "the one that is selected is there"
 
 
-def test_texts_lengths_and_headings_are_worded() -> None:
-    assert [round_length(each) for each in (0.7, 1.0, 3.9, 49.0, 120.0, 5000.0)] == [
-        0.5,
-        1.0,
-        2.0,
-        20.0,
-        100.0,
-        5000.0,
-    ]
-    assert [length_text(each) for each in (0.5, 27.3, 999.6, 2449.0, 123456.0)] == [
-        "0.5 m",
-        "27 m",
-        "1.0 km",
-        "2.4 km",
-        "123 km",
-    ]
-    assert standing_text(Pose((100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat(height=30.0)).endswith(
-        "120 m over the ground"
-    )
+def test_lengths_are_round_and_worded() -> None:
+    for metres, rounded in ((0.7, 0.5), (1.0, 1.0), (3.9, 2.0), (49.0, 20.0), (120.0, 100.0), (5e3, 5e3)):
+        assert round_length(metres) == rounded
+    words = {0.5: "0.5 m", 27.3: "27 m", 999.6: "1.0 km", 2449.0: "2.4 km", 123456.0: "123 km"}
+    assert [length_text(metres) for metres in words] == list(words.values())
+    over = standing_text(Pose((100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat(height=30.0))
+    assert over.endswith("120 m over the ground")
     assert standing_text(Pose((-100.0, 100.0, 150.0), (0.0, 0.0, 0.0)), flat()) == "eye at 150 m"
     projection = projection_of()
     length, wide = scale_bar(projection, Pose(EYE, TARGET), most=110.0)
@@ -198,10 +185,8 @@ def test_an_overview_shows_every_corner_and_wastes_no_room() -> None:
             pose = overview((0.0, 0.0, *size), 120.0, aspect=aspect)
             camera = Camera(pose.eye, pose.target, fov=pose.fov, near=1.0, far=1e6)
             corners = [(x, y, 120.0) for x in (0.0, size[0]) for y in (0.0, size[1])]
-            clip = (
-                np.subtract(corners, pose.eye) @ camera.to_clip(aspect)[:, :3].T
-                + camera.to_clip(aspect)[:, 3]
-            )
+            to_clip = camera.to_clip(aspect)
+            clip = np.subtract(corners, pose.eye) @ to_clip[:, :3].T + to_clip[:, 3]
             seen = np.abs(clip[:, :2] / clip[:, 3:])
             assert (clip[:, 3] > 0).all(), (aspect, size)
             assert seen.max() == pytest.approx(0.94), (aspect, size)

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from PyQt6.QtCore import QMimeData, QPointF, Qt, QUrl
-from PyQt6.QtGui import QDropEvent, QKeySequence
+from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
 from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
+from sketchterrain.ui.action_list import TOOL_KEYS
 from sketchterrain.ui.banner import Message
-from sketchterrain.ui.engine.protocol import MeasureAdherence, Trouble
+from sketchterrain.ui.engine.protocol import MeasureAdherence, TakePicture, Trouble
 from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Chosen
@@ -28,10 +29,6 @@ if TYPE_CHECKING:
 BUTTON = QMessageBox.StandardButton
 
 
-def actions(window) -> list:
-    return list(window.actions_by_name)
-
-
 def do(window, name: str) -> None:
     window.actions_by_name[name].trigger()
 
@@ -39,9 +36,8 @@ def do(window, name: str) -> None:
 def paint(document, label: int = 1) -> None:
     image = document.sketch.layers["mountain"].copy()
     image[:40, :40] = label
-    document.do(
-        "Paint mountains", document.sketch.replace(layers={**document.sketch.layers, "mountain": image})
-    )
+    layers = {**document.sketch.layers, "mountain": image}
+    document.do("Paint mountains", document.sketch.replace(layers=layers))
 
 
 def answer(monkeypatch, button) -> list[str]:
@@ -56,12 +52,12 @@ def answer(monkeypatch, button) -> list[str]:
 
 
 def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window) -> None:
-    for action in actions(window):
+    for action in window.actions_by_name:
         assert action.text(), action.objectName()
         assert action.statusTip(), action.objectName()
         assert action.toolTip().startswith("<p>")
 
-    keys = [key.toString() for action in actions(window) for key in action.shortcuts()]
+    keys = [key.toString() for action in window.actions_by_name for key in action.shortcuts()]
     assert sorted(keys) == sorted(set(keys))
     assert all(QKeySequence(key).toString() for key in keys)
 
@@ -71,7 +67,7 @@ def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window) -> 
 
     bar = window.menuBar()
     there = set().union(*(inside(action.menu()) for action in bar.actions()))
-    assert {action.objectName() for action in actions(window)} - there == {"leave"}
+    assert {action.objectName() for action in window.actions_by_name} - there == {"leave"}
     assert [action.text() for action in bar.actions()] == list(MENUS)
 
     for bar_action in window.menuBar().actions():
@@ -124,7 +120,7 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
     assert workspace.chosen is None
 
     document.saved(document.sketch, tmp_path / "a.sketch")
-    for action in actions(window):
+    for action in window.actions_by_name:
         if action.objectName() not in UNTRIGGERED and action.isEnabled():
             closer = DialogCloser()
             action.trigger()
@@ -136,14 +132,7 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
 
 def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, workspace, qtbot, link) -> None:
     window.activateWindow()
-    for key, tool in {
-        "E": "eraser",
-        "L": "line",
-        "F": "fill",
-        "V": "select",
-        "H": "pan",
-        "B": "brush",
-    }.items():
+    for tool, key in TOOL_KEYS.items():
         do(window, f"tool-{tool}")
         assert workspace.tool == tool
         assert window.actions_by_name[f"tool-{tool}"].shortcut().toString() == key
@@ -250,55 +239,50 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
 def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
     window, link, tmp_path, monkeypatch, qtbot
 ) -> None:
-    from PyQt6.QtGui import QImage
-
     from sketchterrain.ui.dialogs.picture import PictureDialog
-    from sketchterrain.ui.engine.protocol import TakePicture
 
-    path = tmp_path / "best.png"
-    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
     monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
-    do(window, "save-picture")
-    assert TakePicture(str(path), 1280, 720) in link.told
+
+    def save_as(path) -> None:
+        monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
+        do(window, "save-picture")
+
+    save_as(tmp_path / "best.png")
+    assert TakePicture(str(tmp_path / "best.png"), 1280, 720) in link.told
     window.banner.dismiss()
 
     link.picture = QImage(40, 30, QImage.Format.Format_RGB32)
     link.picture.fill(0xFF336699)
-    path = tmp_path / "seen.png"
-    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path.with_suffix("")), ""))
-    monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
-    do(window, "save-picture")
+    save_as(tmp_path / "seen")
     qtbot.waitUntil(lambda: window.banner.message is not None)
     assert window.banner.message.kind == "good"
-    assert QImage(str(path)).size() == link.picture.size()
-    folder = tmp_path / "nowhere" / "seen.png"
-    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(folder), ""))
-    do(window, "save-picture")
+    assert QImage(str(tmp_path / "seen.png")).size() == link.picture.size()
+    save_as(tmp_path / "nowhere" / "seen.png")
     qtbot.waitUntil(lambda: window.banner.message.kind == "error")
     assert "cannot be written" in window.banner.message.line
 
 
-@pytest.mark.parametrize(
-    ("button", "leaves", "saves"),
-    [(BUTTON.Cancel, False, False), (BUTTON.Discard, True, False), (BUTTON.Save, True, True)],
-)
-def test_changes_are_not_lost_by_closing(
-    window, document, tmp_path, monkeypatch, button, leaves: bool, saves: bool
+def test_changes_are_not_lost_by_closing_and_without_any_nothing_is_asked(
+    window, document, tmp_path, monkeypatch
 ) -> None:
     path = tmp_path / "a.sketch"
-    save_sketch(document.sketch, path)
-    document.saved(document.sketch, path)
-    paint(document)
-    asked = answer(monkeypatch, button)
-    assert window.close() is leaves
-    assert len(asked) == 1
-    assert bool(load_sketch(path).layers["mountain"][:40, :40].all()) is saves
-
-
-def test_closing_asks_nothing_when_all_is_saved(window, monkeypatch) -> None:
-    asked = answer(monkeypatch, BUTTON.Cancel)
+    for button, leaves, saves in (
+        (BUTTON.Cancel, False, False),
+        (BUTTON.Discard, True, False),
+        (BUTTON.Save, True, True),
+    ):
+        window.show()
+        document.open(Sketch())
+        save_sketch(document.sketch, path)
+        document.saved(document.sketch, path)
+        paint(document)
+        asked = answer(monkeypatch, button)
+        assert window.close() is leaves, button
+        assert len(asked) == 1
+        assert bool(load_sketch(path).layers["mountain"][:40, :40].all()) is saves, button
+    window.show()
     assert window.close()
-    assert not asked
+    assert len(asked) == 1
 
 
 def drop(window, *paths: Path) -> None:

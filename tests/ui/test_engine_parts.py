@@ -1,0 +1,367 @@
+"""Parts of the engine's processes: channels, shared frames, updates of the sketch, the relief."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.ui.engine.channel import Channel, pickled, ready, unpickled
+from sketchterrain.ui.engine.frames import FrameMemory
+from sketchterrain.ui.engine.protocol import LayerPatch, Turn
+from sketchterrain.ui.engine.relief import LARGEST, ReliefMaker, hill_shade
+from sketchterrain.ui.engine.sketch_updates import SketchMirror, UpdateMaker, settings_of
+from sketchterrain.ui.models.document import Document
+
+
+@pytest.fixture
+def ends():
+    pair = [Channel(end) for end in socket.socketpair()]
+    yield pair
+    for each in pair:
+        each.close()
+
+
+def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends) -> None:
+    one, other = ends
+    one.send(Turn(1.0, 2.0))
+    one.send(LayerPatch(3, 4, np.arange(12, dtype=np.uint8).reshape(3, 4)))
+    assert other.receive() == Turn(1.0, 2.0)
+    patch = other.receive()
+    assert (patch.row, patch.column) == (3, 4)
+    assert np.array_equal(patch.pixels, np.arange(12).reshape(3, 4))
+
+    whole = np.arange(100, dtype=np.float32).reshape(10, 10)
+    one.send({"settings": MappingProxyType({"a": 1.0}), "part": whole[2:5, ::3]})
+    got = other.receive()
+    assert got["settings"]["a"] == 1.0
+    with pytest.raises(TypeError):
+        got["settings"]["a"] = 2.0
+    assert np.array_equal(got["part"], whole[2:5, ::3])
+
+
+def test_has_message_waits_no_longer_than_asked(ends):
+    one, other = ends
+    start = time.monotonic()
+    assert not other.has_message()
+    assert not other.has_message(0.05)
+    assert 0.04 < time.monotonic() - start < 5.0
+    one.send("there")
+    assert other.has_message()
+    assert ready([one, other], 0.0) == [other]
+
+
+def test_an_end_that_is_gone_is_told(ends):
+    one, other = ends
+    one.send("last words")
+    one.close()
+    assert other.receive() == "last words"
+    assert other.has_message(None)
+    with pytest.raises(EOFError):
+        other.receive()
+
+
+def test_an_impatient_channel_never_waits_and_still_sends_all_in_order():
+    mine, its = socket.socketpair()
+    channel, other = Channel(mine, patient=False), Channel(its)
+    large = np.random.default_rng(1).integers(0, 255, 20_000_000, dtype=np.uint8)
+    start = time.monotonic()
+    for number in range(3):
+        channel.send((number, large))  # nobody reads yet
+    assert time.monotonic() - start < 1.0
+    for number in range(3):
+        got, data = other.receive()
+        assert got == number
+        assert np.array_equal(data, large)
+    channel.close()
+    other.close()
+
+
+def test_closing_ends_a_thread_that_reads_and_one_that_writes():
+    mine, its = socket.socketpair()
+    channel, other = Channel(mine, patient=False), Channel(its)
+    ended = []
+
+    def read():
+        try:
+            channel.receive()
+        except EOFError:
+            ended.append(True)
+
+    thread = threading.Thread(target=read)
+    thread.start()
+    channel.send(np.zeros(50_000_000, np.uint8))  # more than fits; it is never read
+    start = time.monotonic()
+    channel.close(timeout=0.05)
+    thread.join(2.0)
+    assert ended == [True]
+    assert time.monotonic() - start < 1.0
+    other.close()
+
+
+def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
+    part = np.zeros(100_000)
+    data = pickled({"part": part, "more": [part, 1, None]}, but=part)
+    assert len(data) < 1000
+    mine = np.ones(3)
+    got = unpickled(data, but=mine)
+    assert got["part"] is mine
+    assert got["more"][0] is mine
+    assert got["more"][1:] == [1, None]
+
+
+def test_frames_are_shared_grow_and_do_not_overlap() -> None:
+    import os
+
+    memory = FrameMemory()
+    other = FrameMemory(os.dup(memory.number))
+    for index, size in ((0, 1000), (1, 1000), (1, 5_000_000), (0, 5_000_000)):
+        start, capacity = memory.place(index, size)
+        with memory.view(start, size, capacity) as view:
+            np.frombuffer(view, np.uint8)[:] = index + 1
+        with other.view(start, size, capacity) as view:
+            assert bytes(view) == bytes([index + 1]) * size
+    memory.close()
+    other.close()
+
+    memory = FrameMemory()
+    size = 3_333_333
+    first, second = memory.place(0, size)[0], memory.place(1, size)[0]
+    assert second >= first + size
+    assert memory.place(1, size)[1] >= second + size
+    memory.close()
+
+
+@pytest.fixture
+def small_document(qapp):
+    return Document(Sketch(layers={"hill": np.zeros((40, 60), np.uint8)}))
+
+
+@pytest.fixture
+def maker(small_document):
+    made = UpdateMaker(small_document)
+    made.start(lambda: None)
+    yield made
+    made.stop()
+
+
+def same(sketch: Sketch, small_document: Document) -> bool:
+    layers = all(np.array_equal(sketch.layers[name], small_document.layer(name)) for name in LAYERS)
+    return layers and settings_of(sketch) == settings_of(small_document.sketch)
+
+
+def paint(small_document, layer, rng, *, commit=True):
+    draft = small_document.begin_draft(layer)
+    top, left = int(rng.integers(0, 30)), int(rng.integers(0, 50))
+    bottom, right = top + int(rng.integers(1, 10)), left + int(rng.integers(1, 10))
+    draft.image[top:bottom, left:right] = rng.integers(0, 4)
+    draft.touch((top, left, bottom, right))
+    if commit:
+        draft.commit("Paint")
+
+
+def test_the_first_update_holds_everything_and_a_stroke_its_box_only(small_document, maker) -> None:
+    update, fresh = maker.next()
+    assert fresh
+    assert set(update.layers) == set(LAYERS)
+    assert update.shape == (40, 60)
+
+    maker.next()
+    draft = small_document.begin_draft("mountain")
+    draft.image[10:12, 20:25] = 1
+    draft.touch((10, 20, 12, 25))
+    update, fresh = maker.next()
+    assert not fresh
+    assert list(update.layers) == ["mountain"]
+    assert update.layers["mountain"].pixels.shape == (2, 5)
+    draft.image[10:12, 20:25] = 2  # the stroke goes on: what was sent stays
+    assert (update.layers["mountain"].pixels == 1).all()
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
+def test_a_mirror_follows_strokes_undo_settings_and_other_documents(small_document, maker, seed):
+    rng = np.random.default_rng(seed)
+    mirror = SketchMirror()
+    mirror.apply(maker.next()[0])
+    for turn in range(60):
+        choice = int(rng.integers(0, 7))
+        if choice <= 2:
+            paint(small_document, str(rng.choice(list(LAYERS))), rng, commit=choice > 0)
+        elif choice == 3:
+            small_document.undo()
+        elif choice == 4:
+            small_document.redo()
+        elif choice == 5:
+            small_document.do("Set seed", small_document.sketch.replace(seed=int(rng.integers(0, 99))))
+        elif turn % 3 == 0:
+            side = int(rng.integers(30, 70))
+            small_document.open(Sketch(layers={"hill": np.ones((side, 60), np.uint8)}))
+        if rng.random() < 0.5:
+            mirror.apply(maker.next()[0])
+    mirror.apply(maker.next()[0])
+    assert same(mirror.sketch(), small_document)
+
+
+def test_a_mirror_of_a_mirror_follows_too(small_document, maker):
+    rng = np.random.default_rng(9)
+    first, second = SketchMirror(), SketchMirror()
+    for _ in range(20):
+        paint(small_document, str(rng.choice(list(LAYERS))), rng)
+        first.apply(maker.next()[0])
+        if rng.random() < 0.4:
+            second.apply(first.changes())
+    second.apply(first.changes())
+    assert same(second.sketch(), small_document)
+    assert second.version == first.version
+
+
+def test_what_stays_as_it_was_stays_the_same_array(small_document, maker):
+    mirror = SketchMirror()
+    mirror.apply(maker.next()[0])
+    before = mirror.sketch()
+    draft = small_document.begin_draft("mountain")
+    draft.image[3:5, 3:5] = 1
+    draft.touch((3, 3, 5, 5))
+    mirror.apply(maker.next()[0])
+    stroke = mirror.sketch()
+    assert stroke.layers["hill"] is before.layers["hill"]
+    assert stroke.layers["mountain"] is not before.layers["mountain"]
+    draft.commit("Paint mountains")
+    update, _ = maker.next()
+    mirror.apply(update)
+    assert mirror.sketch().layers["mountain"] is stroke.layers["mountain"]
+
+
+def test_nothing_is_told_after_stop(small_document):
+    told = []
+    maker = UpdateMaker(small_document)
+    maker.start(lambda: told.append(1))
+    paint(small_document, "hill", np.random.default_rng(0))
+    assert told
+    maker.stop()
+    told.clear()
+    paint(small_document, "hill", np.random.default_rng(5))
+    assert told == []
+
+
+EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
+
+
+class Bumpy:
+    """A plane with a bump, that counts what it is asked."""
+
+    def __init__(self, shape=(60, 90), bump=0.0):
+        self.sketch = Sketch(extent=900.0, layers={"hill": np.zeros(shape, np.uint8)})
+        self.bump = bump
+        self.asked = 0
+
+    def heights(self, x, y, *, cell_size=0.0):
+        x, y = np.broadcast_arrays(x, y)
+        self.asked += x.size
+        inside = (np.abs(x - 300.0) < 50.0) & (np.abs(y - 200.0) < 50.0)
+        return (0.1 * x + 0.2 * y + self.bump * inside).astype(np.float32)
+
+
+BUMP = (250.0, 150.0, 350.0, 250.0)
+
+
+def finish(maker):
+    while maker.busy:
+        made = maker.work(0.001)
+    return made
+
+
+def expected(ground):
+    rows, columns = ground.sketch.height_px, ground.sketch.width_px
+    size = ground.sketch.pixel_size
+    x = (np.arange(columns) + 0.5) * size
+    y = (rows - np.arange(rows) - 0.5) * size
+    return ground.heights(x[None], y[:, None])
+
+
+def test_heights_stand_at_pixel_centres_and_another_size_restarts() -> None:
+    maker, ground = ReliefMaker(), Bumpy()
+    maker.follow(ground, 3, [EVERYWHERE])
+    made = finish(maker)
+    assert (made.version, made.step) == (3, 1)
+    assert np.array_equal(made.height, expected(ground))
+    assert made.shade.shape == made.height.shape
+    assert not maker.busy
+
+    maker = ReliefMaker()
+    maker.follow(Bumpy(), 1, [EVERYWHERE])
+    maker.work(0.0)
+    other = Bumpy(shape=(30, 40))
+    maker.follow(other, 2, [EVERYWHERE])
+    made = finish(maker)
+    assert np.array_equal(made.height, expected(other))
+
+
+def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
+    maker, ground = ReliefMaker(), Bumpy()
+    maker.follow(ground, 3, [EVERYWHERE])
+    maker.work(0.0)
+    asked = ground.asked
+    maker.follow(ground, 4, [])
+    assert finish(maker).version == 4
+    assert ground.asked < asked + ground.sketch.width_px * ground.sketch.height_px
+    maker.follow(ground, 5, [])
+    assert not maker.busy
+
+
+def test_only_what_changed_is_asked_again_and_the_shading_is_that_of_the_whole():
+    maker = ReliefMaker()
+    maker.follow(Bumpy(), 1, [EVERYWHERE])
+    first = finish(maker)
+    bumped = Bumpy(bump=40.0)
+    maker.follow(bumped, 2, [BUMP])
+    second = finish(maker)
+    assert bumped.asked < 0.2 * first.height.size
+    assert np.array_equal(second.height, expected(Bumpy(bump=40.0)))
+    assert np.array_equal(second.shade, hill_shade(second.height, 10.0))
+    assert np.array_equal(first.height, expected(Bumpy()))  # what was handed out stays
+
+
+def test_each_relief_is_of_one_version_even_if_others_come_meanwhile():
+    maker = ReliefMaker()
+    grounds = [Bumpy(bump=10.0 * number) for number in range(6)]
+    maker.follow(grounds[0], 0, [EVERYWHERE])
+    made = []
+    for number in range(1, 6):
+        made.append(maker.work(0.0))
+        maker.follow(grounds[number], number, [BUMP])
+    while maker.busy:
+        made.append(maker.work(0.0))
+    made = [each for each in made if each is not None]
+    assert [each.version for each in made] == sorted(each.version for each in made)
+    assert made[-1].version == 5
+    for each in made:
+        assert np.array_equal(each.height, expected(grounds[each.version]))
+
+
+def test_large_sketches_are_sampled_less_often_and_one_row_is_a_relief() -> None:
+    for shape, step in [((1024, 10), 1), ((10, 1025), 2), ((4096, 2048), 4)]:
+        maker = ReliefMaker()
+        maker.follow(Bumpy(shape=shape), 1, [EVERYWHERE])
+        made = finish(maker)
+        assert made.step == step, (shape, step)
+        assert max(made.height.shape) <= LARGEST, (shape, step)
+        assert made.height.shape == tuple(-(-side // step) for side in shape), (shape, step)
+
+    maker = ReliefMaker()
+    maker.follow(Bumpy(shape=(1, 8)), 1, [EVERYWHERE])
+    assert finish(maker).shade.shape == (1, 8)
+
+
+def test_light_comes_from_the_north_west():
+    level = np.zeros((5, 5), np.float32)
+    down, across = np.mgrid[:5, :5].astype(np.float32)
+    plain = int(hill_shade(level, 1.0)[2, 2])
+    to_light = int(hill_shade(down + across, 1.0)[2, 2])  # rises to the south-east: faces the light
+    away = int(hill_shade(-down - across, 1.0)[2, 2])
+    assert away < plain < to_light

@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
+import io
 import itertools
-from typing import TYPE_CHECKING
+from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+import shapely
 from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
 from sketchterrain.export import write_map, write_sheet
 from sketchterrain.export.map import map_sheet
-from sketchterrain.export.map_contour_lines import PENS, WIDTHS
-from sketchterrain.export.map_contours import INDEX, choose_interval, find_levels, trace
-from sketchterrain.export.map_frame import Frame, frame_of, round_number
-from sketchterrain.export.map_ground import sample_ground
-from sketchterrain.export.map_sheet import Areas, Lines, Picture, Words
-from sketchterrain.export.map_svg import svg_of
-from sketchterrain.export.map_water import BANK, FOREST, WATER
+from sketchterrain.export.map.contours import INDEX, PENS, WIDTHS, choose_interval, trace_contours
+from sketchterrain.export.map.drawing import (
+    Label,
+    LabelSpace,
+    MapSheet,
+    Polygons,
+    Polylines,
+    RasterImage,
+    sheet_png,
+    sheet_svg,
+)
+from sketchterrain.export.map.features import BANK, FOREST, WATER, prominences, rings_above
+from sketchterrain.export.map.ground import (
+    SCALES,
+    MapFrame,
+    MapGround,
+    fit_frame,
+    nearest_round,
+    sample_ground,
+    shaded_relief,
+)
 from sketchterrain.terrain.water import standing_water
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.export.map_ground import MapGround
-    from sketchterrain.export.map_sheet import Sheet
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -54,233 +64,288 @@ def terrain() -> st.Terrain:
 
 
 @pytest.fixture(scope="module")
-def frame(terrain: st.Terrain) -> Frame:
-    return frame_of(terrain.size)
+def ground(terrain: st.Terrain) -> MapGround:
+    return sample_ground(terrain, fit_frame(terrain.size))
 
 
 @pytest.fixture(scope="module")
-def ground(terrain: st.Terrain, frame: Frame) -> MapGround:
-    return sample_ground(terrain, frame)
-
-
-@pytest.fixture(scope="module")
-def sheet(terrain: st.Terrain) -> Sheet:
+def sheet(terrain: st.Terrain) -> MapSheet:
     return map_sheet(terrain)
 
 
-def layer(sheet: Sheet, name: str) -> list[object]:
-    return next(list(each.shapes) for each in sheet.layers if each.name == name)
+def labels(sheet: MapSheet, *layers: str) -> list[Label]:
+    chosen = layers or tuple(sheet.layers)
+    return [shape for name in chosen for shape in sheet.layers[name] if isinstance(shape, Label)]
 
 
-def words(sheet: Sheet) -> list[str]:
-    return [shape.text for each in sheet.layers for shape in each.shapes if isinstance(shape, Words)]
+def paths(sheet: MapSheet, layer: str, kind: type[Polylines | Polygons]) -> list[Polylines]:
+    return [shape for shape in sheet.layers[layer] if isinstance(shape, kind)]
 
 
-def metres(frame: Frame, path: np.ndarray) -> np.ndarray:
-    x = (path[:, 0] - frame.left) / frame.metre
-    return np.stack([x, frame.north - (path[:, 1] - frame.top) / frame.metre], axis=-1)
+def metres(frame: MapFrame, path: np.ndarray) -> np.ndarray:
+    x = (path[:, 0] - frame.left) / frame.mm_per_metre
+    return np.stack([x, frame.north - (path[:, 1] - frame.top) / frame.mm_per_metre], axis=-1)
 
 
-def around(terrain: st.Terrain, ground: MapGround, places: np.ndarray, reach: float) -> np.ndarray:
-    """Return the lowest and the highest ground (m) within a distance (m) of places."""
+def around(terrain: st.Terrain, ground: MapGround, points: np.ndarray, reach: float) -> np.ndarray:
+    """Return the lowest and the highest ground (m) within a distance (mm of the sheet) of points (m)."""
     angle = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    off = reach * np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
-    near = np.clip(places[:, None] + off, 0.0, terrain.size)
+    circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
+    near = np.clip(points[:, None] + reach / ground.frame.mm_per_metre * circle, 0.0, terrain.size)
     heights = terrain.heights(near[..., 0], near[..., 1], cell_size=ground.cell_size)
     return np.stack([heights.min(axis=1), heights.max(axis=1)])
 
 
-def test_a_frame_has_a_round_scale_and_north_up(frame: Frame) -> None:
-    for size in ((6144.0, 6144.0), (16384.0, 8192.0), (1.0, 1.0), (200.0, 1e6), (1e6, 17.0)):
-        fitted = frame_of(size)
-        *_, width, height = fitted.box
-        assert max(width, height) <= 275.0 + 1e-6
-        assert max(width, height) > 180.0
-        assert fitted.sheet_width >= 160.0
-        assert fitted.scale / 10 ** np.floor(np.log10(fitted.scale)) in (
-            1,
-            1.25,
-            1.5,
-            2,
-            2.5,
-            3,
-            4,
-            5,
-            6,
-            7.5,
-            8,
-        )
-    assert frame_of((6144.0, 6144.0)).scale == 25_000
+def level_ground(height: np.ndarray, scale: float = 5000.0) -> MapGround:
+    """Return dry grassland of some heights (m) over a square of 1000 m."""
+    height = np.asarray(height, np.float32)
+    spacing = 1000.0 / (len(height) - 1)
+    cover = np.eye(1, 8, dtype=np.float32) * np.ones((*height.shape, 1), np.float32)
+    frame = MapFrame(10.0, 20.0, 1000.0, 1000.0, scale)
+    dry = np.full(height.shape, -1.0, np.float32)
+    return MapGround(frame, (spacing, spacing), height, height, spacing, dry, cover)
 
+
+def places(side: int = 201) -> tuple[np.ndarray, np.ndarray]:
+    x = np.linspace(0.0, 1000.0, side)
+    return x[None, :], x[::-1, None]
+
+
+def test_a_frame_has_a_round_scale_and_north_up() -> None:
+    for size in ((6144.0, 6144.0), (16384.0, 8192.0), (1.0, 1.0), (200.0, 1e6), (1e6, 17.0)):
+        fitted = fit_frame(size)
+        assert 180.0 < max(fitted.box[2:]) <= 275.0 + 1e-6
+        assert 2.0 * fitted.left + fitted.box[2] >= 160.0
+        assert fitted.scale / 10 ** np.floor(np.log10(fitted.scale)) in SCALES
+    frame = fit_frame((4096.0, 3072.0))
     left, top, width, height = frame.box
     corners = frame.place([[0.0, 0.0], [4096.0, 0.0], [0.0, 3072.0]])
-    assert corners == pytest.approx(
-        np.array([[left, top + height], [left + width, top + height], [left, top]])
-    )
-    # A millimetre of paper is `scale` millimetres of ground.
-    apart = frame.place([100.0, 0.0])[0] - frame.place([0.0, 0.0])[0]
-    assert apart * frame.scale == pytest.approx(100.0 * 1000.0)
-
+    expected = [[left, top + height], [left + width, top + height], [left, top]]
+    assert corners == pytest.approx(np.array(expected))
+    assert width * frame.scale == pytest.approx(4096.0 * 1000.0)
     for number, nearest, above in [(1.0, 1, 1), (1.3, 1, 2), (3.3, 5, 5), (0.07, 0.05, 0.1)]:
-        steps = (1.0, 2.0, 5.0)
-        assert round_number(number, steps=steps) == pytest.approx(nearest), number
-        assert round_number(number, steps=steps, up=True) == pytest.approx(above), number
+        assert nearest_round(number) == pytest.approx(nearest), number
+        assert nearest_round(number, up=True) == pytest.approx(above), number
 
 
-def test_contours_run_where_the_ground_has_their_height(
-    terrain: st.Terrain, ground: MapGround, frame: Frame
-) -> None:
-    interval = choose_interval(ground, frame.scale)
-    assert interval in (5.0, 10.0, 20.0)
-    contours = trace(ground, frame, interval)
-    assert len({contour.height for contour in contours}) > 20
-    assert all(contour.index == (round(contour.height / interval) % INDEX == 0) for contour in contours)
-    places = np.concatenate([contour.places for contour in contours])
-    level = np.concatenate([np.full(len(contour.places), contour.height) for contour in contours])
+def test_contours_run_where_the_ground_has_their_height(terrain: st.Terrain, ground: MapGround) -> None:
+    interval = choose_interval(ground)
+    contours = trace_contours(ground, interval)
+    levels = np.unique([contour.height for contour in contours])
+    assert interval == 5.0
+    assert (levels % interval == 0.0).all()
+    assert ground.smooth.min() < levels[0] <= ground.smooth.min() + interval
+    assert ground.smooth.max() - 2.0 * interval <= levels[-1] < ground.smooth.max()  # small ones are left out
+    for contour in contours:
+        assert contour.index == (round(contour.height / interval) % INDEX == 0)
+        # Closed, or from border to border.
+        ends = contour.points[[0, -1]]
+        on_border = np.isclose(ends, 0.0) | np.isclose(ends, terrain.size)
+        assert (ends[0] == ends[1]).all() or on_border.any(axis=1).all()
+    points = np.concatenate([contour.points for contour in contours])
+    level = np.concatenate([np.full(len(contour.points), contour.height) for contour in contours])
     # No more than a tenth of a millimetre off on the sheet; in the median nearly not at all.
-    low, high = around(terrain, ground, places, 0.1 / frame.metre)
+    low, high = around(terrain, ground, points, 0.1)
     assert ((low <= level) & (level <= high)).all()
-    height = terrain.heights(*places.T, cell_size=ground.cell_size)
+    height = terrain.heights(*points.T, cell_size=ground.cell_size)
     assert np.median(np.abs(height - level)) < 0.01 * interval
 
-    levels = np.array(find_levels(ground, 10.0))
-    assert (levels % 10.0 == 0.0).all()
-    assert ground.even.min() < levels[0] <= ground.even.min() + 10.0
-    assert ground.even.max() - 10.0 <= levels[-1] < ground.even.max()
+    x, y = places()
+    for contour in trace_contours(level_ground(200.0 - 0.4 * np.hypot(x - 500.0, y - 500.0)), 20.0):
+        radius = np.hypot(*(contour.points - 500.0).T)
+        assert radius == pytest.approx((200.0 - contour.height) / 0.4, abs=1.0)
+    for slope, scale, expected in ((0.9, 25e3, 20.0), (0.1, 25e3, 2.0), (0.9, 100e3, 50.0), (0.0, 5e3, 0.1)):
+        # 20 m is what Alpine maps of 1 : 25 000 have.
+        assert choose_interval(level_ground(slope * x + 0.0 * y, scale)) == expected
 
 
-def test_drawn_contours_are_still_there_and_none_lies_on_a_lake(
-    terrain: st.Terrain, ground: MapGround, frame: Frame, sheet: Sheet
+def test_drawn_contours_keep_their_height_and_avoid_lakes_and_labels(
+    terrain: st.Terrain, ground: MapGround, sheet: MapSheet
 ) -> None:
-    interval = choose_interval(ground, frame.scale)
-    lines = layer(sheet, "contours")
+    interval = choose_interval(ground)
+    lines = paths(sheet, "contours", Polylines)
     assert {line.colour for line in lines} <= set(PENS.values())
     assert {line.width for line in lines} == set(WIDTHS.values())
-    paths = [metres(frame, path) for line in lines for path in line.paths]
-    places, ends = np.concatenate(paths), np.cumsum([len(path) for path in paths])[:-1]
-    height = terrain.heights(*places.T, cell_size=ground.cell_size)
-    own = [float(np.median(part)) for part in np.split(height, ends)]
-    level = np.repeat(interval * np.rint(np.array(own) / interval), [len(path) for path in paths])
-    low, high = around(terrain, ground, places, 0.15 / frame.metre)
+    drawn = [path for line in lines for path in line.paths]
+    text = shapely.union_all([label.outline(air=0.0) for label in labels(sheet, "labels") if not label.halo])
+    assert not shapely.intersects(text, shapely.MultiLineString(drawn))
+    courses = [metres(ground.frame, path) for path in drawn]
+    points, ends = np.concatenate(courses), np.cumsum([len(path) for path in courses])[:-1]
+    height = terrain.heights(*points.T, cell_size=ground.cell_size)
+    own = np.array([float(np.median(part)) for part in np.split(height, ends)])
+    level = np.repeat(interval * np.rint(own / interval), [len(path) for path in courses])
+    low, high = around(terrain, ground, points, 0.15)
     assert ((low <= level) & (level <= high)).all()
-    x, y = np.array([path[len(path) // 2] for path in paths]).T
+    x, y = np.array([path[len(path) // 2] for path in courses]).T
     assert not standing_water(terrain.recipe, "lake", x, y, terrain.heights(x, y)).any()
 
 
-def test_rivers_are_drawn_along_their_centrelines(terrain: st.Terrain, frame: Frame, sheet: Sheet) -> None:
-    drawn = [
-        path
-        for shape in layer(sheet, "rivers")
-        if isinstance(shape, Lines) and shape.colour in (BANK, WATER)
-        for path in shape.paths
-    ]
+def test_rivers_and_lakes_are_drawn_where_they_are(
+    terrain: st.Terrain, ground: MapGround, sheet: MapSheet
+) -> None:
+    rivers = [line for line in paths(sheet, "rivers", Polylines) if line.colour in (BANK, WATER)]
     along = np.linspace(0.0, 1.0, 400)[:, None]
-    pieces = [(start, end) for path in drawn for start, end in itertools.pairwise(path)]
+    pieces = [pair for line in rivers for path in line.paths for pair in itertools.pairwise(path)]
     points = np.concatenate([start + along * (end - start) for start, end in pieces])
     river = max(terrain.features.rivers, key=lambda each: len(each.centreline))
     inside = ((river.centreline[:, :2] > 0.0) & (river.centreline[:, :2] < terrain.size)).all(axis=1)
     x, y = river.centreline[inside, :2].T
     dry = ~standing_water(terrain.recipe, "lake", x, y, terrain.heights(x, y))
-    for place in frame.place(river.centreline[inside][dry])[::7]:
+    for place in ground.frame.place(river.centreline[inside][dry])[::7]:
         assert np.hypot(*(points - place).T).min() < 0.15  # mm
-    width = max(shape.width for shape in layer(sheet, "rivers") if isinstance(shape, Lines))
-    assert width == pytest.approx(30.0 * frame.metre, abs=0.6)
+    assert max(line.width for line in rivers) == pytest.approx(30.0 * ground.frame.mm_per_metre, abs=0.6)
 
-
-def test_lakes_are_drawn_where_water_stands(terrain: st.Terrain, frame: Frame, sheet: Sheet) -> None:
-    shore = next(shape for shape in layer(sheet, "lakes") if isinstance(shape, Areas)).rings
+    shore = paths(sheet, "lakes", Polygons)[0].paths
     lake = terrain.features.lakes[0]
     for ring in shore:
-        height = terrain.heights(*metres(frame, ring).T)
+        assert (ring[0] == ring[-1]).all()
+        height = terrain.heights(*metres(ground.frame, ring).T)
         assert np.median(np.abs(height - lake.level)) < 1.5
-    level = f"{lake.level:.0f}"
-    assert level in [shape.text for shape in layer(sheet, "labels") if isinstance(shape, Words)]
+    assert f"{lake.level:.0f}" in [label.text for label in labels(sheet, "labels")]
 
 
-def test_the_highest_summit_has_its_height(terrain: st.Terrain, sheet: Sheet) -> None:
-    heights = [int(shape.text) for shape in layer(sheet, "labels") if isinstance(shape, Words) and shape.halo]
-    x = np.linspace(0.0, terrain.size[0], 700)
-    y = np.linspace(0.0, terrain.size[1], 500)
-    highest = float(terrain.heights(x[None], y[:, None]).max())
-    assert max(heights) == pytest.approx(highest, abs=6.0)
+def test_labels_do_not_collide_and_are_not_clipped(
+    terrain: st.Terrain, ground: MapGround, sheet: MapSheet
+) -> None:
+    left, top, width, height = ground.frame.box
+    on_map = [label.outline(air=0.0) for label in labels(sheet, "labels")]
+    everywhere = [label.outline(air=0.0) for label in labels(sheet)]
+    assert len(on_map) > 10
+    for page, outlines in (
+        (shapely.box(left, top, left + width, top + height), on_map),
+        (shapely.box(0.0, 0.0, sheet.width, sheet.height), everywhere),
+    ):
+        assert all(page.contains(outline) for outline in outlines)
+        assert not any(a.intersects(b) for a, b in itertools.combinations(outlines, 2))
 
-
-def test_labels_keep_off_each_other_and_off_the_border(frame: Frame, sheet: Sheet) -> None:
-    left, top, width, height = frame.box
-    labels = [shape for shape in layer(sheet, "labels") if isinstance(shape, Words)]
-    assert len(labels) > 10
-    middles = []
-    for label in labels:
-        start = {"start": 0.5, "middle": 0.0, "end": -0.5}[label.anchor] * label.width
-        turn = np.radians(label.turn)
-        middles.append((label.x + start * np.cos(turn), label.y + start * np.sin(turn)))
-        assert left < middles[-1][0] < left + width
-        assert top < middles[-1][1] < top + height
-    place = np.array(middles)
-    apart = np.hypot(*(place[:, None] - place[None]).transpose(2, 0, 1))
-    np.fill_diagonal(apart, np.inf)
-    assert apart.min() > 1.5
+    peaks = [int(label.text) for label in labels(sheet, "labels") if label.halo]
+    x, y = np.linspace(0.0, terrain.size[0], 700), np.linspace(0.0, terrain.size[1], 500)
+    assert max(peaks) == pytest.approx(float(terrain.heights(x[None], y[:, None]).max()), abs=6.0)
 
 
 @pytest.mark.slow
-def test_the_legend_lists_what_is_on_the_sheet(terrain: st.Terrain, sheet: Sheet, tmp_path: Path) -> None:
-    told = words(sheet)
-    assert {"River, flow", "Forest", "Lake, water level (m)", "Summit, height (m)", "N"} <= set(told)
-    assert any(shape.colour == FOREST for shape in layer(sheet, "forests") if isinstance(shape, Areas))
-    assert f"1 : {frame_of(terrain.size).scale:,.0f}".replace(",", " ") in told
+def test_the_legend_lists_what_is_on_the_sheet(terrain: st.Terrain, sheet: MapSheet, tmp_path: Path) -> None:
+    entries = {"River, flow", "Forest", "Lake, water level (m)", "Summit, height (m)"}
+    scale = f"1 : {fit_frame(terrain.size).scale:,.0f}".replace(",", " ")
+    assert {*entries, "N", scale} <= {label.text for label in labels(sheet)}
+    assert any(shape.colour == FOREST for shape in sheet.layers["forests"] if isinstance(shape, Polygons))
     bare = st.build(
         st.Sketch(name="Flat", extent=1000.0, ground={"relief": 0.0}, density={"hill": 0.0, "mountain": 0.0})
     )
     written = ET.fromstring(write_map(tmp_path / "map.svg", bare)[0].read_text())  # noqa: S314 - written here
-    plain = [str(each.text) for each in written.iter(f"{SVG}text")]
+    plain = {str(each.text) for each in written.iter(f"{SVG}text")}
     assert "N" in plain
-    assert not {"River, flow", "Forest", "Lake, water level (m)", "Summit, height (m)"} & set(plain)
-    assert "Snow" not in plain
+    assert not {*entries, "Snow"} & plain
 
 
-def test_an_svg_has_vectors_and_letters_and_one_picture(sheet: Sheet) -> None:
-    text = svg_of(sheet)
+def test_an_svg_has_vectors_letters_and_one_image(sheet: MapSheet) -> None:
+    text = sheet_svg(sheet)
     assert len(text) < 4_000_000
     root = ET.fromstring(text)  # noqa: S314 - written here
-    assert root.get("width") == f"{sheet.width:.2f}".rstrip("0").rstrip(".") + "mm"
+    assert root.get("width") == f"{sheet.width:.2f}mm"
     assert len(list(root.iter(f"{SVG}image"))) == 1
     assert len(list(root.iter(f"{SVG}path"))) > 20
-    assert [each.text for each in root.iter(f"{SVG}text")] == words(sheet)
-    assert [each.get("id") for each in root.findall(f"{SVG}g")] == [each.name for each in sheet.layers]
-    assert svg_of(sheet) == text
+    assert [each.text for each in root.iter(f"{SVG}text")] == [label.text for label in labels(sheet)]
+    assert [each.get("id") for each in root.findall(f"{SVG}g")] == list(sheet.layers)
 
 
 @pytest.mark.slow
-def test_the_same_terrain_gives_the_same_map(terrain: st.Terrain, sheet: Sheet, tmp_path: Path) -> None:
-    for name in ("a.png", "a.svg"):
-        write_sheet(tmp_path / name, sheet, size=(500, 5000))
-        write_map(tmp_path / f"b{name[1:]}", terrain, size=(500, 5000))
-        assert (tmp_path / name).read_bytes() == (tmp_path / f"b{name[1:]}").read_bytes()
+def test_the_same_terrain_gives_the_same_map(terrain: st.Terrain, sheet: MapSheet, tmp_path: Path) -> None:
+    for suffix in ("png", "svg"):
+        (first,) = write_sheet(tmp_path / f"a.{suffix}", sheet, size=(500, 5000))
+        (second,) = write_map(tmp_path / f"b.{suffix}", terrain, size=(500, 5000))
+        assert first.read_bytes() == second.read_bytes()
 
 
-def test_a_png_has_the_asked_size_and_a_blue_lake(sheet: Sheet, tmp_path: Path) -> None:
+def test_a_png_has_the_size_asked_for_and_a_blue_lake(
+    terrain: st.Terrain, ground: MapGround, sheet: MapSheet, tmp_path: Path
+) -> None:
     write_sheet(tmp_path / "a.png", sheet, size=(500, 5000))
     with Image.open(tmp_path / "a.png") as image:
-        assert image.size == (500, round(500 * sheet.height / sheet.width))
-        pixels = np.asarray(image)
-    # The lake is blue, in the picture as on the sheet.
-    lake = next(shape for shape in layer(sheet, "lakes") if isinstance(shape, Areas)).rings[0]
+        assert image.width == 500
+        assert image.height == pytest.approx(500 * sheet.height / sheet.width, abs=1)
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    lake = paths(sheet, "lakes", Polygons)[0].paths[0]
     column, row = (lake.mean(axis=0) * 500 / sheet.width + [4, 4]).astype(int)
-    red, _, blue = pixels[row, column].astype(int)
-    assert blue > red + 20
+    assert pixels[row, column, 2] > pixels[row, column, 0] + 20
 
-
-def test_the_relief_picture_covers_the_frame_and_other_files_are_refused(
-    sheet: Sheet, frame: Frame, terrain: st.Terrain, tmp_path: Path
-) -> None:
-    (picture,) = layer(sheet, "relief")
-    assert isinstance(picture, Picture)
-    rows, columns = picture.pixels.shape[:2]
-    left, _, width, _ = picture.box
+    (relief,) = sheet.layers["relief"]
+    assert isinstance(relief, RasterImage)
+    rows, columns = relief.pixels.shape[:2]
+    left, _, width, _ = relief.box
     # The first and the last sample lie on the map's borders: half a pixel within.
-    assert left + 0.5 * width / columns == pytest.approx(frame.left)
-    assert width * (columns - 1) / columns == pytest.approx(frame.box[2])
+    assert left + 0.5 * width / columns == pytest.approx(ground.frame.left)
+    assert width * (columns - 1) / columns == pytest.approx(ground.frame.box[2])
     assert abs(rows / columns - 0.75) < 0.01
-
     with pytest.raises(InputError, match=r"a \.png or \.svg file for a map, got 'a\.pdf'"):
         write_map(tmp_path / "a.pdf", terrain)
+
+
+def pixels(sheet: MapSheet) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(sheet_png(sheet, width=200))).convert("RGB")).astype(int)
+
+
+def test_prominence_is_the_way_down_to_a_higher_summit() -> None:
+    found = prominences(np.array([[0.0, 5.0, 2.0, 9.0, 4.0, 7.0, 1.0]]))
+    assert [(p, c) for p, _, c in found] == [(9.0, 3), (3.0, 1), (3.0, 5)]
+    x, y = places(41)
+    hills = 90.0 * np.exp(-(((x - 250.0) / 90) ** 2) - ((y - 250.0) / 90) ** 2)
+    hills = hills + 60.0 * np.exp(-(((x - 750.0) / 90) ** 2) - ((y - 750.0) / 90) ** 2)
+    first, second = prominences(hills)[:2]
+    assert first == (pytest.approx(90.0, abs=0.1), 30, 10)
+    assert second == (pytest.approx(60.0, abs=1.0), 10, 30)
+
+
+def test_label_space_is_given_once_and_only_on_the_map() -> None:
+    space = LabelSpace((0.0, 0.0, 100.0, 50.0))
+    text = Label("123", 50.0, 25.0, 2.0, (0, 0, 0), "middle", 30.0)
+    outline = text.outline(air=0.0)
+    assert outline.centroid.coords[0] == pytest.approx((50.0, 25.0))
+    assert outline.length == pytest.approx(2 * (text.width + 0.72 * text.size))
+    assert (outline.bounds[3] - outline.bounds[1]) > 0.5 * text.width  # it is turned
+    for dx, free in ((0.0, True), (0.0, False), (10.0, True), (49.0, False)):
+        assert space.reserve(shapely.affinity.translate(outline, dx)) == free
+    assert Label("123123", 0, 0, 2.0, (0, 0, 0)).width == pytest.approx(2.0 * text.width, rel=0.1)
+
+
+def test_shores_close_at_the_maps_border() -> None:
+    x, y = places()
+    depth = (100.0 - np.hypot(x, y - 500.0)).astype(np.float32)  # half a disc at the western border
+    ((ring,),) = rings_above(depth, [0.0], level_ground(0.0 * depth))
+    assert shapely.Polygon(ring).area == pytest.approx(0.5 * np.pi * 20.0**2, rel=0.05)
+
+
+def test_slopes_to_the_north_west_are_lighter_and_flat_ground_is_even() -> None:
+    x, y = places(101)
+    flat = shaded_relief(level_ground(0.0 * x + 0.0 * y)).astype(int)
+    assert np.ptp(flat.reshape(-1, 3), axis=0).max() == 0
+    cone = shaded_relief(level_ground(200.0 - 0.4 * np.hypot(x - 500.0, y - 500.0))).astype(int).sum(axis=-1)
+    assert cone[25, 25] > cone[75, 75] + 60
+
+
+def test_a_sheet_is_drawn_where_its_shapes_lie() -> None:
+    ring = np.array([[2.0, 2.0], [8.0, 2.0], [8.0, 8.0], [2.0, 8.0]])
+    hole = 0.5 * (ring - 5.0) + 5.0
+    layers = {
+        "areas": [
+            Polygons([ring, hole], (200, 0, 0)),
+            Polygons([ring + np.array([10.0, 0.0])], (0, 0, 0), 0.5),
+        ],
+        "lines": [Polylines([np.array([[0.0, 15.0], [10.0, 15.0]])], (0, 0, 0), 2.0)],
+        "text": [Label("III", 15.0, 13.0, 4.0, (0, 0, 0), "start", 90.0, halo=(0, 0, 255))],
+    }
+    picture = pixels(MapSheet("x", 20.0, 20.0, layers))
+    paper = picture[0, 0].tolist()
+    assert picture.shape == (200, 200, 3)
+    assert picture[30, 30].tolist() == [200, 0, 0]
+    assert picture[50, 50].tolist() == paper  # the hole
+    assert picture[50, 150] == pytest.approx([126, 126, 124], abs=2)
+    assert picture[150, 50].tolist() == [0, 0, 0]
+    assert (picture[:, 50, 0] < 128).sum() == pytest.approx(20, abs=1)  # 2 mm
+    # Text that is turned by 90° goes down from its anchor, in a halo.
+    text = picture[110:, 120:]
+    rows, columns = np.nonzero(text.sum(axis=-1) < 100)
+    assert 20 <= rows.mean() < 70
+    assert abs(columns.mean() - 30) < 4
+    halo = (text[..., 2] > 200) & (text[..., 0] < 60)
+    assert halo.sum() > 100

@@ -1,0 +1,208 @@
+"""Ground of a map: its frame on the sheet, the terrain sampled for it, and the shaded relief."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from contourpy import LineType, contour_generator
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from sketchterrain.export.map.drawing import Box, Colour, Points
+from sketchterrain.terrain import MATERIALS, Terrain
+
+Grid: TypeAlias = npt.NDArray[np.float32]
+
+LONGEST: Final = 275.0  # mm of the map's longer side at most, on a sheet of A3
+MARGIN, TOP = 12.5, 28.0  # mm from the sheet's edges to the map
+NARROWEST: Final = 160.0  # mm of the sheet's width at least, so that there is room for the legend
+SCALES: Final = (1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.5, 8.0)
+
+STEP, SMOOTH = 0.2, 0.5  # mm between samples, and of the cell size of the heights for contours
+COVER_SIGMA: Final = 0.45  # mm: how far materials are blurred, so that no speckles are left
+
+TINTS: Final[dict[str, tuple[Colour, str | None]]] = {
+    "grass": ((223, 230, 194), "Grassland"),
+    "soil": ((228, 220, 190), "Bare soil"),
+    "rock": ((209, 204, 199), "Rock"),
+    "scree": ((226, 218, 204), "Scree"),
+    "sand": ((252, 236, 200), "Sand"),
+    "snow": ((240, 246, 252), "Snow"),
+    "river_bed": ((226, 226, 203), None),
+    "forest_floor": ((212, 224, 182), None),
+}
+"""Of each material on paper, and what the legend calls it."""
+LIGHTS: Final = ((315.0, 0.46), (270.0, 0.2), (0.0, 0.2), (225.0, 0.14))
+"""Compass bearing and share of each light: after Mark (1992), but the north-west leads."""
+ELEVATION: Final = np.radians(45.0)  # of all lights
+SIZES: Final = ((0.0, 0.5), (3.0, 0.3), (12.0, 0.2))  # blur (samples) and share of each size of landforms
+STEEP, EXAGGERATION = 0.9, (0.8, 6.0)  # slope to which the steepest tenth is exaggerated, and limits
+SHADOW: Final = np.array([0.55, 0.55, 0.66], np.float32)  # what a full shadow leaves of red, green and blue
+LIGHT, LIGHT_SHARE = np.array([255.0, 252.0, 236.0], np.float32), 0.55  # its share on slopes that face it
+HOLLOW, HOLLOW_SIZE = 0.16, 9.0  # how much darker the deepest hollows are; their size (samples)
+LOW, HIGH = np.array([[0.93, 0.965, 0.935], [1.05, 1.02, 0.99]], np.float32)
+"""Factors of colour at the lowest and the highest ground."""
+FAINT: Final = 0.78  # contrast of the lowest ground over the highest's: aerial perspective (Imhof 1965)
+
+
+@dataclass(frozen=True)
+class MapFrame:
+    """A map's place on the sheet: its north-west corner (mm), what it shows (m), and its scale 1 : n."""
+
+    left: float
+    top: float
+    east: float
+    north: float
+    scale: float
+
+    @property
+    def mm_per_metre(self) -> float:
+        """Length of a metre of ground on the sheet (mm)."""
+        return 1000.0 / self.scale
+
+    @property
+    def box(self) -> Box:
+        """Box of the map on the sheet (mm)."""
+        return self.left, self.top, self.east * self.mm_per_metre, self.north * self.mm_per_metre
+
+    def place(self, points: npt.ArrayLike) -> Points:
+        """Return where points (…, 2 or more) x, y (m) lie on the sheet: (…, 2) mm, y down."""
+        point = np.asarray(points, np.float64)
+        x = self.left + point[..., 0] * self.mm_per_metre
+        y = self.top + (self.north - point[..., 1]) * self.mm_per_metre
+        return np.stack([x, y], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class MapGround:
+    """Samples (rows, columns) of the ground at the vertices of a grid over the whole sketch, row 0 north."""
+
+    frame: MapFrame
+    spacing: tuple[float, float]  # m between columns and between rows
+    height: Grid  # m, at the cell size of the samples
+    smooth: Grid  # m, at a coarser cell size, for contours
+    cell_size: float  # m, of the smooth heights
+    depth: Grid  # m of water in lakes, negative elsewhere
+    cover: Grid  # weights of the materials (rows, columns, materials), blurred
+
+    @cached_property
+    def slope(self) -> tuple[Grid, Grid, Grid]:
+        """Rise over run of the smooth heights: eastward, northward, and steepest."""
+        return _slopes(self.smooth, self.spacing)
+
+    def share(self, *names: str) -> Grid:
+        """Return the weight of some materials together, (rows, columns)."""
+        return np.asarray(sum(self.cover[..., MATERIALS.index(name)] for name in names), np.float32)
+
+    def metres(self, row: float, column: float) -> tuple[float, float]:
+        """Return the place x, y (m) of a sample."""
+        return column * self.spacing[0], (len(self.height) - 1 - row) * self.spacing[1]
+
+    def at(self, field: npt.NDArray[np.floating], points: Points) -> Points:
+        """Interpolate a field of the grid at points (n, 2 or more) x, y (m)."""
+        index = [len(self.height) - 1 - points[:, 1] / self.spacing[1], points[:, 0] / self.spacing[0]]
+        return np.asarray(map_coordinates(field, index, np.float64, order=1, mode="nearest"))
+
+    def isolines(self, field: Grid, levels: list[float], *, border: int = 0) -> list[list[Points]]:
+        """Return lines x, y (m) of each level of a field that reaches some samples over the grid."""
+        rows, columns = field.shape
+        x = (np.arange(columns) - border) * self.spacing[0]
+        y = (rows - 1 - border - np.arange(rows)) * self.spacing[1]
+        generator = contour_generator(x, y, field, name="serial", line_type=LineType.Separate)
+        return [generator.lines(level) for level in levels]
+
+
+def fit_frame(size: tuple[float, float]) -> MapFrame:
+    """Return the frame of a sketch of a size (m), east and north, at the largest round scale that fits."""
+    scale = nearest_round(max(size) * 1000.0 / LONGEST, steps=SCALES, up=True)
+    return MapFrame(max(MARGIN, (NARROWEST - size[0] * 1000.0 / scale) / 2.0), TOP, *size, scale)
+
+
+def nearest_round(number: float, *, steps: tuple[float, ...] = (1.0, 2.0, 5.0), up: bool = False) -> float:
+    """Return the nearest step times a power of ten, by factor; with `up` the least one not below."""
+    power = np.floor(np.log10(number))
+    choices = np.array([step * 10.0 ** (power + shift) for shift in (-1, 0, 1) for step in steps])
+    if up:
+        return float(choices[choices >= number * (1.0 - 1e-9)].min())
+    return float(choices[np.argmin(np.abs(np.log(choices / number)))])
+
+
+def sample_ground(terrain: Terrain, frame: MapFrame) -> MapGround:
+    """Sample a terrain as finely as its map shows it."""
+    raster = terrain.raster(max(round(max(frame.box[2:]) / STEP), 64) + 1)
+    rows, columns = raster.height.shape
+    cell = SMOOTH / frame.mm_per_metre
+    x = np.arange(columns, dtype=np.float64) * raster.spacing[0]
+    y = np.arange(rows, dtype=np.float64)[::-1] * raster.spacing[1]
+    smooth = terrain.heights(x[None, :], y[:, None], cell_size=cell)
+    cover = np.empty_like(raster.materials)
+    for material in range(cover.shape[-1]):
+        gaussian_filter(raster.materials[..., material], COVER_SIGMA / STEP, output=cover[..., material])
+    depth = _lake_depth(terrain, smooth, x, y)
+    return MapGround(frame, raster.spacing, raster.height, smooth, cell, depth, cover)
+
+
+def shaded_relief(ground: MapGround) -> npt.NDArray[np.uint8]:
+    """Return the ground's colours, lit from several sides: (rows, columns, 3), row 0 north."""
+    tints = np.array([TINTS[name][0] for name in MATERIALS], np.float32)
+    colour = ground.cover @ tints / np.maximum(ground.cover.sum(axis=-1, keepdims=True), 1e-6)
+    rise = _rise(ground.height)[..., None]
+    colour *= LOW + rise * (HIGH - LOW)
+    lit = _light(ground)[..., None]
+    flat = np.float32(np.sin(ELEVATION))
+    contrast = FAINT + (1.0 - FAINT) * rise
+    colour *= 1.0 - np.clip((flat - lit) / flat * contrast, 0.0, 1.0) * (1.0 - SHADOW)
+    colour += LIGHT_SHARE * np.clip((lit - flat) / (1.0 - flat) * contrast, 0.0, 1.0) * (LIGHT - colour)
+    under = np.maximum(gaussian_filter(ground.height, HOLLOW_SIZE) - ground.height, 0.0)[..., None]
+    colour *= 1.0 - HOLLOW * np.clip(under / max(float(np.percentile(under, 99.0)), 1e-6), 0.0, 1.0)
+    return np.asarray(np.clip(np.rint(colour), 0, 255), np.uint8)
+
+
+def _lake_depth(terrain: Terrain, height: Grid, x: Points, y: Points) -> Grid:
+    """Return how deep lakes are (m); off their painted shapes it falls with the distance."""
+    depth = np.full(height.shape, -1e6, np.float32)
+    for lake in terrain.features.lakes:
+        field = lake.shape
+        column, row = (x - field.west) / field.spacing, (y - field.south) / field.spacing
+        columns = np.flatnonzero((column >= 0) & (column <= field.inside.shape[1] - 1))
+        rows = np.flatnonzero((row >= 0) & (row <= field.inside.shape[0] - 1))
+        index = np.meshgrid(row[rows], column[columns], indexing="ij")
+        # A lake's water reaches no farther than two samples over its painted border.
+        inside = map_coordinates(field.inside, index, np.float64, order=1) + 2.0 * field.spacing
+        there = np.ix_(rows, columns)
+        depth[there] = np.maximum(depth[there], np.minimum(lake.level - height[there], inside))
+    return depth
+
+
+def _rise(height: Grid) -> Grid:
+    """Return 0 … 1 from the lowest to the highest ground: half by height, half by how much lies lower."""
+    share = np.linspace(0.0, 1.0, 65)
+    steps = np.quantile(height, share)
+    rank = np.interp(height, steps, share)
+    part = (height - steps[0]) / max(float(steps[-1] - steps[0]), 1e-6)
+    return np.asarray(0.5 * rank + 0.5 * part, np.float32)
+
+
+def _light(ground: MapGround) -> Grid:
+    """Return the mean cosine of incidence of all lights, over the landforms of all sizes."""
+    total = np.zeros(ground.height.shape, np.float32)
+    up, level = np.sin(ELEVATION), np.cos(ELEVATION)
+    for sigma, share in SIZES:
+        height = gaussian_filter(ground.height, sigma) if sigma else ground.height
+        east, north, steep = _slopes(height, ground.spacing)
+        times = np.float32(np.clip(STEEP / max(float(np.percentile(steep, 90.0)), 1e-6), *EXAGGERATION))
+        east, north, length = east * times, north * times, np.hypot(1.0, steep * times)
+        for bearing, part in LIGHTS:
+            x, y = np.sin(np.radians(bearing)) * level, np.cos(np.radians(bearing)) * level
+            lit = (np.float32(up) - east * np.float32(x) - north * np.float32(y)) / length
+            total += np.float32(share * part) * np.maximum(lit, 0.0)
+    return total
+
+
+def _slopes(height: Grid, spacing: tuple[float, float]) -> tuple[Grid, Grid, Grid]:
+    """Return the rise over run eastward, northward, and along the steepest slope."""
+    south, east = (np.asarray(part, np.float32) for part in np.gradient(height, spacing[1], spacing[0]))
+    return east, -south, np.hypot(east, south)

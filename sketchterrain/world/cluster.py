@@ -18,9 +18,9 @@ from uuid import uuid4
 from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError, one_line
 from sketchterrain.exit_codes import DEBUG
-from sketchterrain.world.forms import store_of
 from sketchterrain.world.job import Job
 from sketchterrain.world.libraries import require
+from sketchterrain.world.store import store_of
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.tasks import Task, TaskResult
 

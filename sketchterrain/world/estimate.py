@@ -8,10 +8,10 @@ from typing import Any, Final
 
 from sketchterrain.estimate import Estimate, count_text, layer_disk, plant_disk
 from sketchterrain.listings import counted
-from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.job import Job
 from sketchterrain.world.resume import load_state
+from sketchterrain.world.store import store_of
 from sketchterrain.world.tasks import task_count
 
 # Bytes, measured with every layer: a process with an open device, what kernels work on of so many vertices

@@ -33,8 +33,7 @@ from sketchterrain.world.georeference import Georeference
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
 from sketchterrain.world.ground import LAYER_SPECS, Ground
 from sketchterrain.world.job import Job
-from sketchterrain.world.settled import settle, text_of
-from sketchterrain.world.tile_names import (
+from sketchterrain.world.store import (
     JOURNAL,
     LEDGER,
     SKETCH,
@@ -42,8 +41,10 @@ from sketchterrain.world.tile_names import (
     layer_file,
     ledger_file,
     parts_folder,
+    text_of,
     tile_name,
     vrt_name,
+    write_if_changed,
 )
 
 # Of a tile. What is smaller needs none; one of half the size would take a quarter more of the disk.
@@ -82,7 +83,7 @@ class TileStore:
     def create(self) -> tuple[str, ...]:
         """Make the folder and write the sketch; see `Store.create`."""
         prepare_folder(self.folder)
-        settle(self.mark, packed_sketch(self._job.sketch))
+        write_if_changed(self.mark, packed_sketch(self._job.sketch))
         return (SKETCH,)
 
     def write(self, ground: Ground) -> tuple[str, ...]:
@@ -129,7 +130,7 @@ class TiffStore:
     def create(self) -> tuple[str, ...]:
         """Make the folder of the shards; see `Store.create`. Nothing of it stays."""
         prepare_folder(self._parts)
-        settle(self.mark, packed_sketch(self._job.sketch))
+        write_if_changed(self.mark, packed_sketch(self._job.sketch))
         return ()
 
     def write(self, ground: Ground) -> tuple[str, ...]:

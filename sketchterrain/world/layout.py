@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.world.forms import plants_of, store_of
 from sketchterrain.world.job import Job
+from sketchterrain.world.store import plants_of, store_of
 
 _PLANTS = "plants/"
 

@@ -37,7 +37,7 @@ _POINT: Final = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", 
 
 
 class PlantStore:
-    """The :class:`~sketchterrain.world.forms.Plants` of a job, beside the world in ``world-plants``.
+    """The :class:`~sketchterrain.world.store.Plants` of a job, beside the world in ``world-plants``.
 
     Parquet is a data set in partitions, ``tile_row=3/tile_column=12/plants.parquet``; FlatGeobuf is a file a
     square, ``r0003_c0012.fgb``. A square without plants has a file without rows, so none is missing.

@@ -14,12 +14,10 @@ from typing import Final
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import packed_sketch
 from sketchterrain.world.fingerprint import fingerprint
-from sketchterrain.world.forms import store_of
 from sketchterrain.world.job import Job
 from sketchterrain.world.journal import Ledger, read_journal, read_ledger
 from sketchterrain.world.layout import OutputLayout, plants_folder
-from sketchterrain.world.store import Store
-from sketchterrain.world.tile_names import layer_file, ledger_file
+from sketchterrain.world.store import Store, layer_file, ledger_file, store_of
 
 _HEX: Final = "[0-9a-f]" * 8
 # Temporary files of whole_files; GDAL takes no other ending for plants than its own.

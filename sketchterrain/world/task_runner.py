@@ -19,11 +19,11 @@ from sketchterrain.terrain.answers import Band
 from sketchterrain.terrain.ground_bytes import GroundBytes
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.terrain import Terrain
-from sketchterrain.world.forms import plants_of, store_of
 from sketchterrain.world.grid import SHARD, Shard
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
 from sketchterrain.world.layout import OutputLayout
+from sketchterrain.world.store import plants_of, store_of
 from sketchterrain.world.tasks import Task, TaskResult, WrittenFile
 
 

@@ -12,10 +12,9 @@ from typing import Final, NamedTuple
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.world.journal import Ledger, read_journal, read_ledger
 from sketchterrain.world.layout import OutputLayout, plants_folder
-from sketchterrain.world.settled import text_of
+from sketchterrain.world.store import JOURNAL, LEDGER, ledger_file, parts_folder, text_of
 from sketchterrain.world.task_runner import file_record
 from sketchterrain.world.tasks import WrittenFile
-from sketchterrain.world.tile_names import JOURNAL, LEDGER, ledger_file, parts_folder
 
 _THREADS: Final = 4  # a disk gives no more than they take
 _BATCH: Final = 64  # files

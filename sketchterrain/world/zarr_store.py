@@ -18,8 +18,7 @@ from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_at
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
 from sketchterrain.world.ground import LAYER_SPECS, LayerSpec
 from sketchterrain.world.libraries import require
-from sketchterrain.world.settled import settle, text_of
-from sketchterrain.world.tile_names import JOURNAL
+from sketchterrain.world.store import JOURNAL, text_of, write_if_changed
 
 if TYPE_CHECKING:  # zarr is loaded when it is needed
     from collections.abc import Callable
@@ -73,7 +72,7 @@ class ZarrStore:
         text = self.ledger_text()
         names = []
         for name, content in self._metadata(None if text is None else text.encode()).items():
-            settle(self.folder / name, content)
+            write_if_changed(self.folder / name, content)
             names += [] if name in _CLOSING else [name]
         return tuple(names)
 
@@ -103,7 +102,7 @@ class ZarrStore:
         """Write the ledger and delete the journal; see `Store.close`."""
         content = self._metadata(ledger.encode())
         for name in reversed(_CLOSING):
-            settle(self.folder / name, content.get(name, b""))
+            write_if_changed(self.folder / name, content.get(name, b""))
         with telling_failure(self.journal):
             self.journal.unlink(missing_ok=True)
 

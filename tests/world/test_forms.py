@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import World
 from sketchterrain.world.resume import load_state
 from sketchterrain.world.run import run_world
+from sketchterrain.world.store import store_of
 from sketchterrain.world.tasks import task_count
 from sketchterrain.world.verification import check_world
 

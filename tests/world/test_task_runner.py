@@ -14,8 +14,8 @@ from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
 from sketchterrain.world import fingerprint as fingerprints
 from sketchterrain.world.fingerprint import fingerprint
-from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import SHARD, Shard, World
+from sketchterrain.world.store import store_of
 from sketchterrain.world.task_runner import TaskRunner, rounded
 from sketchterrain.world.tasks import Task, tasks_of
 

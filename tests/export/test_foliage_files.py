@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import resource
 import shutil
 import time
 import tracemalloc
@@ -308,21 +307,12 @@ def test_a_stop_between_pieces_leaves_nothing(tmp_path: Path) -> None:
         assert list(tmp_path.iterdir()) == [], stop
 
 
-@pytest.fixture
-def small_files() -> Iterator[None]:
-    """Files of more than a megabyte are refused by the system, as by a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 20, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.mark.usefixtures("small_files")
-def test_a_full_disk_is_told_of_the_file_that_has_no_room(tmp_path: Path) -> None:
+def test_a_full_disk_is_told_of_the_file_that_has_no_room(
+    tmp_path: Path, files_no_larger_than: Callable[[int], AbstractContextManager[None]]
+) -> None:
     for kind, name in [("csv", "csv"), ("both", "csv"), ("ply", "ply")]:
-        with pytest.raises(
-            SketchterrainError, match=rf"/foliage\.{name}: cannot be written \(File too large"
-        ):
+        told = rf"/foliage\.{name}: cannot be written \(File too large"
+        with files_no_larger_than(1 << 20), pytest.raises(SketchterrainError, match=told):
             write_foliage(tmp_path, Plantation(50_000), AREA, FoliageFiles(kind))
         assert list(tmp_path.iterdir()) == [], kind
 

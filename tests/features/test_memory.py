@@ -85,13 +85,22 @@ def test_the_oldest_shapes_are_evicted() -> None:
         assert len(memory) == 3
 
 
-def stroke(sketch: Sketch, rng: np.random.Generator) -> Sketch:
-    """Paint or erase a disc somewhere on one layer."""
-    name = str(rng.choice(["mountain", "hill", "dune", "forest", "river"]))
+FEATURES = ("mountain", "hill", "dune", "forest", "river")
+
+
+def painted(
+    sketch: Sketch, rng: np.random.Generator, layers: tuple[str, ...] = (*FEATURES, "lake", "material")
+) -> Sketch:
+    """Paint or erase a dab somewhere on one of the layers; on all of them, a river is a short line."""
+    name = str(rng.choice(layers))
     image = np.array(sketch.layers[name])
     rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
-    row, column, radius = rng.uniform(0, 128), rng.uniform(0, 160), rng.uniform(0.6, 14)
-    image[(rows - row) ** 2 + (columns - column) ** 2 <= radius**2] = rng.integers(0, 3)
+    at, radius = rng.uniform(0, (128, 160)), rng.uniform(0.6 if layers is FEATURES else 2, 14)
+    line = name == "river" and layers is not FEATURES
+    ahead, label = rng.normal(0, 1, 2), rng.integers(0, 3)
+    for step in range(30 if line else 1):
+        row, column = at + step * ahead
+        image[(rows - row) ** 2 + (columns - column) ** 2 <= (1.5 if line else radius) ** 2] = label
     return sketch.replace(layers={**sketch.layers, name: image})
 
 
@@ -106,9 +115,9 @@ def test_random_strokes_give_the_bits_of_a_fresh_placing(seed: int, fidelity: fl
     rng, memory = np.random.default_rng(seed), ShapeMemory()
     sketch = Sketch(layers={"hill": np.zeros((128, 160), np.uint8)}, fidelity=fidelity)
     for _ in range(25):
-        sketch = stroke(sketch, rng)
+        sketch = painted(sketch, rng, FEATURES)
     for _ in range(25):
-        sketch = stroke(sketch, rng)
+        sketch = painted(sketch, rng, FEATURES)
         assert place(sketch, seed=1, memory=memory).tobytes() == place(sketch, seed=1).tobytes()
 
 
@@ -144,20 +153,6 @@ def recipe_bits(recipe: TerrainRecipe) -> list[bytes]:
     return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
 
 
-def every_layer(rng: np.random.Generator, sketch: Sketch) -> Sketch:
-    """Paint or erase a dab, or a short line of a river, on any layer."""
-    name = str(rng.choice(["mountain", "hill", "dune", "forest", "river", "lake", "material"]))
-    image = np.array(sketch.layers[name])
-    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
-    row, column, radius = rng.uniform(0, 128), rng.uniform(0, 160), rng.uniform(2, 14)
-    ahead = rng.normal(0, 1, 2)
-    for step in range(30 if name == "river" else 1):
-        at = np.array([row, column]) + step * ahead
-        near = (rows - at[0]) ** 2 + (columns - at[1]) ** 2 <= (1.5 if name == "river" else radius) ** 2
-        image[near] = rng.integers(0, 3)
-    return sketch.replace(layers={**sketch.layers, name: image})
-
-
 def world(**changes: object) -> Sketch:
     density = {"mountain": 0.01, "hill": 0.2, "forest": 0.1, "dune": 0.01}
     labels = {("mountain", 1): {"multitude": 4}, ("river", 2): {"width": 0.0}, ("hill", 1): {"multitude": 5}}
@@ -172,7 +167,7 @@ def test_random_strokes_on_any_layer_give_the_bits_of_fresh_recipes(seed: int) -
     rng, memory = np.random.default_rng(seed), ShapeMemory()
     sketch = world()
     for _ in range(20):
-        sketch = every_layer(rng, sketch)
+        sketch = painted(sketch, rng)
     seen = [sketch]
     for turn in range(12):
         if turn % 5 == 4:
@@ -180,7 +175,7 @@ def test_random_strokes_on_any_layer_give_the_bits_of_fresh_recipes(seed: int) -
         elif turn == 7:
             sketch = sketch.replace(fidelity=0.3)
         else:
-            sketch = every_layer(rng, sketch)
+            sketch = painted(sketch, rng)
         seen.append(sketch)
         assert recipe_bits(make_recipe(sketch, memory=memory)) == recipe_bits(make_recipe(sketch)), turn
 
@@ -194,11 +189,11 @@ def test_an_abandoned_recipe_leaves_a_good_memory() -> None:
     rng, memory = np.random.default_rng(9), ShapeMemory()
     sketch = world()
     for _ in range(16):
-        sketch = every_layer(rng, sketch)
+        sketch = painted(sketch, rng)
     make_recipe(sketch, memory=memory)
     turn = 0
     while True:
-        sketch = every_layer(rng, sketch)
+        sketch = painted(sketch, rng)
         left = turn
 
         def checkpoint() -> None:
@@ -224,7 +219,7 @@ def test_threads_share_a_memory() -> None:
     rng, memory = np.random.default_rng(12), ShapeMemory()
     sketches = [world()]
     for _ in range(18):
-        sketches.append(every_layer(rng, sketches[-1]))
+        sketches.append(painted(sketches[-1], rng))
     sketches = sketches[-6:]
     with ThreadPoolExecutor(3) as pool:
         made = list(pool.map(lambda sketch: make_recipe(sketch, memory=memory), sketches))

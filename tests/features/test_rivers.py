@@ -61,6 +61,15 @@ def check(river: River) -> None:
     assert 4 << 48 <= river.id < 5 << 48
 
 
+def ends_on(river: River, other: River) -> bool:
+    return bool((other.centreline == river.centreline[-1]).all(axis=1).any())
+
+
+def joined(rivers: tuple[River, ...]) -> int:
+    """Count the rivers that end on another one."""
+    return sum(any(ends_on(river, other) for other in rivers if other is not river) for river in rivers)
+
+
 def test_a_river_runs_downhill_or_as_its_label_says_and_keeps_its_sizes() -> None:
     picture = painted([(80, 30), (70, 80), (90, 130)], label=4)
     (river,) = trace(picture, southward, labels={("river", 4): {"width": 20.0, "depth": 3.0}})
@@ -110,15 +119,14 @@ def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end() -> Non
         rivers = trace(stem | side, southward)
         assert len(rivers) == 2, gap
         longer, joining = sorted(rivers, key=lambda river: -len(river.centreline))
-        assert (longer.centreline == joining.centreline[-1]).all(axis=1).any(), gap
+        assert ends_on(joining, longer), gap
 
     far = painted([(20, 70), (70, 70)])
     far[:, 80 - 2 - 8 :] = 0
     beside = painted([(72, 30), (72, 120)])
     for other in (far, beside):
         first, second = trace(painted([(80, 20), (80, 140)]) | other, southward)
-        assert not (first.centreline == second.centreline[-1]).all(axis=1).any()
-        assert not (second.centreline == first.centreline[-1]).all(axis=1).any()
+        assert joined((first, second)) == 0
     assert len(trace(painted([(80, 20), (80, 70)]) | painted([(80, 78), (80, 140)]), southward)) == 2
 
 
@@ -137,15 +145,7 @@ def test_confluences_meet_on_any_ground(seed: int) -> None:
     forks = painted([(80, 15), (75, 145)], [(15, 30), (78, 70)], [(140, 60), (77, 100)], [(40, 20), (45, 50)])
     rivers = trace(forks, ground)
     assert len(rivers) >= 3
-    ends = sum(
-        any(
-            (other.centreline == river.centreline[-1]).all(axis=1).any()
-            for other in rivers
-            if other is not river
-        )
-        for river in rivers
-    )
-    assert ends == len(rivers) - 1
+    assert joined(rivers) == len(rivers) - 1
 
 
 @pytest.mark.parametrize("half", [1.0, 2.5, 4.0])
@@ -156,15 +156,7 @@ def test_rivers_that_cross_themselves_fall_all_the_way(half: float) -> None:
     for line, arms in ((eight, (2, 4)), (alpha, (3,))):  # where arms only touch, they run past each other
         rivers = trace(painted(line, half=half), southward)
         assert len(rivers) in arms
-        joined = sum(
-            any(
-                (other.centreline == river.centreline[-1]).all(axis=1).any()
-                for other in rivers
-                if other is not river
-            )
-            for river in rivers
-        )
-        assert joined >= len(rivers) - 1
+        assert joined(rivers) >= len(rivers) - 1
 
 
 def test_a_narrow_label_joins_a_wide_one() -> None:
@@ -177,7 +169,7 @@ def test_a_narrow_label_joins_a_wide_one() -> None:
     narrow, wide = (next(river for river in rivers if river.label == label) for label in (2, 1))
     assert narrow.width[len(narrow.width) // 2] == pytest.approx(6.0, rel=0.1)
     assert wide.width[-1] == pytest.approx(np.hypot(30.0, 6.0), rel=1e-3)  # drained areas add up
-    assert (wide.centreline == narrow.centreline[-1]).all(axis=1).any()
+    assert ends_on(narrow, wide)
 
 
 def test_a_river_has_the_width_of_its_wedge_and_keeps_it_where_others_join() -> None:

@@ -1,24 +1,43 @@
-"""What can be asked of an export to a target, as controls: only those that the target heeds are shown."""
+"""What an export is asked for, as forms: everything that `generate` writes, or one target's options."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
-from PyQt6.QtCore import pyqtSignal
 from PyQt6.QtGui import QIntValidator
-from PyQt6.QtWidgets import QCheckBox, QComboBox, QLabel, QLineEdit, QVBoxLayout, QWidget
+from PyQt6.QtWidgets import QWidget
 
-from sketchterrain.errors import InputError
-from sketchterrain.export.planning import option_names
+from sketchterrain.disk import amount, gibibytes
+from sketchterrain.errors import InputError, SketchterrainError, one_line
+from sketchterrain.export.planning import Plan, option_names
+from sketchterrain.export.sidecar import SIDECAR
 from sketchterrain.export.target import ExportOptions, Target
 from sketchterrain.export.tiling import Tiling
-from sketchterrain.ui.dialogs.kept_controls import Kept, set_values, values_of
-from sketchterrain.ui.dialogs.sheet import beside, form
-from sketchterrain.ui.panels.numbers import NumberBox
+from sketchterrain.export_plans import memory_needed as memory_of_plan
+from sketchterrain.export_plans import plan_of
+from sketchterrain.sizes import check_size, memory_needed
+from sketchterrain.sketch import Sketch
+from sketchterrain.ui.dialogs.form import Field, Form, Line
+from sketchterrain.ui.export_request import ExportRequest, TargetRequest
 
 _SIZES: Final = (257, 513, 1025, 2049, 4097, 8193)
+_FOLIAGE: Final = {
+    "csv": "Trees and shrubs as a table (CSV)",
+    "ply": "Trees and shrubs as a point cloud (PLY)",
+    "both": "As a table and as a point cloud",
+    "none": "None",
+}
+_MAPS: Final = {"": "None", "png": "As a picture (PNG)", "svg": "As vectors (SVG)"}
+_VIEWS: Final = {
+    "auto": "From the best place",
+    "ground": "From near the ground",
+    "hill": "From a hill",
+    "air": "From the air",
+    "": "None",
+}
 _FORMATS: Final = {
     "png": "PNG, 16 bits",
     "exr": "OpenEXR, metres as float32",
@@ -28,241 +47,299 @@ _FORMATS: Final = {
     "glb": "GLB",
     "ply": "PLY",
 }
-_MOST_TILES = 64  # along a side
-_FAR = 1e8  # m: no coordinates of a map lie farther out
-_RANGE = (0.0, 2000.0)  # m: what a person begins with who wants a range
+_GRASS: Final = Field("grass", "", False, "Many: files become large", words="Grass, flowers and ferns too (millions)")
+# Of a vertex: 4 of height.tif, 2 of height.png, 3 of normals, 8 of materials, compressed to about two thirds.
+_DISK = 11
 _TILE_OPTIONS = ("overlap", "tile_name", "tile_first", "tiles_from_south")
+_TILES, _HEIGHTS, _FAR = (1, 64), (-20_000.0, 20_000.0), (-1e8, 1e8)
+_TARGET_FIELDS: Final = (
+    Field("size", "&Size", "", "Vertices of heights, normals and materials", choices={"": ""}),
+    Line(
+        "tiles",
+        "&Tiles",
+        "Columns and rows of files",
+        (
+            Field("columns", "Columns of tiles", 1, range=_TILES, decimals=0),
+            "×",
+            Field("rows", "Rows of tiles", 1, range=_TILES, decimals=0),
+        ),
+    ),
+    Field(
+        "overlap",
+        "Shared &vertices",
+        1,
+        "That neighbouring tiles both have: 1 is an edge",
+        range=(0, 4096),
+        decimals=0,
+    ),
+    Field("tile_name", "Na&mes", "", "With {name}, {x} and {y}; {x:02} has leading zeros"),
+    Field("tile_first", "First num&ber", 0, "Of the first tile each way", range=(0, 9999), decimals=0),
+    Field(
+        "tiles_from_south",
+        "&Rows counted",
+        False,
+        "Which row of tiles has the first number",
+        choices={False: "From the north", True: "From the south"},
+    ),
+    Field("format", "F&ormat", "", "Of the heights", choices={"": ""}),
+    Line(
+        "heights",
+        "&Heights",
+        "What 16 bits hold: the same range for many terrains fits together",
+        (
+            Field("ranged", "A fixed range of heights", False, words="Always"),
+            "from",
+            Field("low", "Lowest height", 0.0, range=_HEIGHTS, unit="m"),
+            "to",
+            Field("high", "Highest height", 2000.0, range=_HEIGHTS, unit="m"),
+        ),
+    ),
+    Field(
+        "error",
+        "&Error at most",
+        0.0,
+        "Metres that the mesh may be off: fewer triangles",
+        range=(0.0, 1000.0),
+        unit="m",
+        words="All vertices",
+        width=128,
+    ),
+    Field(
+        "crs",
+        "&CRS",
+        "",
+        "Coordinate reference system in metres, where the terrain shall lie",
+        words="None, or EPSG:25832",
+    ),
+    Line(
+        "origin",
+        "Corner &at",
+        "Where the sketch's south-west corner lies in it",
+        (
+            Field("east", "Easting of the corner", 0.0, range=_FAR, unit="m", width=128),
+            "east,",
+            Field("north", "Northing of the corner", 0.0, range=_FAR, unit="m", width=128),
+            "north",
+        ),
+    ),
+    Field("plants", "&Plants", True, "Where each one stands, how tall it is", words="Trees and shrubs"),
+    _GRASS,
+)
+_USUAL: Final = {
+    field.name: field.default
+    for line in _TARGET_FIELDS
+    for field in ((line,) if isinstance(line, Field) else line.parts)
+    if isinstance(field, Field)
+}
 
 
-class TargetControls(QWidget):
-    """Size, tiles, format and so on of the target that is used."""
+class EverythingForm(Form):
+    """Asks for the size and the files of an export of everything.
 
-    changed = pyqtSignal()
+    `problem` says why it cannot be exported so; `mark` is the name of a file that an export leaves.
+    """
 
-    def __init__(self, *, is_wide: bool = True, parent: QWidget | None = None) -> None:
-        super().__init__(parent)
-        self._is_wide = is_wide
+    mark = "report.json"
+
+    def __init__(self, sketch: Sketch, kept: Mapping[str, object], parent: QWidget | None = None) -> None:
+        self._sketch = sketch
+        self.problem = ""
+        sizes = {size: self._size_text(size) for size in _SIZES}
+        super().__init__(
+            Field("size", "&Heights", 1025, "Samples of heights, normals and materials", choices=sizes),
+            Field("plants", "&Plants", "csv", "Which file holds the plants", choices=_FOLIAGE),
+            replace(_GRASS, tip="Only a point cloud holds so many"),
+            Field("map", "&Map", "", "A topographic map", choices=_MAPS),
+            Field("view", "Pre&view", "auto", "A rendered picture", choices=_VIEWS),
+            parent=parent,
+        )
+        self.changed.connect(self._check)
+        self.set_values(kept)
+
+    def request(self, folder: Path, device: str | None) -> ExportRequest:
+        """Return what is asked for, into a folder, on a device."""
+        values = self.values
+        return ExportRequest(
+            folder,
+            size=values["size"],
+            foliage=values["plants"],
+            grass=values["grass"] and self["grass"].isEnabled(),
+            preview=bool(values["view"]),
+            view=values["view"] or "auto",
+            map=values["map"] or None,
+            device=device,
+        )
+
+    def _size_text(self, size: int) -> str:
+        east, north = self._sketch.size
+        short = max(2, round((size - 1) * min(east, north) / max(east, north)) + 1)
+        columns, rows = (size, short) if east >= north else (short, size)
+        return f"{columns} × {rows}, {max(east, north) / (size - 1):.3g} m apart"
+
+    def _check(self) -> None:
+        values, self.problem = self.values, ""
+        size = values["size"]
+        try:
+            check_size(self._sketch, size)
+        except InputError as error:
+            self.problem = str(error)
+        self.enable(values["plants"] in ("ply", "both"), "grass")
+        east, north = self._sketch.size
+        disk = _DISK * size**2 * min(east, north) / max(east, north) / (1 << 20)
+        room = f"{disk:.0f} MiB" if disk < 1024 else gibibytes(disk * (1 << 20))
+        plants = "" if values["plants"] == "none" else " without the plants"
+        self.note.setText(
+            f"height.tif, height.png, normal.png, materials.png and features.json: about {room}{plants}. "
+            f"Takes about {gibibytes(memory_needed(self._sketch, size))} of memory."
+        )
+
+
+class TargetForm(Form):
+    """Asks for what one target takes, and tells what its export will be."""
+
+    mark = SIDECAR
+
+    def __init__(self, sketch: Sketch, parent: QWidget | None = None) -> None:
+        super().__init__(*_TARGET_FIELDS, parent=parent)
+        self._sketch = sketch
+        self._is_wide = sketch.size[0] >= sketch.size[1]
         self._target: Target | None = None
-        self._filling = False
-        self.sizes, self.formats, self.counted = QComboBox(), QComboBox(), QComboBox()
-        for from_south, title in ((False, "From the north"), (True, "From the south")):
-            self.counted.addItem(title, from_south)
-        self.columns, self.rows = _whole(1, _MOST_TILES), _whole(1, _MOST_TILES)
-        self.overlap, self.first = _whole(0, 4096), _whole(0, 9999)
-        self.pattern, self.crs = QLineEdit(), QLineEdit()
-        self.crs.setPlaceholderText("None, or EPSG:25832")
-        self.ranged = QCheckBox("Always")
-        self.low, self.high = (NumberBox(-20_000.0, 20_000.0, suffix=" m") for _ in _RANGE)
-        self.error = NumberBox(0.0, 1000.0, suffix=" m")
-        self.error.setSpecialValueText("All vertices")
-        self.error.setFixedWidth(128)
-        self.east, self.north = (NumberBox(-_FAR, _FAR, suffix=" m") for _ in range(2))
-        for box in (self.east, self.north):
-            box.setFixedWidth(128)
-        self.plants = QCheckBox("Trees and shrubs")
-        self.grass = QCheckBox("Grass, flowers and ferns too (millions)")
-        self._fields = form()
-        self._rows: dict[str, QWidget] = {}
-        self._lay_out()
-        self._controls: dict[str, QWidget] = {
-            "columns": self.columns,
-            "rows": self.rows,
-            "size": self.sizes,
-            "overlap": self.overlap,
-            "tile_name": self.pattern,
-            "tile_first": self.first,
-            "tiles_from_south": self.counted,
-            "format": self.formats,
-            "ranged": self.ranged,
-            "low": self.low,
-            "high": self.high,
-            "error": self.error,
-            "crs": self.crs,
-            "east": self.east,
-            "north": self.north,
-            "plants": self.plants,
-            "grass": self.grass,
-        }
-        self._connect()
+        self._options: ExportOptions | None = None
+        self.problem = ""
+        self.changed.connect(self._check)
 
     def use(self, target: Target, kept: Mapping[str, object]) -> None:
-        """Show what a target heeds, as it was kept."""
+        """Show what a target takes, as it was kept."""
         self._target = target
-        self._filling = True
         tiling = target.tiling or Tiling()
-        self._fill_sizes(target)
-        self.formats.clear()
+        self._is_filling = True
+        self._offer_sides(target)
+        self["format"].clear()
         for name in target.formats:
-            self.formats.addItem(_FORMATS.get(name, name.upper()), name)
-        usual: Kept = {
-            "columns": 1,
-            "rows": 1,
+            self["format"].addItem(_FORMATS.get(name, name.upper()), name)
+        usual = {
             "overlap": tiling.overlap,
             "tile_name": tiling.pattern,
             "tile_first": tiling.first,
-            "ranged": False,
-            "low": _RANGE[0],
-            "high": _RANGE[1],
-            "error": 0.0,
-            "crs": "",
-            "east": 0.0,
-            "north": 0.0,
-            "plants": True,
-            "grass": False,
+            "tiles_from_south": tiling.from_south,
         }
-        set_values(self._controls, usual)
-        self.counted.setCurrentIndex(int(tiling.from_south))
-        set_values(self._controls, kept)
-        self._filling = False
-        self._tell()
+        self.set_values({**_USUAL, **usual})
+        self.set_values(kept)
 
-    def kept(self) -> Kept:
-        """Return what is set, to be kept."""
-        return values_of(self._controls)
+    def request(self, folder: Path, device: str | None) -> TargetRequest:
+        """Return what is asked for, into a folder, on a device."""
+        if self._target is None or self._options is None:
+            raise RuntimeError("expected options that can be exported")
+        return TargetRequest(folder, self._target.name, self._options, device)
 
     def options(self) -> ExportOptions:
-        """Return what is asked for."""
-        target = self._target
+        """Return what is asked for; raises `InputError` for a size that is no number, or too many tiles."""
+        target, values = self._target, self.values
         if target is None:
             raise RuntimeError("expected a target to be used first")
-        heeded = option_names(target)
-        tiles = (int(self.columns.value()), int(self.rows.value()))
-        given: dict[str, Any] = {"plants": self.plants.isChecked()}
-        given["grass"] = self.grass.isChecked() and given["plants"]
-        if "tiles" in heeded and tiles != (1, 1):
-            of_tiles = {
-                "overlap": int(self.overlap.value()),
-                "tile_name": self.pattern.text(),
-                "tile_first": int(self.first.value()),
-                "tiles_from_south": bool(self.counted.currentData()),
-            }
-            given |= {"tiles": tiles} | {name: value for name, value in of_tiles.items() if name in heeded}
-        others = {
-            "format": self.formats.currentData(),
-            "heights": (self.low.value(), self.high.value()) if self.ranged.isChecked() else None,
-            "error": self.error.value() or None,
-            "crs": self.crs.text().strip() or None,
-            "origin": (self.east.value(), self.north.value()),
+        taken = option_names(target)
+        tiles = (values["columns"], values["rows"])
+        given = {
+            "format": values["format"],
+            "heights": (values["low"], values["high"]) if values["ranged"] else None,
+            "error": values["error"] or None,
+            "crs": values["crs"].strip() or None,
+            "origin": (values["east"], values["north"]),
         }
-        given |= {name: value for name, value in others.items() if name in heeded}
-        if "size" in heeded:
+        if tiles != (1, 1):
+            given |= {"tiles": tiles} | {name: values[name] for name in _TILE_OPTIONS}
+        given = {name: value for name, value in given.items() if name in taken}
+        given["plants"] = values["plants"]
+        given["grass"] = values["grass"] and values["plants"]
+        if "size" in taken:
             given["size"] = self._size(target, given)
         return replace(ExportOptions(), **given)
 
     def _size(self, target: Target, given: Mapping[str, Any]) -> int:
         """Return the vertices of the whole: where only some sides are taken, a tile's side is asked for."""
         if not target.sizes:
-            text = self.sizes.currentText().strip()
+            text = self["size"].currentText().strip()
             if not text.isdecimal():
                 raise InputError(f"size {text!r}: expected a number of vertices")
             return int(text)
         columns, rows = given.get("tiles", (1, 1))
-        side = int(self.sizes.currentData())
+        side = int(self["size"].currentData())
         tiling = Tiling(columns, rows, overlap=given.get("overlap", (target.tiling or Tiling()).overlap))
         if tiling.count > 1 and tiling.overlap >= side:
             raise InputError(f"tiles of {side} vertices cannot share {tiling.overlap}")
         return tiling.whole(side, max(columns, rows))
 
-    def _fill_sizes(self, target: Target) -> None:
-        self.sizes.clear()
-        self.sizes.setEditable(not target.sizes)
+    def _offer_sides(self, target: Target) -> None:
+        sizes = self["size"]
+        sizes.clear()
+        sizes.setEditable(not target.sizes)
         for side in target.sizes or sorted({*_SIZES, target.size}):
-            self.sizes.addItem(f"{side} × {side}" if target.sizes else str(side), side)
-        self.sizes.setCurrentIndex(self.sizes.findData(target.size))
-        typed = self.sizes.lineEdit()
+            sizes.addItem(f"{side} × {side}" if target.sizes else str(side), side)
+        sizes.setCurrentIndex(sizes.findData(target.size))
+        typed = sizes.lineEdit()
         if typed is not None:
             typed.setValidator(QIntValidator(2, 99_999, typed))
             typed.setAccessibleName("Vertices along the longer side")
-            self.sizes.setEditText(str(target.size))
-        label = self._fields.labelForField(self.sizes)
-        if isinstance(label, QLabel):
+            sizes.setEditText(str(target.size))
+        label = self.title_of("size")
+        if label is not None:
             label.setText("&Size of a tile" if target.sizes else "&Size")
-            label.setBuddy(self.sizes)
 
-    def _offer_sizes(self, target: Target) -> None:
+    def _offer_fitting_sizes(self, target: Target) -> None:
         """Offer sizes that can be cut into the tiles; one that was typed stays as it is."""
         if target.sizes or target.spacing is not None:
             return
-        tiles = int((self.columns if self._is_wide else self.rows).value())
-        tiling = Tiling(overlap=int(self.overlap.value()))
+        box = self["size"]
+        tiles = int(self["columns" if self._is_wide else "rows"].value())
+        tiling = Tiling(overlap=int(self["overlap"].value()))
         sizes = sorted({*_SIZES, target.size})
         fitting = [min(tiling.nearest(size, tiles), key=lambda each: abs(each - size)) for size in sizes]
-        if fitting == [self.sizes.itemData(row) for row in range(self.sizes.count())]:
+        if fitting == [box.itemData(row) for row in range(box.count())]:
             return
-        text = self.sizes.currentText()
-        chosen = self.sizes.findText(text)
-        self.sizes.clear()
+        text = box.currentText()
+        chosen = box.findText(text)
+        self._is_filling = True
+        box.clear()
         for size in fitting:
-            self.sizes.addItem(str(size), size)
-        self.sizes.setEditText(text if chosen < 0 else str(fitting[chosen]))
+            box.addItem(str(size), size)
+        box.setEditText(text if chosen < 0 else str(fitting[chosen]))
+        self._is_filling = False
 
-    def _lay_out(self) -> None:
-        down = QVBoxLayout(self)
-        down.setContentsMargins(0, 0, 0, 0)
-        down.addLayout(self._fields)
-        tiles = beside(self.columns, "×", self.rows)
-        heights = beside(self.ranged, "from", self.low, "to", self.high)
-        origin = beside(self.east, "east,", self.north, "north")
-        for option, title, row, tip in (
-            ("size", "&Size", self.sizes, "Vertices of heights, normals and materials"),
-            ("tiles", "&Tiles", tiles, "Columns and rows of files"),
-            ("overlap", "Shared &vertices", self.overlap, "That neighbouring tiles both have: 1 is an edge"),
-            ("tile_name", "Na&mes", self.pattern, "With {name}, {x} and {y}; {x:02} has leading zeros"),
-            ("tile_first", "First num&ber", self.first, "Of the first tile each way"),
-            ("tiles_from_south", "&Rows counted", self.counted, "Which row of tiles has the first number"),
-            ("format", "F&ormat", self.formats, "Of the heights"),
-            (
-                "heights",
-                "&Heights",
-                heights,
-                "What 16 bits hold: the same range for many terrains fits together",
-            ),
-            ("error", "&Error at most", self.error, "Metres that the mesh may be off: fewer triangles"),
-            ("crs", "&CRS", self.crs, "Coordinate reference system in metres, where the terrain shall lie"),
-            ("origin", "Corner &at", origin, "Where the sketch's south-west corner lies in it"),
-            ("plants", "&Plants", self.plants, "Where each one stands, how tall it is"),
-            ("grass", "", self.grass, "Many: files become large"),
-        ):
-            self._fields.addRow(title, row)
-            row.setToolTip(tip)
-            row.setAccessibleName(title.replace("&", "") or "Grass")
-            self._rows[option] = row
-        for control, name in (
-            (self.columns, "Columns of tiles"),
-            (self.rows, "Rows of tiles"),
-            (self.low, "Lowest height"),
-            (self.high, "Highest height"),
-            (self.east, "Easting of the corner"),
-            (self.north, "Northing of the corner"),
-        ):
-            control.setAccessibleName(name)
-
-    def _connect(self) -> None:
-        for control in self._controls.values():
-            if isinstance(control, QComboBox):
-                control.currentTextChanged.connect(self._tell)
-            elif isinstance(control, QCheckBox):
-                control.toggled.connect(self._tell)
-            elif isinstance(control, NumberBox):
-                control.valueChanged.connect(self._tell)
-            elif isinstance(control, QLineEdit):
-                control.textChanged.connect(self._tell)
-
-    def _tell(self, *_: object) -> None:
-        if self._filling or self._target is None:
+    def _check(self) -> None:
+        target = self._target
+        if target is None:
             return
-        self._filling = True
-        self._offer_sizes(self._target)
-        self._filling = False
-        heeded = option_names(self._target)
-        cut = (self.columns.value(), self.rows.value()) != (1.0, 1.0)
-        for option, row in self._rows.items():
-            self._fields.setRowVisible(row, option in heeded and (cut or option not in _TILE_OPTIONS))
-        for box in (self.low, self.high):
-            box.setEnabled(self.ranged.isChecked())
-        self.grass.setEnabled(self.plants.isChecked())
-        self.changed.emit()
+        self._offer_fitting_sizes(target)
+        taken, values = option_names(target), self.values
+        is_cut = (values["columns"], values["rows"]) != (1, 1)
+        self.show_lines(
+            {name: name in taken and (is_cut or name not in _TILE_OPTIONS) for name in self._lines}
+        )
+        self.enable(values["ranged"], "low", "high")
+        self.enable(values["plants"], "grass")
+        self.problem, self._options = "", None
+        told = f"{target.line[:1].upper()}{target.line[1:]}."
+        try:
+            self._options = self.options()
+            told += "\n" + plan_line(plan_of(self._sketch, target.name, self._options), self._sketch)
+        except SketchterrainError as error:
+            self.problem = one_line(error)
+        self.note.setText(told)
 
 
-def _whole(low: int, high: int) -> NumberBox:
-    return NumberBox(low, high, decimals=0)
+def plan_line(plan: Plan, sketch: Sketch) -> str:
+    """Return what an export will be, for a person: vertices, tiles, the ground they cover, what it takes."""
+    grid, (columns, rows), tiles = plan.grid, plan.tile_side, plan.tiling.count
+    across, up = grid.spacing
+    apart = f"{across:.4g} m" if f"{across:.4g}" == f"{up:.4g}" else f"{across:.4g} m and {up:.4g} m"
+    what = f"{tiles} tiles of {columns} × {rows}" if tiles > 1 else f"{columns} × {rows} vertices"
+    lines = [f"{what}, {apart} apart."]
+    width, height = grid.east - grid.west, grid.north - grid.south
+    if width > sketch.size[0] + across / 2 or height > sketch.size[1] + up / 2:
+        lines.append(f"{width:.0f} × {height:.0f} m: the world goes on beyond the sketch.")
+    disk = plan.target.disk * columns * rows * tiles
+    plants = " besides the plants" if plan.options.plants else ""
+    lines.append(
+        f"Takes up to {amount(disk)} of disk{plants} and about {amount(memory_of_plan(plan))} of memory."
+    )
+    return " ".join(lines)

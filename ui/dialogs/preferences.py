@@ -6,9 +6,9 @@ import json
 import sys
 
 from PyQt6.QtCore import QProcess
-from PyQt6.QtWidgets import QComboBox, QDialog, QWidget
+from PyQt6.QtWidgets import QDialog, QWidget
 
-from sketchterrain.ui.dialogs.sheet import button_row, column, form, note
+from sketchterrain.ui.dialogs.form import Field, Form, button_row, column
 from sketchterrain.ui.look.theme import CHOICES
 from sketchterrain.ui.models.preferences import Preferences
 
@@ -27,23 +27,16 @@ class PreferencesDialog(QDialog):
         super().__init__(parent)
         self._preferences = preferences
         rows = column(self, "Preferences")
-        self.themes, self.devices = QComboBox(), QComboBox()
-        for key, title in CHOICES.items():
-            self.themes.addItem(title, key)
-        self.themes.setCurrentIndex(self.themes.findData(preferences.theme))
-        self.themes.setAccessibleName("Theme")
-        self.devices.addItem("The program chooses", "")
-        self.devices.setAccessibleName("Device")
-        self.devices.setToolTip("Which OpenCL device works out the terrain")
+        devices = {"": "The program chooses"}
         if preferences.device:
-            self.devices.addItem(preferences.device, preferences.device)
-            self.devices.setCurrentIndex(1)
-        fields = form()
-        fields.addRow("&Theme", self.themes)
-        fields.addRow("&Device", self.devices)
-        rows.addLayout(fields)
-        self._told = note("Looking for devices …")
-        rows.addWidget(self._told)
+            devices[preferences.device] = preferences.device
+        tip = "Which OpenCL device computes the terrain"
+        self.form = Form(
+            Field("theme", "&Theme", preferences.theme, choices=CHOICES),
+            Field("device", "&Device", preferences.device or "", tip, choices=devices),
+        )
+        self.form.note.setText("Looking for devices …")
+        rows.addWidget(self.form)
         rows.addStretch(1)
         rows.addWidget(button_row(self, "Apply")[0])
         self.setMinimumWidth(440)
@@ -54,8 +47,8 @@ class PreferencesDialog(QDialog):
 
     def accept(self) -> None:
         """Set what was chosen."""
-        self._preferences.theme = str(self.themes.currentData())
-        self._preferences.device = str(self.devices.currentData()) or None
+        self._preferences.theme = self.form.values["theme"]
+        self._preferences.device = self.form.values["device"] or None
         super().accept()
 
     def _show_devices(self, code: int) -> None:
@@ -65,15 +58,15 @@ class PreferencesDialog(QDialog):
             found = json.loads(lines[-1]) if code == 0 and lines else []
         except ValueError:
             found = []
+        devices = self.form["device"]
         for name, platform in found:
-            if self.devices.findData(name) < 0:
-                self.devices.addItem(f"{name} ({platform})", name)
-            else:
-                self.devices.setItemText(self.devices.findData(name), f"{name} ({platform})")
+            if devices.findData(name) < 0:
+                devices.addItem("", name)
+            devices.setItemText(devices.findData(name), f"{name} ({platform})")
         if found:
-            self._told.setText("Every device computes the same terrain; another one starts the engine again.")
+            self.form.note.setText("Every device computes the same terrain; another one starts the engine again.")
         else:
-            self._told.setText("No OpenCL device was found: pip install 'sketchterrain[cpu]' brings drivers.")
+            self.form.note.setText("No OpenCL device was found: pip install 'sketchterrain[cpu]' brings drivers.")
 
     def _stop_asking(self, *_: object) -> None:
         if self._process.state() != QProcess.ProcessState.NotRunning:

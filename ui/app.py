@@ -145,7 +145,7 @@ def _welcome(window: MainWindow, document: Document, autosave: Autosave, *, is_n
 
 
 def _offer(found: list[Recovery], window: MainWindow, document: Document, autosave: Autosave) -> None:
-    from sketchterrain.ui.dialogs.recovery import RecoveryDialog
+    from sketchterrain.ui.dialogs.start import RecoveryDialog
 
     dialog = RecoveryDialog(found, window)
     if dialog.exec():

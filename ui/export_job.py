@@ -10,7 +10,7 @@ from typing import cast
 from PyQt6.QtCore import QObject, QProcess, QTimer, pyqtSignal
 
 from sketchterrain.sketch import Sketch
-from sketchterrain.ui.export_wish import TargetWish, Wish, WorldWish
+from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
 from sketchterrain.ui.models.reading import Reading
 
 _PATIENCE = 5000  # ms until a process that was asked to end is ended
@@ -32,10 +32,13 @@ class ExportJob(QObject):
     """Why there are no files; empty if it was cancelled."""
 
     def __init__(
-        self, wish: Wish | TargetWish | WorldWish, sketch: Sketch, parent: QObject | None = None
+        self,
+        request: ExportRequest | TargetRequest | WorldRequest,
+        sketch: Sketch,
+        parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
-        self._wish, self._sketch = wish, sketch
+        self._request, self._sketch = request, sketch
         self._reading = Reading(self)
         self._cancelled = False
         self._over = False
@@ -49,7 +52,7 @@ class ExportJob(QObject):
         self._process.errorOccurred.connect(self._not_started)
         self._kill = QTimer(self)
         self._kill.setSingleShot(True)
-        goes_on = isinstance(wish, WorldWish) and not wish.only_estimate
+        goes_on = isinstance(request, WorldRequest) and not request.only_estimate
         self._kill.setInterval(_WORLDS_PATIENCE if goes_on else _PATIENCE)
         self._left = "what is written stays" if goes_on else "nothing was written"
         self._kill.timeout.connect(self._process.kill)
@@ -63,7 +66,7 @@ class ExportJob(QObject):
         """Begin."""
         self.stage_changed.emit("Starting")
         self._process.start()
-        self._reading.read(lambda: pickle.dumps((self._wish, self._sketch), protocol=5), self._send)
+        self._reading.read(lambda: pickle.dumps((self._request, self._sketch), protocol=5), self._send)
 
     def cancel(self) -> None:
         """End it; no files come into the folder, but for a world's: that can be gone on with."""

@@ -1,6 +1,6 @@
 """Exports a terrain in a process of its own, so that the window goes on and can end it at any moment.
 
-Reads one pickled wish and sketch on stdin; writes a line of JSON on stdout for each thing that happens.
+Reads one pickled request and sketch on stdin; writes a line of JSON on stdout for each thing that happens.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
 
 from sketchterrain.errors import one_line
-from sketchterrain.ui.export_wish import TargetWish, Wish, WorldWish
+from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -32,8 +32,8 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _end)  # what is half-written is taken away
     try:
         # From the window that started this process, and nobody else.
-        wish, sketch = pickle.load(sys.stdin.buffer)  # noqa: S301
-        done = _export(wish, sketch, told)
+        request, sketch = pickle.load(sys.stdin.buffer)  # noqa: S301
+        done = _export(request, sketch, told)
     except (KeyboardInterrupt, BrokenPipeError):  # cancelled, or the window is gone
         return 130
     except Exception as error:  # noqa: BLE001 - whatever it is, a person gets one line
@@ -45,30 +45,38 @@ def main() -> int:
     return 0
 
 
-def _export(wish: Wish | TargetWish | WorldWish, sketch: Sketch, told: TextIO) -> dict[str, Any]:
+def _export(
+    request: ExportRequest | TargetRequest | WorldRequest, sketch: Sketch, told: TextIO
+) -> dict[str, Any]:
     from sketchterrain.progress import Stages
 
     with Stages(_shown_on(told)) as stages:
-        if isinstance(wish, WorldWish):
-            return _world(wish, sketch, stages, told)
-        if isinstance(wish, TargetWish):
-            return _take(wish, sketch, stages)
-        return _generate(wish, sketch, stages)
+        if isinstance(request, WorldRequest):
+            return _world(request, sketch, stages, told)
+        if isinstance(request, TargetRequest):
+            return _take(request, sketch, stages)
+        return _generate(request, sketch, stages)
 
 
-def _world(wish: WorldWish, sketch: Sketch, stages: Stages, told: TextIO) -> dict[str, Any]:
+def _world(request: WorldRequest, sketch: Sketch, stages: Stages, told: TextIO) -> dict[str, Any]:
     from sketchterrain.ui.world_work import estimate_world, write_world
 
-    if wish.only_estimate:
-        return estimate_world(wish, sketch, stages)
-    return write_world(wish, sketch, stages, partial(_tell, told))
+    if request.only_estimate:
+        return estimate_world(request, sketch, stages)
+    return write_world(request, sketch, stages, partial(_tell, told))
 
 
-def _take(wish: TargetWish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
+def _take(request: TargetRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.exporting import export
     done = export(
-        sketch, wish.folder, wish.target, wish.options, device=wish.device, fast=False, stages=stages
+        sketch,
+        request.folder,
+        request.target,
+        request.options,
+        device=request.device,
+        fast=False,
+        stages=stages,
     )
     return {
         "files": [str(path) for path in done.files],
@@ -79,19 +87,19 @@ def _take(wish: TargetWish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     }
 
 
-def _generate(wish: Wish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
+def _generate(request: ExportRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.generate import Extras, FoliageFiles, check_size, generate
 
-        check_size(sketch, wish.size)
+        check_size(sketch, request.size)
     done = generate(
         sketch,
-        wish.folder,
-        device=wish.device,
+        request.folder,
+        device=request.device,
         fast=False,
-        size=wish.size,
-        foliage=FoliageFiles(wish.foliage, wish.grass),
-        extras=Extras(wish.preview, wish.view, map=wish.map),
+        size=request.size,
+        foliage=FoliageFiles(request.foliage, request.grass),
+        extras=Extras(request.preview, request.view, map=request.map),
         stages=stages,
     )
     return {

@@ -94,7 +94,7 @@ class OpenDialogs(QObject):
 
     def presets(self) -> None:
         """Begin with a preset."""
-        from sketchterrain.ui.dialogs.presets import PresetsDialog
+        from sketchterrain.ui.dialogs.start import PresetsDialog
 
         dialog = PresetsDialog(self._window)
         if self._run(dialog):
@@ -177,7 +177,7 @@ class OpenDialogs(QObject):
 
     def save_picture(self) -> None:
         """Save what the 3-D view shows."""
-        from sketchterrain.ui.dialogs.picture import PictureDialog
+        from sketchterrain.ui.dialogs.new_sketch import PictureDialog
 
         shown = self._link.picture
         size = (0, 0) if shown is None else (shown.width(), shown.height())
@@ -201,19 +201,19 @@ class OpenDialogs(QObject):
 
     def first_steps(self) -> None:
         """Show how to begin."""
-        from sketchterrain.ui.dialogs.first_steps import FirstStepsDialog
+        from sketchterrain.ui.dialogs.help import FirstStepsDialog
 
         self._run(FirstStepsDialog(self._window))
 
     def keys(self) -> None:
         """Show all keys."""
-        from sketchterrain.ui.dialogs.keys import KeysDialog
+        from sketchterrain.ui.dialogs.help import KeysDialog
 
         self._run(KeysDialog(self._window))
 
     def find(self) -> None:
         """Find a command and do it."""
-        from sketchterrain.ui.dialogs.find import FindDialog
+        from sketchterrain.ui.dialogs.help import FindDialog
 
         dialog = FindDialog(self._actions, self._window)
         if self._run(dialog) and dialog.chosen is not None:
@@ -221,7 +221,7 @@ class OpenDialogs(QObject):
 
     def about(self) -> None:
         """Show what this is."""
-        from sketchterrain.ui.dialogs.about import AboutDialog
+        from sketchterrain.ui.dialogs.help import AboutDialog
 
         self._run(AboutDialog(self._link.facts, self._window))
 

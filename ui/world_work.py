@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.errors import InputError
 from sketchterrain.progress import Stages
 from sketchterrain.sketch import Sketch
-from sketchterrain.ui.export_wish import WorldWish
+from sketchterrain.ui.export_request import WorldRequest
 
 if TYPE_CHECKING:  # loaded in a stage of its own
     from sketchterrain.world.job import Job
@@ -16,12 +16,12 @@ if TYPE_CHECKING:  # loaded in a stage of its own
 Tell = Callable[[dict[str, Any]], None]
 
 
-def estimate_world(wish: WorldWish, sketch: Sketch, stages: Stages) -> dict[str, Any]:
+def estimate_world(request: WorldRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     """Return what a world takes; nothing is written where it will be."""
-    job = _placed(wish, sketch, stages)
+    job = _placed(request, sketch, stages)
     from sketchterrain.world import estimate
 
-    found = estimate.estimate_world(job, workers=wish.workers)
+    found = estimate.estimate_world(job, workers=request.workers)
     problem = ""
     try:
         found.refuse_impossible()
@@ -30,9 +30,9 @@ def estimate_world(wish: WorldWish, sketch: Sketch, stages: Stages) -> dict[str,
     return {"lines": found.lines(), "problem": problem, "tasks": found.tasks, "done": found.done}
 
 
-def write_world(wish: WorldWish, sketch: Sketch, stages: Stages, tell: Tell) -> dict[str, Any]:
+def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, tell: Tell) -> dict[str, Any]:
     """Write or resume a world; `tell` takes ``stage``, ``share`` and ``note`` as it goes on."""
-    job = _placed(wish, sketch, stages)
+    job = _placed(request, sketch, stages)
     from sketchterrain.world.progress import ProgressReporter
     from sketchterrain.world.run import run_world
 
@@ -42,7 +42,9 @@ def write_world(wish: WorldWish, sketch: Sketch, stages: Stages, tell: Tell) -> 
 
     tell({"stage": "Opening the device"})
     with ProgressReporter(show=show, echo=lambda line: tell({"note": line})) as watcher:
-        done = run_world(job, device=wish.device, workers=wish.workers or None, resume=True, watcher=watcher)
+        done = run_world(
+            job, device=request.device, workers=request.workers or None, resume=True, watcher=watcher
+        )
     return {
         "tasks": done.tasks,
         "made": done.made,
@@ -52,16 +54,16 @@ def write_world(wish: WorldWish, sketch: Sketch, stages: Stages, tell: Tell) -> 
     }
 
 
-def _placed(wish: WorldWish, sketch: Sketch, stages: Stages) -> Job:
+def _placed(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.terrain import make_recipe
         from sketchterrain.world.layout import OutputLayout
         from sketchterrain.world.options import form_of
         from sketchterrain.world.resume import check_output_unused
 
-        wish.options.check(sketch)
+        request.options.check(sketch)
     with stages.stage("features", "Placing features"):
-        job = wish.options.job(sketch, make_recipe(sketch), wish.output, form_of(str(wish.output)))
+        job = request.options.job(sketch, make_recipe(sketch), request.output, form_of(str(request.output)))
     OutputLayout.of(job)  # a missing library is reported before any work
     check_output_unused(job, resume=True)
     return job

@@ -13,7 +13,7 @@ from PyQt6.QtWidgets import QFileDialog, QLabel, QMainWindow, QMenu
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
-from sketchterrain.ui.dialogs.keys import KeysDialog
+from sketchterrain.ui.dialogs.help import KeysDialog
 from sketchterrain.ui.engine.link import Children, PictureSource
 from sketchterrain.ui.engine.protocol import FrameFacts, Look, Trouble, ViewState, WorldFacts
 from sketchterrain.ui.layout import Dock, FullViews

@@ -12,16 +12,11 @@ from PyQt6.QtWidgets import QAbstractButton, QAbstractSpinBox, QComboBox, QLabel
 from sketchterrain.resources import preset_names
 from sketchterrain.ui.action_list import COMMANDS
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.dialogs.about import AboutDialog
 from sketchterrain.ui.dialogs.export import ExportDialog
-from sketchterrain.ui.dialogs.find import FindDialog
-from sketchterrain.ui.dialogs.first_steps import FirstStepsDialog
-from sketchterrain.ui.dialogs.keys import KeysDialog
-from sketchterrain.ui.dialogs.new_sketch import NewSketchDialog
-from sketchterrain.ui.dialogs.picture import PictureDialog
+from sketchterrain.ui.dialogs.help import AboutDialog, FindDialog, FirstStepsDialog, KeysDialog
+from sketchterrain.ui.dialogs.new_sketch import NewSketchDialog, PictureDialog
 from sketchterrain.ui.dialogs.preferences import PreferencesDialog
-from sketchterrain.ui.dialogs.presets import PresetsDialog
-from sketchterrain.ui.dialogs.recovery import RecoveryDialog
+from sketchterrain.ui.dialogs.start import PresetsDialog, RecoveryDialog
 from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.recovery import Recovery
@@ -65,19 +60,19 @@ def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(made, qtbo
 
 def test_a_new_sketch_is_as_it_was_asked_for(made) -> None:
     dialog = made["new"]
-    dialog.name.setText("Far north")
-    dialog.sheet.setCurrentText("768 × 512")
-    dialog.extent.setValue(9000.0)
+    dialog.form["name"].setText("Far north")
+    dialog.form["sheet"].setCurrentText("768 × 512")
+    dialog.form["extent"].setValue(9000.0)
     sketch = dialog.sketch()
     assert (sketch.name, sketch.extent) == ("Far north", 9000.0)
     assert (sketch.width_px, sketch.height_px) == (768, 512)
     assert not any(image.any() for image in sketch.layers.values())
-    dialog.sheet.setCurrentText("Other")
-    dialog.columns.setValue(100)
-    dialog.rows.setValue(300)
+    dialog.form["sheet"].setCurrentText("Other")
+    dialog.form["width"].setValue(100)
+    dialog.form["height"].setValue(300)
     assert dialog.sketch().layers["hill"].shape == (300, 100)
-    dialog.sheet.setCurrentText("512 × 512")
-    dialog.starter.setChecked(True)
+    dialog.form["sheet"].setCurrentText("512 × 512")
+    dialog.form["starter"].setChecked(True)
     assert dialog.sketch().layers["river"].any()
     assert dialog.sketch().name == "Far north"
 
@@ -129,18 +124,18 @@ def test_preferences_are_set_only_when_they_are_applied(qtbot, tmp_path) -> None
     preferences = Preferences(tmp_path / "desktop.ini")
     dialog = PreferencesDialog(preferences)
     qtbot.addWidget(dialog)
-    dialog.themes.setCurrentIndex(dialog.themes.findData("dark"))
+    dialog.form["theme"].setCurrentIndex(dialog.form["theme"].findData("dark"))
     dialog.reject()
     assert preferences.theme == "system"
     dialog = PreferencesDialog(preferences)
     qtbot.addWidget(dialog)
-    qtbot.waitUntil(lambda: dialog.devices.count() > 1, timeout=30_000)
-    dialog.themes.setCurrentIndex(dialog.themes.findData("dark"))
-    dialog.devices.setCurrentIndex(1)
+    qtbot.waitUntil(lambda: dialog.form["device"].count() > 1, timeout=30_000)
+    dialog.form["theme"].setCurrentIndex(dialog.form["theme"].findData("dark"))
+    dialog.form["device"].setCurrentIndex(1)
     with qtbot.waitSignals([preferences.theme_changed, preferences.device_changed]):
         dialog.accept()
     again = Preferences(tmp_path / "desktop.ini")
-    assert (again.theme, again.device) == ("dark", dialog.devices.itemData(1))
+    assert (again.theme, again.device) == ("dark", dialog.form["device"].itemData(1))
 
 
 def test_preferences_that_make_no_sense_count_as_never_chosen(tmp_path, qapp) -> None:

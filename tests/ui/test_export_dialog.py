@@ -40,37 +40,37 @@ def opened(qtbot, tmp_path, small):
 
 
 def told(dialog) -> str:
-    return dialog.target_wishes._told.text()
+    return dialog.target.note.text()
 
 
 def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, small) -> None:
     dialog = opened()
     assert [dialog.targets.itemData(row) for row in range(dialog.targets.count())] == ["", *TARGET_NAMES]
-    assert dialog.wishes.isVisible()
+    assert dialog.everything.isVisible()
     for name in TARGET_NAMES:
         dialog.targets.setCurrentIndex(dialog.targets.findData(name))
-        target, controls = target_named(name), dialog.target_wishes.controls
-        shown = {option for option, row in controls._rows.items() if row.isVisible()}
+        target, controls = target_named(name), dialog.target
+        shown = {option for option, row in controls._lines.items() if row.isVisible()}
         tiles = {"overlap", "tile_name", "tile_first", "tiles_from_south"}
         assert shown == set(option_names(target)) - tiles, name
-        assert not dialog.wishes.isVisible()
+        assert not dialog.everything.isVisible()
         if "tiles" in shown:
-            controls.columns.setValue(2)
-            shown = {option for option, row in controls._rows.items() if row.isVisible()}
+            controls["columns"].setValue(2)
+            shown = {option for option, row in controls._lines.items() if row.isVisible()}
             assert shown == set(option_names(target)), name
-            controls.columns.setValue(1)
-        assert dialog.target_wishes.problem == "", name
+            controls["columns"].setValue(1)
+        assert dialog.target.problem == "", name
         assert dialog._go.isEnabled()
         usual = plan_of(small, name, ExportOptions())
         asked = plan_of(small, name, controls.options())
         assert (asked.grid, asked.tiling) == (usual.grid, usual.tiling), name
         assert asked.options == usual.options, name
 
-    assert set(opened().target_wishes.controls._rows) == {each.name for each in fields(ExportOptions)}
+    assert set(opened().target._lines) == {each.name for each in fields(ExportOptions)}
 
     for name in ("", *TARGET_NAMES):
         dialog.targets.setCurrentIndex(dialog.targets.findData(name))
-        dialog.target_wishes.controls.columns.setValue(2)
+        dialog.target["columns"].setValue(2)
         texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton)) if each.isVisible()]
         letters = [QKeySequence.mnemonic(text).toString() for text in texts]
         twice = {letter for letter in letters if letter and letters.count(letter) > 1}
@@ -79,14 +79,14 @@ def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, s
 
 def test_what_an_export_will_be_is_told_at_once(opened) -> None:
     dialog = opened("unreal")
-    controls = dialog.target_wishes.controls
+    controls = dialog.target
     assert told(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
     assert "512 × 512 m: the world goes on beyond the sketch." in told(dialog)
-    controls.columns.setValue(2)
-    controls.rows.setValue(2)
+    controls["columns"].setValue(2)
+    controls["rows"].setValue(2)
     assert told(dialog).startswith("4 tiles of 1009 × 1009, 0.254 m apart.")
     assert controls.options().size == 2017
-    controls.sizes.setCurrentIndex(controls.sizes.findData(127))
+    controls["size"].setCurrentIndex(controls["size"].findData(127))
     assert told(dialog).startswith("4 tiles of 127 × 127, 2.032 m apart.")
     assert "MiB of disk besides the plants" in told(dialog)
     assert "MiB of memory" in told(dialog)
@@ -94,33 +94,33 @@ def test_what_an_export_will_be_is_told_at_once(opened) -> None:
 
 def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begins(opened, tmp_path) -> None:
     dialog = opened("raw")
-    controls = dialog.target_wishes.controls
-    controls.sizes.setEditText("1024")
-    controls.columns.setValue(2)
+    controls = dialog.target
+    controls["size"].setEditText("1024")
+    controls["columns"].setValue(2)
     assert "1023 or 1025" in dialog._refused.text()
     assert not dialog._go.isEnabled()
     assert told(dialog) == ""
-    controls.sizes.setEditText("")
+    controls["size"].setEditText("")
     assert "expected a number of vertices" in dialog._refused.text()
-    controls.sizes.setEditText("1025")
+    controls["size"].setEditText("1025")
     assert dialog._refused.text() == ""
     assert dialog._go.isEnabled()
-    controls.pattern.setText("{name}")
+    controls["tile_name"].setText("{name}")
     assert not dialog._go.isEnabled()
     dialog.targets.setCurrentIndex(dialog.targets.findData("geotiff"))
     assert dialog._go.isEnabled()
-    controls.crs.setText("EPSG:4326")
+    controls["crs"].setText("EPSG:4326")
     assert "EPSG:4326" in dialog._refused.text()
     assert not dialog._go.isEnabled()
 
     dialog = opened("png16")
-    controls = dialog.target_wishes.controls
+    controls = dialog.target
     assert controls.options().heights is None
-    assert not controls.low.isEnabled()
-    controls.ranged.setChecked(True)
-    controls.low.setValue(3000.0)
+    assert not controls["low"].isEnabled()
+    controls["ranged"].setChecked(True)
+    controls["low"].setValue(3000.0)
     assert "expected the lowest and the highest" in dialog._refused.text()
-    controls.low.setValue(-100.0)
+    controls["low"].setValue(-100.0)
     assert controls.options().heights == (-100.0, 2000.0)
     assert dialog._go.isEnabled()
 
@@ -136,50 +136,50 @@ def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begin
 
 def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened) -> None:
     dialog = opened("raw")
-    controls = dialog.target_wishes.controls
-    assert controls.sizes.currentText() == "1025"
+    controls = dialog.target
+    assert controls["size"].currentText() == "1025"
     for tiles, overlap in ((3, 1), (3, 0), (7, 5), (1, 5)):
-        controls.columns.setValue(tiles)
-        controls.overlap.setValue(overlap)
-        for row in range(controls.sizes.count()):
-            controls.sizes.setCurrentIndex(row)
-            assert dialog.target_wishes.problem == "", (tiles, overlap, controls.sizes.currentText())
-    controls.sizes.setEditText("1000")
-    controls.columns.setValue(3)
-    assert controls.sizes.currentText() == "1000"
+        controls["columns"].setValue(tiles)
+        controls["overlap"].setValue(overlap)
+        for row in range(controls["size"].count()):
+            controls["size"].setCurrentIndex(row)
+            assert dialog.target.problem == "", (tiles, overlap, controls["size"].currentText())
+    controls["size"].setEditText("1000")
+    controls["columns"].setValue(3)
+    assert controls["size"].currentText() == "1000"
     dialog.targets.setCurrentIndex(dialog.targets.findData("unreal"))
-    controls.columns.setValue(2)
-    controls.overlap.setValue(2000)
+    controls["columns"].setValue(2)
+    controls["overlap"].setValue(2000)
     assert dialog._refused.text() == "tiles of 1009 vertices cannot share 2000"
 
 
 def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path) -> None:
     dialog = opened("unity")
-    controls = dialog.target_wishes.controls
-    controls.sizes.setCurrentIndex(controls.sizes.findData(129))
-    controls.rows.setValue(3)
-    controls.grass.setChecked(True)
+    controls = dialog.target
+    controls["size"].setCurrentIndex(controls["size"].findData(129))
+    controls["rows"].setValue(3)
+    controls["grass"].setChecked(True)
     dialog.targets.setCurrentIndex(dialog.targets.findData("raw"))
-    assert controls.rows.value() == 1
+    assert controls["rows"].value() == 1
     dialog.targets.setCurrentIndex(dialog.targets.findData("unity"))
-    assert controls.rows.value() == 3
+    assert controls["rows"].value() == 3
     dialog._remember()
     dialog.preferences.keep()
     again = opened()
     assert again.targets.currentData() == "unity"
-    assert again.target_wishes.controls.options() == controls.options()
+    assert again.target.options() == controls.options()
     assert again.folder.text() == str(tmp_path / "out")
 
 
 def test_what_was_kept_and_cannot_be_counts_as_never_chosen(opened) -> None:
-    usual = opened("unity").target_wishes.controls.options()
+    usual = opened("unity").target.options()
     dialog = opened()
     for bad in (
         {"columns": "many", "size": 17, "low": float("nan"), "plants": 3, "tile_name": None, "format": []},
         {"size": {}, "grass": "yes"},
     ):
         dialog.preferences.keep_exported("unity", bad)
-        assert opened("unity").target_wishes.controls.options() == usual
+        assert opened("unity").target.options() == usual
     for text in ("[1, 2]", "no JSON"):
         dialog.preferences._settings.setValue("export/unity", text)
         assert dialog.preferences.exported("unity") == {}
@@ -206,10 +206,10 @@ def test_what_to_type_in_is_a_table_that_can_be_copied(opened, qapp) -> None:
 
 def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path) -> None:
     dialog = opened("raw")
-    controls = dialog.target_wishes.controls
-    controls.sizes.setEditText("65")
-    controls.rows.setValue(2)
-    controls.plants.setChecked(False)
+    controls = dialog.target
+    controls["size"].setEditText("65")
+    controls["rows"].setValue(2)
+    controls["plants"].setChecked(False)
     dialog._begin()
     with qtbot.waitSignal(dialog.job.finished, timeout=120_000) as done:
         pass
@@ -228,10 +228,10 @@ def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened
 @pytest.mark.slow
 def test_heights_that_do_not_fit_leave_nothing(qtbot, opened, tmp_path) -> None:
     dialog = opened("png16")
-    controls = dialog.target_wishes.controls
-    controls.sizes.setEditText("65")
-    controls.ranged.setChecked(True)
-    controls.low.setValue(1999.0)
+    controls = dialog.target
+    controls["size"].setEditText("65")
+    controls["ranged"].setChecked(True)
+    controls["low"].setValue(1999.0)
     dialog._begin()
     with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as told_why:
         pass
@@ -254,16 +254,22 @@ def test_a_cancelled_export_to_a_target_leaves_nothing(qtbot, opened, tmp_path) 
 
 
 def test_export_asks_for_what_the_command_line_can(opened) -> None:
-    wishes = opened().wishes
-    kinds = [wishes.foliage.itemData(row) for row in range(wishes.foliage.count())]
+    form = opened().everything
+    kinds = [form["plants"].itemData(row) for row in range(form["plants"].count())]
     assert kinds == ["csv", "ply", "both", "none"]
-    assert not wishes.grass.isEnabled()
-    wishes.foliage.setCurrentIndex(1)
-    wishes.grass.setChecked(True)
-    wishes.maps.setCurrentIndex(2)
-    wishes.views.setCurrentIndex(wishes.views.count() - 1)
-    wish = wishes.wish(Path("x"), None)
-    assert (wish.foliage, wish.grass, wish.map, wish.preview, wish.size) == ("ply", True, "svg", False, 1025)
+    assert not form["grass"].isEnabled()
+    form["plants"].setCurrentIndex(1)
+    form["grass"].setChecked(True)
+    form["map"].setCurrentIndex(2)
+    form["view"].setCurrentIndex(form["view"].count() - 1)
+    request = form.request(Path("x"), None)
+    assert (request.foliage, request.grass, request.map, request.preview, request.size) == (
+        "ply",
+        True,
+        "svg",
+        False,
+        1025,
+    )
 
 
 @pytest.mark.slow
@@ -271,8 +277,8 @@ def test_an_export_writes_what_the_command_line_writes(qtbot, small, tmp_path, e
     dialog = ExportDialog(small, exporting_into(tmp_path / "out"))
     qtbot.addWidget(dialog)
     dialog.show()
-    dialog.wishes.sizes.setCurrentIndex(0)
-    dialog.wishes.views.setCurrentIndex(dialog.wishes.views.count() - 1)
+    dialog.everything["size"].setCurrentIndex(0)
+    dialog.everything["view"].setCurrentIndex(dialog.everything["view"].count() - 1)
     seen = []
     dialog._begin()
     dialog.job.stage_changed.connect(seen.append)

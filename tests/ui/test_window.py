@@ -239,7 +239,7 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
 def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
     window, link, tmp_path, monkeypatch, qtbot
 ) -> None:
-    from sketchterrain.ui.dialogs.picture import PictureDialog
+    from sketchterrain.ui.dialogs.new_sketch import PictureDialog
 
     monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
 

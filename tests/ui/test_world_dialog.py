@@ -47,25 +47,25 @@ def begun(qtbot, dialog):
     return done.args[0]
 
 
-def test_every_wish_can_be_asked_for_and_the_first_are_the_command_lines(opened) -> None:
+def test_every_option_can_be_asked_for_and_the_first_are_the_command_lines(opened) -> None:
     dialog = opened()
-    assert dialog.wishes.wishes() == WorldOptions()
+    assert dialog.form.options() == WorldOptions()
     assert dialog.go.isEnabled()
     assert dialog.go.text() == "Estimate"
 
-    wishes = dialog.wishes
-    choose(wishes.whole, "other")
-    wishes.west.setValue(-100.0)
-    wishes.east.setValue(900.5)
-    wishes.cell.setValue(2.5)
-    wishes.normals.setChecked(False)
-    choose(wishes.plants, "flatgeobuf")
-    wishes.grass.setChecked(True)
-    wishes.crs.setText("EPSG:25832")
-    wishes.easting.setValue(400_000.0)
-    choose(wishes.steps, 2.0**-7)
-    wishes.workers.setValue(2)
-    assert wishes.problem == ""
+    form = dialog.form
+    choose(form["place"], "other")
+    form["west"].setValue(-100.0)
+    form["east"].setValue(900.5)
+    form["cell"].setValue(2.5)
+    form["normals"].setChecked(False)
+    choose(form["plants"], "flatgeobuf")
+    form["grass"].setChecked(True)
+    form["crs"].setText("EPSG:25832")
+    form["easting"].setValue(400_000.0)
+    choose(form["steps"], 2.0**-7)
+    form["workers"].setValue(2)
+    assert form.problem == ""
     asked = WorldOptions(
         bounds=(-100.0, 0.0, 900.5, 384.0),
         cell=2.5,
@@ -77,23 +77,23 @@ def test_every_wish_can_be_asked_for_and_the_first_are_the_command_lines(opened)
         step=2.0**-7,
         workers=True,
     )
-    assert wishes.wishes() == asked
+    assert form.options() == asked
     unasked = {each.name for each in fields(WorldOptions) if getattr(asked, each.name) == each.default}
     assert unasked == {"fast"}  # no picture of the window's own may have other bits
 
 
 def test_what_it_is_and_what_cannot_be_is_told_at_once(opened) -> None:
     dialog = opened()
-    assert dialog.wishes._told.text() == "513 × 385 vertices, 0.2596 million on all 3 levels."
-    dialog.wishes.crs.setText("EPSG:4326")
+    assert dialog.form.note.text() == "513 × 385 vertices, 0.2596 million on all 3 levels."
+    dialog.form["crs"].setText("EPSG:4326")
     assert "EPSG:4326" in dialog.told.text()
     assert not dialog.go.isEnabled()
-    dialog.wishes.crs.clear()
-    choose(dialog.wishes.whole, "other")
-    dialog.wishes.east.setValue(-1.0)
+    dialog.form["crs"].clear()
+    choose(dialog.form["place"], "other")
+    dialog.form["east"].setValue(-1.0)
     assert "west < east" in dialog.told.text()
     assert not dialog.go.isEnabled()
-    choose(dialog.wishes.whole, "sketch")
+    choose(dialog.form["place"], "sketch")
     assert dialog.go.isEnabled()
     dialog.output.setText("")
     assert dialog.told.text() == "Choose a file or a folder."
@@ -105,14 +105,14 @@ def test_what_it_is_and_what_cannot_be_is_told_at_once(opened) -> None:
 def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(opened, tmp_path) -> None:
     dialog = opened()
     for form, name in (("tif", "world.tif"), ("tiles", "world"), ("zarr", "world.zarr")):
-        choose(dialog.wishes.forms, form)
+        choose(dialog.form["form"], form)
         assert dialog.output.text() == str(tmp_path / name)
         assert dialog.go.isEnabled()
     dialog.output.setText(str(tmp_path / "other.tif"))
     assert "expected another name, or another form" in dialog.told.text()
     assert not dialog.go.isEnabled()
     dialog.output.setText(str(tmp_path / "v1.5"))
-    choose(dialog.wishes.forms, "tif")
+    choose(dialog.form["form"], "tif")
     assert dialog.output.text() == str(tmp_path / "v1.5.tif")
 
     texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton))]
@@ -122,14 +122,14 @@ def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(ope
 
 def test_what_was_asked_for_is_there_again(opened) -> None:
     dialog = opened()
-    choose(dialog.wishes.forms, "tiles")
-    dialog.wishes.cell.setValue(8.0)
-    dialog.wishes.materials.setChecked(False)
-    dialog.preferences.keep_exported("world", dialog.wishes.kept())
+    choose(dialog.form["form"], "tiles")
+    dialog.form["cell"].setValue(8.0)
+    dialog.form["materials"].setChecked(False)
+    dialog.preferences.keep_exported("world", dialog.form.values)
     dialog.preferences.keep()
     again = opened()
-    assert again.wishes.wishes() == replace(WorldOptions(), cell=8.0, layers=("height", "normal"))
-    assert again.wishes.form == "tiles"
+    assert again.form.options() == replace(WorldOptions(), cell=8.0, layers=("height", "normal"))
+    assert again.form.values["form"] == "tiles"
 
 
 @pytest.mark.slow
@@ -140,10 +140,10 @@ def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tm
     assert (told["done"], told["problem"]) == (0, "")
     assert dialog.go.text() == "Start"
     assert "Memory: about" in dialog.told.text()
-    dialog.wishes.normals.setChecked(False)  # of that one nothing is known
+    dialog.form["normals"].setChecked(False)  # of that one nothing is known
     assert dialog.go.text() == "Estimate"
     assert "Memory" not in dialog.told.text()
-    dialog.wishes.normals.setChecked(True)
+    dialog.form["normals"].setChecked(True)
     dialog._is_estimated = True
     dialog.go.click()
     with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000, check_params_cb=lambda share: share > 0):

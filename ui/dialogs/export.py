@@ -19,19 +19,16 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.sketch import Sketch
+from sketchterrain.ui.dialogs.export_options import EverythingForm, TargetForm
 from sketchterrain.ui.dialogs.export_outcome import STAGES, TARGET_STAGES, ExportOutcome
-from sketchterrain.ui.dialogs.export_target import TargetWishes
-from sketchterrain.ui.dialogs.export_wishes import ExportWishes
-from sketchterrain.ui.dialogs.kept_controls import Kept
-from sketchterrain.ui.dialogs.sheet import (
+from sketchterrain.ui.dialogs.form import (
     add_button,
     column,
-    note_to_copy,
+    note,
     only_close,
     part,
-    tell,
+    show_note,
     titled,
-    with_browse,
 )
 from sketchterrain.ui.export_job import ExportJob
 from sketchterrain.ui.models.preferences import Preferences
@@ -47,15 +44,15 @@ class ExportDialog(QDialog):
         self._sketch = sketch
         self._preferences = preferences
         self.job: ExportJob | None = None
-        self._set: dict[str, Kept] = {}  # of targets that were looked at
+        self._set: dict[str, dict[str, Any]] = {}  # of targets that were looked at
         rows = column(self, "Export terrain")
         self.targets = QComboBox()
         self.targets.addItem(_EVERYTHING, "")
         for name in TARGET_NAMES:
             self.targets.addItem(target_named(name).title, name)
         self.targets.setCurrentIndex(max(self.targets.findData(preferences.export_target), 0))
-        self.wishes = ExportWishes(sketch, preferences.exported(""))
-        self.target_wishes = TargetWishes(sketch)
+        self.everything = EverythingForm(sketch, preferences.exported(""))
+        self.target = TargetForm(sketch)
         self._shown = ""  # the target whose controls are there
         folder = preferences.export_folder or preferences.last_folder / "terrain"
         self.folder = QLineEdit(str(folder))
@@ -70,8 +67,8 @@ class ExportDialog(QDialog):
         self._go.setDefault(True)
         self._show_folder.hide()
         rows.addWidget(buttons)
-        for wishes in (self.wishes, self.target_wishes):
-            wishes.changed.connect(self._check)
+        for form in (self.everything, self.target):
+            form.changed.connect(self._check)
         self.folder.textChanged.connect(self._check)
         self.targets.currentIndexChanged.connect(self._use_target)
         self.setMinimumWidth(540)
@@ -83,9 +80,9 @@ class ExportDialog(QDialog):
         return Path(self.folder.text().strip()).expanduser()
 
     @property
-    def asked(self) -> ExportWishes | TargetWishes:
-        """What asks for what is wanted now."""
-        return self.target_wishes if self.targets.currentData() else self.wishes
+    def options(self) -> EverythingForm | TargetForm:
+        """The form that is shown."""
+        return self.target if self.targets.currentData() else self.everything
 
     def reject(self) -> None:
         """Cancel what runs; else close."""
@@ -107,10 +104,10 @@ class ExportDialog(QDialog):
         page = QWidget()
         rows = part(page)
         rows.addLayout(titled("E&xport for", self.targets, "Program or format"))
-        rows.addWidget(self.wishes)
-        rows.addWidget(self.target_wishes)
-        rows.addLayout(with_browse("&Folder", self.folder, "Folder for the files", self._browse))
-        self._refused = note_to_copy()
+        rows.addWidget(self.everything)
+        rows.addWidget(self.target)
+        rows.addLayout(titled("&Folder", self.folder, "Folder for the files", self._browse))
+        self._refused = note(selectable=True)
         rows.addWidget(self._refused)
         rows.addStretch(1)
         return page
@@ -118,13 +115,13 @@ class ExportDialog(QDialog):
     def _use_target(self, *_: object) -> None:
         """Ask for the target that is chosen, as it was asked for the last time."""
         if self._shown:
-            self._set[self._shown] = self.target_wishes.kept()
+            self._set[self._shown] = self.target.values
         self._shown = str(self.targets.currentData())
-        self.wishes.setVisible(not self._shown)
-        self.target_wishes.setVisible(bool(self._shown))
+        self.everything.setVisible(not self._shown)
+        self.target.setVisible(bool(self._shown))
         if self._shown:
             kept = self._set.get(self._shown) or self._preferences.exported(self._shown)
-            self.target_wishes.use(target_named(self._shown), kept)
+            self.target.use(target_named(self._shown), kept)
         self._check()
         QTimer.singleShot(0, self._fit)
 
@@ -134,16 +131,16 @@ class ExportDialog(QDialog):
             self.resize(self.width(), self.minimumSizeHint().height())
 
     def _check(self, *_: object) -> None:
-        line = self.asked.problem
+        line = self.options.problem
         if not self.folder.text().strip():
             line = "Choose a folder."
         elif self.place.is_file():
             line = f"{self.place} is a file: expected a folder."
         self._go.setEnabled(not line)
         is_wrong = bool(line)
-        if not line and (self.place / self.asked.mark).is_file():
+        if not line and (self.place / self.options.mark).is_file():
             line = "Files of an earlier export there are replaced."
-        tell(self._refused, line, is_wrong=is_wrong)
+        show_note(self._refused, line, is_wrong=is_wrong)
 
     def _browse(self) -> None:
         start = self.place if self.place.is_dir() else self.place.parent
@@ -153,7 +150,7 @@ class ExportDialog(QDialog):
 
     def _begin(self) -> None:
         self._remember()
-        self.job = ExportJob(self.asked.wish(self.place, self._preferences.device), self._sketch, self)
+        self.job = ExportJob(self.options.request(self.place, self._preferences.device), self._sketch, self)
         self.job.stage_changed.connect(self.outcome.show_stage)
         self.job.share_changed.connect(self.outcome.show_share)
         self.job.finished.connect(self._show_done)
@@ -167,7 +164,7 @@ class ExportDialog(QDialog):
     def _remember(self) -> None:
         self._preferences.export_folder = self.place
         self._preferences.export_target = self._shown
-        self._preferences.keep_exported(self._shown, self.asked.kept())
+        self._preferences.keep_exported(self._shown, self.options.values)
 
     def _show_done(self, told: dict[str, Any]) -> None:
         self.outcome.show_done(told, self.place)

@@ -20,7 +20,7 @@ from sketchterrain.export_plans import memory_needed as memory_of_plan
 from sketchterrain.export_plans import plan_of
 from sketchterrain.sizes import check_size, memory_needed
 from sketchterrain.sketch import Sketch
-from sketchterrain.ui.dialogs.form import Field, Form, Line
+from sketchterrain.ui.dialogs.form import Field, Form, Line, note
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest
 
 _SIZES: Final = (257, 513, 1025, 2049, 4097, 8193)
@@ -47,7 +47,9 @@ _FORMATS: Final = {
     "glb": "GLB",
     "ply": "PLY",
 }
-_GRASS: Final = Field("grass", "", False, "Many: files become large", words="Grass, flowers and ferns too (millions)")
+_GRASS: Final = Field(
+    "grass", "", False, "Many: files become large", words="Grass, flowers and ferns too (millions)"
+)
 # Of a vertex: 4 of height.tif, 2 of height.png, 3 of normals, 8 of materials, compressed to about two thirds.
 _DISK = 11
 _TILE_OPTIONS = ("overlap", "tile_name", "tile_first", "tiles_from_south")
@@ -129,7 +131,7 @@ _USUAL: Final = {
     field.name: field.default
     for line in _TARGET_FIELDS
     for field in ((line,) if isinstance(line, Field) else line.parts)
-    if isinstance(field, Field)
+    if isinstance(field, Field) and field.name != "size"
 }
 
 
@@ -201,6 +203,8 @@ class TargetForm(Form):
 
     def __init__(self, sketch: Sketch, parent: QWidget | None = None) -> None:
         super().__init__(*_TARGET_FIELDS, parent=parent)
+        self._head = note()
+        self._down.insertWidget(0, self._head)
         self._sketch = sketch
         self._is_wide = sketch.size[0] >= sketch.size[1]
         self._target: Target | None = None
@@ -211,6 +215,7 @@ class TargetForm(Form):
     def use(self, target: Target, kept: Mapping[str, object]) -> None:
         """Show what a target takes, as it was kept."""
         self._target = target
+        self._head.setText(f"{target.line[:1].upper()}{target.line[1:]}.")
         tiling = target.tiling or Tiling()
         self._is_filling = True
         self._offer_sides(target)
@@ -223,8 +228,7 @@ class TargetForm(Form):
             "tile_first": tiling.first,
             "tiles_from_south": tiling.from_south,
         }
-        self.set_values({**_USUAL, **usual})
-        self.set_values(kept)
+        self.set_values(_USUAL, usual, kept)
 
     def request(self, folder: Path, device: str | None) -> TargetRequest:
         """Return what is asked for, into a folder, on a device."""
@@ -284,6 +288,7 @@ class TargetForm(Form):
         label = self.title_of("size")
         if label is not None:
             label.setText("&Size of a tile" if target.sizes else "&Size")
+            label.setBuddy(sizes)
 
     def _offer_fitting_sizes(self, target: Target) -> None:
         """Offer sizes that can be cut into the tiles; one that was typed stays as it is."""
@@ -317,11 +322,10 @@ class TargetForm(Form):
         )
         self.enable(values["ranged"], "low", "high")
         self.enable(values["plants"], "grass")
-        self.problem, self._options = "", None
-        told = f"{target.line[:1].upper()}{target.line[1:]}."
+        self.problem, self._options, told = "", None, ""
         try:
             self._options = self.options()
-            told += "\n" + plan_line(plan_of(self._sketch, target.name, self._options), self._sketch)
+            told = plan_line(plan_of(self._sketch, target.name, self._options), self._sketch)
         except SketchterrainError as error:
             self.problem = one_line(error)
         self.note.setText(told)

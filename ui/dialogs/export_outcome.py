@@ -21,7 +21,7 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.export.sidecar import typed_rows
-from sketchterrain.ui.dialogs.sheet import heading, note_to_copy, part, share_bar
+from sketchterrain.ui.dialogs.form import heading, note, part, progress_bar
 
 STAGES = {
     "Starting": 1,
@@ -61,8 +61,8 @@ class ExportOutcome(QWidget):
         self._head = heading("Exporting")
         self.doing = QLabel("Starting")
         self.doing.setWordWrap(True)
-        self.bar = share_bar("How far the export is", _UNITS)
-        self.told = note_to_copy()
+        self.bar = progress_bar("How far the export is", _UNITS)
+        self.told = note(selectable=True)
         self._clock = QTimer(self)
         self._clock.setInterval(500)
         self._clock.timeout.connect(self._show_time)

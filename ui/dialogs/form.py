@@ -113,9 +113,9 @@ class Form(QWidget):
         self._rows = form_layout()
         self._is_filling = False
         self.note = note()
-        down = part(self)
-        down.addLayout(self._rows)
-        down.addWidget(self.note)
+        self._down = part(self)
+        self._down.addLayout(self._rows)
+        self._down.addWidget(self.note)
         for line in lines:
             row = self._add(line) if isinstance(line, Field) else self._add_line(line)
             self._lines[line.name] = row
@@ -133,11 +133,12 @@ class Form(QWidget):
         """What is set, by name: the data of a choice, a text, a number, whether something is on."""
         return {name: _value(control) for name, control in self._controls.items()}
 
-    def set_values(self, values: Mapping[str, object]) -> None:
-        """Set values; unknown ones, and values that a control does not take, are ignored."""
+    def set_values(self, *values: Mapping[str, object]) -> None:
+        """Set values, later ones over earlier; values that a control does not take are ignored."""
         self._is_filling = True
-        for name, control in self._controls.items():
-            _set(control, values.get(name))
+        for each in values:
+            for name, control in self._controls.items():
+                _set(control, each.get(name))
         self._is_filling = False
         self._report()
 
@@ -241,7 +242,9 @@ def form_layout() -> QFormLayout:
     return rows
 
 
-def titled(title: str, control: QWidget, name: str, browse: Callable[[], object] | None = None) -> QHBoxLayout:
+def titled(
+    title: str, control: QWidget, name: str, browse: Callable[[], object] | None = None
+) -> QHBoxLayout:
     """Return a row of a title and a control with an accessible name, and a button to browse for a path."""
     label = QLabel(title)
     label.setBuddy(control)

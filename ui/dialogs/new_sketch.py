@@ -10,7 +10,7 @@ from PyQt6.QtWidgets import QDialog, QFileDialog, QWidget
 
 from sketchterrain.sketch import SKETCH, Sketch
 from sketchterrain.sketch.starter import starter_sketch
-from sketchterrain.ui.dialogs.form import EXTENT, NAME, Field, Form, button_row, column, note
+from sketchterrain.ui.dialogs.form import EXTENT, NAME, Field, Form, button_row, column
 
 _SIZES = {
     f"{width} × {height}": (width, height)
@@ -90,7 +90,9 @@ class PictureDialog(QDialog):
         sizes = {"": f"As it is shown, {shown[0]} × {shown[1]}"} if all(shown) else {}
         sizes |= {f"{w} {h}": f"Best quality, {w} × {h}" for w, h in _PICTURES}
         self.form = Form(Field("size", "&Picture", next(iter(sizes)), choices=sizes))
-        self.form.note.setText("The best quality is drawn anew from where the eye is; that takes some seconds.")
+        self.form.note.setText(
+            "The best quality is drawn anew from where the eye is; that takes some seconds."
+        )
         rows.addWidget(self.form)
         rows.addStretch(1)
         rows.addWidget(button_row(self, "Save…", on_accept=self._ask)[0])

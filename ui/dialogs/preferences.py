@@ -64,9 +64,13 @@ class PreferencesDialog(QDialog):
                 devices.addItem("", name)
             devices.setItemText(devices.findData(name), f"{name} ({platform})")
         if found:
-            self.form.note.setText("Every device computes the same terrain; another one starts the engine again.")
+            self.form.note.setText(
+                "Every device computes the same terrain; another one starts the engine again."
+            )
         else:
-            self.form.note.setText("No OpenCL device was found: pip install 'sketchterrain[cpu]' brings drivers.")
+            self.form.note.setText(
+                "No OpenCL device was found: pip install 'sketchterrain[cpu]' brings drivers."
+            )
 
     def _stop_asking(self, *_: object) -> None:
         if self._process.state() != QProcess.ProcessState.NotRunning:

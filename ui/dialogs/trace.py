@@ -1,36 +1,169 @@
-"""The dialog for a new sketch from a picture: what it shows, what is read from it, what colours become."""
+"""The dialog for a new sketch from a picture: the picture, what its colours become, the sketch."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import cast
 
-from PyQt6.QtCore import QTimer
-from PyQt6.QtGui import QCloseEvent
-from PyQt6.QtWidgets import QDialog, QGroupBox, QHBoxLayout, QStackedWidget, QVBoxLayout, QWidget
-
-from sketchterrain.sketch import Sketch
-from sketchterrain.trace.coloured_map import SPECKS
-from sketchterrain.trace.legend import Meaning
-from sketchterrain.trace.sheet import LONGEST, Sheet
-from sketchterrain.ui.dialogs.sheet import (
-    add_rows,
-    button_row,
-    column,
-    extent_box,
-    form,
-    name_line,
-    note,
-    pixel_box,
+import numpy as np
+import numpy.typing as npt
+from PyQt6.QtCore import QSignalBlocker, QSize, Qt, QTimer, pyqtSignal
+from PyQt6.QtGui import QCloseEvent, QColor, QIcon, QImage, QPixmap, QResizeEvent
+from PyQt6.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QFrame,
+    QGridLayout,
+    QGroupBox,
+    QHBoxLayout,
+    QLabel,
+    QScrollArea,
+    QSizePolicy,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
 )
-from sketchterrain.ui.dialogs.shown_picture import ShownPicture
-from sketchterrain.ui.dialogs.trace_colours import ColourTable, meaning_box
+
+from sketchterrain.sketch import LAYERS, SKETCH, Sketch
+from sketchterrain.trace.coloured_map import SPECKS
+from sketchterrain.trace.legend import INK, NOTHING, Meaning
+from sketchterrain.trace.picture_colours import FoundColour
+from sketchterrain.trace.sheet import LONGEST, Sheet
+from sketchterrain.ui.dialogs.form import EXTENT, NAME, Field, Form, button_row, column, form_layout, note
 from sketchterrain.ui.dialogs.trace_source import TracedShown, TraceSource, read_source, trace_source
-from sketchterrain.ui.look.theme import MARGIN
+from sketchterrain.ui.look.layer_colours import swatch
+from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
 from sketchterrain.ui.models.reading import Reading
 
-_PATIENCE = 150  # ms that wishes rest until they are followed
+_LEAST = QSize(320, 220)
+
+
+class ShownPicture(QLabel):
+    """A picture, as large as there is room."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__()
+        self._pixels: QPixmap | None = None
+        self.setAccessibleName(name)
+        self.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.setMinimumSize(_LEAST)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Ignored)
+
+    def show_pixels(self, rgba: npt.NDArray[np.uint8]) -> None:
+        """Show uint8, (height, width, 4)."""
+        height, width = rgba.shape[:2]
+        image = QImage(rgba.tobytes(), width, height, 4 * width, QImage.Format.Format_RGBA8888)
+        self._pixels = QPixmap.fromImage(image.copy())
+        self._fit()
+
+    def clear(self) -> None:
+        """Show nothing."""
+        self._pixels = None
+        super().clear()
+
+    def resizeEvent(self, event: QResizeEvent | None) -> None:
+        """Fit the picture again."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        if self._pixels is not None:
+            ratio = self.devicePixelRatioF()
+            how = (Qt.AspectRatioMode.KeepAspectRatio, Qt.TransformationMode.SmoothTransformation)
+            scaled = self._pixels.scaled(self.size() * ratio, *how)
+            scaled.setDevicePixelRatio(ratio)
+            self.setPixmap(scaled)
+
+
+_SWATCH = 16  # px
+_MOST = 24  # rows
+_LABELS = 3  # of each layer that are offered
+_TALLEST = 7  # rows seen at once
+
+
+def meaning_box(*, special: bool = True) -> QComboBox:
+    """Return a box with everything that a colour can stand for."""
+    box = QComboBox()
+    box.setIconSize(QSize(_SWATCH, _SWATCH))
+    if special:
+        box.addItem("Nothing", NOTHING)
+        box.addItem("Lettering, outlines", INK)
+    for label in range(1, _LABELS + 1):
+        for name, layer in LAYERS.items():
+            title = layer.title if label == 1 else f"{layer.title} {label}"
+            box.addItem(QIcon(swatch(name, label, _SWATCH)), title, Meaning(name, label))
+    box.setMaxVisibleItems(box.count())
+    return box
+
+
+class ColourTable(QScrollArea):
+    """A row for each colour; `changed` tells that one became something else."""
+
+    changed = pyqtSignal()
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setFrameShape(QFrame.Shape.NoFrame)
+        self.setWidgetResizable(True)
+        self.setAccessibleName("Colours of the map")
+        self._rest: tuple[Meaning | None, ...] = ()
+        self.boxes: list[QComboBox] = []
+
+    @property
+    def meanings(self) -> tuple[Meaning | None, ...]:
+        """What each colour stands for."""
+        return (*(box.currentData() for box in self.boxes), *self._rest)
+
+    def show_colours(self, colours: Sequence[FoundColour], meanings: Sequence[Meaning | None]) -> None:
+        """Show the colours of another map."""
+        self._rest = tuple(meanings[_MOST:])
+        self.boxes = []
+        page = QWidget()
+        rows = QGridLayout(page)
+        rows.setContentsMargins(0, 0, SPACING, 0)
+        rows.setHorizontalSpacing(SPACING)
+        rows.setVerticalSpacing(SMALL)
+        for row, (colour, meaning) in enumerate(zip(colours[:_MOST], meanings, strict=False)):
+            shown = QPixmap(2 * _SWATCH, _SWATCH)
+            shown.fill(QColor(*colour.rgb))
+            picture = QLabel()
+            picture.setPixmap(shown)
+            picture.setToolTip(colour.code)
+            share = QLabel(f"{100.0 * colour.share:.1f}\u202f%")
+            share.setFont(tabular(share.font()))
+            box = meaning_box()
+            box.setAccessibleName(f"What {colour.code} becomes")
+            box.setToolTip(f"What {colour.code} becomes")
+            box.setCurrentIndex(_place_of(box, meaning))
+            box.currentIndexChanged.connect(self._tell)
+            self.boxes.append(box)
+            rows.addWidget(picture, row, 0)
+            rows.addWidget(share, row, 1)
+            rows.addWidget(box, row, 2)
+        rows.setColumnStretch(2, 1)
+        rows.setRowStretch(len(self.boxes), 1)
+        self.setWidget(page)
+        if self.boxes:
+            height = self.boxes[0].sizeHint().height() + SMALL
+            self.setMinimumHeight(min(len(self.boxes), _TALLEST) * height)
+
+    def _tell(self, _: int) -> None:
+        self.changed.emit()
+
+
+def _place_of(box: QComboBox, meaning: Meaning | None) -> int:
+    wanted = NOTHING if meaning is None else meaning
+    # Not by findData: to Qt equal values of Python's are different ones.
+    places = [place for place in range(box.count()) if box.itemData(place) == wanted]
+    if not places:
+        box.addItem(str(wanted), wanted)
+    return places[0] if places else box.count() - 1
+
+
+_PATIENCE = 150  # ms without a change until the picture is traced again
 _NOTES = 3
 
 
@@ -55,11 +188,11 @@ class TraceDialog(QDialog):
         pictures.addWidget(self._frame)
         pictures.addWidget(_framed("Sketch", self.after))
         rows.addLayout(pictures, 1)
-        wishes = QHBoxLayout()
-        wishes.setSpacing(2 * MARGIN)
-        wishes.addWidget(self._meanings_page(), 1)
-        wishes.addLayout(self._sheet_form(path), 1)
-        rows.addLayout(wishes)
+        options = QHBoxLayout()
+        options.setSpacing(2 * MARGIN)
+        options.addWidget(self._meanings_page(), 1)
+        options.addWidget(self._size_form(path), 1)
+        rows.addLayout(options)
         self.told = note()
         rows.addWidget(self.told)
         box, self.agree = button_row(self, "Create")
@@ -94,7 +227,7 @@ class TraceDialog(QDialog):
         self.layer.setAccessibleName("What is painted")
         self.layer.currentIndexChanged.connect(self._change)
         one = QWidget()
-        fields = form()
+        fields = form_layout()
         fields.addRow("What is &painted", self.layer)
         one.setLayout(fields)
         self.pages = QStackedWidget()
@@ -106,34 +239,42 @@ class TraceDialog(QDialog):
         self._group = group
         return group
 
-    def _sheet_form(self, path: Path) -> QVBoxLayout:
-        self.name, self.extent = name_line(path.stem), extent_box()
-        self.size_px = pixel_box(512)
-        self.specks, self.narrow = pixel_box(SPECKS, 0, 10_000), pixel_box(0, 0, 200)
-        self.narrow.setSpecialValueText("by colour")
-        fields = form()
-        controls: tuple[tuple[str, QWidget, str], ...] = (
-            ("&Name", self.name, "What the sketch is called"),
-            ("&Extent", self.extent, "Length of the picture's longer side"),
-            ("&Size", self.size_px, "Pixels of the sketch along its longer side"),
-            ("Spec&ks", self.specks, "Areas of fewer pixels vanish"),
-            (
+    def _size_form(self, path: Path) -> Form:
+        self.form = Form(
+            replace(NAME, default=path.stem),
+            replace(EXTENT, tip="Length of the picture's longer side"),
+            Field(
+                "size_px",
+                "&Size",
+                512,
+                "Pixels of the sketch along its longer side",
+                range=(32, 16384),
+                unit="px",
+                decimals=0,
+            ),
+            Field(
+                "specks",
+                "Spec&ks",
+                SPECKS,
+                "Areas of fewer pixels vanish",
+                range=(0, 10_000),
+                unit="px",
+                decimals=0,
+            ),
+            Field(
+                "narrow",
                 "Ri&vers up to",
-                self.narrow,
+                0,
                 "Narrower water is a river, wider water a lake, whichever its colour",
+                range=(0, 200),
+                unit="px",
+                decimals=0,
+                words="by colour",
             ),
         )
-        add_rows(fields, controls)
-        for box in (self.size_px, self.specks, self.narrow):
-            box.setKeyboardTracking(False)
-            box.valueChanged.connect(self._change)
-        self.extent.setKeyboardTracking(False)
-        self.extent.valueChanged.connect(self._change)
-        self.name.textEdited.connect(self._change)
-        whole = QVBoxLayout()
-        whole.addLayout(fields)
-        whole.addStretch(1)
-        return whole
+        self.form["name"].setMaxLength(int(SKETCH["name"].high))
+        self.form.changed.connect(self._change)
+        return self.form
 
     def _take(self, result: object) -> None:
         source = cast(TraceSource, result)
@@ -152,15 +293,13 @@ class TraceDialog(QDialog):
             self._group.setTitle("What it becomes")
             self.pages.setCurrentIndex(2)
             self._frame.hide()
-        self.extent.setEnabled(source.kind != "vectors")
-        for box in (self.specks, self.narrow):
-            box.setEnabled(source.map is not None)
+        self.form.enable(source.kind != "vectors", "extent")
+        self.form.enable(source.map is not None, "specks", "narrow")
         self._trace()
 
     def _set_size(self, longest: int) -> None:
-        self.size_px.blockSignals(True)
-        self.size_px.setValue(min(longest, LONGEST))
-        self.size_px.blockSignals(False)
+        with QSignalBlocker(self.form):
+            self.form["size_px"].setValue(min(longest, LONGEST))
 
     def _change(self, *_: object) -> None:
         if self._source is not None:
@@ -171,11 +310,9 @@ class TraceDialog(QDialog):
         source = self._source
         if source is None:
             return
-        sheet = Sheet(
-            size_px=self.size_px.value(),
-            extent=self.extent.value(),
-            name=self.name.text().strip() or "Untitled",
-        )
+        values = self.form.values
+        name = values["name"].strip() or "Untitled"
+        sheet = Sheet(size_px=values["size_px"], extent=float(values["extent"]), name=name)
         layer = cast("Meaning", self.layer.currentData())
         work = partial(
             trace_source,
@@ -183,8 +320,8 @@ class TraceDialog(QDialog):
             sheet,
             meanings=self.colours.meanings,
             layer=str(layer),
-            specks=self.specks.value(),
-            narrow=self.narrow.value(),
+            specks=values["specks"],
+            narrow=values["narrow"],
         )
         self._reading.read(work, self._show)
 
@@ -193,10 +330,9 @@ class TraceDialog(QDialog):
         self._made = made
         self.after.show_pixels(made.shown)
         sketch = made.traced.sketch
-        if not self.extent.isEnabled():  # vectors have a scale of their own
-            self.extent.blockSignals(True)
-            self.extent.setValue(sketch.extent)
-            self.extent.blockSignals(False)
+        if not self.form["extent"].isEnabled():  # vectors have a scale of their own
+            with QSignalBlocker(self.form):
+                self.form["extent"].setValue(sketch.extent)
         east, north = (side / 1000.0 for side in sketch.size)
         size = f"{sketch.width_px} × {sketch.height_px} px"
         told = [f"{size}, {east:.3g} km × {north:.3g} km of land, {sketch.pixel_size:.3g} m a pixel."]

@@ -1,4 +1,4 @@
-"""What a new sketch is traced from: read once, then asked for a sketch as often as wishes change."""
+"""What a new sketch is traced from: read once, then traced as often as options change."""
 
 from __future__ import annotations
 

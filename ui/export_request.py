@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Wish:
+class ExportRequest:
     """What shall be exported, as `generate` writes it."""
 
     folder: Path
@@ -27,7 +27,7 @@ class Wish:
 
 
 @dataclass(frozen=True)
-class TargetWish:
+class TargetRequest:
     """What shall be exported to a target."""
 
     folder: Path
@@ -37,7 +37,7 @@ class TargetWish:
 
 
 @dataclass(frozen=True)
-class WorldWish:
+class WorldRequest:
     """What world shall be written, or gone on with."""
 
     output: Path  # Its ending says the form

@@ -1,47 +1,33 @@
-"""What is written of each terrain of a batch, and what that and its sketch are known by."""
-
-from __future__ import annotations
+"""What is written of each terrain of a batch, what it takes, and the hash of what it follows from."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import Final, NamedTuple
 
+import msgspec
+
+from sketchterrain.estimate import plant_disk
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.exporting import memory_needed as export_memory
+from sketchterrain.exporting import plan_of
+from sketchterrain.sizes import check_size, memory_needed
+from sketchterrain.sketch import Sketch
+from sketchterrain.sketch.document import LabelImage
 from sketchterrain.sketch.toml_text import settings_text
 
-if TYPE_CHECKING:
-    from sketchterrain.export.target import ExportOptions
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.sketch.document import LabelImage
-
-__all__ = ["Fingerprints", "Output", "image_digest"]
+DEFAULT_SIZE: Final = 1025
+PREVIEW_MEMORY: Final = 1600 << 20  # bytes, for all previews; measured with OpenGL on a processor
+_PREVIEW_DISK: Final = 3 << 20
+_VERTEX_DISK: Final = 9  # bytes: heights twice, normals, materials; the presets take 7
 
 
 @dataclass(frozen=True)
 class Output:
-    """What is written of each terrain.
+    """What is written of each terrain; without a target, the files of ``generate``.
 
-    Attributes
-    ----------
-    size : int or None
-        Vertices along the longer side; None: what suits the target, 1025 where there is none.
-    preview : bool
-        Whether there is a ``preview.png``.
-    view : str
-        What kind of view it shows.
-    foliage : str
-        As what plants are written; see :class:`~sketchterrain.export.FoliageFiles`.
-    grass : bool
-        Whether grass is, too.
-    map : str or None
-        ``png`` or ``svg``: there is a map.
-    target : str or None
-        A target of `sketchterrain.export`; None: the files of ``generate``.
-    options : ExportOptions or None
-        Of the target.
-    fast : bool
-        Whether the kernels may trade bits for speed.
+    `size` is in vertices along the longer side (None: what suits the target, or `DEFAULT_SIZE`).
     """
 
     size: int | None = None
@@ -54,39 +40,38 @@ class Output:
     options: ExportOptions | None = None
     fast: bool = False
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return all of it as JSON has it."""
-        told: dict[str, Any] = json.loads(json.dumps(asdict(self)))
-        return told
+
+class Needs(NamedTuple):
+    """What a terrain takes: vertices, bytes of memory but for its preview, bytes of disk."""
+
+    vertices: int
+    memory: float
+    disk: float
 
 
-class Fingerprints:
-    """What the files of a terrain follow from, as one number.
+def needs_of(sketch: Sketch, output: Output) -> Needs:
+    """Return what a terrain takes; raise SketchterrainError if there cannot be one."""
+    east, north = sketch.size
+    if output.target is None:
+        size = output.size or DEFAULT_SIZE
+        check_size(sketch, size)
+        vertices = size * (round((size - 1) * min(east, north) / max(east, north)) + 1)
+        memory, disk = memory_needed(sketch, size), float(_VERTEX_DISK * vertices)
+        disk += plant_disk(east * north, output.foliage, grass=output.grass)
+    else:
+        options = output.options or ExportOptions()
+        wanted = plan_of(sketch, output.target, options)
+        vertices, memory = wanted.vertices, export_memory(wanted)
+        disk = wanted.target.disk * vertices + plant_disk(east * north, "csv", grass=options.grass)
+    return Needs(vertices, memory, disk + output.preview * _PREVIEW_DISK)
 
-    The same number: the same sketch, seed and settings, written as the same files by the same version of the
-    program. The device is not part of it, for it changes no bit.
 
-    Parameters
-    ----------
-    output
-    """
-
-    def __init__(self, output: Output) -> None:
-        self._made_by = {"version": version("sketchterrain"), "output": output.as_dict()}
-        self._images: dict[int, tuple[LabelImage, str]] = {}
-
-    def of(self, sketch: Sketch) -> str:
-        """Return the SHA-256 of a sketch and of what is written of it, as hexadecimal digits."""
-        layers = {name: self._image(image) for name, image in sketch.layers.items()}
-        whole = {**self._made_by, "layers": layers, "settings": settings_text(sketch)}
-        return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
-
-    def _image(self, image: LabelImage) -> str:
-        # Images are read-only and shared by all seeds: each is hashed once.
-        known = self._images.get(id(image))
-        if known is None:
-            known = self._images[id(image)] = image, image_digest(image)
-        return known[1]
+def fingerprint(sketch: Sketch, output: Output) -> str:
+    """Return a hash of what a terrain's files follow from; the device is not part, for it changes no bit."""
+    layers = {name: image_digest(image) for name, image in sketch.layers.items()}
+    whole = {"version": version("sketchterrain"), "output": msgspec.to_builtins(output)}
+    whole |= {"layers": layers, "settings": settings_text(sketch)}
+    return sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()
 
 
 def image_digest(image: LabelImage) -> str:

@@ -1,66 +1,115 @@
-"""A batch: terrains made several at once, each whole or not there, and gone on with after a stop."""
-
-from __future__ import annotations
+"""A batch: terrains made several at once, each whole or not there, and resumed after a stop."""
 
 import gc
-import os
-import shutil
 import time
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import ExitStack, contextmanager, suppress
+from importlib.metadata import version
+from itertools import islice
+from pathlib import Path
+from threading import Event, local
+from typing import Any, Final, NamedTuple
 
-import msgspec
+import numpy as np
+import numpy.typing as npt
+from msgspec.structs import replace
 
-from sketchterrain.batch.crew import Crew
+from sketchterrain import export
 from sketchterrain.batch.interrupts import Interrupts
-from sketchterrain.batch.manifest import MANIFEST, Entry, Manifest, read_manifest
-from sketchterrain.batch.output import Fingerprints
-from sketchterrain.batch.previews import Previews
-from sketchterrain.batch.sheet import sheets
+from sketchterrain.batch.manifest import MANIFEST, Entry, Manifest, hashed, read_manifest
+from sketchterrain.batch.output import DEFAULT_SIZE, PREVIEW_MEMORY, Needs, Output, fingerprint, needs_of
+from sketchterrain.batch.plan import Item
+from sketchterrain.batch.progress import BatchProgress
+from sketchterrain.batch.sheet import write_sheets
+from sketchterrain.compute import ComputeContext
+from sketchterrain.disk import check_disk
 from sketchterrain.errors import InputError, SketchterrainError, one_line
-from sketchterrain.export import prepare_folder
+from sketchterrain.estimate import Estimate, memory_left
+from sketchterrain.exit_codes import told
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.exporting import plan_of, write_export
+from sketchterrain.generate import Extras, FoliageFiles, Generated, Shared, generate, preview_of
 from sketchterrain.jobs import Devices
+from sketchterrain.progress import Stages
+from sketchterrain.render import check_view
+from sketchterrain.render.studio import Studio
+from sketchterrain.report import REPORT, replaced_files, rounded, said_of, work_of
+from sketchterrain.sketch import Sketch
+from sketchterrain.still import weather_at
 from sketchterrain.system import lock_folder, unlock_folder
+from sketchterrain.terrain import Terrain, build, measure_adherence
 from sketchterrain.whole_files import telling_failure
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
-
-    from sketchterrain.batch.crew import Result, Watcher
-    from sketchterrain.batch.output import Output
-    from sketchterrain.batch.plan import Item
-
-__all__ = ["Done", "refuse_other", "run_batch", "usual_jobs"]
-
-_LEFTOVERS = (".sketchterrain-*", ".*.tmp")  # of export.files.staging and of whole_files, after a kill
+_POLL: Final = 0.2  # s between two checks for Ctrl-C
+_SHARE: Final = 0.9  # of the free memory, which a batch may take
 
 
-@dataclass(frozen=True)
-class Done:
-    """What came of a batch.
+class Done(NamedTuple):
+    """The entries of a batch in order, names of those that were whole before, sheets, and wall time."""
 
-    Attributes
-    ----------
-    manifest : Manifest
-    made, skipped, partial, failed : tuple of Entry
-        In the batch's order: whole now; whole before; without their preview; not there.
-    seconds : float
-        From the first terrain's begin to the last one's end.
-    """
-
-    manifest: Manifest
-    made: tuple[Entry, ...]
-    skipped: tuple[Entry, ...]
-    partial: tuple[Entry, ...]
-    failed: tuple[Entry, ...]
+    entries: list[Entry]
+    skipped: set[str]
+    sheets: list[str]
     seconds: float
 
 
-def usual_jobs() -> int:
-    """Return how many terrains are best in work at once on this machine."""
-    return 2 if (os.cpu_count() or 1) > 1 else 1
+class _StoppedError(Exception):
+    """The batch ends; terrains in work are given up."""
+
+
+def items_needs(items: Sequence[Item], output: Output) -> dict[str, Needs | SketchterrainError]:
+    """Return what each item needs, or why it cannot be made; raise the first error if none can."""
+    needs: dict[str, Needs | SketchterrainError] = {}
+    for item in items:
+        try:
+            needs[item.name] = needs_of(item.sketch, output)
+        except SketchterrainError as error:
+            needs[item.name] = error
+    errors = [each for each in needs.values() if isinstance(each, SketchterrainError)]
+    if len(errors) == len(needs):
+        raise errors[0]
+    return needs
+
+
+def check_folder(folder: Path, *, resume: bool) -> None:
+    """Raise InputError if a folder is a file, or holds a batch without `resume`, or a broken manifest."""
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise InputError(f"{one_line(folder)}: expected a folder, {one_line(there)} is a file")
+    if read_manifest(folder) is not None and not resume:
+        raise InputError(
+            f"{one_line(folder)}: there is a batch in it ({MANIFEST}); --resume goes on with it, "
+            "or take another folder"
+        )
+
+
+def whole_items(
+    items: Sequence[Item], folder: Path, output: Output, progress: BatchProgress | None = None
+) -> dict[str, Entry]:
+    """Return the entries of an earlier run that have the same input, and whose files have their hashes."""
+    manifest = read_manifest(folder)
+    found, entries = {}, {} if manifest is None else manifest.entries
+    for number, item in enumerate(items):
+        entry = entries.get(item.name)
+        if entry is not None and entry.state == "done":
+            if progress is not None:
+                progress.verified(number, len(items))
+            with suppress(SketchterrainError):
+                if entry.input == fingerprint(item.sketch, output) and entry.whole(folder / item.name):
+                    found[item.name] = entry
+    return found
+
+
+def estimate_batch(needs: Iterable[object], output: Output, jobs: int) -> tuple[int, Estimate]:
+    """Return how many terrains can be in work at once, by the free memory, and what the batch takes."""
+    known = [each for each in needs if isinstance(each, Needs)]
+    one = max((each.memory for each in known), default=1.0)
+    previews = PREVIEW_MEMORY if output.preview and known else 0
+    fitting = int((_SHARE * memory_left() - previews) // one)
+    jobs = max(min(jobs, fitting, len(known)), 1)
+    memory = jobs * one + previews if known else 0.0
+    return jobs, Estimate({"terrains": sum(each.disk for each in known)}, memory)
 
 
 def run_batch(
@@ -71,183 +120,211 @@ def run_batch(
     device: str | None,
     jobs: int,
     resume: bool,
-    watcher: Watcher,
+    progress: BatchProgress,
 ) -> Done:
-    """Make all terrains of a batch.
+    """Make all terrains of a batch, so many at once where there is memory for them.
 
     A terrain that fails stops no other one. After Ctrl-C, and after a kill at any moment, what the manifest
     calls done is whole, and a batch that is resumed ends with the same files.
-
-    Parameters
-    ----------
-    items
-        From `plan`.
-    folder
-        Of the batch; made if it is not there.
-    output
-        What is written of each terrain.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    jobs
-        How many terrains are in work at once, where there is memory for them.
-    resume
-        Whether what is whole and unchanged is left as it is.
-    watcher
-        Is told how it goes on.
-
-    Raises
-    ------
-    InputError
-        If the folder holds a batch and `resume` is not given, its manifest is broken, another batch is at
-        work there, or it is a file.
-    DeviceError
-        If there is no such device.
-    SketchterrainError
-        If the folder or the manifest cannot be written.
     """
     devices = Devices(device, fast=output.fast)
-    refuse_other(folder, resume=resume)
-    prepare_folder(folder)
-    with _alone(folder):
-        before = read_manifest(folder)  # as whoever was at work there left it
-        if before is not None:
-            _sweep(before)
-        batch = _Batch(items, folder, output, before, watcher)
-        batch.check()
-        batch.manifest.write()
-        start = time.perf_counter()
-        batch.work(devices, jobs)
-        seconds = time.perf_counter() - start
-        batch.add_sheets()
-        return batch.done(seconds)
+    needs = items_needs(items, output)
+    check_folder(folder, resume=resume)
+    export.prepare_folder(folder)
+    with _locked(folder):
+        for partial_file in folder.glob(".*.tmp"):  # of a batch that was killed
+            partial_file.unlink(missing_ok=True)
+        batch = _Batch(items, folder, output, devices, progress)
+        jobs, estimate = estimate_batch((needs[item.name] for item in batch.todo), output, jobs)
+        check_disk(folder, estimate.disk_needed, "files of the batch")
+        return batch.run(jobs)
 
 
 class _Batch:
     """A batch while it runs."""
 
     def __init__(
-        self, items: Sequence[Item], folder: Path, output: Output, before: Manifest | None, watcher: Watcher
+        self, items: Sequence[Item], folder: Path, output: Output, devices: Devices, progress: BatchProgress
     ) -> None:
-        self._items, self._folder, self._output, self._watcher = items, folder, output, watcher
-        self._before = {} if before is None else before.entries
-        self._fingerprints = Fingerprints(output)
-        self._todo: list[Item] = []
-        named = {item.name for item in items}
-        entries = {item.name: _blank(item) for item in items}
-        entries |= {name: entry for name, entry in self._before.items() if name not in named}
-        self.manifest = Manifest(folder, output.as_dict(), entries, [] if before is None else before.sheets)
+        self._folder, self._output, self._devices, self._progress = folder, output, devices, progress
+        self._items, self._skipped = items, whole_items(items, folder, output, progress)
+        self.todo = [item for item in items if item.name not in self._skipped]
+        self._stop, self._thread, self._render = Event(), local(), None
+        before = read_manifest(folder)
+        earlier, self._sheets = ({}, []) if before is None else (before.entries, before.sheets)
+        # Files of an item that changed stay until there are others.
+        files = {name: entry.files for name, entry in earlier.items()}
+        blank = {item.name: replace(_blank(item), files=files.get(item.name, ())) for item in self.todo}
+        names = (*(item.name for item in items), *earlier)
+        self._entries = {name: blank.get(name) or earlier[name] for name in names}
 
-    def check(self) -> None:
-        """Find out what is whole and unchanged."""
-        for number, item in enumerate(self._items):
-            entry = self._before.get(item.name)
-            if entry is None:
-                self._todo.append(item)
-                continue
-            self._watcher.checking(number, len(self._items))
-            if entry.input == self._input(item) and entry.whole(self._folder / item.name):
-                self.manifest.entries[item.name] = entry
-            else:  # its files stay until there are others
-                self.manifest.entries[item.name] = _blank(item, entry)
-                self._todo.append(item)
-
-    def work(self, devices: Devices, jobs: int) -> None:
-        """Make what is not there; Ctrl-C is heard here, and passed on when nothing is half-done."""
-        self._watcher.begins(self._todo, len(self._items) - len(self._todo))
+    def run(self, jobs: int) -> Done:
+        """Make what is not there, then the contact sheets."""
+        self._write_manifest()
+        self._progress.begins(len(self.todo), len(self._skipped))
+        start = time.perf_counter()
         with ExitStack() as stack:
-            previews = stack.enter_context(Previews()) if self._output.preview else None
-            crew = Crew(self._folder, self._output, self._fingerprints, devices, previews, self._watcher)
-            left = len(self._todo)
-            interrupts = stack.enter_context(Interrupts())
-            try:
-                crew.start(self._todo, jobs)
-                while left:
-                    self._record(result := crew.next(interrupts.check))
-                    crew.tell(result)
-                    left -= 1
-                    gc.collect()  # terrains hold themselves in cycles, which take hundreds of megabytes
-            finally:
-                for result in crew.end(early=left > 0):
-                    self._record(result)
+            if self._output.preview:
+                self._render = stack.enter_context(_previews(self._go_on))
+            self._make_all(jobs, stack.enter_context(Interrupts()))
+        seconds = time.perf_counter() - start
+        shown = [entry for entry in self._entries.values() if entry.state != "waiting"]
+        sheets = write_sheets(self._folder, shown)
+        for name in {*self._sheets} - {*sheets}:
+            (self._folder / name).unlink(missing_ok=True)
+        self._sheets = sheets
+        self._write_manifest()
+        entries = [self._entries[item.name] for item in self._items]
+        return Done(entries, {*self._skipped}, sheets, seconds)
 
-    def add_sheets(self) -> None:
-        """Write contact sheets of all that was made."""
-        shown = [entry for entry in self.manifest.entries.values() if entry.state != "waiting"]
-        names = sheets(self._folder, shown)
-        for name in self.manifest.sheets:
-            if name not in names:
-                (self._folder / name).unlink(missing_ok=True)
-        self.manifest.sheets = names
-        self.manifest.write()
-
-    def done(self, seconds: float) -> Done:
-        """Return what came of all items."""
-        todo = {item.name for item in self._todo}
-        entries = [self.manifest.entries[item.name] for item in self._items]
-        new = [entry for entry in entries if entry.name in todo]
-        return Done(
-            self.manifest,
-            tuple(entry for entry in new if entry.state == "done"),
-            tuple(entry for entry in entries if entry.name not in todo),
-            tuple(entry for entry in new if entry.state == "partial"),
-            tuple(entry for entry in new if entry.state == "failed"),
-            seconds,
-        )
-
-    def _input(self, item: Item) -> str:
-        """Return what an item's files follow from; nothing where its sketch is none."""
+    def _make_all(self, jobs: int, interrupts: Interrupts) -> None:
+        """Make what is not there; Ctrl-C is raised when nothing is half-written."""
+        waiting, pending = iter(self.todo), set[Future[Entry]]()
+        pool = ThreadPoolExecutor(jobs, "terrain", self._prepare_thread)
         try:
-            return self._fingerprints.of(item.sketch)
-        except SketchterrainError:
-            return ""
+            while True:
+                interrupts.check()
+                more = islice(waiting, jobs + 1 - len(pending))  # one waits, so that no thread does
+                pending |= {pool.submit(self._make, item) for item in more}
+                if not pending:
+                    break
+                finished, pending = wait(pending, _POLL, FIRST_COMPLETED)
+                for future in finished:
+                    self._record(future.result())
+                    self._progress.finished(future.result())
+                    gc.collect()  # terrains hold themselves in cycles, which take hundreds of megabytes
+        finally:
+            self._stop.set()
+            if pending:
+                self._progress.stops()
+            pool.shutdown(cancel_futures=True)
+            for future in pending:
+                if not future.cancelled() and future.exception() is None:
+                    self._record(future.result())
 
-    def _record(self, result: Result) -> None:
-        """Keep what came of an item; of its earlier files go those that it has not any more."""
-        item, entry = result
-        before = self.manifest.entries[item.name]
+    def _prepare_thread(self) -> None:
+        self._thread.shared = Shared(self._devices, take_picture=self._render)  # with a cache of placements
+
+    def _make(self, item: Item) -> Entry:
+        """Make an item; its entry tells the error if it failed."""
+        folder, start, entry = self._folder / item.name, time.perf_counter(), _blank(item)
+        stages = Stages(lambda title: self._stage(item, title))
+        try:
+            sketch = item.sketch
+            entry = replace(entry, input=fingerprint(sketch, self._output))
+            done = make(sketch, folder, self._output, shared=self._thread.shared, stages=stages)
+            entry = replace(
+                entry,
+                state="done" if done.problem is None else "partial",
+                files=tuple(hashed(path) for path in done.files),
+                adherence={key: each for key, each in done.report["adherence"].items() if key != "shapes"},
+                notes=tuple(done.report["restarts"]),
+                error=one_line(done.problem or ""),
+            )
+        except Exception as error:  # whatever it is, it stops no other item
+            with suppress(OSError):
+                folder.rmdir()  # which leaves a folder with files
+            if isinstance(error, _StoppedError):
+                raise
+            entry = replace(entry, state="failed", error=one_line(" ".join(told(error)[0].split())))
+        return replace(entry, seconds=round(time.perf_counter() - start, 4), timings=rounded(stages.seconds))
+
+    @contextmanager
+    def _stage(self, item: Item, title: str) -> Iterator[Callable[[float], None]]:
+        self._go_on()
+        self._progress.stage(item.name, title)
+        yield self._go_on
+
+    def _go_on(self, _: float = 0.0) -> None:
+        if self._stop.is_set():
+            raise _StoppedError
+
+    def _record(self, entry: Entry) -> None:
+        """Write an entry into the manifest, and remove the stale files of an earlier run."""
+        before = self._entries[entry.name]
         if entry.state == "failed":
-            entry = msgspec.structs.replace(entry, files=before.files)
-        else:
-            for name in {each.file for each in before.files} - {each.file for each in entry.files}:
-                (self._folder / item.name / name).unlink(missing_ok=True)
-        self.manifest.entries[item.name] = entry
-        self.manifest.write()
+            entry = replace(entry, files=before.files)
+        for name in {each.file for each in before.files} - {each.file for each in entry.files}:
+            (self._folder / entry.name / name).unlink(missing_ok=True)
+        self._entries[entry.name] = entry
+        self._write_manifest()
 
-
-def _blank(item: Item, before: Entry | None = None) -> Entry:
-    files = () if before is None else before.files
-    return Entry(item.name, item.source.given, item.seed, dict(item.settings), files=files)
-
-
-def refuse_other(folder: Path, *, resume: bool) -> None:
-    """Refuse a folder that a batch cannot be written into; nothing is changed.
-
-    Raises
-    ------
-    InputError
-        If it or a part of its path is a file, or it holds a batch and `resume` is not given, or a broken one.
-    """
-    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    if not there.is_dir():
-        which = "this" if there == folder else one_line(there)
-        raise InputError(f"{one_line(folder)}: expected a folder to write into, {which} is a file")
-    before = read_manifest(folder) if folder.is_dir() else None
-    if before is not None and not resume:
-        raise InputError(
-            f"{one_line(folder)}: there is a batch in it ({MANIFEST}); --resume goes on with it, "
-            "or take another folder"
-        )
+    def _write_manifest(self) -> None:
+        items = list(self._entries.values())
+        Manifest(1, version("sketchterrain"), self._output, items, self._sheets).write(self._folder)
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Keep any other batch out of a folder; the lock ends with the process, however that ends.
+def _previews(go_on: Callable[[], None]) -> Iterator[Any]:
+    """Yield what renders pictures on one thread, which keeps OpenGL open; `go_on` is called before each."""
+    studios: list[Studio] = []
 
-    Raises
-    ------
-    InputError
-        If there is one.
-    """
+    def render(terrain: Terrain, request: dict[str, Any]) -> npt.NDArray[np.uint8]:
+        go_on()
+        if not studios:
+            studios.append(Studio())
+        return studios[0].picture(terrain, **request)
+
+    with ThreadPoolExecutor(1, "previews") as thread:
+        try:
+            yield lambda terrain, **request: thread.submit(render, terrain, request).result()
+        finally:
+            for studio in studios:
+                thread.submit(studio.close).result()
+
+
+def make(sketch: Sketch, folder: Path, output: Output, *, shared: Shared, stages: Stages) -> Generated:
+    """Write a terrain's files; they come into the folder together, when all of them are there."""
+    if output.target is not None:
+        return _export(sketch, folder, output, output.target, shared, stages)
+    return generate(
+        sketch,
+        folder,
+        size=output.size or DEFAULT_SIZE,
+        foliage=FoliageFiles(output.foliage, output.grass),
+        extras=Extras(output.preview, output.view, map=output.map),
+        stages=stages,
+        shared=shared,
+    )
+
+
+def _export(
+    sketch: Sketch, folder: Path, output: Output, target: str, shared: Shared, stages: Stages
+) -> Generated:
+    check_view(output.view)
+    weather = weather_at(sketch, None, None)
+    wanted = plan_of(sketch, target, output.options or ExportOptions())
+
+    def work(context: ComputeContext, restarts: tuple[str, ...]) -> Generated:
+        export.prepare_folder(folder)
+        with export.staging(folder) as hidden:
+            with stages.stage("features", "Placing features"):
+                terrain = build(sketch, device=context, memory=shared.memory)
+            done = write_export(wanted, terrain, hidden, stages=stages)
+            with stages.stage("adherence", "Comparing with the sketch"):
+                adherence = measure_adherence(terrain)
+            files, problem, rendering = list(done.files), None, dict[str, float]()
+            if output.preview:
+                with stages.stage("preview", "Preview"):
+                    picture, problem = preview_of(terrain, output.view, weather, shared, rendering)
+                    if picture is not None:
+                        files += export.write_picture(hidden / "preview.png", picture)
+            facts = said_of(terrain) | work_of(stages, rendering, files)
+            facts |= {"target": target, "adherence": adherence.as_dict(), "restarts": list(restarts)}
+            report = export.write_json(hidden / REPORT, facts)
+            outdated = replaced_files(folder, facts)
+            return Generated(facts, export.move_into(folder, (*files, report), outdated=outdated), problem)
+
+    return shared.devices.run(work, stages=stages)
+
+
+def _blank(item: Item) -> Entry:
+    return Entry(item.name, item.source.given, item.seed, dict(item.settings))
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keep any other batch out of a folder; the lock ends with the process, however that ends."""
     with telling_failure(folder):
         try:
             lock = lock_folder(folder)
@@ -257,14 +334,3 @@ def _alone(folder: Path) -> Iterator[None]:
         yield
     finally:
         unlock_folder(lock)
-
-
-def _sweep(before: Manifest) -> None:
-    """Delete what a batch that was killed has left half-written."""
-    for folder in (before.folder, *(before.folder / name for name in before.entries)):
-        for pattern in _LEFTOVERS:
-            for each in folder.glob(pattern):
-                if each.is_dir() and not each.is_symlink():
-                    shutil.rmtree(each, ignore_errors=True)
-                else:
-                    each.unlink(missing_ok=True)

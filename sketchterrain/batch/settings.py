@@ -1,172 +1,213 @@
-"""Settings of a sketch by name, ``river.1.width=20,30``: what they mean, and a sketch that has them."""
-
-from __future__ import annotations
+"""Seeds and settings of a batch, from the command line and from sweep files."""
 
 import re
-from decimal import Decimal, InvalidOperation
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from decimal import Decimal
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
-from sketchterrain.errors import InputError
-from sketchterrain.sketch import LAYERS, SKETCH, TABLES
+import msgspec
+
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.export.target import ExportOptions
+from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Parameter, Sketch
+from sketchterrain.sketch.toml_reading import load_toml
 from sketchterrain.sketch.wording import did_you_mean, shown
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from sketchterrain.sketch import Parameter, Sketch
-
-__all__ = ["MOST_VALUES", "Settings", "Swept", "painted", "setting", "settings_given", "with_settings"]
-
-Value: TypeAlias = int | float | str
-Settings: TypeAlias = "Mapping[str, Value]"
-"""Values by the names of what they set."""
-
-MOST_VALUES = 1000
-"""Of one setting in a batch."""
+MOST_SEEDS: Final = 10_000
+MOST_VALUES: Final = 1000
+EXPORT_KEYS: Final = [each.name for each in fields(ExportOptions) if each.name not in ("size", "grass")]
+_SEEDS = re.compile(r"\s*(\d{1,19})(?:\s*-\s*(\d{1,19}))?\s*", re.ASCII)
 _NUMBER = r"\s*(-?(?:\d+(?:\.\d+)?|\.\d+)(?:e[+-]?\d{1,3})?)\s*"
 _STEPS = re.compile(rf"{_NUMBER}\.\.{_NUMBER}(?:\.\.{_NUMBER})?", re.IGNORECASE | re.ASCII)
 _NOT_SWEPT = ("name", "seed")
 
+Value = int | float | str
+Settings = Mapping[str, Value]
+
 
 class Swept(NamedTuple):
-    """One setting and the values that it takes.
-
-    Attributes
-    ----------
-    name : str
-        ``fidelity``, ``density.hill`` or ``river.1.width``.
-    values : tuple
-        At least one; each is of the kind and in the range that the setting declares.
-    """
+    """A setting (``fidelity``, ``density.hill`` or ``river.1.width``) and the values that it takes."""
 
     name: str
     values: tuple[Value, ...]
 
 
-def setting(name: str, values: str | Sequence[object]) -> Swept:
-    """Return a setting and its values, checked.
+class SweepFile(msgspec.Struct, frozen=True):
+    """A batch as a TOML file, with `export` as `ExportOptions` has it; None and empty: it does not say."""
 
-    Parameters
-    ----------
-    name
-        Of the setting.
-    values
-        As a text, ``30``, ``10,20,30`` or ``10..50..10`` (from, to, step), or one by one.
+    sketches: str | list[str] = []
+    seeds: str | int | list[int] = ""
+    size: int | None = None
+    preview: bool | None = None
+    view: str | None = None
+    foliage: str | None = None
+    grass: bool | None = None
+    map: str | None = None
+    to: str | None = None
+    export: dict[str, Any] = {}
+    set: dict[str, Any] = {}
 
-    Raises
-    ------
-    InputError
-        If there is no such setting, or a value is not one that it takes.
-    """
-    parameter = _parameter(name)
-    given = _listed(name, values, parameter) if isinstance(values, str) else list(values)
-    if not given:
-        raise InputError(f"{name}: expected a value")
-    if len(given) > MOST_VALUES:
-        raise InputError(f"{name}: expected at most {MOST_VALUES} values, got {len(given)}")
-    checked = (parameter.check(value, name) for value in given)
-    return Swept(name, tuple(dict.fromkeys(checked)))
+    @property
+    def seed_list(self) -> tuple[int, ...]:
+        """The seeds as numbers."""
+        seeds = self.seeds if isinstance(self.seeds, list) else [self.seeds]
+        return () if seeds in ([], [""]) else parse_seeds(",".join(map(str, seeds)))
+
+    @property
+    def settings(self) -> tuple[Swept, ...]:
+        """The settings of ``[set]``, whether their names are quoted or made of tables."""
+        return tuple(_flattened(self.set))
 
 
-def settings_given(texts: Sequence[str], *, instead_of: Sequence[Swept] = ()) -> tuple[Swept, ...]:
-    """Return settings as a command line has them, each ``NAME=VALUES``, and others that it does not name.
+class _Export(msgspec.Struct):
+    export: ExportOptions = ExportOptions()
 
-    Raises
-    ------
-    InputError
-        If a text is none, or sets what another one sets.
-    """
+
+def read_sweep(path: Path) -> SweepFile:
+    """Read a sweep file, whose sketches may lie beside it; raise InputError."""
+    try:
+        document = load_toml(path.read_bytes())
+        _refuse_unknown(document, SweepFile.__struct_fields__)
+        file = msgspec.convert(document, type=SweepFile)
+        _refuse_unknown(file.export, EXPORT_KEYS, "export.")
+        options = msgspec.convert(document, type=_Export).export
+        _ = file.seed_list, file.settings
+    except OSError as error:
+        raise InputError(f"{one_line(path)}: cannot be read ({error.strerror})") from None
+    except InputError as error:
+        raise InputError(f"{one_line(path)}: {error}") from None
+    except msgspec.ValidationError as error:
+        reason = one_line(error).replace("`", "").replace("$.", "").replace("Expected", "expected")
+        raise InputError(f"{one_line(path)}: {reason}") from None
+    names = [file.sketches] if isinstance(file.sketches, str) else file.sketches
+    found = [str(path.parent / name) if (path.parent / name).exists() else name for name in names]
+    given = {name: getattr(options, name) for name in file.export}
+    return msgspec.structs.replace(file, sketches=found, export=given)
+
+
+def parse_seeds(text: str) -> tuple[int, ...]:
+    """Return the seeds of a text such as ``1,5,9-12``, in its order, each once; raise InputError."""
+    highest = int(SKETCH["seed"].high)
+    seeds: dict[int, None] = {}
+    for part in text.split(","):
+        match = _SEEDS.fullmatch(part)
+        if match is None or int(match[2] or match[1]) < int(match[1]):
+            raise InputError(
+                f"seeds {shown(text)}: expected numbers and rising ranges such as 1-100 or 1,5,9-12"
+            )
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last > highest:
+            raise InputError(f"seeds {shown(text)}: expected seeds from 0 to {highest}")
+        if len(seeds) + last - first >= MOST_SEEDS:
+            raise InputError(f"seeds {shown(text)}: expected at most {MOST_SEEDS} of them")
+        seeds |= dict.fromkeys(range(first, last + 1))
+    return tuple(seeds)
+
+
+def parse_settings(texts: Sequence[str], defaults: Sequence[Swept] = ()) -> tuple[Swept, ...]:
+    """Return settings as ``NAME=VALUES``, after defaults that they do not replace; raise InputError."""
     found: dict[str, Swept] = {}
     for text in texts:
         name, equals, values = text.partition("=")
+        name = name.strip()
         if not equals:
             raise InputError(f"{shown(text)}: expected NAME=VALUES, as river.1.width=20,30")
-        name = name.strip()
         if name in found:
             raise InputError(f"{name} is set twice: expected all its values at once, as {name}=1,2")
-        found[name] = setting(name, values)
-    return (*(each for each in instead_of if each.name not in found), *found.values())
+        found[name] = parse_setting(name, values)
+    return (*(each for each in defaults if each.name not in found), *found.values())
+
+
+def parse_setting(name: str, values: str | Sequence[object]) -> Swept:
+    """Return a setting and its values, checked against its declaration; raise InputError.
+
+    Values are a text, ``30``, ``10,20,30`` or ``10..50..10`` (from, to, step), or a list.
+    """
+    parameter = _declared(name)
+    listed = _parse_values(name, values, parameter) if isinstance(values, str) else list(values)
+    if not 1 <= len(listed) <= MOST_VALUES:
+        raise InputError(f"{name}: expected 1 to {MOST_VALUES} values, got {len(listed)}")
+    return Swept(name, tuple(dict.fromkeys(parameter.check(value, name) for value in listed)))
 
 
 def with_settings(sketch: Sketch, settings: Settings) -> Sketch:
-    """Return a sketch with other settings; names and values are those of `setting`."""
+    """Return a sketch with other settings; names and values are those of `parse_setting`."""
     for name, value in settings.items():
-        parts = name.split(".")
-        if len(parts) == 1:
-            sketch = sketch.replace(**{name: value})
-        elif len(parts) == 2:
-            sketch = sketch.replace(**{parts[0]: {**getattr(sketch, parts[0]), parts[1]: value}})
-        else:
-            label = (parts[0], int(parts[1]))
-            declared = {**sketch.labels.get(label, {}), parts[2]: value}
-            sketch = sketch.replace(labels={**sketch.labels, label: declared})
+        match name.split("."):
+            case [key]:
+                sketch = sketch.replace(**{key: value})
+            case [table, key]:
+                sketch = sketch.replace(**{table: {**getattr(sketch, table), key: value}})
+            case [layer, number, key]:
+                label = (layer, int(number))
+                declared = {**sketch.labels.get(label, {}), key: value}
+                sketch = sketch.replace(labels={**sketch.labels, label: declared})
     return sketch
 
 
-def painted(sketch: Sketch, name: str) -> bool:
-    """Tell whether a sketch has what a setting is of: a label must be painted."""
+def applies_to(sketch: Sketch, name: str) -> bool:
+    """Return whether a sketch has what a setting is of: a label must be painted."""
     parts = name.split(".")
     return len(parts) < 3 or bool((sketch.layers[parts[0]] == int(parts[1])).any())
 
 
-def _parameter(name: str) -> Parameter:
-    parts = name.split(".")
-    if len(parts) == 1 and name in SKETCH and name not in _NOT_SWEPT:
-        return SKETCH[name]
-    if len(parts) == 2 and parts[0] in TABLES and parts[1] in TABLES[parts[0]]:
-        return TABLES[parts[0]][parts[1]]
-    if len(parts) == 3 and parts[0] in LAYERS and parts[2] in LAYERS[parts[0]].parameters:
-        if re.fullmatch(r"[1-9][0-9]{0,2}", parts[1]) and int(parts[1]) <= 255:
-            return LAYERS[parts[0]].parameters[parts[2]]
-        raise InputError(f"{shown(name)}: expected a label from 1 to 255, as in {parts[0]}.1.{parts[2]}")
-    raise InputError(f"unknown setting {shown(name)}: expected {_known(parts)}")
+def _declared(name: str) -> Parameter:
+    """Return the declaration of a setting."""
+    match name.split("."):
+        case [key] if key in SKETCH and key not in _NOT_SWEPT:
+            return SKETCH[key]
+        case [table, key] if key in TABLES.get(table, {}):
+            return TABLES[table][key]
+        case [layer, label, key] if layer in LAYERS and key in LAYERS[layer].parameters:
+            if re.fullmatch(r"[1-9][0-9]{0,2}", label) and int(label) <= 255:
+                return LAYERS[layer].parameters[key]
+            raise InputError(f"{shown(name)}: expected a label from 1 to 255, as in {layer}.1.{key}")
+        case [layer, *rest] if rest and layer in LAYERS:
+            label = rest[0] if rest[0].isdecimal() else "1"
+            known = [f"{layer}.{label}.{key}" for key in LAYERS[layer].parameters]
+        case [table, *_] if table in TABLES:
+            known = [f"{table}.{key}" for key in TABLES[table]]
+        case _:
+            known = [key for key in SKETCH if key not in _NOT_SWEPT]
+            known += [f"{key}.…" for key in TABLES] + [f"{key}.1.…" for key in LAYERS]
+    raise InputError(f"unknown setting {shown(name)}: expected {', '.join(known)}{did_you_mean(name, known)}")
 
 
-def _known(parts: Sequence[str]) -> str:
-    """Return which settings there are beside one that there is not."""
-    if parts[0] in LAYERS and len(parts) > 1:
-        names = [f"{parts[0]}.{_label(parts)}.{key}" for key in LAYERS[parts[0]].parameters]
-    elif parts[0] in TABLES:
-        names = [f"{parts[0]}.{key}" for key in TABLES[parts[0]]]
-    else:
-        names = [key for key in SKETCH if key not in _NOT_SWEPT]
-        names += [f"{key}.…" for key in TABLES] + [f"{key}.1.…" for key in LAYERS]
-    return ", ".join(names) + did_you_mean(".".join(parts), names)
-
-
-def _label(parts: Sequence[str]) -> str:
-    return parts[1] if parts[1].isdecimal() else "1"
-
-
-def _listed(name: str, text: str, parameter: Parameter) -> list[object]:
-    steps = None if parameter.kind is str else _STEPS.fullmatch(text)
-    if steps is not None:
-        return _stepped(name, text, parameter, [steps[1], steps[2], steps[3] or "1"])
-    return [_read(part.strip(), parameter) for part in text.split(",")]
-
-
-def _read(text: str, parameter: Parameter) -> object:
-    if parameter.kind is str:
-        return text
-    try:
-        number = Decimal(text)
-    except InvalidOperation:
-        return text  # which the parameter refuses, with what it expects
-    return _number(number, parameter) if number.is_finite() else text
-
-
-def _number(value: Decimal, parameter: Parameter) -> object:
-    if parameter.kind is int and value == value.to_integral_value() and abs(value) < 1 << 63:
-        return int(value)
-    return float(value)
-
-
-def _stepped(name: str, text: str, parameter: Parameter, parts: list[str]) -> list[object]:
-    """Return the values of a range: in decimals, so that 0.1..0.5..0.1 ends at 0.5."""
-    first, last, step = (Decimal(part) for part in parts)
+def _parse_values(name: str, text: str, parameter: Parameter) -> list[object]:
+    parts = [part.strip() for part in text.split(",")]
+    steps = _STEPS.fullmatch(text)
+    if parameter.kind is str or steps is None:
+        return [part if parameter.kind is str else _parse_number(part) for part in parts]
+    first, last, step = Decimal(steps[1]), Decimal(steps[2]), Decimal(steps[3] or "1")
     if step <= 0 or last < first:
         raise InputError(f"{name} = {shown(text)}: expected FROM..TO..STEP that rises")
-    count = int((last - first) / step) + 1
-    if count > MOST_VALUES:
+    if (last - first) / step >= MOST_VALUES:
         raise InputError(f"{name} = {shown(text)}: expected at most {MOST_VALUES} values")
-    return [_number(first + step * number, parameter) for number in range(count)]
+    # In decimals, so that 0.1..0.5..0.1 ends at 0.5.
+    return [_parse_number(str(first + step * number)) for number in range(int((last - first) / step) + 1)]
+
+
+def _parse_number(text: str) -> float | str:
+    """Return a number; text that is none is left for the parameter to refuse."""
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return int(number) if number.is_integer() and abs(number) < 1 << 53 else number
+
+
+def _flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[Swept]:
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from _flattened(value, f"{prefix}{name}.")
+        else:
+            yield parse_setting(prefix + name, value if isinstance(value, list | str) else [value])
+
+
+def _refuse_unknown(table: Mapping[str, Any], known: Sequence[str], prefix: str = "") -> None:
+    for name in table:
+        if name not in known:
+            expected = ", ".join(known) + did_you_mean(name, known)
+            raise InputError(f"unknown key {shown(prefix + name)}: expected {expected}")

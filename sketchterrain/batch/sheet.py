@@ -1,59 +1,33 @@
 """Contact sheets: the previews of a batch with their names, so many on a page."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from sketchterrain.batch.manifest import Entry
 from sketchterrain.export import write_picture
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from sketchterrain.batch.manifest import Entry
-
-__all__ = ["COLUMNS", "PAGE", "sheets"]
-
 COLUMNS: Final = 4
-PAGE: Final = 40
-"""Pictures on a page."""
+PAGE: Final = 40  # pictures on a page
 _PICTURE: Final = (400, 225)
-_GAP: Final = 12
-_LINE: Final = 22
-_SIZE: Final = 15  # px of the letters
+_GAP, _LINE, _FONT = 12, 22, 15  # px
 _PAPER, _INK, _QUIET, _RED = (250, 250, 248), (40, 40, 40), (225, 225, 222), (170, 30, 30)
 
 
-def sheets(folder: Path, entries: Sequence[Entry]) -> list[str]:
-    """Write the contact sheets of a batch: ``sheet.png``, ``sheet-2.png`` and so on.
+def write_sheets(folder: Path, entries: Sequence[Entry]) -> list[str]:
+    """Write ``sheet.png``, ``sheet-2.png`` and so on; return their names, none where there is no preview.
 
-    Parameters
-    ----------
-    folder
-        Of the batch.
-    entries
-        Those that are shown, in this order: with their preview, or with what went wrong.
-
-    Returns
-    -------
-    list of str
-        Names of the files; none where there is no preview at all.
-
-    Raises
-    ------
-    SketchterrainError
-        If one cannot be written.
+    Entries are shown in this order, with their preview, or with what went wrong.
     """
-    if not any(_preview(each) for each in entries):
+    if not any(_has_preview(each) for each in entries):
         return []
     names = []
     for page, first in enumerate(range(0, len(entries), PAGE), start=1):
-        name = "sheet.png" if page == 1 else f"sheet-{page}.png"
-        write_picture(folder / name, np.asarray(_page(folder, entries[first : first + PAGE])))
-        names.append(name)
+        names.append("sheet.png" if page == 1 else f"sheet-{page}.png")
+        write_picture(folder / names[-1], np.asarray(_page(folder, entries[first : first + PAGE])))
     return names
 
 
@@ -62,26 +36,26 @@ def _page(folder: Path, entries: Sequence[Entry]) -> Image.Image:
     rows = -(-len(entries) // columns)
     width, height = _PICTURE[0] + _GAP, _PICTURE[1] + _LINE + _GAP
     sheet = Image.new("RGB", (columns * width + _GAP, rows * height + _GAP), _PAPER)
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(_SIZE)
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(_FONT)
     for index, entry in enumerate(entries):
         left, top = _GAP + index % columns * width, _GAP + index // columns * height
-        picture = _small(folder / entry.name / "preview.png") if _preview(entry) else None
+        picture = _thumbnail(folder / entry.name / "preview.png") if _has_preview(entry) else None
         if picture is None:
             draw.rectangle((left, top, left + _PICTURE[0] - 1, top + _PICTURE[1] - 1), fill=_QUIET)
-            told = entry.error or "no preview"
-            draw.text((left + _GAP, top + _GAP), _cut(draw, told, font), fill=_RED, font=font)
+            problem = _fitting(draw, entry.error or "no preview", font)
+            draw.text((left + _GAP, top + _GAP), problem, fill=_RED, font=font)
         else:
             sheet.paste(picture, (left, top))
-        draw.text((left, top + _PICTURE[1] + 2), _cut(draw, entry.name, font), fill=_INK, font=font)
+        draw.text((left, top + _PICTURE[1] + 2), _fitting(draw, entry.name, font), fill=_INK, font=font)
     return sheet
 
 
-def _preview(entry: Entry) -> bool:
+def _has_preview(entry: Entry) -> bool:
     return entry.state != "failed" and any(each.file == "preview.png" for each in entry.files)
 
 
-def _small(path: Path) -> Image.Image | None:
-    """Return a preview as small as the sheet has it; None where it is not there any more."""
+def _thumbnail(path: Path) -> Image.Image | None:
+    """Return a preview at the size of the sheet; None where it is missing."""
     try:
         with Image.open(path, formats=("PNG",)) as picture:
             return picture.convert("RGB").resize(_PICTURE, Image.Resampling.BOX)
@@ -89,11 +63,8 @@ def _small(path: Path) -> Image.Image | None:
         return None
 
 
-def _cut(draw: ImageDraw.ImageDraw, text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> str:
-    """Return a text that fits under a picture: its end, which tells one from the other."""
-    room = _PICTURE[0] - 2 * _GAP
-    if draw.textlength(text, font=font) <= room:
-        return text
-    while text and draw.textlength(f"…{text}", font=font) > room:
-        text = text[1:]
-    return f"…{text}"
+def _fitting(draw: ImageDraw.ImageDraw, text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont) -> str:
+    """Return as much of the end of a text as fits under a picture."""
+    width = _PICTURE[0] - 2 * _GAP
+    cuts = (text, *(f"…{text[cut:]}" for cut in range(1, len(text))), "…")
+    return next(each for each in cuts if draw.textlength(each, font=font) <= width)

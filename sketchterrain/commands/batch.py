@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,16 +13,14 @@ from sketchterrain import arguments as given
 from sketchterrain import picture_arguments as pictured
 from sketchterrain.commands import target_arguments as asked
 from sketchterrain.exit_codes import PARTIAL, USAGE_ERROR, fail
-from sketchterrain.listings import say, say_json
+from sketchterrain.listings import counted, say, say_json
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.batch.manifest import Entry
     from sketchterrain.batch.output import Output
     from sketchterrain.batch.plan import Item
     from sketchterrain.batch.run import Done
-    from sketchterrain.batch.sweep_file import SweepFile
 
 __all__ = ["batch"]
 
@@ -109,79 +108,52 @@ def batch(
 ) -> None:
     """Make many terrains: every sketch with every seed and every value of its settings."""
     from sketchterrain.batch.plan import plan, read_sources
-    from sketchterrain.batch.room import refuse_impossible
-    from sketchterrain.batch.run import run_batch, usual_jobs
-    from sketchterrain.batch.seeds import seeds_of
-    from sketchterrain.batch.settings import settings_given
-    from sketchterrain.batch.sweep_file import no_sweep, read_sweep
-    from sketchterrain.batch.telling import Telling
+    from sketchterrain.batch.progress import BatchProgress
+    from sketchterrain.batch.run import run_batch
+    from sketchterrain.batch.settings import SweepFile, parse_seeds, parse_settings, read_sweep
 
-    file = no_sweep() if sweep is None else read_sweep(sweep)
-    of_target = {
-        "tiles": tiles,
-        "overlap": overlap,
-        "tile_name": tile_name,
-        "tile_first": tile_first,
-        "tiles_from_south": tiles_from_south,
-        "format": form,
-        "heights": heights,
-        "error": error,
-        "crs": crs,
-        "origin": origin,
-        "plants": plants,
-    }
+    file = SweepFile() if sweep is None else read_sweep(sweep)
+    keys: dict[str, Any] = {"size": size, "preview": preview, "view": view, "foliage": foliage}
+    keys |= {"grass": grass or None, "map": map_kind, "to": target}
+    options = {"tiles": tiles, "overlap": overlap, "tile_name": tile_name, "tile_first": tile_first}
+    options |= {"tiles_from_south": tiles_from_south, "format": form, "heights": heights, "error": error}
+    options |= {"crs": crs, "origin": origin, "plants": plants}
     wanted = _output(
-        file,
-        {
-            "size": size,
-            "preview": preview,
-            "view": view,
-            "foliage": foliage,
-            "grass": grass or None,
-            "map": map_kind,
-            "to": target,
-        },
-        of_target,
+        {name: getattr(file, name) if value is None else value for name, value in keys.items()},
+        {name: file.export.get(name) if value is None else value for name, value in options.items()},
         fast=fast,
     )
-    swept = settings_given(settings or (), instead_of=file.settings)
-    items = plan(
-        read_sources(sketches or file.sketches), file.seeds if seeds is None else seeds_of(seeds), swept
-    )
-    refuse_impossible(items, wanted)
-    jobs = jobs or usual_jobs()
+    swept = parse_settings(settings or (), file.settings)
+    sources = read_sources(sketches or file.sketches)
+    items = plan(sources, file.seed_list if seeds is None else parse_seeds(seeds), swept)
+    jobs = jobs or min(2, os.cpu_count() or 1)
     if dry_run:
-        _tell_plan(items, output, wanted, jobs=jobs, resume=resume, as_json=as_json)
+        _report_plan(items, output, wanted, jobs=jobs, resume=resume, as_json=as_json)
         return
-    with Telling() as watcher:
-        done = run_batch(items, output, wanted, device=device, jobs=jobs, resume=resume, watcher=watcher)
-    _tell_done(done, output, as_json=as_json)
+    with BatchProgress() as progress:
+        done = run_batch(items, output, wanted, device=device, jobs=jobs, resume=resume, progress=progress)
+    _report_done(done, output, as_json=as_json)
 
 
-def _output(file: SweepFile, here: dict[str, Any], of_target: dict[str, Any], *, fast: bool) -> Output:
-    """Return what is written of each terrain: what the command line says, and for the rest the file."""
+def _output(keys: dict[str, Any], options: dict[str, Any], *, fast: bool) -> Output:
+    """Return what is written of each terrain, by the keys of a sweep file and of its table ``export``."""
     from sketchterrain.batch.output import Output
     from sketchterrain.export import FoliageFiles
     from sketchterrain.export.targets import target_named
     from sketchterrain.render import check_view
 
-    keys = {name: getattr(file.keys, name) if value is None else value for name, value in here.items()}
-    options = {
-        name: getattr(file.export, name) if value is None else value for name, value in of_target.items()
-    }
-    preview = keys["preview"] is not False
+    preview, view = keys["preview"] is not False, keys["view"] or "auto"
     if not preview and keys["view"] is not None:
         raise USAGE_ERROR("a view and no preview: it is the preview's")
     if keys["map"] not in (None, "png", "svg"):
         raise USAGE_ERROR(f"expected a map as png or svg, got {keys['map']!r}")
-    check_view(keys["view"] or "auto")
-    common = {"size": keys["size"], "preview": preview, "view": keys["view"] or "auto", "fast": fast}
+    check_view(view)
     if keys["to"] is None:
         extra = next((name for name, value in options.items() if value is not None), None)
         if extra is not None:
             raise USAGE_ERROR(f"{extra.replace('_', '-')} is a target's: expected --to TARGET with it")
         files = FoliageFiles(keys["foliage"] or "csv", bool(keys["grass"]))
-        return Output(**common, foliage=files.kind, grass=files.grass, map=keys["map"])
+        return Output(keys["size"], preview, view, files.kind, files.grass, keys["map"], fast=fast)
     for name in ("foliage", "map"):
         if keys[name] is not None:
             raise USAGE_ERROR(f"{name} and a target: it is for the files of `generate`")
@@ -193,62 +165,73 @@ def _output(file: SweepFile, here: dict[str, Any], of_target: dict[str, Any], *,
         form=options.pop("format"),
         **options,
     )
-    return Output(**common, foliage="none", target=keys["to"], options=chosen)
+    return Output(keys["size"], preview, view, "none", target=keys["to"], options=chosen, fast=fast)
 
 
-def _tell_plan(
+def _report_plan(
     items: Sequence[Item], folder: Path, output: Output, *, jobs: int, resume: bool, as_json: bool
 ) -> None:
-    from sketchterrain.batch.forecast import forecast
-    from sketchterrain.batch.run import refuse_other
+    from sketchterrain.batch.output import Needs
+    from sketchterrain.batch.run import check_folder, estimate_batch, items_needs, whole_items
 
-    refuse_other(folder, resume=resume)
-    told = forecast(items, folder, output, jobs=jobs, resume=resume)
+    needs = items_needs(items, output)
+    check_folder(folder, resume=resume)
+    whole = whole_items(items, folder, output)
+    to_make = {name: need for name, need in needs.items() if isinstance(need, Needs) and name not in whole}
+    jobs, estimate = estimate_batch(to_make.values(), output, jobs)
+    states = [
+        "there" if item.name in whole else "to make" if item.name in to_make else "fails" for item in items
+    ]
+    problems = ["" if isinstance(need, Needs) else str(need) for need in needs.values()]
     if as_json:
-        say_json(told.as_dict())
-    else:
-        say(*told.lines())
+        listed = [
+            {
+                "name": item.name,
+                "sketch": item.source.given,
+                "seed": item.seed,
+                "settings": dict(item.settings),
+                "state": state,
+                "vertices": getattr(needs[item.name], "vertices", None),
+                "error": problem,
+            }
+            for item, state, problem in zip(items, states, problems, strict=True)
+        ]
+        say_json({"folder": str(folder), "jobs": jobs, **estimate.as_dict(folder), "items": listed})
+        return
+    width = max(len(item.name) for item in items)
+    for item, state, problem in zip(items, states, problems, strict=True):
+        say(f"{item.name:<{width}}  {problem or state}")
+    say(f"{counted(len(to_make), 'terrain')} to make in {folder}, {jobs} at once", *estimate.lines(folder))
 
 
-def _tell_done(done: Done, folder: Path, *, as_json: bool) -> None:
-    """Tell what came of a batch; what failed as a table on stderr.
-
-    Raises
-    ------
-    Exit
-        With the code for partial results, if not all is there.
-    """
+def _report_done(done: Done, folder: Path, *, as_json: bool) -> None:
+    """Report what came of a batch, failures as a table on stderr; exit with the code for partial results."""
     from msgspec import to_builtins
 
-    entries = (*done.made, *done.skipped, *done.partial, *done.failed)
+    new = [entry for entry in done.entries if entry.name not in done.skipped]
+    made, partial, failed = (
+        [entry for entry in new if entry.state == state] for state in ("done", "partial", "failed")
+    )
     if as_json:
-        counts = {name: len(getattr(done, name)) for name in ("made", "skipped", "partial", "failed")}
-        names = {entry.name for entry in entries}
-        told = [entry for name, entry in done.manifest.entries.items() if name in names]
-        say_json(
-            {
-                "folder": str(folder),
-                **counts,
-                "seconds": round(done.seconds, 3),
-                "sheets": done.manifest.sheets,
-                "items": to_builtins(told),
-            }
-        )
+        counts = {
+            "made": len(made),
+            "skipped": len(done.skipped),
+            "partial": len(partial),
+            "failed": len(failed),
+        }
+        facts = {"folder": str(folder), **counts, "seconds": round(done.seconds, 3), "sheets": done.sheets}
+        say_json(facts | {"items": to_builtins(done.entries)})
     else:
-        made = len(done.made) + len(done.partial)
-        rate = f", {60.0 * made / done.seconds:.1f} a minute" if made and done.seconds > 0 else ""
+        count = len(made) + len(partial)
+        rate = f", {60.0 * count / done.seconds:.1f} a minute" if count and done.seconds > 0 else ""
         there = f", {len(done.skipped)} were there" if done.skipped else ""
-        say(f"{made} terrain{'' if made == 1 else 's'} made in {done.seconds:.1f} s{rate}{there}: {folder}")
-        say(*(f"contact sheet: {folder / name}" for name in done.manifest.sheets))
-    bad = (*done.failed, *done.partial)
+        say(f"{counted(count, 'terrain')} made in {done.seconds:.1f} s{rate}{there}: {folder}")
+        say(*(f"contact sheet: {folder / name}" for name in done.sheets))
+    bad = [*failed, *partial]
     if bad:
-        sys.stderr.writelines(f"{line}\n" for line in _table(bad))
-        lacking = f"{len(done.failed)} of {len(entries)} terrains failed" if done.failed else ""
-        without = f"{len(done.partial)} of {len(entries)} have no preview" if done.partial else ""
-        told_bad = "; ".join(each for each in (lacking, without) if each)
-        raise typer.Exit(fail(f"{told_bad}; --resume tries them again", PARTIAL))
-
-
-def _table(entries: Sequence[Entry]) -> list[str]:
-    width = max(len(entry.name) for entry in entries)
-    return [f"{entry.name:<{width}}  {entry.state:<7}  {entry.error}" for entry in entries]
+        width = max(len(entry.name) for entry in bad)
+        sys.stderr.writelines(f"{entry.name:<{width}}  {entry.state:<7}  {entry.error}\n" for entry in bad)
+        lost = f"{len(failed)} of {len(done.entries)} terrains failed" if failed else ""
+        bare = f"{len(partial)} of {len(done.entries)} have no preview" if partial else ""
+        problems = "; ".join(each for each in (lost, bare) if each)
+        raise typer.Exit(fail(f"{problems}; --resume tries them again", PARTIAL))

@@ -1,22 +1,17 @@
 """A batch that is killed at any moment, again and again, ends with the files of one that never was."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sketchterrain.benchmarks.batch_kills import differences, killed
 from sketchterrain.sketch import Sketch, save_sketch
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SEEDS, SIZE = 6, 129
 

@@ -1,63 +1,49 @@
 """How a batch goes on when terrains fail, disks are full, people press Ctrl-C and files get lost."""
 
-from __future__ import annotations
-
 import errno
-import fcntl
 import json
-import os
 import threading
 import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
-import sketchterrain.batch.crew
-import sketchterrain.batch.run
-from sketchterrain.batch.manifest import MANIFEST, read_manifest
-from sketchterrain.batch.output import Output
+from sketchterrain.batch import manifest as manifest_module
+from sketchterrain.batch import run as run_module
+from sketchterrain.batch.manifest import MANIFEST, Entry, read_manifest
+from sketchterrain.batch.output import Output, needs_of
 from sketchterrain.batch.plan import Source, plan
-from sketchterrain.batch.run import run_batch
+from sketchterrain.batch.progress import BatchProgress
+from sketchterrain.batch.run import Done, estimate_batch, run_batch
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError
 from sketchterrain.export import move_into, prepare_folder, staging
+from sketchterrain.export.target import ExportOptions
 from sketchterrain.generate import Generated
+from sketchterrain.progress import Stages
 from sketchterrain.sketch import Sketch
 from sketchterrain.whole_files import write_whole
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
-
-    from sketchterrain.batch.manifest import Entry
-    from sketchterrain.batch.plan import Item
-    from sketchterrain.batch.run import Done
-    from sketchterrain.progress import Stages
 
 OUTPUT = Output(size=17, preview=False)
 
 
-class Heard:
-    """A watcher that remembers."""
+class Heard(BatchProgress):
+    """Remembers the calls."""
 
     def __init__(self) -> None:
-        self.begun: list[str] = []
-        self.skipped = 0
-        self.told: list[tuple[str, str]] = []
-        self.stopped = False
+        super().__init__()
+        self.skipped, self.stopped = 0, False
+        self.results: list[tuple[str, str]] = []
 
-    def checking(self, number: int, items: int) -> None:
-        assert 0 <= number < items
+    def begins(self, items: int, skipped: int) -> None:
+        self.skipped = skipped
+        super().begins(items, skipped)
 
-    def begins(self, items: Sequence[Item], skipped: int) -> None:
-        self.begun, self.skipped = [item.name for item in items], skipped
-
-    def stage(self, item: Item, title: str) -> None:
-        assert item.name
-        assert title
-
-    def finished(self, item: Item, entry: Entry) -> None:
-        self.told.append((item.name, entry.state))
+    def finished(self, entry: Entry) -> None:
+        self.results.append((entry.name, entry.state))
+        super().finished(entry)
 
     def stops(self) -> None:
         self.stopped = True
@@ -104,8 +90,8 @@ class Works:
 @pytest.fixture
 def works(monkeypatch: pytest.MonkeyPatch) -> Works:
     found = Works()
-    monkeypatch.setattr(sketchterrain.batch.crew, "make", found)
-    monkeypatch.setattr(sketchterrain.batch.run, "gc", SimpleNamespace(collect=int))  # most of the time
+    monkeypatch.setattr(run_module, "make", found)
+    monkeypatch.setattr(run_module, "gc", SimpleNamespace(collect=int))  # most of the time
     return found
 
 
@@ -123,7 +109,15 @@ def run(
     sources: Sequence[Source] = (SOURCE,),
 ) -> Done:
     items = plan(sources, tuple(seeds))
-    return run_batch(items, folder, output, device=None, jobs=jobs, resume=resume, watcher=heard or Heard())
+    return run_batch(items, folder, output, device=None, jobs=jobs, resume=resume, progress=heard or Heard())
+
+
+def seeds_by_state(done: Done) -> dict[str, list[int]]:
+    """Seeds of the entries by their state, those that were whole before as "skipped"."""
+    found: dict[str, list[int]] = {}
+    for entry in done.entries:
+        found.setdefault("skipped" if entry.name in done.skipped else entry.state, []).append(entry.seed)
+    return found
 
 
 def files(folder: Path) -> dict[str, bytes]:
@@ -141,30 +135,86 @@ def states(folder: Path) -> dict[int, str]:
     return {entry.seed: entry.state for entry in manifest.entries.values()}
 
 
-def test_all_items_are_made_in_order(works: Works, tmp_path: Path) -> None:
+def test_all_items_are_made_in_order_and_as_many_at_once_as_asked_for(works: Works, tmp_path: Path) -> None:
     heard = Heard()
     works.before = lambda _: time.sleep(0.02)
     done = run(tmp_path / "new" / "out", heard=heard)
-    assert [entry.seed for entry in done.made] == list(range(6))
-    assert (done.skipped, done.failed, done.partial) == ((), (), ())
+    assert seeds_by_state(done) == {"done": [*range(6)]}
     assert sorted(works.made) == list(range(6))
     assert works.most == 2
-    assert heard.begun == [entry.name for entry in done.made]
-    assert sorted(heard.told) == sorted((entry.name, "done") for entry in done.made)
+    assert sorted(heard.results) == sorted((entry.name, "done") for entry in done.entries)
     manifest = read_manifest(tmp_path / "new" / "out")
     assert manifest is not None
-    assert [entry.name for entry in manifest.entries.values()] == heard.begun
-    assert all(entry.whole(manifest.folder / entry.name) for entry in manifest.entries.values())
-    first = next(iter(manifest.entries.values()))
-    assert first.adherence == {"mean_iou": 0.5}  # without the list of every shape
-    assert set(first.timings) == {"ground", "files"}
+    assert manifest.items == done.entries
+    assert all(entry.whole(tmp_path / "new" / "out" / entry.name) for entry in manifest.items)
+    assert manifest.items[0].adherence == {"mean_iou": 0.5}  # without the list of every shape
+    assert set(manifest.items[0].timings) == {"ground", "files"}
     assert not heard.stopped
 
-
-def test_no_more_jobs_run_at_once_than_asked_for(works: Works, tmp_path: Path) -> None:
-    works.before = lambda _: time.sleep(0.01)
-    run(tmp_path, jobs=1)
+    works.most = 0
+    run(tmp_path / "one", jobs=1)
     assert works.most == 1
+
+
+def test_fewer_terrains_are_in_work_where_there_is_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    sketch = Sketch(extent=1024.0)
+    small, large = (needs_of(sketch, Output(size=size, preview=False)) for size in (257, 1025))
+    assert (small.vertices, large.vertices) == (257**2, 1025**2)
+    assert small.memory < large.memory
+    assert small.disk < large.disk < needs_of(sketch, Output()).disk
+    assert needs_of(sketch, Output(preview=False)) == large
+    options = ExportOptions(size=257)
+    assert needs_of(sketch, Output(target="raw", options=options, preview=False)).vertices == 257**2
+    with pytest.raises(InputError, match="size"):
+        needs_of(sketch, Output(size=100_000))
+
+    needs = [small, large, large, large, InputError("no sketch")]
+    for terrains, jobs in ((10, 4), (2.5, 2), (0.5, 1)):
+        monkeypatch.setattr(run_module, "memory_left", lambda free=terrains * large.memory: int(free))
+        found, estimate = estimate_batch(needs, Output(size=1025, preview=False), 8)
+        assert found == jobs
+        assert estimate.memory == jobs * large.memory
+        assert estimate.disk_needed == small.disk + 3 * large.disk
+
+
+def test_a_disk_without_room_is_refused_before_any_work(
+    works: Works, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from sketchterrain import disk
+
+    monkeypatch.setattr(disk, "disk_left", lambda _: 5000)
+    with pytest.raises(InputError, match=r"files of the batch need up to 0\.\d MiB, .* has 0\.0 MiB left"):
+        run(tmp_path)
+    assert works.made == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unexpected_exception_in_a_thread_never_hangs_the_batch(
+    works: Works, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage = Heard.stage
+
+    def broken(heard: Heard, name: str, title: str) -> None:
+        if name.endswith("3"):
+            raise ZeroDivisionError("in the progress report")
+        stage(heard, name, title)
+
+    monkeypatch.setattr(Heard, "stage", broken)
+    done = run(tmp_path / "a")
+    assert seeds_by_state(done) == {"done": [0, 1, 2, 4, 5], "failed": [3]}
+    assert "unexpected ZeroDivisionError: in the progress report" in done.entries[3].error
+
+    monkeypatch.setattr(Heard, "stage", stage)
+
+    def leave(seed: int) -> None:
+        if seed == 3:
+            raise SystemExit(7)
+
+    works.before = leave
+    with pytest.raises(SystemExit):
+        run(tmp_path / "b")
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("terrain")]
+    assert states(tmp_path / "b")[3] == "waiting"
 
 
 def test_resuming_makes_only_what_is_missing_damaged_or_new(works: Works, tmp_path: Path) -> None:
@@ -179,7 +229,7 @@ def test_resuming_makes_only_what_is_missing_damaged_or_new(works: Works, tmp_pa
     done = run(tmp_path, resume=True, heard=heard)
     assert sorted(works.made) == [1, 3, 4]
     assert heard.skipped == 3
-    assert [entry.seed for entry in done.skipped] == [0, 2, 5]
+    assert seeds_by_state(done)["skipped"] == [0, 2, 5]
     assert files(tmp_path) == whole
 
     more = tmp_path / "more"
@@ -233,13 +283,12 @@ def test_a_failed_item_stops_no_other_and_is_retried_on_resume(works: Works, tmp
 
         works.before, folder = fail, tmp_path / told[:3]
         done = run(folder)
-        assert [entry.seed for entry in done.failed] == [1, 4], told
-        assert done.failed[0].error.startswith(told), told
-        assert [entry.seed for entry in done.made] == [0, 2, 3, 5], told
+        assert seeds_by_state(done) == {"done": [0, 2, 3, 5], "failed": [1, 4]}, told
+        assert done.entries[1].error.startswith(told), told
         assert not (folder / "valley" / "seed-001").exists(), told
         works.before = lambda _: None
         again = run(folder, resume=True)
-        assert [entry.seed for entry in again.made] == [1, 4], told
+        assert seeds_by_state(again) == {"skipped": [0, 2, 3, 5], "done": [1, 4]}, told
         fresh = folder / "fresh"
         run(fresh)
         assert {f"valley/{name}" for name in files(fresh / "valley")} <= set(files(folder)), told
@@ -254,7 +303,7 @@ def test_old_files_stay_when_an_item_fails_again(works: Works, tmp_path: Path) -
 
     works.before = fail
     other = Source("valley", "valley", Sketch(extent=65.0))
-    assert len(run(tmp_path, range(2), resume=True, sources=(other,)).failed) == 2
+    assert seeds_by_state(run(tmp_path, range(2), resume=True, sources=(other,))) == {"failed": [0, 1]}
     assert files(tmp_path) == whole
     assert set(states(tmp_path).values()) == {"failed"}
 
@@ -262,21 +311,18 @@ def test_old_files_stay_when_an_item_fails_again(works: Works, tmp_path: Path) -
 def test_an_item_without_its_preview_is_partial_and_retried(works: Works, tmp_path: Path) -> None:
     works.problem = "no OpenGL"
     done = run(tmp_path, range(2))
-    assert [entry.error for entry in done.partial] == ["no OpenGL"] * 2
+    assert [(entry.state, entry.error) for entry in done.entries] == [("partial", "no OpenGL")] * 2
     works.problem = None
-    assert len(run(tmp_path, range(2), resume=True).made) == 2
+    assert seeds_by_state(run(tmp_path, range(2), resume=True)) == {"done": [0, 1]}
 
 
 def test_a_sketch_that_cannot_be_read_stops_no_other(works: Works, tmp_path: Path) -> None:
     done = run(tmp_path, range(2), sources=(Source("bad", "bad", None, "bad: is none"), SOURCE))
-    assert [(entry.name, entry.error) for entry in done.failed] == [
-        ("bad/seed-000", "bad: is none"),
-        ("bad/seed-001", "bad: is none"),
-    ]
-    assert len(done.made) == 2
+    assert seeds_by_state(done) == {"failed": [0, 1], "done": [0, 1]}
+    assert [entry.error for entry in done.entries] == ["bad: is none", "bad: is none", "", ""]
     assert not (tmp_path / "bad").exists()
     again = run(tmp_path, range(2), resume=True, sources=(Source("bad", "bad", None, "bad: is none"), SOURCE))
-    assert (len(again.failed), len(again.skipped)) == (2, 2)
+    assert seeds_by_state(again) == {"failed": [0, 1], "skipped": [0, 1]}
 
 
 def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(works: Works, tmp_path: Path) -> None:
@@ -286,7 +332,7 @@ def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(works: Works, 
 
     def interrupt(seed: int) -> None:
         if seed == 3:
-            while len(heard.told) < 2:
+            while len(heard.results) < 2:
                 time.sleep(0.005)
             import signal
 
@@ -305,7 +351,7 @@ def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(works: Works, 
     assert done == set(works.made)
     assert {name.split("/")[1] for name in files(tmp_path)} == {f"seed-{seed:03}" for seed in done}
     assert not [path for path in tmp_path.rglob("*") if path.name.startswith(".")]
-    assert not [thread for thread in threading.enumerate() if thread.name.startswith("terrain-")]
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("terrain")]
     works.before = lambda _: None
     assert len(run(tmp_path, range(12), resume=True).skipped) == len(done)
     assert set(states(tmp_path).values()) == {"done"}
@@ -314,6 +360,7 @@ def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(works: Works, 
 def test_partial_files_of_a_killed_run_are_removed(works: Works, tmp_path: Path) -> None:
     run(tmp_path, range(2))
     whole = files(tmp_path)
+    (tmp_path / "valley" / "seed-001" / "height.bin").unlink()
     (tmp_path / "valley" / "seed-001" / ".sketchterrain-abc").mkdir()
     (tmp_path / "valley" / "seed-001" / ".sketchterrain-abc" / "height.bin").write_bytes(b"h")
     (tmp_path / ".manifest.json.0123abcd.tmp").write_bytes(b"{")
@@ -326,8 +373,6 @@ def test_partial_files_of_a_killed_run_are_removed(works: Works, tmp_path: Path)
 def test_a_manifest_that_cannot_be_written_ends_the_batch(
     works: Works, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import sketchterrain.batch.manifest
-
     calls = [0]
 
     def full(path: Path, content: bytes) -> Path:
@@ -336,39 +381,44 @@ def test_a_manifest_that_cannot_be_written_ends_the_batch(
             raise SketchterrainError(f"{path}: cannot be written (No space left on device)")
         return write_whole(path, content)
 
-    monkeypatch.setattr(sketchterrain.batch.manifest, "write_whole", full)
+    monkeypatch.setattr(manifest_module, "write_whole", full)
     with pytest.raises(SketchterrainError, match="No space left"):
         run(tmp_path, range(6), jobs=1)
     monkeypatch.undo()
     assert read_manifest(tmp_path) is not None
-    monkeypatch.setattr(sketchterrain.batch.crew, "make", works)
+    monkeypatch.setattr(run_module, "make", works)
     run(tmp_path, range(6), resume=True)
     assert set(states(tmp_path).values()) == {"done"}
 
 
-def test_a_locked_folder_is_refused(works: Works, tmp_path: Path) -> None:
-    held = os.open(tmp_path, os.O_RDONLY)
-    try:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        with pytest.raises(InputError, match="another batch is at work there"):
-            run(tmp_path)
-        assert list(tmp_path.iterdir()) == []
-    finally:
-        os.close(held)
+def test_a_batch_at_work_keeps_others_out(works: Works, tmp_path: Path) -> None:
+    refused: list[str] = []
+
+    def second(seed: int) -> None:
+        with pytest.raises(InputError) as error:
+            run(tmp_path, range(1), resume=True)
+        refused.append(str(error.value))
+
+    works.before = second
     run(tmp_path, range(1))
+    assert len(refused) == 1
+    assert str(tmp_path) in refused[0]
+    assert not list(tmp_path.rglob(".*"))
+    works.before = lambda _: None
+    run(tmp_path, range(2), resume=True)
 
 
 def test_files_in_place_of_folders_are_refused_or_fail_one_item(works: Works, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(InputError, match="this is a file"):
+    with pytest.raises(InputError, match="is a file"):
         run(tmp_path / "file")
     assert (tmp_path / "file").read_text() == "mine"
 
     (tmp_path / "valley").mkdir()
     (tmp_path / "valley" / "seed-001").write_text("mine")
     done = run(tmp_path, range(3))
-    assert [entry.seed for entry in done.failed] == [1]
-    assert "this is a file" in done.failed[0].error
+    assert seeds_by_state(done) == {"done": [0, 2], "failed": [1]}
+    assert "this is a file" in done.entries[1].error
     assert (tmp_path / "valley" / "seed-001").read_text() == "mine"
 
 
@@ -383,15 +433,13 @@ def test_a_broken_manifest_is_left_alone(works: Works, tmp_path: Path) -> None:
 def test_no_device_stops_it_before_anything_is_written(works: Works, tmp_path: Path) -> None:
     items = plan((SOURCE,), (1,))
     with pytest.raises(DeviceError):
-        run_batch(items, tmp_path / "out", OUTPUT, device="no such", jobs=1, resume=False, watcher=Heard())
+        run_batch(items, tmp_path / "out", OUTPUT, device="no such", jobs=1, resume=False, progress=Heard())
     assert not (tmp_path / "out").exists()
 
 
 def test_every_written_manifest_lists_only_complete_items(
     works: Works, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import sketchterrain.batch.manifest
-
     seen: list[dict[str, Any]] = []
 
     def watched(path: Path, content: bytes) -> Path:
@@ -402,7 +450,50 @@ def test_every_written_manifest_lists_only_complete_items(
                 assert (tmp_path / item["name"] / file["file"]).stat().st_size == file["bytes"]
         return write_whole(path, content)
 
-    monkeypatch.setattr(sketchterrain.batch.manifest, "write_whole", watched)
+    monkeypatch.setattr(manifest_module, "write_whole", watched)
     run(tmp_path)
     counts = [sum(item["state"] == "done" for item in told["items"]) for told in seen]
     assert counts == [*range(7), 6]  # after each, and with the sheets
+
+
+def test_a_preview_that_waits_is_not_begun_after_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, finish, ended = threading.Event(), threading.Event(), threading.Event()
+    taken: list[object] = []
+    closed: list[bool] = []
+
+    class Studio:
+        def picture(self, terrain: object, **_: object) -> object:
+            begun.set()
+            assert finish.wait(30.0)
+            taken.append(terrain)
+            return terrain
+
+        def close(self) -> None:
+            closed.append(True)
+
+    class EndedError(Exception):
+        pass
+
+    def go_on() -> None:
+        if ended.is_set():
+            raise EndedError
+
+    def ask(name: str) -> None:
+        try:
+            results.append(render(name, view="auto", weather=None, timings={}))
+        except EndedError:
+            results.append("ended")
+
+    monkeypatch.setattr(run_module, "Studio", Studio)
+    results: list[object] = []
+    with run_module._previews(go_on) as render:
+        threads = [threading.Thread(target=ask, args=(name,)) for name in ("first", "second")]
+        threads[0].start()
+        assert begun.wait(30.0)
+        threads[1].start()
+        ended.set()
+        finish.set()
+        for thread in threads:
+            thread.join(30.0)
+    assert results == ["first", "ended"]
+    assert (taken, closed) == (["first"], [True])

@@ -1,10 +1,7 @@
-"""What is asked for: seeds, settings, sweep files, and the terrains that follow."""
-
-from __future__ import annotations
+"""Seeds, settings and sweep files of a batch, and the terrains that follow."""
 
 import re
-from dataclasses import fields
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,15 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sketchterrain.batch.plan import MOST_ITEMS, Source, plan, read_sources
-from sketchterrain.batch.seeds import seeds_of
-from sketchterrain.batch.settings import setting, settings_given, with_settings
-from sketchterrain.batch.sweep_file import ExportTable, read_sweep
+from sketchterrain.batch.settings import (
+    parse_seeds,
+    parse_setting,
+    parse_settings,
+    read_sweep,
+    with_settings,
+)
 from sketchterrain.errors import InputError
-from sketchterrain.export.target import ExportOptions
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES, Sketch, save_sketch
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 RIVER = np.zeros((8, 8), np.uint8)
 RIVER[3] = 1
@@ -37,7 +34,7 @@ def test_seeds_are_parsed() -> None:
         ("2,1-3", (2, 1, 3)),
         ("9223372036854775807", (2**63 - 1,)),
     ]:
-        assert seeds_of(text) == seeds, text
+        assert parse_seeds(text) == seeds, text
 
 
 def test_malformed_seeds_are_refused_in_one_line() -> None:
@@ -56,14 +53,14 @@ def test_malformed_seeds_are_refused_in_one_line() -> None:
         "١",
     ]:
         with pytest.raises(InputError, match=r"^seeds .*expected") as error:
-            seeds_of(text)
+            parse_seeds(text)
         assert "\n" not in str(error.value), text
         assert len(str(error.value)) < 250, text
 
 
 @given(st.lists(st.integers(0, 2**63 - 1), min_size=1, max_size=30, unique=True))
 def test_listed_seeds_round_trip(seeds: list[int]) -> None:
-    assert seeds_of(",".join(map(str, seeds))) == tuple(seeds)
+    assert parse_seeds(",".join(map(str, seeds))) == tuple(seeds)
 
 
 def test_settings_are_parsed_with_their_types() -> None:
@@ -77,7 +74,7 @@ def test_settings_are_parsed_with_their_types() -> None:
         ("material.1.material", "rock,sand", ("rock", "sand")),
         ("density.hill", "1e-1", (0.1,)),
     ]:
-        found = setting(name, text)
+        found = parse_setting(name, text)
         assert found == (name, values), (name, text)
         assert [type(value) for value in found.values] == [type(value) for value in values], (name, text)
 
@@ -107,7 +104,7 @@ def test_malformed_settings_are_refused_in_one_line() -> None:
         ("", "", "unknown setting"),
     ]:
         with pytest.raises(InputError, match=re.escape(told)) as error:
-            setting(name, text)
+            parse_setting(name, text)
         assert "\n" not in str(error.value), (name, text)
 
 
@@ -119,7 +116,7 @@ def test_every_declared_setting_can_be_swept() -> None:
     tables |= {f"{key}.1.{name}": each for key in LAYERS for name, each in LAYERS[key].parameters.items()}
     for name in names:
         value = tables[name].default
-        changed = with_settings(PAINTED, {name: setting(name, [value]).values[0]})
+        changed = with_settings(PAINTED, {name: parse_setting(name, [value]).values[0]})
         parts = name.split(".")
         if len(parts) == 3:
             assert changed.properties(parts[0], 1)[parts[2]] == value
@@ -135,18 +132,20 @@ def test_a_setting_changes_only_itself_and_replaces_the_files() -> None:
     assert changed.properties("river", 1) == {**sketch.properties("river", 1), "width": 40.0}
     assert (changed.density["hill"], changed.density["dune"]) == (2.0, 1.0)
 
-    file = (setting("river.1.width", "10"), setting("fidelity", "0.5"))
-    found = settings_given(["river.1.width=20,30"], instead_of=file)
+    file = (parse_setting("river.1.width", "10"), parse_setting("fidelity", "0.5"))
+    found = parse_settings(["river.1.width=20,30"], file)
     assert dict(found) == {"fidelity": (0.5,), "river.1.width": (20.0, 30.0)}
     with pytest.raises(InputError, match="NAME=VALUES"):
-        settings_given(["river.1.width"])
+        parse_settings(["river.1.width"])
     with pytest.raises(InputError, match="set twice"):
-        settings_given(["fidelity=1", "fidelity=0"])
+        parse_settings(["fidelity=1", "fidelity=0"])
 
 
 def test_a_plan_has_all_combinations_in_order_under_stable_names() -> None:
     other = Source("hills", "hills", PAINTED)
-    items = plan((SOURCE, other), (7, 12), (setting("river.1.width", "20,30"), setting("fidelity", "1")))
+    items = plan(
+        (SOURCE, other), (7, 12), (parse_setting("river.1.width", "20,30"), parse_setting("fidelity", "1"))
+    )
     assert [item.name for item in items[:4]] == [
         "valley/river.1.width=20_fidelity=1/seed-007",
         "valley/river.1.width=20_fidelity=1/seed-012",
@@ -159,12 +158,14 @@ def test_a_plan_has_all_combinations_in_order_under_stable_names() -> None:
 
     assert [item.name for item in plan((SOURCE,))] == ["valley/seed-004"]
 
-    alone = plan((SOURCE,), (7,), (setting("fidelity", "0.5"),))
-    many = plan((SOURCE,), tuple(range(2000)), (setting("fidelity", "0.1,0.5"),))
+    alone = plan((SOURCE,), (7,), (parse_setting("fidelity", "0.5"),))
+    many = plan((SOURCE,), tuple(range(2000)), (parse_setting("fidelity", "0.1,0.5"),))
     assert alone[0].name in {item.name for item in many}
 
-    swept = [setting(f"{layer}.1.multitude", "100,200") for layer in ("mountain", "hill", "dune", "forest")]
-    swept += [setting(f"{layer}.1.height", "100.125,99.5") for layer in ("mountain", "hill", "dune")]
+    swept = [
+        parse_setting(f"{layer}.1.multitude", "100,200") for layer in ("mountain", "hill", "dune", "forest")
+    ]
+    swept += [parse_setting(f"{layer}.1.height", "100.125,99.5") for layer in ("mountain", "hill", "dune")]
     sketch = PAINTED.replace(layers=dict.fromkeys(("mountain", "hill", "dune", "forest"), RIVER))
     names = {item.name for item in plan((Source("s", "s", sketch),), (1,), swept)}
     assert len(names) == 2**7
@@ -173,9 +174,11 @@ def test_a_plan_has_all_combinations_in_order_under_stable_names() -> None:
 
 def test_plans_without_a_meaning_are_refused() -> None:
     with pytest.raises(InputError, match=f"expected at most {MOST_ITEMS}"):
-        plan((SOURCE,), tuple(range(MOST_ITEMS)), (setting("fidelity", "0,1"),))
+        plan((SOURCE,), tuple(range(MOST_ITEMS)), (parse_setting("fidelity", "0,1"),))
     with pytest.raises(InputError, match="no sketch of the batch has a label 2 in its layer river"):
-        plan((SOURCE,), (1,), (setting("river.2.width", "3"),))
+        plan((SOURCE,), (1,), (parse_setting("river.2.width", "3"),))
+    with pytest.raises(InputError, match="set twice"):
+        plan((SOURCE,), (1,), (parse_setting("fidelity", "0"), parse_setting("fidelity", "1")))
 
 
 def test_an_unreadable_sketch_does_not_stop_the_others(tmp_path: Path) -> None:
@@ -229,16 +232,15 @@ def test_a_sweep_file_holds_all_settings_of_the_command_line(tmp_path: Path) -> 
         """
     )
     found = read_sweep(file)
-    assert found.sketches == (str(tmp_path / "mine"), "valley_river")
-    assert found.seeds == (1, 2, 3)
+    assert found.sketches == [str(tmp_path / "mine"), "valley_river"]
+    assert found.seed_list == (1, 2, 3)
     assert dict(found.settings) == {
         "fidelity": (0.2, 1.0),
         "river.1.width": (10.0, 20.0, 30.0),
         "hill.1.height": (40.0,),
     }
-    assert (found.keys.size, found.keys.preview, found.keys.to) == (257, False, "unity")
-    assert (found.export.tiles, found.export.heights) == ((2, 2), (-100.0, 900.5))
-    assert found.export.foliage_files is False
+    assert (found.size, found.preview, found.to) == (257, False, "unity")
+    assert found.export == {"tiles": (2, 2), "heights": (-100.0, 900.5), "plants": False}
 
 
 def test_malformed_and_missing_sweep_files_are_refused_in_one_line(tmp_path: Path) -> None:
@@ -251,7 +253,8 @@ def test_malformed_and_missing_sweep_files_are_refused_in_one_line(tmp_path: Pat
         ("seeds = [1.5]", "at seeds"),
         ("[set]\nrivers = 3", "unknown setting 'rivers'"),
         ("[set]\nfidelity = [true]", "expected a number from 0 to 1"),
-        ("[set]\nfidelity = []", "expected a value"),
+        ("[set]\nfidelity = []", "expected 1 to 1000 values"),
+        ("[export]\nsize = 3", "unknown key 'export.size'"),
         ("size = ", "not TOML"),
         ("set = 3", "at set"),
     ]:
@@ -266,9 +269,3 @@ def test_malformed_and_missing_sweep_files_are_refused_in_one_line(tmp_path: Pat
     for place in (tmp_path / "none.toml", tmp_path):
         with pytest.raises(InputError, match="cannot be read"):
             read_sweep(place)
-
-
-def test_a_sweep_file_takes_every_option_of_an_export() -> None:
-    """But for those that it has for all outputs."""
-    options = {each.name for each in fields(ExportOptions)}
-    assert {*ExportTable.__struct_fields__} == options - {"size", "grass"}

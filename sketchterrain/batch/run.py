@@ -37,9 +37,8 @@ from sketchterrain.render.studio import Studio
 from sketchterrain.report import REPORT, replaced_files, rounded, said_of, work_of
 from sketchterrain.sketch import Sketch
 from sketchterrain.still import weather_at
-from sketchterrain.system import lock_folder, unlock_folder
 from sketchterrain.terrain import Terrain, build, measure_adherence
-from sketchterrain.whole_files import telling_failure
+from sketchterrain.world.journal import exclusive_run
 
 _POLL: Final = 0.2  # s between two checks for Ctrl-C
 _SHARE: Final = 0.9  # of the free memory, which a batch may take
@@ -131,7 +130,7 @@ def run_batch(
     needs = items_needs(items, output)
     check_folder(folder, resume=resume)
     export.prepare_folder(folder)
-    with _locked(folder):
+    with exclusive_run(folder / MANIFEST):
         for partial_file in folder.glob(".*.tmp"):  # of a batch that was killed
             partial_file.unlink(missing_ok=True)
         batch = _Batch(items, folder, output, devices, progress)
@@ -320,17 +319,3 @@ def _export(
 
 def _blank(item: Item) -> Entry:
     return Entry(item.name, item.source.given, item.seed, dict(item.settings))
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Keep any other batch out of a folder; the lock ends with the process, however that ends."""
-    with telling_failure(folder):
-        try:
-            lock = lock_folder(folder)
-        except BlockingIOError:
-            raise InputError(f"{one_line(folder)}: another batch is at work there") from None
-    try:
-        yield
-    finally:
-        unlock_folder(lock)

@@ -11,7 +11,6 @@ from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.protocol import GoTo, Placed, Relief
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.handles import handles_of
 from sketchterrain.ui.models.workspace import Chosen
 
 from . import events
@@ -439,17 +438,3 @@ def test_a_drag_from_nothing_moves_the_sheet(full, document, qtbot) -> None:
     qtbot.mouseRelease(full, LEFT, pos=QPoint(33, 3))
     assert full.viewport.left == left + 30
     assert steps(document) == ()
-
-
-def test_control_points_are_shown_where_there_is_room(full, workspace, placed) -> None:
-    river = placed.rivers[0]
-    tool = full._hands.tool
-    workspace.chosen = Chosen("river", river.id, 3)
-    few = tool._handles(placed)
-    assert 3 in [each.chosen.index for each in few]
-    places = [tool._shown_at(each) for each in few if each.role == "point"]
-    for k, one in enumerate(places):
-        for other in places[k + 1 :]:
-            assert np.hypot(one.x() - other.x(), one.y() - other.y()) >= 15.9
-    full.zoom(12.0, QPointF(300.0, 300.0))
-    assert len(tool._handles(placed)) == len(handles_of(placed, workspace.chosen)) > len(few)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.errors import DeviceFailedError
+from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.terrain.changes import EVERYWHERE
@@ -99,7 +99,7 @@ def test_requests_are_numbered_and_repeated_states_are_not_sent(qapp):
 class Around:
     """An engine without OpenGL on a thread, and the other ends of its channels."""
 
-    def __init__(self, session):
+    def __init__(self, session, pacer=None):
         mine, its_window = socket.socketpair()
         other, its_placer = socket.socketpair()
         self.window, self.placer = Channel(mine), Channel(other, patient=False)
@@ -108,7 +108,7 @@ class Around:
         self.engine = Engine(
             *self.its,
             session=session,
-            pacer=None,
+            pacer=pacer,
             jobs=JobQueue(),
             facts=EngineFacts(no_device=session.lacks),
         )
@@ -195,7 +195,11 @@ def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkey
     assert around.session.version == 4
 
 
-def test_adherence_is_measured_aside_and_a_picture_needs_opengl(around):
+def test_adherence_is_measured_aside_once_there_is_a_terrain_and_a_picture_needs_opengl(around):
+    around.window.send(MeasureAdherence())
+    assert "no terrain yet" in around.answer(Trouble)[0].line
+    around.window.send(Pick(1, 0.5, 0.5))
+    assert around.answer(Picked)[0].place is None
     around.plan(blob(20))
     around.answer(Followed)
     around.window.send(TakePicture("nowhere.png", 100, 100))
@@ -209,14 +213,6 @@ def test_adherence_is_measured_aside_and_a_picture_needs_opengl(around):
     assert np.array_equal(painted, blob(20) > 0)
     assert shown.shape == painted.shape
     assert shown[painted].mean() > 0.3
-
-
-def test_before_there_is_a_terrain_nothing_is_measured(around):
-    around.window.send(MeasureAdherence())
-    trouble, _ = around.answer(Trouble)
-    assert "no terrain yet" in trouble.line
-    around.window.send(Pick(1, 0.5, 0.5))
-    assert around.answer(Picked)[0].place is None
 
 
 def test_without_a_device_it_says_what_to_do_and_runs_on():
@@ -262,6 +258,42 @@ def test_a_defect_is_a_message(around, monkeypatch, capsys):
     assert "ZeroDivisionError" in capsys.readouterr().err
     around.plan(blob(5))
     assert around.answer(Followed)[0].version == 3
+
+
+class FailingPacer:
+    """Draws nothing; its next frame raises what it is given."""
+
+    def __init__(self):
+        self.stage = SimpleNamespace(is_empty=False, sharing="copy", clear=lambda: None)
+        self.error, self.broken, self.stops = None, False, 0
+        self.expect = lambda *, coming: None
+        self.show = lambda *_: ""
+
+    def due(self, *, moving):
+        return None if self.error is None else 0.0
+
+    def frame(self, eye):
+        error, self.error = self.error, None
+        raise error
+
+    def stop(self):
+        self.stops += 1
+
+
+def test_a_frame_that_fails_is_reported_and_drawing_stops(capsys):
+    pacer = FailingPacer()
+    around = Around(TerrainSession(ComputeContext), pacer)
+    around.plan(blob(20))
+    around.answer(Followed)
+    for error in (InputError("odd"), ZeroDivisionError("0")):
+        pacer.error = error
+        around.window.send(Turn(1.0, 0.0))
+        trouble, _ = around.answer(Trouble)
+        assert trouble.what == "view"
+        assert str(error) in trouble.line
+    assert pacer.stops == 2
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    around.end()
 
 
 def test_it_ends_when_the_window_is_gone():

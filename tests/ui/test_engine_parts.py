@@ -237,18 +237,6 @@ def test_what_stays_as_it_was_stays_the_same_array(small_document, maker):
     assert mirror.sketch().layers["mountain"] is stroke.layers["mountain"]
 
 
-def test_nothing_is_told_after_stop(small_document):
-    told = []
-    maker = UpdateMaker(small_document)
-    maker.start(lambda: told.append(1))
-    paint(small_document, "hill", np.random.default_rng(0))
-    assert told
-    maker.stop()
-    told.clear()
-    paint(small_document, "hill", np.random.default_rng(5))
-    assert told == []
-
-
 EVERYWHERE = (-np.inf, -np.inf, np.inf, np.inf)
 
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import socket
-import threading
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,16 +11,12 @@ from PyQt6.QtCore import QEventLoop, Qt
 from PyQt6.QtGui import QImage
 from PyQt6.QtWidgets import QDialog, QTextBrowser
 
-from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.render import Camera
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui import worlds
 from sketchterrain.ui.engine import protocol
-from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel
-from sketchterrain.ui.engine.engine import Engine
-from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pick, Picked, Pose, Trouble, ViewState
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Picked, Pose, Trouble
 from sketchterrain.ui.worlds import WorldLink
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
@@ -137,92 +130,6 @@ def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot) -> None:
     qtbot.waitUntil(lambda: file.with_suffix(".png").exists(), timeout=5000)
     qtbot.waitUntil(lambda: "is saved" in window.banner.message.line, timeout=5000)
     assert QImage(str(file.with_suffix(".png"))).size() == window.link.picture.size()
-
-
-class Plane:
-    """Ground that lies at 100 m."""
-
-    extent, size = 4000.0, (4000.0, 2000.0)
-
-    def heights(self, x, y, *, cell_size=0.0):
-        return np.full(np.broadcast(x, y).shape, 100.0, np.float32)
-
-
-class Stored:
-    """The session of a stored world without another device."""
-
-    terrain, version, dirty_areas = Plane(), 0, ()
-    sketch, device, lacks = None, None, ""
-
-    def switch_device(self):
-        return "there is no other device"
-
-
-class FakePacer:
-    """Draws nothing, and fails if it is told to."""
-
-    def __init__(self):
-        self.stage = SimpleNamespace(is_empty=True, sharing="copy", clear=lambda: None)
-        self.error, self.broken, self.stops = None, False, 0
-        self.expect = lambda *, coming: None
-        self.look = lambda view: None
-
-    def show(self, world, version, areas, eye):
-        self.stage.is_empty = False
-        return ""
-
-    def due(self, *, moving):
-        return 0.0 if moving or self.error else None
-
-    def frame(self, eye):
-        if self.error is not None:
-            error, self.error = self.error, None
-            raise error
-        eye.advance(0.05)
-        return eye.pose()
-
-    def stop(self):
-        self.stops += 1
-
-
-def test_the_engine_draws_a_world_once_it_has_a_size_and_reports_what_fails(capsys) -> None:
-    mine, its = socket.socketpair()
-    window, other, pacer = Channel(mine), Channel(its, patient=False), FakePacer()
-    facts = protocol.EngineFacts()
-    engine = Engine(other, None, session=Stored(), pacer=pacer, jobs=JobQueue(), facts=facts)
-    thread = threading.Thread(target=engine.run, daemon=True)
-    thread.start()
-
-    def answer(kind):
-        while not isinstance(message := window.receive(), kind):
-            pass
-        return message
-
-    window.send(Look(Pose((0.0, 0.0, 400.0), (0.0, 300.0, 100.0))))
-    window.send(Pick(1, 0.5, 0.5))
-    assert answer(Picked).place is None
-    assert pacer.stage.is_empty, "a view without a size is not drawn"
-    window.send(ViewState(width=160, height=100, mode="fly"))
-    assert np.allclose(answer(Pose).eye, (0.0, 0.0, 400.0), atol=0.5)
-    window.send(Pick(7, 0.5, 0.5))
-    picked = answer(Picked)
-    assert (picked.token, picked.place) == (7, pytest.approx((0.0, 300.0, 100.0), abs=2.0))
-    window.send(Fly(forward=1.0))
-    assert any(answer(Pose).eye[1] > 1.0 for _ in range(500))
-    window.send(Fly())
-    errors = DeviceFailedError("lost"), InputError("odd"), ZeroDivisionError("0")
-    for error, what in zip(errors, ("engine", "view", "view"), strict=True):
-        pacer.error = error
-        while str(error) not in (trouble := answer(Trouble)).line:
-            pass
-        assert trouble.what == what
-    assert pacer.stops == 2, "a device that fails is left for another one"
-    assert "ZeroDivisionError" in capsys.readouterr().err
-    window.send(protocol.Quit())
-    thread.join(10.0)
-    assert not thread.is_alive()
-    window.close()
-    other.close()
 
 
 class _Unheard:

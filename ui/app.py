@@ -44,7 +44,7 @@ def run_world(path: Path, *, device: str | None = None) -> int:
     from sketchterrain.ui.application import Garbage, delete_window, named_application
     from sketchterrain.ui.look.theme import apply_theme
     from sketchterrain.ui.models.preferences import Preferences, config_folder
-    from sketchterrain.ui.worlds import WorldWindow
+    from sketchterrain.ui.worlds.window import WorldWindow
 
     app = named_application()
     preferences = Preferences(config_folder() / "desktop.ini")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sketchterrain.ui.files import Files
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.preferences import Preferences
-    from sketchterrain.ui.worlds import WorldWindow
+    from sketchterrain.ui.worlds.window import WorldWindow
 
 
 _TRACED = (
@@ -110,7 +110,7 @@ class OpenDialogs(QObject):
 
     def show_world(self, path: Path) -> None:
         """Show a world; what is wrong with it is told in its window."""
-        from sketchterrain.ui.worlds import WorldWindow
+        from sketchterrain.ui.worlds.window import WorldWindow
 
         self._preferences.last_folder = path.absolute().parent
         world = WorldWindow(path.absolute(), device=self._preferences.device)

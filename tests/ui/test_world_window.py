@@ -14,10 +14,10 @@ from PyQt6.QtWidgets import QDialog, QTextBrowser
 from sketchterrain.render import Camera
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
-from sketchterrain.ui import worlds
 from sketchterrain.ui.engine import protocol
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Picked, Pose, Trouble
-from sketchterrain.ui.worlds import WorldLink
+from sketchterrain.ui.worlds import window as worlds
+from sketchterrain.ui.worlds.window import WorldLink
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
 from sketchterrain.world.run import run_world

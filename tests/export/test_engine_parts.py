@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.engines import EngineAxes, path_of, plant_rows, storeys_of
+from sketchterrain.export.engines import EngineAxes, path_of, storeys_of
 from sketchterrain.export.height_steps import HeightSteps
 from sketchterrain.export.sampled import Grid, Sampled, ground_at
 from sketchterrain.export.target import Export, ExportOptions
@@ -104,17 +102,6 @@ def test_bits_of_the_control_map_are_finite_floats() -> None:
     assert np.isfinite(control_map(weights[:, : len(pairs)])).all()
     with pytest.raises(InputError, match="30 materials, got 31"):
         control_map(np.zeros((1, 1, 31), np.uint8))
-
-
-def test_a_plants_row_is_on_the_ground_given(plants: Callable[[int], np.ndarray]) -> None:
-    some = plants(50)
-    some["x"], some["y"] = 10.0 + some["x"] / 1000.0, 20.0 + some["y"] / 1000.0
-    flat = sampled(np.full((9, 9), 7.5), spacing=1.0)
-    rows = np.array(json.loads(b"[" + plant_rows(some, flat, UNREAL, degrees=True) + b"]"))
-    assert rows.shape == (50, 10)
-    np.testing.assert_allclose(rows[:, 3], 750.0)
-    assert ((rows[:, 4] >= 0.0) & (rows[:, 4] <= 360.0)).all()
-    np.testing.assert_allclose(np.linalg.norm(rows[:, 7:], axis=1), 1.0, atol=2e-4)
 
 
 def test_storeys_and_file_names_follow_the_options(tmp_path: Path) -> None:

@@ -26,7 +26,6 @@ from sketchterrain.export.foliage_files import ROW_BYTES, VERTEX, plant_cloud, p
 from sketchterrain.terrain.plant import PLANT, SPECIES, STOREYS
 
 Plants = Callable[[int], np.ndarray]
-
 AREA = (100.0, 200.0, 500.0, 1000.0)
 KINDS = ("csv", "ply", "both", "none")
 ROOT = Path(__file__).parents[2]
@@ -234,7 +233,7 @@ def lines(folder: Path) -> list[str]:
     return (folder / "foliage.csv").read_text(encoding="ascii").splitlines()[1:]
 
 
-def test_only_the_requested_files_are_written(tmp_path: Path) -> None:
+def test_only_the_requested_files_are_written_and_contradictions_refused(tmp_path: Path) -> None:
     for kind in KINDS:
         terrain = Plantation(woody=1000, grass=3000)
         folder = tmp_path / kind
@@ -248,6 +247,15 @@ def test_only_the_requested_files_are_written(tmp_path: Path) -> None:
         assert tuple(done.counts) == (STOREYS["woody"] if expected else ()), kind
         assert done.seconds > 0.0, kind
         assert terrain.asked == (["woody"] if expected else []), kind
+
+    for kind, grass, line in [
+        ("obj", False, "expected foliage as one of csv, ply, both, none, got 'obj'"),
+        ("csv", True, "expected ply or both for grass, which only foliage.ply holds, got csv"),
+        ("none", True, "expected ply or both for grass, which only foliage.ply holds, got none"),
+    ]:
+        with pytest.raises(InputError) as caught:
+            FoliageFiles(kind, grass=grass)
+        assert str(caught.value) == line, kind
 
 
 def test_grass_comes_after_the_trees_and_into_the_cloud_alone(tmp_path: Path) -> None:
@@ -338,14 +346,3 @@ def test_foliage_beyond_the_free_space_is_refused_with_the_figures(
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(10**11, 10**10, 10**10))
     check_room(tmp_path, Plantation(10**8, 10**12), AREA, FoliageFiles("ply"))
     check_room(tmp_path, Plantation(10**12, 10**12), AREA, FoliageFiles("none"))
-
-
-def test_contradictory_requests_are_refused() -> None:
-    for kind, grass, line in [
-        ("obj", False, "expected foliage as one of csv, ply, both, none, got 'obj'"),
-        ("csv", True, "expected ply or both for grass, which only foliage.ply holds, got csv"),
-        ("none", True, "expected ply or both for grass, which only foliage.ply holds, got none"),
-    ]:
-        with pytest.raises(InputError) as caught:
-            FoliageFiles(kind, grass=grass)
-        assert str(caught.value) == line, kind

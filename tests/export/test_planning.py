@@ -31,7 +31,7 @@ def grid_of(sketch: Sketch, target: Target, **options: object) -> Grid:
     return plan(sketch, target, ExportOptions(**options)).grid  # type: ignore[arg-type]
 
 
-def test_grids_follow_the_rectangle_and_the_tiles() -> None:
+def test_grids_follow_the_rectangle_the_tiles_and_fixed_spacing() -> None:
     assert grid_of(WIDE, PLAIN, size=65) == Grid(0.0, 0.0, 1024.0, 768.0, 65, 49)
     assert grid_of(HIGH, PLAIN, size=65) == Grid(0.0, 0.0, 768.0, 1024.0, 49, 65)
 
@@ -46,6 +46,18 @@ def test_grids_follow_the_rectangle_and_the_tiles() -> None:
     assert grid_of(HIGH, SQUARE, size=33) == Grid(0.0, 0.0, 1024.0, 1024.0, 33, 33)
     assert grid_of(WIDE, SQUARE, tiles=(4, 4)).columns == 4 * 64 + 1
 
+    assert grid_of(WIDE, SPACED) == Grid(0.0, 0.0, 1024.0, 768.0, 1025, 769)
+    odd = WIDE.replace(extent=1000.5)
+    grid = grid_of(odd, SPACED, tiles=(4, 1))
+    assert grid.spacing == (1.0, 1.0)
+    assert grid.columns == 1005
+    assert grid.east >= odd.size[0]
+    assert grid.north >= odd.size[1]
+
+    regions = replace(SPACED, multiple=256)
+    assert grid_of(WIDE, regions) == Grid(0.0, 0.0, 1023.0, 767.0, 1024, 768)
+    assert grid_of(WIDE.replace(extent=1025.0), regions).columns == 1280
+
 
 @settings(deadline=None)
 @given(some.integers(1, 6), some.integers(1, 6), some.sampled_from([WIDE, HIGH]))
@@ -58,20 +70,6 @@ def test_square_tiles_cover_the_sketch_with_square_quads(columns: int, rows: int
     assert made.grid.east >= east
     assert made.grid.north >= north
     assert made.grid.east == east or made.grid.north == north
-
-
-def test_fixed_spacing_and_multiples_are_kept() -> None:
-    assert grid_of(WIDE, SPACED) == Grid(0.0, 0.0, 1024.0, 768.0, 1025, 769)
-    odd = WIDE.replace(extent=1000.5)
-    grid = grid_of(odd, SPACED, tiles=(4, 1))
-    assert grid.spacing == (1.0, 1.0)
-    assert grid.columns == 1005
-    assert grid.east >= odd.size[0]
-    assert grid.north >= odd.size[1]
-
-    regions = replace(SPACED, multiple=256)
-    assert grid_of(WIDE, regions) == Grid(0.0, 0.0, 1023.0, 767.0, 1024, 768)
-    assert grid_of(WIDE.replace(extent=1025.0), regions).columns == 1280
 
 
 def test_refusals_name_the_option_and_the_nearest_size() -> None:

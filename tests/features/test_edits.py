@@ -168,7 +168,7 @@ def _stem_and_tributary(rivers: dict[int, River]) -> tuple[River, River]:
     return stem, tributary
 
 
-def test_a_moved_control_point_bends_the_river_and_the_water_still_falls(sketch: Sketch) -> None:
+def test_a_tributary_follows_the_river_that_moved_and_the_water_still_falls(sketch: Sketch) -> None:
     before, _ = _rivers(sketch)
     stem, tributary = _stem_and_tributary(before)
     index = len(stem.points) // 3
@@ -183,6 +183,16 @@ def test_a_moved_control_point_bends_the_river_and_the_water_still_falls(sketch:
     # The tributary still ends on the stem.
     end = after[tributary.id].centreline[-1]
     assert np.hypot(*(line[:, :2] - end[:2]).T).min() < 1e-9
+
+    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
+    joint = tributary.points[-1]
+    index = int(np.argmin(np.hypot(*(stem.points[:, :2] - joint[:2]).T)))
+    edit = Edit("move_point", stem.id, index=index, x=stem.points[index, 0], y=stem.points[index, 1] - 150.0)
+    after, _ = _rivers(sketch.with_edit(edit))
+    end, line = after[tributary.id].centreline[-1], after[stem.id].centreline
+    nearest = int(np.argmin(np.hypot(*(line[:, :2] - end[:2]).T)))
+    np.testing.assert_allclose(end[:2], line[nearest, :2], atol=1e-9)
+    assert np.hypot(*(end[:2] - joint[:2])) > 20.0
 
 
 def test_a_control_point_named_by_its_place_is_found_in_a_repainted_river(sketch: Sketch) -> None:
@@ -218,18 +228,6 @@ def _with_a_bow(start: int, stop: int) -> np.ndarray:
     return river | _image(*[(58.0 + step, 60.0, 1.2) for step in range(34)])
 
 
-def test_a_tributary_follows_the_river_that_moved(sketch: Sketch) -> None:
-    stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
-    joint = tributary.points[-1]
-    index = int(np.argmin(np.hypot(*(stem.points[:, :2] - joint[:2]).T)))
-    edit = Edit("move_point", stem.id, index=index, x=stem.points[index, 0], y=stem.points[index, 1] - 150.0)
-    after, _ = _rivers(sketch.with_edit(edit))
-    end, line = after[tributary.id].centreline[-1], after[stem.id].centreline
-    nearest = int(np.argmin(np.hypot(*(line[:, :2] - end[:2]).T)))
-    np.testing.assert_allclose(end[:2], line[nearest, :2], atol=1e-9)
-    assert np.hypot(*(end[:2] - joint[:2])) > 20.0
-
-
 def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without_it(sketch: Sketch) -> None:
     stem, tributary = _stem_and_tributary(_rivers(sketch)[0])
     after, _ = _rivers(sketch.with_edit(Edit("width", stem.id, width=60.0)))
@@ -246,7 +244,7 @@ def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without
     assert _rivers(both) == ({}, ())
 
 
-def test_edits_without_their_river_are_orphans(sketch: Sketch) -> None:
+def test_edits_without_their_river_or_lake_are_orphans(sketch: Sketch) -> None:
     lost = (4 << 48) + 1
     edits = [Edit("width", lost, width=5.0), Edit("delete", lost), Edit("width", 7, width=5.0)]
     orphans = make_recipe(sketch.replace(edits=tuple(edits))).orphans
@@ -261,8 +259,6 @@ def test_edits_without_their_river_are_orphans(sketch: Sketch) -> None:
     assert "a river has only delete, move_point, width" in orphans[0]
     assert f"there is no control point 99999, only {len(stem.points)} of them" in orphans[1]
 
-
-def test_a_lake_can_be_taken_away(sketch: Sketch) -> None:
     painted = sketch.replace(layers={**sketch.layers, "lake": _image((110, 20, 6), (110, 60, 6))})
     first, second = (lake.id for lake in make_recipe(painted).lakes if lake.label)
     edited = painted.with_edit(Edit("delete", first)).with_edit(Edit("resize", second, radius=5.0))

@@ -41,7 +41,7 @@ def test_a_rectangle_and_its_pieces_hold_the_same_features(origin: tuple[float, 
     assert not whole["painted"].any()
 
 
-def test_the_density_is_reached() -> None:
+def test_the_density_and_the_spacing_of_the_rules_are_kept() -> None:
     for name, density in (
         ("mountain", 0.02),
         ("hill", 0.2),
@@ -57,8 +57,6 @@ def test_the_density_is_reached() -> None:
     for code, name in enumerate(FEATURE_TYPES):
         assert (found["type"] == code).sum() == pytest.approx(DENSITY[name] * 1e4, rel=0.15), name
 
-
-def test_features_keep_the_spacing_of_the_rules() -> None:
     found = fill().within(0, 0, 30_000, 30_000)
     distance = np.hypot(found["x"][:, None] - found["x"], found["y"][:, None] - found["y"])
     radii = found["radius"][:, None].astype(float) + found["radius"]

@@ -77,12 +77,3 @@ def test_painting_elsewhere_changes_nothing_here_and_mountains_keep_away_from_a_
     alone = place(sketch(0.0, mountain=mountain), seed=1)
     shy = place(sketch(0.0, mountain=mountain, river=river), seed=1)
     assert np.abs(shy["x"] - 605).mean() > np.abs(alone["x"] - 605).mean()
-
-
-def test_no_shape_is_lost() -> None:
-    picture = np.zeros((128, 128), np.uint8)
-    picture[4::9, 5::9] = 1
-    for fidelity in (0.0, 0.8, 1.0):
-        placed = place(sketch(fidelity, hill=picture), seed=2)
-        assert len(placed) == int(picture.sum()), fidelity
-        assert np.all(placed["radius"] >= 15.0), fidelity

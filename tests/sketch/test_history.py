@@ -137,7 +137,7 @@ def test_a_sketch_that_was_current_has_the_key_of_its_step() -> None:
     assert history.sketch is current
 
 
-def test_steps_of_one_drag_are_one_step() -> None:
+def test_steps_of_one_drag_are_one_step_and_none_if_it_ends_where_it_began() -> None:
     history = History(Sketch())
     for seed in range(1, 20):
         history.do("Drag", history.sketch.replace(seed=seed), merge="a")
@@ -152,8 +152,6 @@ def test_steps_of_one_drag_are_one_step() -> None:
     history.go_to(0)
     assert history.sketch.seed == 0
 
-
-def test_a_drag_back_to_where_it_began_leaves_no_step() -> None:
     history = History(Sketch())
     history.do("Name", history.sketch.replace(name="Alps"))
     before = history.sketch
@@ -169,8 +167,6 @@ def test_a_drag_back_to_where_it_began_leaves_no_step() -> None:
     history.go_to(1)
     assert (history.sketch.seed, history.sketch.name) == (0, "Alps")
 
-
-def test_a_drag_that_paints_undoes_to_where_it_began() -> None:
     rng = np.random.default_rng(3)
     history = History(painted(Sketch(), rng, layers=3))
     first = values(history.sketch)
@@ -183,7 +179,7 @@ def test_a_drag_that_paints_undoes_to_where_it_began() -> None:
     assert_is(history.sketch, last)
 
 
-def test_the_oldest_steps_are_forgotten_and_the_last_is_not() -> None:
+def test_the_number_and_the_bytes_of_steps_are_limited() -> None:
     rng = np.random.default_rng(4)
     history = History(Sketch(), most_bytes=300_000)
     known = []
@@ -203,8 +199,6 @@ def test_the_oldest_steps_are_forgotten_and_the_last_is_not() -> None:
         assert history.titles[position] == f"Noise {number}"
         np.testing.assert_array_equal(history.sketch.layers["hill"], known[number])
 
-
-def test_the_number_of_steps_is_limited() -> None:
     history = History(Sketch(), most_steps=5)
     for seed in range(1, 30):
         history.do(f"Seed {seed}", history.sketch.replace(seed=seed))

@@ -146,7 +146,9 @@ def test_raw_numbers_start_in_the_north_west_and_gdal_reads_the_same_png(
         np.testing.assert_array_equal(image.read(1), read(path, {}))
 
 
-def test_tiles_joined_are_the_whole(exported: Callable[..., Any]) -> None:
+def test_tiles_joined_are_the_whole_and_each_says_where_it_lies(
+    exported: Callable[..., Any], terrain: st.Terrain
+) -> None:
     for overlap in [0, 1, 3]:
         side = 4 * 16 + overlap
         whole = exported("raw", size=side, format="r32", plants=False)
@@ -161,8 +163,6 @@ def test_tiles_joined_are_the_whole(exported: Callable[..., Any]) -> None:
             part[:] = values
         np.testing.assert_array_equal(joined, heights(whole))
 
-
-def test_each_tile_says_where_it_lies(exported: Callable[..., Any], terrain: st.Terrain) -> None:
     done = exported("exr", size=SIDE, plants=False, tiles=(2, 2), tiles_from_south=True, tile_first=1)
     assert [(tile["x"], tile["y"]) for tile in done.sidecar["tiles"]] == [(1, 2), (2, 2), (1, 1), (2, 1)]
     for number, tile in enumerate(done.sidecar["tiles"]):

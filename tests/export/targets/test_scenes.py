@@ -330,15 +330,13 @@ def displaced(told, image):
     return x, y, modifier["strength"] * (image[row, column] - modifier["midlevel"])
 
 
-def test_the_displaced_grid_is_the_terrain(blender, image, terrain):
+def test_the_displaced_grid_and_the_glb_are_the_terrain(blender, image, terrain):
     assert all((channel == image["R"]).all() for channel in image.values())
     assert {channel.dtype.name for channel in image.values()} == {"float32"}
     x, y, z = displaced(blender.sidecar["import"], image["R"])
     assert np.abs(z - terrain.heights(x, y, cell_size=1024.0 / (SIZE - 1))).max() < 1e-3
     assert min(x[z.argmax()], y[z.argmax()]) > 700.0
 
-
-def test_a_texels_middle_is_its_place_on_the_plane_of_the_displacement_node(blender, image, terrain):
     node = blender.sidecar["import"]["displacement_node"]
     plane, n = node["plane"], SIZE
     along = (np.arange(n) + 0.5) / n - 0.5
@@ -348,8 +346,6 @@ def test_a_texels_middle_is_its_place_on_the_plane_of_the_displacement_node(blen
     z = node["scale"] * (image["R"].ravel() - node["midlevel"])
     assert np.abs(z - terrain.heights(x, y, cell_size=1024.0 / (n - 1))).max() < 1e-3
 
-
-def test_the_glb_comes_to_lie_on_the_displaced_grid(blender, image):
     glb, _ = ground_of(blender)  # as Blender's importer turns it
     grid = np.stack(displaced(blender.sidecar["import"], image["R"]), axis=-1)
     assert np.abs(by_place(glb) - by_place(grid)).max() < 1e-3

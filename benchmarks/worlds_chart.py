@@ -25,16 +25,15 @@ def draw_worlds(rows: Sequence[Row]) -> Any:
     area = [(value_of(row, "side") - 1.0) ** 2 * 1e-6 for row in rows]
     seconds = [value_of(row, "seconds") for row in rows]
     time.plot(area, seconds, "o-", color=_BLUE, markersize=4.5, label="measured")
-    expected = [value_of(row, "seconds") * value_of(row, "estimated_seconds") for row in rows]
-    time.plot(area, expected, "x", color=_VERMILION, markersize=6, label="estimated before")
     linear = [seconds[-1] * each / area[-1] for each in area]
     time.plot(area, linear, ":", color=_INK, linewidth=1.0, label="in proportion to the largest")
     time.set(xscale="log", yscale="log", ylabel="s", title="Time")
     time.legend(fontsize=7.5, frameon=False)
     most = [value_of(row, "megabytes") for row in rows]
-    memory.plot(area, most, "o-", color=_BLUE, markersize=4.5)
+    memory.plot(area, most, "o-", color=_BLUE, markersize=4.5, label="measured")
     expected = [value_of(row, "megabytes") * value_of(row, "estimated_memory") for row in rows]
-    memory.plot(area, expected, "x", color=_VERMILION, markersize=6)
+    memory.plot(area, expected, "x", color=_VERMILION, markersize=6, label="estimated before")
+    memory.legend(fontsize=7.5, frameon=False, loc="lower right")
     memory.axhline(2000.0, color=_INK, linewidth=0.8, linestyle=":")
     memory.annotate("2 GB", (area[0], 2000.0), (0, -10), textcoords="offset points", fontsize=7.5)
     memory.set(xscale="log", ylim=(0, 2200), ylabel="MB at most", title="Memory")

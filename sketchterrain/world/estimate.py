@@ -19,7 +19,7 @@ from sketchterrain.world.tasks import task_count
 _PROCESS: Final = 280 << 20
 _LAUNCHED: Final = 1 << 20
 _BYTES_LAUNCHED: Final = 92
-_BYTES_A_VERTEX: Final = 38
+_BYTES_A_VERTEX: Final = 56
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,6 @@ _FLOATS: Final = ("x", "y", "z", "nx", "ny", "nz", "scale", "rotation", "tint")
 _PLACE: Final = ("x", "y", "z")
 _KIND: Final = "Point Z"
 _ROWS = 1 << 17  # in a row group, which a reader skips or reads as a whole
-_POINT_Z: Final = 1001  # ISO WKB's number
-_POINT: Final = np.dtype([("order", "u1"), ("kind", "<u4"), ("x", "<f8"), ("y", "<f8"), ("z", "<f8")])
 
 
 class PlantStore:
@@ -128,17 +126,16 @@ def _batches(
 
 def _batch(plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin) -> pa.RecordBatch:
     import pyarrow as pa
+    import shapely
 
     x, y = plants["x"] + origin.east, plants["y"] + origin.north
     columns: dict[str, Any] = {
-        _GEOMETRY: _points(x, y, plants["z"]),
+        _GEOMETRY: pa.array(shapely.to_wkb(shapely.points(x, y, plants["z"]), flavor="iso"), pa.binary()),
         "x": x,
         "y": y,
         "z": plants["z"],
         **{name: plants["normal"][:, axis] for axis, name in enumerate(("nx", "ny", "nz"))},
-        "species": pa.DictionaryArray.from_arrays(
-            pa.array(plants["species"].astype(np.int8)), pa.array(list(species), pa.string())
-        ),
+        "species": pa.DictionaryArray.from_arrays(plants["species"].astype(np.int8), list(species)),
         "scale": plants["scale"],
         "rotation": np.degrees(plants["rotation"]).astype(np.float32),
         "tint": plants["tint"],
@@ -149,19 +146,6 @@ def _batch(plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin)
         for column in columns.values()
     ]
     return pa.RecordBatch.from_arrays(arrays, schema=_schema())
-
-
-def _points(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], z: npt.NDArray[np.float32]) -> pa.Array:
-    """Return places as ISO WKB, without an object for each."""
-    import pyarrow as pa
-
-    points = np.zeros(len(x), _POINT)
-    points["order"], points["kind"] = 1, _POINT_Z  # little-endian
-    points["x"], points["y"], points["z"] = x, y, z
-    ends = np.arange(len(x) + 1, dtype=np.int32) * _POINT.itemsize
-    return pa.Array.from_buffers(
-        pa.binary(), len(x), [None, pa.py_buffer(ends), pa.py_buffer(points.tobytes())]
-    )
 
 
 def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:

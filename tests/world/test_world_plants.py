@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow.dataset
@@ -22,14 +21,6 @@ from sketchterrain.world.grid import SHARD, World
 from sketchterrain.world.plants import PlantStore, plant_square
 from sketchterrain.world.tasks import Task, plant_tasks
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from sketchterrain.terrain import Terrain
-    from sketchterrain.world.job import Job
-
 EAST, NORTH = 512_000.0, 5_403_000.0
 CELL = 1.0 / 32.0
 # Three squares by two in the forest; the last column and row of them are narrow.
@@ -37,18 +28,18 @@ AREA = World(60.0, 100.0, 63.0 + 2 * SHARD * CELL, 101.0 + SHARD * CELL, CELL)
 
 
 @pytest.fixture(scope="module")
-def terrain(small_job: Job) -> Terrain:
+def terrain(small_job):
     return st.build(small_job.sketch)
 
 
 @pytest.fixture(scope="module", params=["parquet", "flatgeobuf"])
-def planted(request, small_job: Job, terrain, tmp_path_factory) -> tuple[Job, dict[Task, Path]]:
+def planted(request, small_job, terrain, tmp_path_factory):
     """A job, and the file of each of its squares."""
     output = tmp_path_factory.mktemp(request.param) / "world.zarr"
     return planted_into(output, request.param, small_job, terrain)
 
 
-def planted_into(output: Path, plants: str, small_job: Job, terrain: Terrain) -> tuple[Job, dict[Task, Path]]:
+def planted_into(output, plants, small_job, terrain):
     job = replace(
         small_job,
         world=AREA,
@@ -68,13 +59,13 @@ def planted_into(output: Path, plants: str, small_job: Job, terrain: Terrain) ->
 
 
 @pytest.fixture(scope="module")
-def expected(terrain) -> NDArray:
+def expected(terrain):
     """All plants of the rectangle, found at once."""
     area = (AREA.west, AREA.south, AREA.east, AREA.north)
     return np.concatenate([terrain.foliage(*area, storey=storey) for storey in ("woody", "grass")])
 
 
-def columns_of(path: Path) -> dict[str, NDArray]:
+def columns_of(path):
     """Read a file's plants, whichever form it has."""
     if path.suffix == ".parquet":
         table = pyarrow.parquet.ParquetFile(path).read()
@@ -90,7 +81,7 @@ def columns_of(path: Path) -> dict[str, NDArray]:
     return found | dict(zip("xyz", places.T, strict=True))
 
 
-def joined(files: dict[Task, Path]) -> dict[str, NDArray]:
+def joined(files):
     parts = [columns_of(path) for path in files.values()]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
@@ -112,10 +103,10 @@ def test_squares_cover_the_rectangle_without_a_gap() -> None:
     )
 
 
-@pytest.mark.parametrize(("across", "squares"), [(SHARD - 1, 1), (SHARD, 1), (SHARD + 1, 2)])
-def test_a_shard_of_one_column_has_no_square(small_job, across: int, squares: int) -> None:
-    job = replace(small_job, world=World(0.0, 0.0, float(across), 1.0, 1.0))
-    assert list(plant_tasks(job)) == [Task("plants", 0, 0, column) for column in range(squares)]
+def test_a_shard_of_one_column_has_no_square(small_job) -> None:
+    for across, squares in ((SHARD - 1, 1), (SHARD, 1), (SHARD + 1, 2)):
+        job = replace(small_job, world=World(0.0, 0.0, float(across), 1.0, 1.0))
+        assert list(plant_tasks(job)) == [Task("plants", 0, 0, column) for column in range(squares)]
 
 
 def test_no_plant_is_missing_or_there_twice(planted, expected) -> None:
@@ -207,10 +198,10 @@ def test_flatgeobuf_has_a_layer_with_an_index(small_job, terrain, tmp_path) -> N
     assert len(geometry) == inside.sum() > 0
 
 
-def pieces_of(*pieces: NDArray, then: Exception | None = None) -> SimpleNamespace:
+def pieces_of(*pieces, then=None):
     """Return a terrain that has these plants."""
 
-    def foliage_pieces(*_: float, storey: str):
+    def foliage_pieces(*_, storey):
         assert storey == "woody"
         yield from pieces
         if then is not None:
@@ -220,48 +211,34 @@ def pieces_of(*pieces: NDArray, then: Exception | None = None) -> SimpleNamespac
 
 
 @pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
-def test_a_square_where_nothing_grows_has_a_file_without_rows(small_job, plants: str, tmp_path) -> None:
+def test_empty_squares_failures_and_names(small_job, plants, tmp_path, room_for, monkeypatch) -> None:
+    task = Task("plants", 0, 0, 0)
+
+    def files_in(folder):
+        return [path.name for path in folder.rglob("*") if path.is_file()]
+
     store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
+    failed = DeviceFailedError("it gave up")
+    with pytest.raises(DeviceFailedError) as caught:
+        store.write(task, pieces_of(np.zeros(5, PLANT), then=failed))
+    assert caught.value is failed
+    many = np.zeros(20_000, PLANT)
+    many["x"], many["tint"] = np.random.default_rng(1).random((2, len(many)))
+    with room_for(50_000), pytest.raises(SketchterrainError, match=r"cannot be written \("):
+        store.write(task, pieces_of(many))
+    assert not files_in(store.folder)
+
     for terrain in (pieces_of(), pieces_of(np.zeros(0, PLANT))):
-        (name,) = store.write(Task("plants", 0, 0, 0), terrain)
+        (name,) = store.write(task, terrain)
         found = columns_of(store.folder / name)
         assert {"x", "species", "tint"} <= set(found)
         assert all(len(values) == 0 for values in found.values())
 
+    for name in ("wo!rld", "a world.zip", "größe 100%"):
+        store = PlantStore(replace(small_job, plants=plants, output=tmp_path / name / f"{name}.zarr"))
+        (file,) = store.write(task, pieces_of(np.zeros(3, PLANT)))
+        assert files_in(store.folder) == [file.split("/")[-1]]
 
-@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
-@pytest.mark.parametrize("name", ["wo!rld", "a world.zip", "größe 100%"])
-def test_a_folder_may_have_any_name(small_job, plants: str, name: str, tmp_path) -> None:
-    folder = tmp_path / name
-    folder.mkdir()
-    store = PlantStore(replace(small_job, plants=plants, output=folder / f"{name}.zarr"))
-    (file,) = store.write(Task("plants", 0, 0, 0), pieces_of(np.zeros(3, PLANT)))
-    assert [path.name for path in store.folder.rglob("*") if path.is_file()] == [file.split("/")[-1]]
-
-
-@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
-def test_a_device_that_fails_is_told_and_leaves_nothing(small_job, plants: str, tmp_path) -> None:
-    store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
-    failed = DeviceFailedError("it gave up")
-    terrain = pieces_of(np.zeros(5, PLANT), then=failed)
-    with pytest.raises(DeviceFailedError) as caught:
-        store.write(Task("plants", 0, 0, 0), terrain)
-    assert caught.value is failed
-    assert not [path for path in store.folder.rglob("*") if path.is_file()]
-
-
-@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
-def test_a_full_disk_is_told_and_leaves_nothing(small_job, plants: str, tmp_path, room_for) -> None:
-    store = PlantStore(replace(small_job, plants=plants, output=tmp_path / "world.zarr"))
-    many = np.zeros(20_000, PLANT)
-    many["x"], many["tint"] = np.random.default_rng(1).random((2, len(many)))
-    with room_for(50_000), pytest.raises(SketchterrainError, match=r"cannot be written \("):
-        store.write(Task("plants", 0, 0, 0), pieces_of(many))
-    assert not [path for path in store.folder.rglob("*") if path.is_file()]
-
-
-@pytest.mark.parametrize("plants", ["parquet", "flatgeobuf"])
-def test_a_library_that_is_missing_is_named(small_job, plants: str, monkeypatch) -> None:
     monkeypatch.setattr("sketchterrain.world.libraries.find_spec", lambda name: None)
     with pytest.raises(SketchterrainError, match=f"plants as {plants} needs pyarrow"):
         PlantStore(replace(small_job, plants=plants))

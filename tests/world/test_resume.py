@@ -1,4 +1,4 @@
-"""A world that was disturbed in any way, and gone on with, has the bytes of one that never was."""
+"""A world that was disturbed in any way, and resumed, has the bytes of one that never was."""
 
 from __future__ import annotations
 
@@ -8,30 +8,26 @@ import shutil
 import signal
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
+from sketchterrain.sketch import packed_sketch
+from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import World
 from sketchterrain.world.journal import exclusive_run
+from sketchterrain.world.layout import OutputLayout
+from sketchterrain.world.resume import check_output_unused, remove_partial_files
 from sketchterrain.world.run import run_world
 from sketchterrain.world.verification import check_world
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from sketchterrain.world.job import Job
-    from sketchterrain.world.tasks import TaskResult
-
 TASKS = 9
-HEIGHT = "0/height/c/0/1"
-NORMAL = "0/normal/c/0/0/2"
+HEIGHT, NORMAL = "0/height/c/0/1", "0/normal/c/0/0/2"
+FORMS = {"zarr": "world.zarr", "tiles": "world", "tif": "world.tif"}
 
 
 @pytest.fixture
-def copied(job: Job, whole_world: Path) -> Path:
+def copied(job, whole_world):
     """A finished world of the test's own."""
     shutil.copytree(whole_world, job.output)
     return job.output
@@ -41,11 +37,11 @@ class _StoppedError(Exception):
     pass
 
 
-def stopping(heard, after: int):
+def stopping(heard, after):
     """Return a watcher that ends the run once so many tasks are done."""
 
-    def made(made: TaskResult) -> None:
-        heard.done.append(made)
+    def made(result):
+        heard.done.append(result)
         if len(heard.done) == after:
             raise _StoppedError
 
@@ -53,40 +49,45 @@ def stopping(heard, after: int):
     return heard
 
 
+def stop(job, heard, after, *, resume=False):
+    with pytest.raises(_StoppedError):
+        run_world(job, resume=resume, watcher=stopping(heard, after))
+    return heard
+
+
+def checked(world):
+    return [(*each,) for each in check_world(world, progress=lambda _: None)]
+
+
 def test_a_run_makes_every_task_once_and_leaves_nothing_else(job, heard, whole_world, tree) -> None:
     done = run_world(job, watcher=heard)
     assert heard.counts == [(TASKS, 0)]
     assert len({made.task for made in heard.done}) == len(heard.done) == TASKS
-    assert done.tasks == done.made == TASKS
-    assert done.broken == ()
+    assert (done.tasks, done.made, done.broken) == (TASKS, TASKS, ())
     files = tree(job.output)
     assert files == tree(whole_world)
     assert not [name for name in files if name.split("/")[-1].startswith(".") or "journal" in name]
+    assert [path.name for path in job.output.parent.iterdir()] == [job.output.name]
     assert all({"evaluate", "write"} == set(made.parts) for made in heard.done)
 
 
-def test_a_run_that_ends_early_is_gone_on_with(job, heard, whole_world, tree) -> None:
-    with pytest.raises(_StoppedError):
-        run_world(job, watcher=stopping(heard, 4))
+def test_an_early_end_is_resumed_and_what_is_finished_is_left(job, heard, whole_world, tree) -> None:
+    stop(job, heard, 4)
     with pytest.raises(InputError, match="there is a world; --resume completes it"):
         run_world(job, watcher=heard)
     again = type(heard)()
     done = run_world(job, resume=True, watcher=again)
-    assert again.counts == [(TASKS, 4)]
-    assert (done.made, done.broken) == (TASKS - 4, ())
+    assert (again.counts, done.made, done.broken) == ([(TASKS, 4)], TASKS - 4, ())
+    before = (job.output / HEIGHT).stat().st_mtime_ns
+    third = type(heard)()
+    done = run_world(job, resume=True, watcher=third)
+    assert (done.made, done.broken, third.counts) == (0, (), [])
+    assert third.shares[-1] == pytest.approx(1.0)
+    assert (job.output / HEIGHT).stat().st_mtime_ns == before
     assert tree(job.output) == tree(whole_world)
 
 
-def test_a_finished_world_is_verified_and_left(job, copied, heard, whole_world, tree) -> None:
-    before = (copied / HEIGHT).stat().st_mtime_ns
-    done = run_world(job, resume=True, watcher=heard)
-    assert (done.made, done.broken, heard.counts) == (0, (), [])
-    assert heard.shares[-1] == pytest.approx(1.0)
-    assert (copied / HEIGHT).stat().st_mtime_ns == before
-    assert tree(copied) == tree(whole_world)
-
-
-def swap(folder: Path) -> list[str]:
+def swap(folder):
     one, other = folder / HEIGHT, folder / "0/height/c/0/0"
     content = one.read_bytes()
     one.write_bytes(other.read_bytes())
@@ -94,19 +95,19 @@ def swap(folder: Path) -> list[str]:
     return [HEIGHT, "0/height/c/0/0"]
 
 
-def damage(folder: Path, name: str, change: Callable[[bytes], bytes]) -> list[str]:
+def damage(folder, name, change):
     path = folder / name
     path.write_bytes(change(path.read_bytes()))
     return [name]
 
 
-def lose(folder: Path, *names: str) -> list[str]:
+def lose(folder, *names):
     for name in names:
         (folder / name).unlink()
     return list(names)
 
 
-def lose_half(folder: Path) -> list[str]:
+def lose_half(folder):
     shutil.rmtree(folder / "0")
     return ["0/zarr.json", HEIGHT, NORMAL]
 
@@ -125,119 +126,97 @@ DISTURBED = {
 
 
 @pytest.mark.parametrize("how", DISTURBED)
-def test_what_is_broken_is_named_and_mended(how, job, copied, heard, whole_world, tree) -> None:
+def test_broken_files_are_named_and_made_again(how, job, copied, heard, whole_world, tree) -> None:
     names = DISTURBED[how](copied)
-    found = {each.file for each in check_world(copied, progress=lambda _: None)}
+    found = {file for file, _ in checked(copied)}
     assert set(names) <= found
     done = run_world(job, resume=True, watcher=heard)
     assert {each.file for each in done.broken} == found
     assert heard.found == list(done.broken)
     assert done.made < TASKS
     assert tree(copied) == tree(whole_world)
-    assert list(check_world(copied, progress=lambda _: None)) == []
+    assert checked(copied) == []
 
 
-@pytest.mark.parametrize("lost", ["zarr.json", "ledger/zarr.json"])
-def test_metadata_that_changes_at_the_end_is_written_again(
-    lost, job, copied, heard, whole_world, tree
-) -> None:
-    (copied / lost).unlink()
-    assert run_world(job, resume=True, watcher=heard).made == 0
-    assert tree(copied) == tree(whole_world)
+def without_its_ledger(folder):
+    (folder / "ledger/c/0").unlink()
+    (folder / "0/height/c/0/77").write_bytes(b"of no task")
 
 
-def test_without_its_ledger_all_is_made_again(job, copied, heard, whole_world, tree) -> None:
-    (copied / "ledger" / "c" / "0").unlink()
-    (copied / "0/height/c/0/77").write_bytes(b"of no task")
-    assert run_world(job, resume=True, watcher=heard).made == TASKS
-    assert tree(copied) == tree(whole_world)
+def without_a_line(folder, number, change):
+    lines = (folder / "ledger/c/0").read_bytes().splitlines(keepends=True)
+    lines[number : number + 1] = change(lines[number])
+    (folder / "ledger/c/0").write_bytes(b"".join(lines))
 
 
-@pytest.mark.parametrize("how", ["a line broken", "a line lost"])
-def test_a_ledger_that_tells_of_less_is_mended(how, job, copied, heard, whole_world, tree) -> None:
-    ledger = copied / "ledger" / "c" / "0"
-    lines = ledger.read_bytes().splitlines(keepends=True)
-    lines[4:5] = [b"{" + lines[4]] if how == "a line broken" else []
-    ledger.write_bytes(b"".join(lines))
-    named = [("ledger", "has broken lines: 1")] if how == "a line broken" else []
-    assert [(*each,) for each in check_world(copied, progress=lambda _: None)] == named
+BROKEN, UNNAMED = "has broken lines: 1", "does not name the files that belong to the whole"
+LEDGERS = {
+    "deleted": (without_its_ledger, None, TASKS),
+    "a line broken": (lambda folder: without_a_line(folder, 4, lambda line: [b"{" + line]), BROKEN, 1),
+    "a line lost": (lambda folder: without_a_line(folder, 4, lambda _: []), "", 1),
+    "the second line lost": (lambda folder: without_a_line(folder, 1, lambda _: []), UNNAMED, 0),
+    "metadata of the root lost": (lambda folder: lose(folder, "zarr.json"), "", 0),
+    "metadata of the ledger lost": (lambda folder: lose(folder, "ledger/zarr.json"), "", 0),
+}
+
+
+@pytest.mark.parametrize("how", LEDGERS)
+def test_a_broken_ledger_is_mended(how, job, copied, heard, whole_world, tree) -> None:
+    disturb, why, made = LEDGERS[how]
+    disturb(copied)
+    named = [("ledger", why)] if why else []
+    if why is not None:
+        assert checked(copied) == named
     done = run_world(job, resume=True, watcher=heard)
-    assert (done.made, [(*each,) for each in done.broken]) == (1, named)
+    assert (done.made, [(*each,) for each in done.broken]) == (made, named)
     assert tree(copied) == tree(whole_world)
 
 
-def test_a_ledger_without_its_second_line_is_mended(job, copied, heard, whole_world, tree) -> None:
-    ledger = copied / "ledger" / "c" / "0"
-    first, _, *rest = ledger.read_bytes().splitlines(keepends=True)
-    ledger.write_bytes(b"".join([first, *rest]))
-    named = [("ledger", "does not name the files that belong to the whole")]
-    assert [(*each,) for each in check_world(copied, progress=lambda _: None)] == named
-    done = run_world(job, resume=True, watcher=heard)
-    assert (done.made, [(*each,) for each in done.broken]) == (0, named)
-    assert tree(copied) == tree(whole_world)
-
-
-def test_a_journal_that_is_lost_or_cut_off(job, heard, whole_world, tree) -> None:
-    with pytest.raises(_StoppedError):
-        run_world(job, watcher=stopping(heard, 5))
-    journal = job.output / "ledger" / "journal.jsonl"
+def test_a_journal_that_is_cut_off_or_lost(job, heard, whole_world, tree) -> None:
+    stop(job, heard, 5)
+    journal = job.output / "ledger/journal.jsonl"
     journal.write_bytes(journal.read_bytes()[:-20])
-    again = type(heard)()
-    with pytest.raises(_StoppedError):
-        run_world(job, resume=True, watcher=stopping(again, 1))
-    assert again.counts == [(TASKS, 4)]
-    third = type(heard)()
-    with pytest.raises(_StoppedError):
-        run_world(job, resume=True, watcher=stopping(third, 1))
-    assert third.counts == [(TASKS, 5)]
+    assert stop(job, type(heard)(), 1, resume=True).counts == [(TASKS, 4)]
+    assert stop(job, type(heard)(), 1, resume=True).counts == [(TASKS, 5)]
     journal.unlink()
-    assert run_world(job, resume=True, watcher=heard).made == TASKS
+    assert run_world(job, resume=True, watcher=type(heard)()).made == TASKS
     assert tree(job.output) == tree(whole_world)
 
 
-def test_damage_amid_the_work_is_found_too(job, heard, whole_world, tree) -> None:
-    with pytest.raises(_StoppedError):
-        run_world(job, watcher=stopping(heard, 8))
+def test_partial_files_and_damage_of_a_killed_run_are_found(job, heard, whole_world, tree) -> None:
+    stop(job, heard, 8)
     name = heard.done[6].files[0].file
     damage(job.output, name, lambda content: content[:-1])
-    again = type(heard)()
-    with pytest.raises(_StoppedError):
-        run_world(job, resume=True, watcher=stopping(again, 1))
-    assert [each.file for each in again.found] == [name]
-    done = run_world(job, resume=True, watcher=type(heard)())
-    assert done.broken == ()
-    assert tree(job.output) == tree(whole_world)
-
-
-def test_half_written_files_of_a_killed_run_are_swept(job, heard, whole_world, tree) -> None:
-    with pytest.raises(_StoppedError):
-        run_world(job, watcher=stopping(heard, 3))
-    (job.output / HEIGHT).parent.mkdir(parents=True)
-    (job.output / HEIGHT).with_name(".1.0123abcd.tmp").write_bytes(b"half")
-    (job.output / HEIGHT).write_bytes(b"told of in no journal")
+    written = {file.file for made in heard.done for file in made.files}
+    unknown = next(each for each in (HEIGHT, "0/height/c/0/0", "0/height/c/0/2") if each not in written)
+    (job.output / unknown).write_bytes(b"in no journal")
+    (job.output / unknown).with_name(".1.0123abcd.tmp").write_bytes(b"half")
     (job.output / "notes.txt").write_text("mine")
-    run_world(job, resume=True, watcher=heard)
-    assert (job.output / "notes.txt").read_text() == "mine"
+    again = stop(job, type(heard)(), 1, resume=True)
+    assert [each.file for each in again.found] == [name]
+    assert run_world(job, resume=True, watcher=type(heard)()).broken == ()
     (job.output / "notes.txt").unlink()
     assert tree(job.output) == tree(whole_world)
 
 
 @pytest.mark.parametrize("at", ["shard", "journal", "metadata"])
-def test_a_full_disk_is_told_and_gone_on_with(at, job, heard, whole_world, tree, monkeypatch) -> None:
+def test_a_full_disk_is_told_and_resumed(at, job, heard, whole_world, tree, monkeypatch) -> None:
     full = {"shard": HEIGHT, "journal": "ledger/journal.jsonl", "metadata": "1/zarr.json"}[at]
+
+    def no_space(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
     if at == "journal":
-        monkeypatch.setattr("sketchterrain.world.journal.os", SimpleNamespace(fsync=_no_room))
+        monkeypatch.setattr("sketchterrain.world.journal.os", SimpleNamespace(fsync=no_space))
         monkeypatch.setattr("sketchterrain.world.journal._SYNC", -1.0)
     else:
         replaced = type(job.output).replace
-
-        def replace_(path: Path, target: Path) -> Path:
-            if target == job.output / full:
-                _no_room()
-            return replaced(path, target)
-
-        monkeypatch.setattr(type(job.output), "replace", replace_)
-    with pytest.raises(SketchterrainError, match="No space left") as caught:
+        monkeypatch.setattr(
+            type(job.output),
+            "replace",
+            lambda path, target: no_space() if target == job.output / full else replaced(path, target),
+        )
+    with pytest.raises(SketchterrainError) as caught:
         run_world(job, watcher=heard)
     monkeypatch.undo()
     assert str(caught.value) == f"{job.output / full}: cannot be written (No space left on device)"
@@ -246,14 +225,10 @@ def test_a_full_disk_is_told_and_gone_on_with(at, job, heard, whole_world, tree,
     assert tree(job.output) == tree(whole_world)
 
 
-def _no_room(*_: object) -> None:
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
 @pytest.mark.parametrize("way", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_lets_what_is_begun_be_written(way, job, heard, whole_world, tree) -> None:
-    def made(made: TaskResult) -> None:
-        heard.done.append(made)
+def test_a_signal_lets_current_shards_be_written(way, job, heard, whole_world, tree) -> None:
+    def made(result):
+        heard.done.append(result)
         if len(heard.done) == 2:
             os.kill(os.getpid(), way)
 
@@ -267,81 +242,107 @@ def test_a_signal_lets_what_is_begun_be_written(way, job, heard, whole_world, tr
     assert tree(job.output) == tree(whole_world)
 
 
-def test_a_signal_ends_verifying_at_once(job, copied, heard, whole_world, tree) -> None:
-    def verified(share: float) -> None:
-        heard.shares.append(share)
-        if len(heard.shares) == 3:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    heard.verified = verified
-    with pytest.raises(KeyboardInterrupt):
-        run_world(job, resume=True, watcher=heard)
-    assert len(heard.shares) == 3
-    assert tree(copied) == tree(whole_world)
-    assert run_world(job, resume=True, watcher=type(heard)()).made == 0
-    assert tree(copied) == tree(whole_world)
-
-
-@pytest.mark.parametrize("while_it", ["verifies", "joins"])
-def test_a_signal_ends_what_takes_long_besides(while_it, job, heard, tree) -> None:
+@pytest.mark.parametrize("step", ["verified", "joined"])
+def test_a_signal_ends_verifying_and_joining_at_once(step, job, heard, tree) -> None:
     job = replace(job, output=job.output.with_suffix(".tif"), form="tif")
-    if while_it == "verifies":
+    if step == "verified":
         run_world(job, watcher=heard)
     heard.shares.clear()
 
-    def tell(share: float) -> None:
+    def report(share):
         heard.shares.append(share)
         os.kill(os.getpid(), signal.SIGTERM)
 
-    setattr(heard, {"verifies": "verified", "joins": "joined"}[while_it], tell)
+    setattr(heard, step, report)
     before = tree(job.output.parent)
     with pytest.raises(KeyboardInterrupt):
-        run_world(job, resume=while_it == "verifies", watcher=heard)
+        run_world(job, resume=step == "verified", watcher=heard)
     assert len(heard.shares) == 1
     run_world(job, resume=True, watcher=type(heard)())
     if before:
         assert tree(job.output.parent) == before
-    assert sorted(tree(job.output.parent)) == [
-        f"world{name}" for name in (".ledger.jsonl", ".tif", "_materials.tif", "_normal.tif")
-    ]
+    names = (".ledger.jsonl", ".tif", "_materials.tif", "_normal.tif")
+    assert sorted(tree(job.output.parent)) == [f"world{name}" for name in names]
 
 
-def test_two_runs_at_once_are_refused(job, heard) -> None:
+def test_a_second_run_is_refused(job, heard) -> None:
     with exclusive_run(job.output), pytest.raises(InputError, match="another run is writing it"):
         run_world(job, resume=True, watcher=heard)
     assert not job.output.exists()
 
 
-def test_what_is_something_else_is_refused_and_left(job, heard, tree) -> None:
-    job.output.mkdir()
-    (job.output / "letter.txt").write_text("dear")
+def test_another_world_is_refused(job, copied, heard, whole_world, tree) -> None:
+    for changes in (
+        {"world": World(-20.0, 250.0, 492.0, 254.0, 0.125)},
+        {"step": 0.5},
+        {"layers": ("height",)},
+        {"sketch": replace(job.sketch, seed=job.sketch.seed + 1)},
+    ):
+        with pytest.raises(InputError, match="made from another sketch, seed, bounds or options"):
+            run_world(replace(job, **changes), resume=True, watcher=heard)
+    assert tree(copied) == tree(whole_world)
+    damage(copied, "ledger/c/0", lambda text: text.replace(b'"version":"', b'"version":"0.0.', 1))
+    with pytest.raises(InputError, match=r"begun by version 0\.0\."):
+        run_world(job, resume=True, watcher=heard)
+
+
+SOMEONES = [
+    *((form, "world-plants/notes.txt") for form in FORMS),
+    *(("tiles", f"world/{name}") for name in ("sketch.sketch", "height.vrt")),
+    *(("zarr", f"world.zarr/{name}") for name in ("zarr.json", "0/height/c/0/0", "letter.txt")),
+    *(("tif", name) for name in ("world.tif", "world_normal.tif", "world_materials.tif")),
+]
+
+
+@pytest.mark.parametrize(("form", "name"), SOMEONES)
+def test_files_of_the_user_are_named_and_left(form, name, small_job, tmp_path, heard, tree) -> None:
+    job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
+    path = tmp_path / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text('{"zarr_format": 3, "node_type": "group"}')
+    before = tree(tmp_path)
     for resume in (False, True):
         with pytest.raises(InputError, match="there is something else; take another output"):
             run_world(job, resume=resume, watcher=heard)
-    assert list(tree(job.output)) == ["letter.txt"]
-    file = replace(job, output=job.output / "letter.txt")
-    with pytest.raises(InputError, match="expected a folder to write into, this is a file"):
-        run_world(file, watcher=heard)
-    below = replace(job, output=job.output / "letter.txt" / "world.zarr")
-    with pytest.raises(InputError, match=r"letter\.txt is a file"):
-        run_world(below, watcher=heard)
+    for output, told in ((path, "expected a folder"), (path / "world.zarr", "is a file")):
+        with pytest.raises(InputError, match=told):
+            run_world(replace(job, form="zarr", output=output), watcher=heard)
+    assert tree(tmp_path) == before
 
 
-def test_another_world_is_refused(job, copied, heard, whole_world, tree) -> None:
-    for other in (
-        replace(job, world=World(-20.0, 250.0, 492.0, 254.0, 0.125)),
-        replace(job, step=0.5),
-        replace(job, layers=("height",)),
-        replace(job, sketch=replace(job.sketch, seed=job.sketch.seed + 1)),
+@pytest.mark.parametrize("form", FORMS)
+def test_only_files_of_a_killed_run_are_removed(form, small_job, tmp_path, tree) -> None:
+    job = replace(small_job, output=tmp_path / FORMS[form], form=form, plants="parquet")
+    store, layout = store_of(job), OutputLayout.of(job)
+    store.journal.parent.mkdir(parents=True)
+    store.journal.touch()
+    store.mark.with_name(f".{store.mark.name}.0123abcd.tmp").write_bytes(b"half")
+    check_output_unused(job, resume=False)  # killed before it wrote anything
+    store.create()
+    remove_partial_files(job, store, layout, ())
+    check_output_unused(job, resume=True)
+    with pytest.raises(InputError, match="there is a world; --resume completes it"):
+        check_output_unused(job, resume=False)
+    (tmp_path / "world-plants").mkdir()
+    for folder in (tmp_path, store.journal.parent, tmp_path / "world-plants"):
+        for name in (".draft.tmp", ".draft.12345678x.tmp", ".sketchterrain-mine", "notes.txt"):
+            (folder / name).write_text("mine")
+    before = tree(tmp_path)
+    probe = f".sketchterrain-{'0' * 32}"
+    for path in (
+        store.mark.with_name(".height.tif.0123abcd.tmp"),
+        tmp_path / "world-plants" / ".p.01234567.tmp",
+        store.journal.with_name(probe),
+        store.journal.with_name(f"{probe}-0123abcd"),
     ):
-        with pytest.raises(InputError, match="made from another sketch, seed, bounds or options"):
-            run_world(other, resume=True, watcher=heard)
-    assert tree(copied) == tree(whole_world)
+        path.write_bytes(b"half")
+    remove_partial_files(job, store, layout, ())
+    assert tree(tmp_path) == before
 
 
-def test_a_ledger_of_another_version_is_refused_by_its_version(job, copied, heard) -> None:
-    ledger = copied / "ledger" / "c" / "0"
-    head, rest = ledger.read_text().split("\n", 1)
-    ledger.write_text(head.replace('"version":"', '"version":"0.0.') + "\n" + rest)
-    with pytest.raises(InputError, match=r"begun by version 0\.0\."):
-        run_world(job, resume=True, watcher=heard)
+def test_another_sketch_of_that_name_is_the_users(small_job, tmp_path) -> None:
+    job = replace(small_job, output=tmp_path / "world", form="tiles")
+    job.output.mkdir()
+    (job.output / "sketch.sketch").write_bytes(packed_sketch(replace(small_job.sketch, seed=99)))
+    with pytest.raises(InputError, match="there is something else"):
+        check_output_unused(job, resume=True)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING
 
-from PyQt6.QtCore import QPoint, QPointF, Qt, QTimer
-from PyQt6.QtGui import QWheelEvent
+from PyQt6.QtCore import QPoint, Qt, QTimer
 from PyQt6.QtTest import QTest
 from PyQt6.QtWidgets import (
     QAbstractButton,
@@ -24,43 +22,20 @@ from sketchterrain.resources import preset_names
 from sketchterrain.sketch import LAYERS, load_sketch
 from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS
 
-if TYPE_CHECKING:
-    from PyQt6.QtWidgets import QWidget
+from .events import wheel
 
-    from sketchterrain.ui.models.document import Document
-    from sketchterrain.ui.models.workspace import Workspace
-    from sketchterrain.ui.window import MainWindow
-
-_KEYS = (
-    Qt.Key.Key_BracketLeft,
-    Qt.Key.Key_BracketRight,
-    Qt.Key.Key_Escape,
-    Qt.Key.Key_Delete,
-    Qt.Key.Key_Return,
-    Qt.Key.Key_Left,
-    Qt.Key.Key_Up,
-    Qt.Key.Key_Tab,
-    Qt.Key.Key_W,
-    Qt.Key.Key_Space,
-)
-_MOVES = (Qt.Key.Key_Up, Qt.Key.Key_Down, Qt.Key.Key_PageUp, Qt.Key.Key_PageDown, Qt.Key.Key_Home)
+_NAMES = "BracketLeft BracketRight Escape Delete Return Left Up Tab W Space"
+_KEYS = [getattr(Qt.Key, f"Key_{name}") for name in _NAMES.split()]
+_MOVES = [getattr(Qt.Key, f"Key_{name}") for name in ["Up", "Down", "PageUp", "PageDown", "Home"]]
 _BUTTONS = (Qt.MouseButton.LeftButton, Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton)
 UNTRIGGERED = ("quit", "restart", "full-screen")
 """Of the actions: the program shall go on, and the engine is tested elsewhere."""
 
 
 class Monkey:
-    """Does one thing after another.
+    """Does one thing after another; another seed does other things."""
 
-    Parameters
-    ----------
-    window, document, workspace
-        What is before it.
-    seed
-        Another one does other things.
-    """
-
-    def __init__(self, window: MainWindow, document: Document, workspace: Workspace, *, seed: int) -> None:
+    def __init__(self, window, document, workspace, *, seed: int) -> None:
         self._window, self._document, self._workspace = window, document, workspace
         self._random = random.Random(seed)
         self._sketches = [load_sketch(name) for name in preset_names()]
@@ -68,34 +43,21 @@ class Monkey:
 
     def act(self) -> None:
         """Do one thing, and let the program answer."""
-        deeds = (
-            *(self.paint,) * 8,
-            *(self.use_history,) * 4,
-            *(self.turn_form,) * 4,
-            *(self.trigger,) * 3,
-            *(self.press,) * 2,
-            *(self.scroll,) * 2,
-            *(self.choose,) * 3,
-            self.resize,
-            self.dock,
-            self.load,
-            self.look_around,
-        )
-        deed = self._random.choice(deeds)
+        often = {self.paint: 8, self.use_history: 4, self.turn_form: 4, self.trigger: 3, self.choose: 3}
+        often |= {self.press: 2, self.scroll: 2}
+        often |= dict.fromkeys((self.resize, self.dock, self.load, self.look_around), 1)
+        (deed,) = self._random.choices([*often], [*often.values()])
         self.did.append(deed.__name__)
         deed()
         QApplication.processEvents()
 
     def paint(self) -> None:
-        """Drag over the canvas with whatever tool there is."""
         self._drag(self._window.canvas)
 
     def look_around(self) -> None:
-        """Drag over the 3-D view."""
         self._drag(self._window.view)
 
     def use_history(self) -> None:
-        """Undo, redo, or go somewhere."""
         what = self._random.choice(("undo", "redo", "go"))
         if what == "go":
             self._document.go_to(self._random.randrange(len(self._document.history.titles)))
@@ -135,20 +97,14 @@ class Monkey:
         closing.stop()
 
     def press(self) -> None:
-        """Press a key on the canvas or the 3-D view."""
         target = self._random.choice((self._window.canvas, self._window.view))
         QTest.keyClick(target, self._random.choice(_KEYS))
 
     def scroll(self) -> None:
-        """Turn the wheel."""
         target = self._random.choice((self._window.canvas, self._window.view))
-        place = QPointF(self._place(target))
+        place = self._place(target)
         keys = self._random.choice((Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier))
-        step = QPoint(0, self._random.choice((-240, -120, 120, 240)))
-        no_button, no_phase = Qt.MouseButton.NoButton, Qt.ScrollPhase.NoScrollPhase
-        where = QPointF(target.mapToGlobal(place.toPoint()))
-        event = QWheelEvent(place, where, QPoint(), step, no_button, keys, no_phase, False)
-        QApplication.sendEvent(target, event)
+        wheel(target, place.x(), place.y(), self._random.choice((-2, -1, 1, 2)), keys)
 
     def choose(self) -> None:
         """Take another tool, label, brush or overlay, or hide or lock a layer."""
@@ -167,11 +123,9 @@ class Monkey:
             workspace.show_overlay(dice.choice(list(OVERLAYS)), dice.random() < 0.6)
 
     def resize(self) -> None:
-        """Give the window another size."""
         self._window.resize(self._random.randrange(720, 1700), self._random.randrange(480, 1000))
 
     def dock(self) -> None:
-        """Close, show or float a panel."""
         dock = self._random.choice(self._window.findChildren(QDockWidget))
         what = self._random.randrange(3)
         if what == 2:
@@ -184,7 +138,7 @@ class Monkey:
         if self._random.random() < 0.25:
             self._document.open(self._random.choice(self._sketches))
 
-    def _drag(self, widget: QWidget) -> None:
+    def _drag(self, widget) -> None:
         if not widget.isVisible():
             return
         button = self._random.choice(_BUTTONS)
@@ -198,7 +152,7 @@ class Monkey:
         QApplication.processEvents()
         closing.stop()
 
-    def _place(self, widget: QWidget) -> QPoint:
+    def _place(self, widget) -> QPoint:
         width, height = max(widget.width(), 1), max(widget.height(), 1)
         return QPoint(self._random.randrange(width), self._random.randrange(height))
 

@@ -334,7 +334,7 @@ def test_one_part_alone_and_back(window) -> None:
     assert not window.actions_by_name["leave"].isEnabled()
 
 
-def test_the_layout_is_remembered_and_can_be_reset(window, open_window) -> None:
+def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path) -> None:
     window.layout_of_parts.docks["history"].close()
     window.layout_of_parts.docks["view"].setFloating(True)
     assert window.close()
@@ -345,17 +345,12 @@ def test_the_layout_is_remembered_and_can_be_reset(window, open_window) -> None:
     do(again, "reset-layout")
     assert not docks["history"].isHidden()
     assert not docks["view"].isFloating()
-
-
-def test_closing_while_one_part_is_alone_remembers_the_whole(window, tmp_path) -> None:
-    do(window, "canvas-only")
-    assert window.close()
-    kept = Preferences(tmp_path / "desktop.ini").layout
-    assert kept is not None
-    window.show()
-    do(window, "leave")
-    assert window.layout_of_parts.restore(kept[1])
-    assert not window.layout_of_parts.docks["view"].isHidden()
+    do(again, "canvas-only")
+    assert again.close(), "closed while one part is alone: the whole is remembered"
+    again.show()
+    do(again, "leave")
+    assert again.layout_of_parts.restore(Preferences(tmp_path / "desktop.ini").layout[1])
+    assert not docks["view"].isHidden()
 
 
 def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, link, capsys) -> None:

@@ -102,23 +102,6 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
     assert (settled.morph[order] == draws.morph[other]).all()
 
 
-def test_controls_move_no_quicker_than_their_rate(toy):
-    stream = toy.limited(toy.new_stream(metric=ScreenError(6.0, quad=1e9)), 12)
-    eye = np.array(EYES[0])
-    stream.settle(toy.view_from(eye), toy.generate)
-    known = {}
-    for _ in range(60):
-        eye += np.array([15.0, 0.0, 0.0])
-        toy.go(stream, toy.view_from(eye), tiles=12)
-        places, values = stream._tree._known
-        now = dict(zip(places.tolist(), values.tolist(), strict=True))
-        common = known.keys() & now.keys()
-        assert (
-            max((abs(known[k] - now[k]) for k in common), default=0.0) <= (1 / 30) / MORPH_SECONDS[0] + 1e-12
-        )
-        known = now
-
-
 def test_tiles_out_of_view_are_coarser_and_those_ahead_are_fetched_before(toy):
     stream = toy.new_stream(metric=ScreenError(1.0, quad=1e9))
     eye = EYES[0]

@@ -18,10 +18,7 @@ from PIL import Image
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
-from sketchterrain.export.sampled import Grid, Sampled
-from sketchterrain.export.target import Export, ExportOptions
-from sketchterrain.export.targets import target_named
-from sketchterrain.export.tiling import Tiling
+from sketchterrain.export.target import ExportOptions
 from sketchterrain.exporting import plan_of, write_export
 from sketchterrain.progress import Stages
 
@@ -196,24 +193,3 @@ def test_grass_comes_too_where_it_is_asked_for(tmp_path: Path) -> None:
     np.testing.assert_array_equal(counts[0][:5], counts[1][:5])
     assert counts[0][:5].sum() > 0
     assert counts[0][5:].sum() == 0 < counts[1][5:].sum()
-
-
-@pytest.mark.slow
-def test_the_largest_tile_in_full(terrain: st.Terrain, tmp_path: Path) -> None:
-    side = 8129
-    height = np.add.outer(np.linspace(900.0, -100.0, side, dtype=np.float32), np.zeros(side, np.float32))
-    height[:, -1] = 1000.0  # the east edge
-    sampled = Sampled(
-        Grid(0.0, 0.0, 8128.0, 8128.0, side, side),
-        height,
-        np.broadcast_to(np.uint8([127, 127, 255]), (side, side, 3)),
-        np.broadcast_to(np.uint8([255, 0, 0, 0, 0, 0, 0, 0]), (side, side, 8)),
-    )
-    options = ExportOptions(plants=False, format="r16", size=side)
-    target_named("raw").write(
-        Export(terrain, "ramp", options, sampled.grid, Tiling(), sampled, tmp_path, Stages())
-    )
-    number = np.fromfile(tmp_path / "ramp_height.r16", "<u2").reshape(side, side)
-    assert (number[:, -1] >= 65534).all()
-    assert number[-1, 0] == 0
-    assert (np.diff(number[:, 0].astype(int)) <= 0).all()

@@ -26,13 +26,11 @@ if TYPE_CHECKING:  # rasterio is loaded when it is needed
 GRID_MAPPING: Final = "spatial_ref"
 """The array of each level that carries the coordinate reference system."""
 
-_CONVENTIONS = {
-    "multiscales": ("d35379db-88df-4056-af3a-620245f8e347", "Multiscale layout of zarr datasets"),
-    "proj": (
-        "f17cb550-5864-4468-aeb7-f3180cfb622f",
-        "Coordinate reference system information for geospatial data",
-    ),
-    "spatial": ("689b58e2-cf7b-45e0-9fff-9cfc0883d6b4", "Spatial coordinate information"),
+_CONVENTIONS: Final = {  # identifier and description
+    "multiscales": "d35379db-88df-4056-af3a-620245f8e347 Multiscale layout of zarr datasets",
+    "proj": "f17cb550-5864-4468-aeb7-f3180cfb622f "
+    "Coordinate reference system information for geospatial data",
+    "spatial": "689b58e2-cf7b-45e0-9fff-9cfc0883d6b4 Spatial coordinate information",
 }
 _CODE = re.compile(r"[A-Z]+:[0-9]+")  # what ``proj:code`` may hold
 
@@ -141,9 +139,9 @@ def _conventions(*names: str) -> list[dict[str, str]]:
         {
             "schema_url": f"{raw}/{name}/refs/tags/v0.1/schema.json",
             "spec_url": f"{pages}/{name}/blob/v0.1/README.md",
-            "uuid": _CONVENTIONS[name][0],
+            "uuid": _CONVENTIONS[name].partition(" ")[0],
             "name": name,
-            "description": _CONVENTIONS[name][1],
+            "description": _CONVENTIONS[name].partition(" ")[2],
         }
         for name in names
     ]

@@ -14,6 +14,7 @@ import sys
 import time
 from base64 import b64encode
 from collections.abc import Callable, Iterator
+from itertools import product
 from pathlib import Path
 from typing import Final
 from xml.sax.saxutils import escape, quoteattr
@@ -75,97 +76,79 @@ class TileStore:
     keeps_shards = True
 
     def __init__(self, job: Job) -> None:
-        self.folder: Path = job.output
-        self.journal = self.folder / JOURNAL
-        self.mark = self.folder / SKETCH
         self._job, self._place = job, Georeference(job)
+        self.folder, self._tiles, self._ledger = self._paths(job.output)
+        self.journal, self.mark = self._tiles / JOURNAL, self._tiles / SKETCH
+
+    @staticmethod
+    def _paths(output: Path) -> tuple[Path, Path, Path]:
+        """Return the folder that names of files begin in, that of the tiles, and the ledger."""
+        return output, output, output / LEDGER
 
     def create(self) -> tuple[str, ...]:
-        """Make the folder and write the sketch; see `Store.create`."""
-        prepare_folder(self.folder)
+        """Make the folder of the tiles and write the sketch; see `Store.create`."""
+        prepare_folder(self._tiles)
         write_if_changed(self.mark, packed_sketch(self._job.sketch))
-        return (SKETCH,)
+        return (SKETCH,) if self.keeps_shards else ()
 
     def write(self, ground: Ground) -> tuple[str, ...]:
         """Write the tiles of a shard; see `Store.write`."""
-        names = {layer: tile_name(layer, ground.shard) for layer in self._job.layers}
-        for layer, name in names.items():
-            _write_tile(self.folder / name, layer, ground, self._place, optimised=True)
-        return tuple(names.values())
+        paths = {layer: self._tiles / tile_name(layer, ground.shard) for layer in self._job.layers}
+        for layer, path in paths.items():
+            _write_tile(path, layer, ground, self._place, optimised=self.keeps_shards)
+        return tuple(path.relative_to(self.folder).as_posix() for path in paths.values())
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
         """Write the VRTs; see `Store.join`."""
-        names = _write_vrts(self.folder, self._job.layers, self._place, covering)
+        names = _write_vrts(self._tiles, self._place, covering)
         progress(1.0)
         return names
 
     def close(self, ledger: str) -> None:
-        """Write the ledger, delete the journal; see `Store.close`."""
-        write_whole(self.folder / LEDGER, ledger.encode())
+        """Write the ledger, delete what is needed no more; see `Store.close`."""
+        write_whole(self._ledger, ledger.encode())
         with telling_failure(self.journal):
             self.journal.unlink(missing_ok=True)
+            if not self.keeps_shards:
+                shutil.rmtree(self._tiles)
 
     def ledger_text(self) -> str | None:
         """Return the ledger of a finished world; see `Store.ledger_text`."""
-        return text_of(self.folder / LEDGER)
+        return text_of(self._ledger)
 
 
-class TiffStore:
-    """One file a layer; see `sketchterrain.world.store.Store`.
+class TiffStore(TileStore):
+    """One file a layer, ``world.tif``, ``world_normal.tif`` and ``world_materials.tif``; see `Store`.
 
-    ``world.tif`` has the heights; ``world_normal.tif`` and ``world_materials.tif`` lie beside it. Each has
-    the coarser levels as its overviews; the sketch is in the metadata of the heights. Until they are joined,
-    shards are kept in a hidden folder beside the file: for that time the disk holds everything twice.
+    Each has the coarser levels as its overviews; the sketch is in the metadata of the heights. Until they are
+    joined, tiles are kept in a hidden folder beside the file: for that time the disk holds everything twice.
     """
 
     keeps_shards = False
 
-    def __init__(self, job: Job) -> None:
-        self.folder: Path = job.output.parent
-        self._parts = parts_folder(job.output)
-        self.journal = self._parts / JOURNAL
-        self.mark = self._parts / SKETCH
-        self._job, self._place = job, Georeference(job)
-
-    def create(self) -> tuple[str, ...]:
-        """Make the folder of the shards; see `Store.create`. Nothing of it stays."""
-        prepare_folder(self._parts)
-        write_if_changed(self.mark, packed_sketch(self._job.sketch))
-        return ()
-
-    def write(self, ground: Ground) -> tuple[str, ...]:
-        """Write a shard of each layer into the hidden folder; see `Store.write`."""
-        paths = {layer: self._parts / tile_name(layer, ground.shard) for layer in self._job.layers}
-        for layer, path in paths.items():
-            _write_tile(path, layer, ground, self._place, optimised=False)
-        return tuple(path.relative_to(self.folder).as_posix() for path in paths.values())
+    @staticmethod
+    def _paths(output: Path) -> tuple[Path, Path, Path]:
+        return output.parent, parts_folder(output), ledger_file(output)
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
         """Write the files; see `Store.join`."""
         paths = [layer_file(self._job.output, layer) for layer in self._job.layers]
         sketch = b64encode(self.mark.read_bytes()).decode()
-        _write_vrts(self._parts, self._job.layers, self._place, _whole, sketch)
-        for index, (layer, path) in enumerate(zip(self._job.layers, paths, strict=True)):
-            self._join(layer, path, lambda share, done=index: progress((done + share) / len(paths)))
+        _write_vrts(self._tiles, self._place, lambda level, _: (level.rows, level.columns), sketch)
+        for done, (layer, path) in enumerate(zip(self._job.layers, paths, strict=True)):
+
+            def part(share: float, done: int = done) -> None:
+                progress((done + share) / len(paths))
+
+            self._join(layer, path, part)
         return tuple(path.name for path in paths)
-
-    def close(self, ledger: str) -> None:
-        """Write the ledger, delete the shards; see `Store.close`."""
-        write_whole(ledger_file(self._job.output), ledger.encode())
-        with telling_failure(self._parts):
-            self.journal.unlink(missing_ok=True)
-            shutil.rmtree(self._parts)
-
-    def ledger_text(self) -> str | None:
-        """Return the ledger of a finished world; see `Store.ledger_text`."""
-        return text_of(ledger_file(self._job.output))
 
     def _join(self, layer: str, path: Path, progress: Callable[[float], None]) -> None:
         """Copy a layer's VRT in a process of its own, which ends at once if `progress` raises."""
         options = _COG | {"OVERVIEWS": "FORCE_USE_EXISTING", "NUM_THREADS": "ALL_CPUS"}
         options["PREDICTOR"] = LAYER_SPECS[layer].predictor
-        expected = sum(file.stat().st_size for file in (self._parts / layer).rglob("*.tif"))
-        source = self._parts / vrt_name(layer, 0)
+        expected = sum(file.stat().st_size for file in (self._tiles / layer).rglob("*.tif"))
+        source = self._tiles / vrt_name(layer, 0)
         with whole_path(path) as temporary:
             command = [sys.executable, "-c", _COPY, str(source), str(temporary), json.dumps(options)]
             with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace") as process:  # noqa: S603
@@ -219,13 +202,7 @@ def _write_tile(path: Path, layer: str, ground: Ground, place: Georeference, *, 
             content = bytes((packed if optimised else plain).getbuffer())
     except RasterioError as error:
         raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from None
-    with telling_failure(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-    write_whole(path, content)
-
-
-def _whole(level: Level, _: Level) -> tuple[int, int]:
-    return level.rows, level.columns
+    write_if_changed(path, content)
 
 
 def covering(level: Level, finest: Level) -> tuple[int, int]:
@@ -246,21 +223,18 @@ def covering(level: Level, finest: Level) -> tuple[int, int]:
 
 def _write_vrts(
     folder: Path,
-    layers: tuple[str, ...],
     place: Georeference,
     shape: Callable[[Level, Level], tuple[int, int]],
     sketch: str | None = None,
 ) -> tuple[str, ...]:
     """Write the VRT of each layer and level, of some shape, the coarsest first; return their names."""
     names, levels = [], place.job.world.levels
-    for layer in layers:
+    for layer in place.job.layers:
         for level in reversed(levels):
             names.append(vrt_name(layer, level.number))
-            with telling_failure(folder / names[-1]):
-                (folder / names[-1]).parent.mkdir(parents=True, exist_ok=True)
-            own = sketch if layer == "height" and level.number == 0 else None
+            own = sketch if names[-1] == vrt_name("height", 0) else None
             lines = _vrt(layer, level, place, shape(level, levels[0]), own)
-            write_whole(folder / names[-1], "".join(f"{line}\n" for line in lines).encode())
+            write_if_changed(folder / names[-1], "".join(f"{line}\n" for line in lines).encode())
     return tuple(names)
 
 
@@ -299,23 +273,22 @@ def _vrt(
 
 
 def _sources(layer: str, level: Level, band: int, kind: str, shape: tuple[int, int]) -> Iterator[str]:
-    for row in range(-(-shape[0] // SHARD)):
-        for column in range(-(-shape[1] // SHARD)):
-            shard = Shard(level.number, row, column)
-            top, left = row * SHARD, column * SHARD
-            rows, columns = level.size_of(shard)
-            size = f'xSize="{min(columns, shape[1] - left)}" ySize="{min(rows, shape[0] - top)}"'
-            name = tile_name(layer, shard)
-            yield "    <SimpleSource>"
-            yield f"      {_file(name if level.number == 0 else name.partition('/')[2])}"
-            yield f"      <SourceBand>{band}</SourceBand>"
-            yield (
-                f'      <SourceProperties RasterXSize="{columns}" RasterYSize="{rows}" DataType="{kind}" '
-                f'BlockXSize="{CHUNK}" BlockYSize="{CHUNK}"/>'
-            )
-            yield f'      <SrcRect xOff="0" yOff="0" {size}/>'
-            yield f'      <DstRect xOff="{left}" yOff="{top}" {size}/>'
-            yield "    </SimpleSource>"
+    for row, column in product(range(-(-shape[0] // SHARD)), range(-(-shape[1] // SHARD))):
+        shard = Shard(level.number, row, column)
+        top, left = row * SHARD, column * SHARD
+        rows, columns = level.size_of(shard)
+        size = f'xSize="{min(columns, shape[1] - left)}" ySize="{min(rows, shape[0] - top)}"'
+        name = tile_name(layer, shard)
+        yield "    <SimpleSource>"
+        yield f"      {_file(name if level.number == 0 else name.partition('/')[2])}"
+        yield f"      <SourceBand>{band}</SourceBand>"
+        yield (
+            f'      <SourceProperties RasterXSize="{columns}" RasterYSize="{rows}" DataType="{kind}" '
+            f'BlockXSize="{CHUNK}" BlockYSize="{CHUNK}"/>'
+        )
+        yield f'      <SrcRect xOff="0" yOff="0" {size}/>'
+        yield f'      <DstRect xOff="{left}" yOff="{top}" {size}/>'
+        yield "    </SimpleSource>"
 
 
 def _file(name: str) -> str:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NamedTuple
+from itertools import product
+from typing import Final, NamedTuple
 
 from sketchterrain.errors import InputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-__all__ = ["CHUNK", "SHARD", "Level", "Shard", "World"]
 
 SHARD: Final = 2048
 """Vertices along the side of a shard: what is computed and written at once, a file of each layer."""
@@ -20,15 +17,7 @@ CHUNK: Final = 256
 
 
 class Shard(NamedTuple):
-    """A rectangle of a level's vertices: its place in the level's grid of shards, 0 the north-west one.
-
-    Attributes
-    ----------
-    level : int
-        0 is the finest.
-    row, column : int
-        Of the shard.
-    """
+    """A rectangle of a level's vertices: its place in the level's grid of shards, 0 the north-west one."""
 
     level: int
     row: int
@@ -39,14 +28,8 @@ class Shard(NamedTuple):
 class Level:
     """One grid of a pyramid. Vertex (row j, column i) lies at (west + i·cell, north − j·cell).
 
-    Attributes
-    ----------
-    number : int
-        0 is the finest; each has twice the cell of the one before.
-    cell : float
-        Metres between vertices, and what the terrain is band-limited to.
-    columns, rows : int
-        Vertices.
+    Level 0 is the finest; each has twice the cell of the one before: metres between vertices, and what the
+    terrain is band-limited to. `columns` and `rows` are of vertices.
     """
 
     number: int
@@ -61,26 +44,16 @@ class Level:
 
     def size_of(self, shard: Shard) -> tuple[int, int]:
         """Return how many rows and columns of vertices a shard holds: fewer at the south and east edges."""
-        return (
-            min(SHARD, self.rows - shard.row * SHARD),
-            min(SHARD, self.columns - shard.column * SHARD),
-        )
+        return min(SHARD, self.rows - shard.row * SHARD), min(SHARD, self.columns - shard.column * SHARD)
 
 
 @dataclass(frozen=True)
 class World:
-    """A rectangle of the world at a cell size, and the coarser levels over it.
+    """A rectangle of the world (m) at a cell size (m), and the coarser levels over it.
 
     The finest level has a vertex at each corner where the sides are whole numbers of cells; else the
     rectangle is widened eastward and southward to the next one. A coarser level reaches as far or up to a
     cell farther, so every level covers it all: the world does not end there.
-
-    Attributes
-    ----------
-    west, south, east, north : float
-        m, as asked for.
-    cell : float
-        Metres between vertices of the finest level.
     """
 
     west: float
@@ -128,10 +101,8 @@ class World:
     def shards(self) -> Iterator[Shard]:
         """Return every shard, without a list of them: the coarse levels first, rows from the north."""
         for level in reversed(self.levels):
-            rows, columns = level.shards
-            for row in range(rows):
-                for column in range(columns):
-                    yield Shard(level.number, row, column)
+            for row, column in product(*map(range, level.shards)):
+                yield Shard(level.number, row, column)
 
 
 def _cells(length: float, cell: float) -> int:

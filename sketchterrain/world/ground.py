@@ -16,20 +16,9 @@ from sketchterrain.world.grid import Shard
 class LayerSpec:
     """How a layer is stored; the benchmark ``packing`` shows why it is compressed in this way.
 
-    Attributes
-    ----------
-    bands : tuple of str
-    dtype : str
-    dimension : str
-        Name of the bands' dimension in Zarr; empty: the array has rows and columns only.
-    fill : float
-        Of vertices beyond the array; NaN for heights, so that a lost chunk is not sea level.
-    shuffle, clevel
-        Blosc's filter and the compression level of its Zstandard.
-    predictor : str
-        GDAL's name of a TIFF's predictor.
-    attributes : dict
-        Of the Zarr array.
+    `dimension` names that of the bands in Zarr; empty: the array has rows and columns only. `fill` is the
+    value beyond the array; NaN for heights, so that a lost chunk is not sea level. `shuffle` and `clevel` are
+    Blosc's filter and the level of its Zstandard, `predictor` is GDAL's, `attributes` are the Zarr array's.
     """
 
     bands: tuple[str, ...]
@@ -100,15 +89,8 @@ BYTES_PER_VERTEX: Final = {"height": 4, "normal": 3, "materials": len(MATERIALS)
 class Ground:
     """What is known at each vertex of a shard; row 0 is the northernmost, column 0 the westernmost.
 
-    Attributes
-    ----------
-    shard : Shard
-    height : (rows, columns) float32
-        m.
-    normal : (3, rows, columns) uint8
-        East, north, up; 0 is −1, 255 is 1.
-    materials : (materials, rows, columns) uint8
-        Weights in the terrain's order, that sum to 255 at each vertex.
+    Heights (rows, columns) are in m; normals (3, rows, columns) are east, north, up, 0 is −1, 255 is 1;
+    materials (materials, rows, columns) are weights that sum to 255 at each vertex.
     """
 
     shard: Shard

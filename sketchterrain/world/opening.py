@@ -10,7 +10,7 @@ from base64 import b64decode
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -32,36 +32,27 @@ _FILES: Final = 16  # GeoTIFFs that a thread keeps open
 _REMEDY: Final = "writing the world again with --resume mends it"
 
 
-class StoredWorld(Protocol):
-    """Layers of a pyramid that are read in windows, by any number of threads.
+class StoredWorld(ABC):
+    """Layers of a pyramid that are read in windows, by any number of threads; the last chunks are kept.
 
-    Attributes
-    ----------
-    west, north : float
-        Of column 0 and row 0, m from the sketch's south-west corner.
-    levels : tuple of Level
-        The finest first.
-    layers : tuple of str
-        Some of ``height``, ``normal``, ``materials``; heights are always there.
-    material_names : tuple of str
-        Of the materials' bands.
+    `west` and `north` (m from the sketch's south-west corner) are of column 0 and row 0; `levels` begin with
+    the finest; `layers` are some of ``height``, ``normal``, ``materials``, heights always.
     """
 
-    west: float
-    north: float
-    levels: tuple[Level, ...]
-    layers: tuple[str, ...]
-    material_names: tuple[str, ...]
+    def __init__(self, world: World, layers: tuple[str, ...], material_names: tuple[str, ...]) -> None:
+        if "height" not in layers or not set(layers) <= set(LAYER_SPECS):
+            raise ValueError(f"layers {','.join(layers)}")
+        self.west, self.north, self.levels = world.west, world.north, world.levels
+        self.layers, self.material_names = layers, material_names
+        self._chunk = lru_cache(_CHUNKS)(self._load)
 
+    @abstractmethod
     def sketch(self) -> Sketch | None:
-        """Return the sketch that the world was made from; None if it does not hold it.
+        """Return the sketch that the world was made from, None if it holds none; InputError if broken."""
 
-        Raises
-        ------
-        InputError
-            If what it holds is broken.
-        """
-        ...
+    @abstractmethod
+    def _load(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:
+        """Read a chunk by its row and column in the level's grid of chunks: (bands or nothing, …, …)."""
 
     def read(
         self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
@@ -79,25 +70,6 @@ class StoredWorld(Protocol):
         InputError
             If some of it is missing or broken: its file is named.
         """
-        ...
-
-
-class _ChunkedWorld(ABC):
-    """Windows put together from chunks, of which the last ones are kept."""
-
-    def __init__(self, world: World, layers: tuple[str, ...], material_names: tuple[str, ...]) -> None:
-        self.west, self.north, self.levels = world.west, world.north, world.levels
-        self.layers, self.material_names = layers, material_names
-        self._chunk = lru_cache(_CHUNKS)(self._load)
-
-    @abstractmethod
-    def _load(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:
-        """Read a chunk by its row and column in the level's grid of chunks: (bands or nothing, …, …)."""
-
-    def read(
-        self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
-    ) -> npt.NDArray[Any]:
-        """Return a window of a layer; see `StoredWorld.read`."""
         if layer not in self.layers:
             raise InputError(f"expected a layer among {', '.join(self.layers)}, got {one_line(layer)!r}")
         if not 0 <= level < len(self.levels):
@@ -122,7 +94,7 @@ class _ChunkedWorld(ABC):
         return window
 
 
-class _ZarrWorld(_ChunkedWorld):
+class _ZarrWorld(StoredWorld):
     """A Zarr store; each chunk carries a checksum, so that no broken one is taken for ground."""
 
     def __init__(self, folder: Path) -> None:
@@ -143,8 +115,6 @@ class _ZarrWorld(_ChunkedWorld):
         try:
             world, layers = World(**facts["world"]), tuple(map(str, facts["layers"]))
             super().__init__(world, layers, tuple(map(str, facts["materials"])))
-            if "height" not in layers or not set(layers) <= set(LAYER_SPECS):
-                raise ValueError(f"layers {','.join(layers)}")
         except (KeyError, TypeError, ValueError, InputError) as error:
             raise _broken(folder / METADATA, error) from None
         self._arrays = {
@@ -200,7 +170,7 @@ class _OpenFiles(threading.local):
             return rasterio.open(path, **level)
 
 
-class _TiffWorld(_ChunkedWorld):
+class _TiffWorld(StoredWorld):
     """A folder of GeoTIFF tiles, or one GeoTIFF a layer."""
 
     def __init__(self, path: Path) -> None:
@@ -215,12 +185,11 @@ class _TiffWorld(_ChunkedWorld):
             raise InputError(f"{one_line(heights)}: expected the heights of a world, it tells of none")
         try:
             world = World(*(float(self._facts[name]) for name in ("west", "south", "east", "north", "cell")))
-            layers, materials = (tuple(self._facts[name].split(",")) for name in ("layers", "materials"))
-            if "height" not in layers or not set(layers) <= set(LAYER_SPECS):
-                raise ValueError(f"layers {','.join(layers)}")
+            super().__init__(
+                world, *(tuple(self._facts[name].split(",")) for name in ("layers", "materials"))
+            )
         except (KeyError, ValueError, InputError) as error:
             raise _broken(heights, error) from None
-        super().__init__(world, layers, materials)
         self._files = _OpenFiles()
 
     def sketch(self) -> Sketch | None:

@@ -3,53 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
+from sketchterrain.compute import ComputeContext
 from sketchterrain.export import prepare_folder, write_picture
 from sketchterrain.jobs import run_job
-from sketchterrain.picture_arguments import camera_at
+from sketchterrain.picture_arguments import Point, camera_at
+from sketchterrain.progress import Stages
 from sketchterrain.render import Quality, check_overlays, check_view, render_picture
-from sketchterrain.still import weather_at
+from sketchterrain.render.overlays import Legend
+from sketchterrain.still import Still, weather_at
 from sketchterrain.terrain import build
 from sketchterrain.world.opening import open_world
-from sketchterrain.world.viewed import ViewedWorld
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.picture_arguments import Point
-    from sketchterrain.progress import Stages
-    from sketchterrain.render.overlays import Legend
-    from sketchterrain.still import Still
-
-__all__ = ["draw_world"]
+from sketchterrain.world.viewed import StoredTerrain
 
 
 def draw_world(
     store: Path, path: Path, still: Still, *, device: str | None, stages: Stages
 ) -> tuple[list[Legend], list[str]]:
-    """Draw a stored world and write the picture.
+    """Draw a stored world and write the picture; return what colours mean, and what the world lacks.
 
-    Parameters
-    ----------
-    store
-        What was written.
-    path
-        ``.png``.
-    still
-        How; places are metres from the sketch's south-west corner.
-    device
-        Selector as for :func:`~sketchterrain.compute.choose_device`.
-    stages
-        Told and timed: ``device``, ``world``, ``features`` and ``picture``.
-
-    Returns
-    -------
-    legend : list of Legend
-        What the overlays' colours mean.
-    lacks : list of str
-        A line for each thing that the world does not hold, and what is shown instead.
+    Places of `still` are metres from the sketch's south-west corner.
 
     Raises
     ------
@@ -71,7 +45,7 @@ def draw_world(
     def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[Legend], list[str]]:
         with stages.stage("features", "Placing features"):
             terrain = None if sketch is None else build(sketch, device=context)
-            world = ViewedWorld(stored, context, terrain)
+            world = StoredTerrain(stored, context, terrain)
         legend: list[Legend] = []
         with stages.stage("picture", "Rendering"):
             prepare_folder(path.parent)

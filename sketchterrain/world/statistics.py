@@ -27,10 +27,7 @@ _AT_ONCE: Final = 64  # rows: what is computed at once stays in a processor's ca
 
 @dataclass(frozen=True)
 class Relief:
-    """Heights, m. All are exact but the quantiles, which are known to a 65,536th of the range.
-
-    `quantiles` are by the share of vertices that lie lower.
-    """
+    """Heights, m: exact but for the quantiles (by the share that lies lower), to a 65,536th of the range."""
 
     minimum: float
     maximum: float
@@ -42,10 +39,9 @@ class Relief:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Slopes, degrees, by the weighted differences of Horn (1981), at all vertices but the outermost.
+    """Slopes, degrees, at all vertices but the outermost; quantiles (by the share that is flatter) to 0.01°.
 
-    `quantiles`, to a hundredth of a degree, are by the share of vertices that are flatter; `shares` of the
-    vertices are in classes of 5° from 0°; `surface_ratio` is the surface's area by that of its map.
+    `shares` are of classes from 0°; `surface_ratio` is the surface's area by that of its map.
     """
 
     mean: float
@@ -73,11 +69,7 @@ class Hypsometry:
 
 @dataclass(frozen=True)
 class Statistics:
-    """Statistics of one level of a world.
-
-    `area` is what its vertices span, m²; `slopes` is None where no vertex has neighbours all around;
-    `materials` has the share of each of the whole, and is empty where none are written.
-    """
+    """Statistics of one level of a world; slopes are None where no vertex has neighbours all around."""
 
     level: int
     cell: float
@@ -100,27 +92,22 @@ class Statistics:
 def statistics_of(
     stored: StoredWorld, *, level: int = 0, progress: Callable[[float], None] | None = None
 ) -> Statistics:
-    """Measure one level of a world; 0 is the finest.
+    """Measure one level of a world; raise InputError if there is none, or some of it is missing or broken.
 
     The same numbers on every machine: stripes are measured by several threads, and put together in order.
     `progress` is called with the share that is done, 0 … 1.
-
-    Raises
-    ------
-    InputError
-        If there is no such level, or some of it is missing or broken.
     """
     if not 0 <= level < len(stored.levels):
         raise InputError(f"no level {level}: expected 0 to {len(stored.levels) - 1}")
     chosen, bounds = stored.levels[level], _range(stored, stored.levels[-1])
     names = stored.material_names if "materials" in stored.layers else ()
-    total = _Sums(bounds, chosen.cell, len(names))
-    stripes = range(0, chosen.columns, _STRIPE)
+
+    def new_sums() -> _Sums:
+        return _Sums(bounds, chosen.cell, len(names))
+
+    total, stripes = new_sums(), range(0, chosen.columns, _STRIPE)
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1), thread_name_prefix="statistics") as pool:
-        parts = [
-            pool.submit(_stripe, stored, chosen, left, _Sums(bounds, chosen.cell, len(names)))
-            for left in stripes
-        ]
+        parts = [pool.submit(_stripe, stored, chosen, left, new_sums()) for left in stripes]
         try:
             for number, part in enumerate(parts, start=1):
                 total.add(part.result())
@@ -128,7 +115,19 @@ def statistics_of(
                     progress(number / len(parts))
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
-    return _statistics(chosen, total, names)
+    shares = total.weights / max(int(total.weights.sum()), 1)
+    relief = total.relief()
+    return Statistics(
+        chosen.number,
+        chosen.cell,
+        chosen.columns,
+        chosen.rows,
+        (chosen.columns - 1) * (chosen.rows - 1) * chosen.cell**2,
+        relief,
+        total.slopes(),
+        total.hypsometry(relief.mean),
+        {name: float(share) for name, share in zip(names, shares, strict=True)},
+    )
 
 
 def _range(stored: StoredWorld, level: Level) -> tuple[float, float]:
@@ -247,7 +246,7 @@ class _Sums:
         edges = self._start + np.arange(first, last + 1) * self._width
         edges[0], edges[-1] = self.lowest, self.highest
         counts = np.concatenate([[0], np.cumsum(self._heights[first:last])])
-        return edges, counts / counts[-1]
+        return np.asarray(edges, np.float64), np.asarray(counts / counts[-1])
 
 
 def horn_slopes(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.float64]:
@@ -271,20 +270,3 @@ def _quantiles(below: npt.NDArray[np.float64], edges: npt.NDArray[np.float64]) -
     part = (np.asarray(QUANTILES) - low) / np.where(high > low, high - low, 1.0)
     found = edges[first - 1] + part * (edges[first] - edges[first - 1])
     return {f"{share:g}": float(value) for share, value in zip(QUANTILES, found, strict=True)}
-
-
-def _statistics(level: Level, sums: _Sums, names: tuple[str, ...]) -> Statistics:
-    relief = sums.relief()
-    shares = sums.weights / max(int(sums.weights.sum()), 1)
-    area = (level.columns - 1) * (level.rows - 1) * level.cell**2
-    return Statistics(
-        level.number,
-        level.cell,
-        level.columns,
-        level.rows,
-        area,
-        relief,
-        sums.slopes(),
-        sums.hypsometry(relief.mean),
-        {name: float(share) for name, share in zip(names, shares, strict=True)},
-    )

@@ -29,31 +29,17 @@ TAGS: Final = "sketchterrain"
 class Store(Protocol):
     """One form of output of a `Job`, created in each process from the job alone.
 
-    Where the system cannot write a file, its methods raise SketchterrainError.
+    Names of files begin in `folder`. `journal` lists what is done while the world is being written, in a
+    folder that `create` makes; whoever writes the world makes it and holds its lock, and `close` deletes it.
+    `create` writes the file `mark` first: where it is, a world was begun. `keeps_shards` is whether what
+    `write` writes stays, or goes once `join` has made something else of it. Methods raise SketchterrainError
+    where the system cannot write a file.
     """
 
-    @property
-    def folder(self) -> Path:
-        """The folder that names of files begin in."""
-        ...
-
-    @property
-    def journal(self) -> Path:
-        """The file of what is done while the world is being written, in a folder that `create` makes.
-
-        Whoever writes the world makes it and holds its lock; `close` deletes it.
-        """
-        ...
-
-    @property
-    def mark(self) -> Path:
-        """A file that `create` writes first: where it is, a world was begun."""
-        ...
-
-    @property
-    def keeps_shards(self) -> bool:
-        """Whether what `write` writes stays, or goes once `join` has made something else of it."""
-        ...
+    folder: Path
+    journal: Path
+    mark: Path
+    keeps_shards: bool
 
     def create(self) -> tuple[str, ...]:
         """Write all that does not depend on any ground, and return the names of its files.
@@ -80,12 +66,9 @@ class Store(Protocol):
 
 
 class Plants(Protocol):
-    """Output of the plants of a `Job`."""
+    """Output of the plants of a `Job`; names of files begin in `folder`."""
 
-    @property
-    def folder(self) -> Path:
-        """The folder that names of files begin in."""
-        ...
+    folder: Path
 
     def create(self) -> tuple[str, ...]:
         """Write all that does not depend on any plant, again without harm; return the names of its files."""

@@ -64,11 +64,8 @@ class StoredPyramid:
         self, layer: str, number: int, top: int, left: int, rows: int, columns: int
     ) -> npt.NDArray[Any]:
         """Read a window that lies inside; where nothing can be read, what is known more coarsely."""
-        try:
+        if self._told is None:
             return self.world.read(layer, number, top=top, left=left, rows=rows, columns=columns)
-        except InputError:
-            if self._told is None:
-                raise
         found = self._empty(layer, rows, columns)
         # By chunks, so that a vertex is the same in whatever window it comes: else the ground would tear.
         for low, high in _chunk_parts(top, top + rows):
@@ -83,9 +80,10 @@ class StoredPyramid:
         try:
             return self.world.read(layer, number, top=top, left=left, rows=rows, columns=columns)
         except InputError as error:
-            if self._told is not None and str(error) not in self._lines:
-                self._lines.add(str(error))
-                self._told(str(error))
+            line = str(error)
+            if self._told is not None and line not in self._lines:
+                self._lines.add(line)
+                self._told(line)
         if number + 1 >= len(self.world.levels):
             return self._empty(layer, rows, columns)
         north, west = top // 2, left // 2

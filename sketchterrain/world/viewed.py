@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.compute import ComputeContext
 from sketchterrain.errors import InputError
-from sketchterrain.features.catalogue import FEATURE
-from sketchterrain.look import waters
+from sketchterrain.features.catalogue import FEATURE, Lake, River, ShapeField
 from sketchterrain.render.scene import Sketch
 from sketchterrain.terrain import Terrain
+from sketchterrain.terrain.answers import TerrainFeatures
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
 from sketchterrain.terrain.plant import PLANT
 from sketchterrain.terrain.vertices import FACTS, VertexMemory, VertexStore
@@ -25,7 +26,6 @@ from sketchterrain.world.opening import StoredWorld
 from sketchterrain.world.stored_pyramid import BARE, StoredPyramid
 
 Bounds = tuple[float, float, float, float]
-Floats = npt.NDArray[np.float64]
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1
@@ -43,39 +43,13 @@ class _NoSketch:
 class StoredTerrain:
     """A stored world as a bounded `~sketchterrain.render.scene.Terrain`.
 
-    Viewing coordinates are metres east and north of its north-west corner, so all of it lies south of the
+    Viewing coordinates are metres east and north of its north-west `corner`, so all of it lies south of the
     origin. A level-0 tile is the least power of two of cells that spans it; so vertices of tiles are stored
     samples, whatever quads they have.
 
-    Parameters
-    ----------
-    world : StoredWorld
-    context : ComputeContext
-        Tiles are written to its memory; it makes textures.
-    terrain : Terrain or None
-        Of the world's sketch, for plants and water; None: there are none.
-    told : callable or None
-        Called with a line for each part that cannot be read; what is known more coarsely is shown there.
-        None: that is an error.
-
-    Attributes
-    ----------
-    corner : (float, float)
-        Origin of the viewing coordinates, m east and north of the sketch's south-west corner.
-    extent : float
-        Width of a level-0 tile (m).
-    finest_cell : float
-        Metres between vertices of the finest level.
-    size : (float, float)
-        Metres from west to east and from south to north.
-    bounds : (float, float, float, float)
-        West, south, east, north in viewing coordinates (m).
-    sketch : Sketch
-        One that says nothing where the world holds none.
-    features : Features
-        Rivers and lakes.
-    lacks : list of str
-        A line for each thing that the world does not hold, and what is shown instead.
+    `terrain` is that of the world's sketch; without it there are no plants and no water. `told` is called
+    with a line for each part that cannot be read, and what is known more coarsely is shown there; without it
+    that is an error. `lacks` has a line for each thing that the world does not hold.
 
     Raises
     ------
@@ -104,11 +78,9 @@ class StoredTerrain:
         self.size = across * finest.cell, down * finest.cell
         self.bounds: Bounds = (0.0, -self.size[1], self.size[0], 0.0)
         self.sketch: Sketch = _NoSketch() if terrain is None else terrain.sketch
-        self.features = (
-            _Features(np.zeros(0, FEATURE), (), ())
-            if terrain is None
-            else _moved_features(terrain.features, *self.corner, self.bounds)
-        )
+        self.features = TerrainFeatures(np.zeros(0, FEATURE), ())
+        if terrain is not None:
+            self.features = _moved_features(terrain.features, *self.corner, self.bounds)
         self.heights = self._pyramid.heights
         lacks = {
             "the world holds no normals: they are taken from its heights": "normal" not in world.layers,
@@ -130,15 +102,7 @@ class StoredTerrain:
         parents: npt.ArrayLike,
         store: VertexStore,
     ) -> npt.NDArray[np.void]:
-        """Write tiles where OpenGL draws them from; parameters and result are those of a terrain's.
-
-        Tiles without ground are not written.
-
-        Raises
-        ------
-        InputError
-            If some of them cannot be read, and nobody is told.
-        """
+        """Write tiles where OpenGL draws them from, as a terrain does; not those without ground."""
         place = np.asarray(slots, np.int64).reshape(-1)
         roots = np.asarray(parents, np.int64).reshape(-1) < 0
         facts = np.zeros(len(place), FACTS)
@@ -189,32 +153,7 @@ class StoredTerrain:
 ViewedWorld = StoredTerrain
 
 
-class _River(NamedTuple):
-    centreline: Floats
-    centreline_width: npt.NDArray[np.float32]
-
-
-class _Shape(NamedTuple):
-    west: float
-    south: float
-    spacing: float
-    inside: npt.NDArray[np.float32]
-
-
-class _Lake(NamedTuple):
-    shape: _Shape
-    level: float
-
-
-class _Features(NamedTuple):
-    """Points, rivers and lakes; see `~sketchterrain.look.waters.Features`."""
-
-    points: npt.NDArray[np.void]
-    rivers: tuple[_River, ...]
-    lakes: tuple[_Lake, ...]
-
-
-def _moved_features(features: waters.Features, west: float, north: float, bounds: Bounds) -> _Features:
+def _moved_features(features: TerrainFeatures, west: float, north: float, bounds: Bounds) -> TerrainFeatures:
     """Return features about an origin (m), cut off at bounds about that (m)."""
     points = features.points.copy()
     points["x"] -= west
@@ -222,36 +161,33 @@ def _moved_features(features: waters.Features, west: float, north: float, bounds
     reach = points["radius"]
     there = (points["x"] + reach > bounds[0]) & (points["x"] - reach < bounds[2])
     there &= (points["y"] + reach > bounds[1]) & (points["y"] - reach < bounds[3])
-    moved = np.array([west, north, 0.0])
-    rivers = [
-        part
-        for river in features.rivers
-        for part in _river_parts(np.asarray(river.centreline) - moved, river.centreline_width, bounds)
-    ]
-    lakes = [_lake(lake, west, north, bounds) for lake in features.lakes]
-    return _Features(points[there], tuple(rivers), tuple(lake for lake in lakes if lake is not None))
+    rivers = [part for river in features.rivers for part in _river_parts(river, west, north, bounds)]
+    lakes = [_cut_lake(lake, west, north, bounds) for lake in features.lakes]
+    return TerrainFeatures(
+        points[there], tuple(rivers), tuple(lake for lake in lakes if (lake.shape.inside > 0).any())
+    )
 
 
-def _river_parts(line: Floats, width: npt.NDArray[np.float32], bounds: Bounds) -> Iterator[_River]:
+def _river_parts(river: River, west: float, north: float, bounds: Bounds) -> Iterator[River]:
     """Return the parts of a river within bounds: from the first point within to the last one."""
+    line = river.centreline - np.array([west, north, 0.0])
     inside = _within(line[:, 0], line[:, 1], bounds)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         if last - first > 1:
-            yield _River(np.ascontiguousarray(line[first:last]), np.ascontiguousarray(width[first:last]))
+            width = np.ascontiguousarray(river.centreline_width[first:last])
+            yield replace(river, centreline=np.ascontiguousarray(line[first:last]), centreline_width=width)
 
 
-def _lake(lake: waters.Pool, west: float, north: float, bounds: Bounds) -> _Lake | None:
-    """Return the part of a lake within bounds: its distance field is cut by the distance to a border."""
+def _cut_lake(lake: Lake, west: float, north: float, bounds: Bounds) -> Lake:
+    """Return a lake whose distance field is cut by the distance to a border of bounds."""
     field = lake.shape
     rows, columns = field.inside.shape
     x = field.west - west + np.arange(columns) * field.spacing
     y = field.south - north + np.arange(rows) * field.spacing
     across, down = np.minimum(x - bounds[0], bounds[2] - x), np.minimum(y - bounds[1], bounds[3] - y)
     inside = np.minimum(field.inside, np.minimum(across[None, :], down[:, None])).astype(np.float32)
-    if not (inside > 0).any():
-        return None
-    return _Lake(_Shape(float(x[0]), float(y[0]), field.spacing, inside), lake.level)
+    return replace(lake, shape=ShapeField(float(x[0]), float(y[0]), field.spacing, inside))
 
 
 def _within(x: npt.NDArray[Any], y: npt.NDArray[Any], bounds: Bounds) -> npt.NDArray[np.bool_]:

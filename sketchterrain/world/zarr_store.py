@@ -13,7 +13,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
 from sketchterrain.sketch import packed_sketch
-from sketchterrain.whole_files import telling_failure, write_whole
+from sketchterrain.whole_files import telling_failure
 from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_attributes
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
 from sketchterrain.world.ground import LAYER_SPECS, LayerSpec
@@ -87,10 +87,7 @@ class ZarrStore:
             top, left = at.row * SHARD, at.column * SHARD
             array[..., top : top + rows, left : left + columns] = getattr(ground, layer)
             names.append(shard_file(layer, at))
-            path = self.folder / names[-1]
-            with telling_failure(path):
-                path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, content[names[-1]].to_bytes())
+            write_if_changed(self.folder / names[-1], content[names[-1]].to_bytes())
         return tuple(names)
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:

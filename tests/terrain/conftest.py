@@ -1,22 +1,68 @@
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
+from sketchterrain import resources
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.features import FEATURE, FEATURE_TYPES, Cover, Lake, River, ShapeField
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import Terrain, TerrainRecipe, build
-from sketchterrain.terrain.octaves import OctaveTable, corner_table
+from sketchterrain.terrain.octaves import corner_table
 from sketchterrain.terrain.recipe import NoFill
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 if not list_devices():
     pytest.skip("no OpenCL device", allow_module_level=True)
+
+
+def tiers(names, quick, slow=(), soak=()):
+    """Parametrise a test by cases of the default tier, and by those of later tiers that are no quick ones."""
+    later = [(case, pytest.mark.slow) for case in slow if case not in quick]
+    later += [(case, pytest.mark.soak) for case in soak]
+    one = isinstance(names, str)
+    marked = [pytest.param(*([case] if one else case), marks=mark) for case, mark in later]
+    return pytest.mark.parametrize(names, [*quick, *marked])
+
+
+@pytest.fixture
+def calls(monkeypatch) -> list[str]:
+    """What contexts are asked to do from now on: clear it to begin."""
+    done, real = [], ComputeContext._call
+
+    def counted(self, doing, *given, **named):
+        done.append(doing)
+        return real(self, doing, *given, **named)
+
+    monkeypatch.setattr(ComputeContext, "_call", counted)
+    return done
+
+
+def launches(calls: list[str]) -> list[str]:
+    """The kernels launched."""
+    return [call.removeprefix("launching ") for call in calls if call.startswith("launching")]
+
+
+@pytest.fixture
+def with_kernel(monkeypatch):
+    """Return what adds a program: a kernel file and more source."""
+    source = resources.source
+
+    def add(name: str, base: str, kernel: str) -> None:
+        def found(file: str) -> str:
+            return source(base) + kernel if file == name else source(file)
+
+        monkeypatch.setattr(resources, "source", found)
+
+    return add
+
+
+def assert_same(one, other, *, parents=False) -> None:
+    """Two tiles or rasters have the same bits."""
+    for name in ("height", "normal", "materials", *(("parent_height", "parent_normal") if parents else ())):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
 @pytest.fixture(scope="session")
@@ -33,18 +79,16 @@ def double_context() -> ComputeContext:
 
 
 @pytest.fixture(scope="session")
-def valley(context: ComputeContext) -> Terrain:
+def valley(context) -> Terrain:
     return build(load_sketch("valley_river"), device=context)
 
 
 @pytest.fixture(scope="session")
-def desert(context: ComputeContext) -> Terrain:
+def desert(context) -> Terrain:
     return build(load_sketch("desert_mountains"), device=context)
 
 
-def feature(
-    kind: str, x: float, y: float, radius: float, strength: float, **more: float
-) -> np.ndarray[Any, Any]:
+def feature(kind, x, y, radius, strength, **more) -> np.ndarray[Any, Any]:
     row = np.zeros(1, FEATURE)
     row["type"], row["x"], row["y"] = FEATURE_TYPES.index(kind), x, y
     row["radius"], row["strength"], row["painted"] = radius, strength, True
@@ -53,9 +97,7 @@ def feature(
     return row
 
 
-def octave_arguments(
-    context: ComputeContext, octaves: OctaveTable, corner: tuple[int, int], step_bits: int
-) -> tuple[object, ...]:
+def octave_arguments(context, octaves, corner, step_bits) -> tuple[object, ...]:
     """What a kernel is given of octaves for a patch whose south-west vertex is ``corner``, in steps."""
     corners = np.array([corner], np.int64) << step_bits
     return (
@@ -77,9 +119,7 @@ def straight_river(y: float = 2048.0, *, width: float = 20.0, fall: float = 0.00
     )
 
 
-def round_field(
-    x: float, y: float, radius: float, *, spacing: float = 8.0, margin: float = 80.0
-) -> ShapeField:
+def round_field(x, y, radius, *, spacing=8.0, margin=80.0) -> ShapeField:
     """The field of a disc."""
     count = int(np.ceil((radius + margin) / spacing)) + 1
     step = np.arange(-count, count + 1) * spacing
@@ -101,9 +141,7 @@ def cover(x: float, y: float, radius: float, material: int, strength: float = 1.
 def make_recipe() -> Callable[..., TerrainRecipe]:
     """Make a 4096 m recipe of just the given features and rivers."""
 
-    def make(
-        *features: np.ndarray[Any, Any], rivers: tuple[River, ...] = (), **changes: Any
-    ) -> TerrainRecipe:
+    def make(*features, rivers=(), **changes) -> TerrainRecipe:
         painted = np.concatenate([np.zeros(0, FEATURE), *features])
         painted["id"] = np.arange(painted.size)
         values: dict[str, Any] = {
@@ -156,9 +194,7 @@ LAKES = (
 
 
 @pytest.fixture(params=list(CASES))
-def case(
-    request: pytest.FixtureRequest, make_recipe: Callable[..., TerrainRecipe]
-) -> tuple[str, TerrainRecipe]:
+def case(request, make_recipe) -> tuple[str, TerrainRecipe]:
     """One kind of feature alone on the ground."""
     name = request.param
     rivers = (straight_river(), straight_river(900, width=6)) if name == "river" else ()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,9 +16,7 @@ from sketchterrain.terrain.adherence_areas import agreement
 from sketchterrain.terrain.adherence_rivers import along
 from sketchterrain.terrain.naturalness import measure_naturalness, outline_ratio
 
-if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import Terrain
+from .conftest import tiers
 
 SIDE = 128
 HEIGHT = 100.0
@@ -87,7 +84,7 @@ def test_even_steps_along_a_line_keep_its_ends() -> None:
     assert steps.max() <= 1.0 + 1e-9
 
 
-def test_adherence_of_a_preset_as_json(valley: Terrain) -> None:
+def test_adherence_of_a_preset_as_json(valley) -> None:
     found = measure_adherence(valley)
     told = json.loads(json.dumps(found.as_dict()))
     assert told["lost"] == 0
@@ -101,7 +98,7 @@ def test_adherence_of_a_preset_as_json(valley: Terrain) -> None:
     assert all(river["descending"] == 1.0 for river in told["rivers"])
 
 
-def test_every_speck_shows(context: ComputeContext) -> None:
+def test_every_speck_shows(context) -> None:
     mountain, hill, forest = (np.zeros((SIDE, SIDE), np.uint8) for _ in range(3))
     mountain[10:120:12, 10:120:12] = 1
     hill[16:120:12, 16:120:12] = 1
@@ -132,25 +129,12 @@ def painted_by_hand(layer: str) -> dict[str, np.ndarray]:
     return {layer: image.astype(np.uint8)}
 
 
-@pytest.mark.parametrize(
+@tiers(
     ("layer", "fidelity", "least"),
-    [
-        ("mountain", 0.8, 0.75),
-        ("forest", 1.0, 0.92),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (
-                ("mountain", 1.0, 0.92),
-                ("hill", 0.8, 0.75),
-                ("hill", 1.0, 0.92),
-                ("forest", 0.8, 0.75),
-            )
-        ),
-    ],
+    [("mountain", 0.8, 0.75), ("forest", 1.0, 0.92)],
+    [("mountain", 1.0, 0.92), ("hill", 0.8, 0.75), ("hill", 1.0, 0.92), ("forest", 0.8, 0.75)],
 )
-def test_blobs_strokes_and_rings_are_where_they_were_painted(
-    layer: str, fidelity: float, least: float, context: ComputeContext
-) -> None:
+def test_blobs_strokes_and_rings_are_where_they_were_painted(layer, fidelity, least, context) -> None:
     overlaps = []
     for seed in (1, 2):
         sketch = Sketch(
@@ -170,14 +154,8 @@ def test_blobs_strokes_and_rings_are_where_they_were_painted(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fidelity", "least"),
-    [
-        (0.8, 0.75),
-        (1.0, 0.92),
-    ],
-)
-def test_presets_are_where_they_were_painted(fidelity: float, least: float, context: ComputeContext) -> None:
+@pytest.mark.parametrize(("fidelity", "least"), [(0.8, 0.75), (1.0, 0.92)])
+def test_presets_are_where_they_were_painted(fidelity, least, context) -> None:
     overlaps = []
     for name in preset_names():
         found = measure_adherence(build(load_sketch(name).replace(fidelity=fidelity), device=context))
@@ -189,37 +167,27 @@ def test_presets_are_where_they_were_painted(fidelity: float, least: float, cont
     assert np.mean(overlaps) >= least
 
 
-@pytest.mark.parametrize(
-    "presets", [("valley_river",), pytest.param(preset_names(), marks=pytest.mark.slow)], ids=["one", "all"]
-)
-def test_painted_outlines_do_not_show_at_the_default_fidelity(
-    presets: tuple[str, ...], context: ComputeContext
-) -> None:
+@tiers("presets", [("valley_river",)], [preset_names()])
+def test_painted_outlines_do_not_show_at_the_default_fidelity(presets, context) -> None:
     for name in presets:
         natural = measure_naturalness(build(load_sketch(name).replace(fidelity=0.8), device=context))
         assert natural.slope == pytest.approx(1.03, abs=0.05), name
         assert natural.curvature == pytest.approx(1.0, abs=0.1), name
 
 
-@pytest.mark.parametrize(
-    "cases",
-    [
-        [("rolling_hills", 12)],
-        pytest.param(
-            [("rolling_hills", 1), ("valley_river", 7), ("desert_mountains", 2)], marks=pytest.mark.slow
-        ),
-    ],
-    ids=["one", "others"],
+@tiers(
+    ("name", "seed"),
+    [("rolling_hills", 12)],
+    [("rolling_hills", 1), ("valley_river", 7), ("desert_mountains", 2)],
 )
-def test_hills_reach_the_height_of_their_label(cases: list[tuple[str, int]], context: ComputeContext) -> None:
-    for name, seed in cases:
-        found = measure_adherence(build(load_sketch(name).replace(seed=seed), device=context))
-        reached = [s.reached / s.asked for s in found.shapes if s.layer == "hill" and s.reached and s.asked]
-        assert reached
-        assert max(abs(ratio - 1.0) for ratio in reached) < 0.1
+def test_hills_reach_the_height_of_their_label(name, seed, context) -> None:
+    found = measure_adherence(build(load_sketch(name).replace(seed=seed), device=context))
+    reached = [s.reached / s.asked for s in found.shapes if s.layer == "hill" and s.reached and s.asked]
+    assert reached
+    assert max(abs(ratio - 1.0) for ratio in reached) < 0.1
 
 
-def test_a_mountain_that_is_not_there_reaches_nothing(context: ComputeContext) -> None:
+def test_a_mountain_that_is_not_there_reaches_nothing(context) -> None:
     terrain = build(
         Sketch(extent=1280.0, layers={"mountain": disc(60, 60, 20).astype(np.uint8)}), device=context
     )

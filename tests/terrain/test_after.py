@@ -1,18 +1,19 @@
-"""A terrain updated to a changed recipe has the bits of one built from that recipe."""
+"""A terrain updated to a changed recipe has the bits of one built from that recipe; recipes pickle."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import pickle
+from typing import Any
 
 import numpy as np
 import pytest
 
+from sketchterrain.features.edits import EditedFill
 from sketchterrain.sketch import Edit, Sketch
-from sketchterrain.terrain import Terrain, build, rebuild
-from sketchterrain.terrain.changes import EVERYWHERE, changed_areas
+from sketchterrain.terrain import Terrain, build, changed_areas, rebuild
+from sketchterrain.terrain.changes import EVERYWHERE
 
-if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext
+from .conftest import tiers
 
 SIDE, EXTENT = 96, 12_000.0
 QUADS = 32
@@ -25,7 +26,7 @@ def _disc(image: np.ndarray, row: float, column: float, radius: float, label: in
 
 
 @pytest.fixture(scope="module")
-def first(context: ComputeContext) -> Terrain:
+def first(context) -> Terrain:
     layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in LAYERS}
     for row, column in ((20, 20), (22, 70), (60, 44)):
         _disc(layers["mountain"], row, column, 6)
@@ -87,8 +88,8 @@ def _heights(terrain: Terrain, rng: np.random.Generator) -> list[np.ndarray]:
     return found
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(first: Terrain, seed: int) -> None:
+@tiers("seed", [0], range(4))
+def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(first, seed) -> None:
     rng = np.random.default_rng(seed)
     terrain = first
     _tiles(terrain)  # what it keeps is there
@@ -110,7 +111,7 @@ def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(first: Terrain, seed:
     assert plants[0].tobytes() == plants[1].tobytes()
 
 
-def test_the_previous_terrain_is_unchanged(first: Terrain) -> None:
+def test_the_previous_terrain_is_unchanged(first) -> None:
     before = _heights(first, np.random.default_rng(2))
     layers = {name: layer.copy() for name, layer in first.sketch.layers.items()}
     _disc(layers["mountain"], 50, 50, 7)
@@ -123,7 +124,7 @@ def test_the_previous_terrain_is_unchanged(first: Terrain) -> None:
         np.testing.assert_array_equal(one, two)
 
 
-def test_a_terrain_of_another_extent_is_built_anew(first: Terrain, valley: Terrain) -> None:
+def test_a_terrain_of_another_extent_is_built_anew(first, valley) -> None:
     areas = changed_areas(first.recipe, valley.recipe)
     assert areas == [EVERYWHERE]
     after = first.after(valley.sketch, valley.recipe, areas)
@@ -132,7 +133,7 @@ def test_a_terrain_of_another_extent_is_built_anew(first: Terrain, valley: Terra
     np.testing.assert_array_equal(after.heights(x, y), valley.heights(x, y))
 
 
-def test_unchanged_buffers_are_not_uploaded_again(first: Terrain) -> None:
+def test_unchanged_buffers_are_not_uploaded_again(first) -> None:
     """A small stroke leaves most of what was gathered, and all of rivers, lakes and octaves."""
     _tiles(first)
     layers = {name: layer.copy() for name, layer in first.sketch.layers.items()}
@@ -151,3 +152,32 @@ def test_unchanged_buffers_are_not_uploaded_again(first: Terrain) -> None:
     finally:
         first.context.upload = upload
     assert few < 0.5 * (len(uploads) - few)
+
+
+def _copied(value: Any) -> Any:
+    return pickle.loads(pickle.dumps(value))  # noqa: S301
+
+
+def test_a_pickled_recipe_gives_the_same_heights(valley, context) -> None:
+    fill = valley.recipe.fill.within(0.0, 0.0, *valley.size)
+    edited, _ = rebuild(valley, valley.sketch.with_edit(Edit("delete", int(fill["id"][0]))))
+    assert isinstance(edited.recipe.fill, EditedFill)
+    for terrain in (valley, edited):
+        recipe = _copied(terrain.recipe)
+        other = Terrain(terrain.sketch, recipe, context)
+        x, y = (part.ravel() for part in np.meshgrid(*2 * [np.linspace(-3000.0, 9000.0, 90)]))
+        for cell in (0.0, 24.0):
+            one, two = (each.heights(x, y, cell_size=cell) for each in (terrain, other))
+            assert one.tobytes() == two.tobytes()
+        assert changed_areas(terrain.recipe, recipe) == []
+        with pytest.raises(TypeError):
+            recipe.ground["relief"] = 1.0
+    assert len(pickle.dumps(valley.recipe)) < 400_000
+
+
+def test_placed_features_pickle(valley) -> None:
+    features = valley.features
+    other = _copied(features)
+    assert other.points.tobytes() == features.points.tobytes()
+    for one, two in zip(features.rivers, other.rivers, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(vars(one).values(), vars(two).values(), strict=True))

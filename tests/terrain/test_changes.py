@@ -1,6 +1,6 @@
-from __future__ import annotations
+"""Changed areas: all that changed lies in them, and no farther than stated."""
 
-from typing import TYPE_CHECKING
+from __future__ import annotations
 
 import numpy as np
 import pytest
@@ -8,21 +8,20 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.features import FEATURE_TYPES, FILL_BIT, label_shapes
 from sketchterrain.features.edits import lock_of
-from sketchterrain.sketch import Edit, Sketch
-from sketchterrain.terrain import Terrain, build, rebuild
+from sketchterrain.features.memory import ShapeMemory
+from sketchterrain.sketch import Edit, Sketch, load_sketch
+from sketchterrain.terrain import Terrain, build, make_recipe, rebuild
+from sketchterrain.terrain.centrelines import TOLERANCE_CELLS
 from sketchterrain.terrain.changes import EVERYWHERE, Box, changed_areas, touches
 from sketchterrain.terrain.influence import influence
+from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.packing import pack_rivers
+from sketchterrain.terrain.recipe import TerrainRecipe
+from sketchterrain.terrain.river_changes import river_areas
 
-if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext
+from .conftest import assert_same, tiers
 
 SIDE, EXTENT = 160, 32_000.0
-SEEDS = [
-    pytest.param(seed, marks=() if seed in {0, 3, 6, 9, 12, 14} else pytest.mark.slow) for seed in range(20)
-]
-FARTHER_SEEDS = [
-    pytest.param(seed, marks=() if seed in {0, 4, 7, 12, 14, 22} else pytest.mark.slow) for seed in range(32)
-]
 
 
 def _disc(image: np.ndarray, row: float, column: float, radius: float, label: int = 1) -> None:
@@ -55,7 +54,7 @@ def _sketch() -> Sketch:
 
 
 @pytest.fixture(scope="module")
-def plain(context: ComputeContext) -> Terrain:
+def plain(context) -> Terrain:
     return build(_sketch(), device=context)
 
 
@@ -103,10 +102,8 @@ def _told(areas: list[Box], x: np.ndarray, y: np.ndarray, *, wider: float = 0.0)
     return told
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_everything_that_changed_lies_in_the_changed_areas(
-    plain: Terrain, context: ComputeContext, seed: int
-) -> None:
+@tiers("seed", [0, 3, 6, 9, 12, 14], range(20))
+def test_everything_that_changed_lies_in_the_changed_areas(plain, context, seed) -> None:
     after = build(_edited(plain.sketch, plain, seed), device=context)
     areas = changed_areas(plain.recipe, after.recipe)
     assert areas
@@ -125,7 +122,7 @@ def test_everything_that_changed_lies_in_the_changed_areas(
     assert told.mean() < 0.35  # most of the world is not built again
 
 
-def test_settings_of_the_world_change_it_everywhere(plain: Terrain, context: ComputeContext) -> None:
+def test_settings_of_the_world_change_it_everywhere(plain, context) -> None:
     changes: list[dict[str, object]] = [
         {"seed": 5},
         {"fidelity": 0.5},
@@ -141,7 +138,7 @@ def test_settings_of_the_world_change_it_everywhere(plain: Terrain, context: Com
     assert changed_areas(plain.recipe, again.recipe) == []
 
 
-def test_locking_changes_nothing(plain: Terrain, context: ComputeContext) -> None:
+def test_locking_changes_nothing(plain, context) -> None:
     points = plain.features.points
     locked = plain.sketch
     for point in points[::3]:
@@ -150,40 +147,6 @@ def test_locking_changes_nothing(plain: Terrain, context: ComputeContext) -> Non
     assert changed_areas(plain.recipe, after.recipe) == []
     x, y = _samples()
     np.testing.assert_array_equal(plain.heights(x, y), after.heights(x, y))
-
-
-@pytest.mark.slow
-def test_an_edit_matters_no_farther_than_the_stated_distance(context: ComputeContext) -> None:
-    bare = _sketch().replace(density={"hill": 0.8, "forest": 0.5}, extent=64_000.0)
-    before = build(bare, device=context)
-    point, river = before.recipe.painted[0], before.features.rivers[0]
-    image = np.array(bare.layers["hill"])
-    _disc(image, 150, 8, 3)
-    edits = [
-        (bare.with_edit(Edit("delete", int(point["id"]))), point["x"], point["y"]),
-        (bare.replace(layers={**bare.layers, "hill": image}), 8.5 * 400, 9.5 * 400),
-        (
-            bare.with_edit(
-                Edit("move_point", river.id, index=2, x=river.points[2, 0] + 500, y=river.points[2, 1])
-            ),
-            river.centreline[:, 0],
-            river.centreline[:, 1],
-        ),
-    ]
-    line = np.linspace(0, 64_000, 200)
-    x, y = (each.ravel() for each in np.meshgrid(line, line))
-    for sketch, at_x, at_y in edits:
-        after = build(sketch, device=context)
-        near = np.zeros(x.shape, dtype=bool)
-        # What was edited is itself up to a shape wide, and moved by 500 m.
-        far = influence(before.recipe) + 3500
-        assert far < 32_000
-        for px, py in zip(np.atleast_1d(at_x)[::20], np.atleast_1d(at_y)[::20], strict=True):
-            near |= np.hypot(x - px, y - py) <= far
-        assert not near.all()
-        same = before.heights(x, y) == after.heights(x, y)
-        assert same[~near].all()
-        assert not same.all()
 
 
 def _shapes_painted_on(old: Sketch, new: Sketch) -> list[np.ndarray]:
@@ -228,10 +191,8 @@ def _what_changed(old: Terrain, new: Terrain) -> np.ndarray:
     return np.concatenate(found)
 
 
-@pytest.mark.parametrize("seed", FARTHER_SEEDS)
-def test_random_changes_matter_no_farther_than_the_stated_distance(
-    plain: Terrain, context: ComputeContext, seed: int
-) -> None:
+@tiers("seed", [0, 4, 7, 12, 14, 22], range(32))
+def test_random_changes_matter_no_farther_than_the_stated_distance(plain, context, seed) -> None:
     after = build(_edited(plain.sketch, plain, seed), device=context)
     stroke = not after.sketch.edits
     far = max(influence(recipe, stroke=stroke) for recipe in (plain.recipe, after.recipe))
@@ -242,7 +203,7 @@ def test_random_changes_matter_no_farther_than_the_stated_distance(
     assert (distance > far).mean() > 0.3
 
 
-def test_only_tiles_that_the_areas_touch_change(plain: Terrain) -> None:
+def test_only_tiles_that_the_areas_touch_change(plain) -> None:
     point = plain.recipe.painted[0]
     move = Edit("move", int(point["id"]), x=float(point["x"]) + 400, y=float(point["y"]))
     after, areas = rebuild(plain, plain.sketch.with_edit(move))
@@ -255,8 +216,7 @@ def test_only_tiles_that_the_areas_touch_change(plain: Terrain) -> None:
     for old, new in zip(plain.tiles(keys), after.tiles(keys), strict=True):
         if not touches(areas, old.bounds, margin=old.cell_size):
             same += 1
-            for part in ("height", "normal", "materials"):
-                np.testing.assert_array_equal(getattr(old, part), getattr(new, part))
+            assert_same(old, new)
     assert 32 < same < 64
 
 
@@ -268,3 +228,60 @@ def test_touches_includes_borders_and_the_margin() -> None:
     assert touches(areas, (11.0, 0.0, 20.0, 10.0), margin=1.0)
     assert touches([EVERYWHERE], (1e9, 1e9, 2e9, 2e9))
     assert not touches([], (0.0, 0.0, 1.0, 1.0))
+
+
+PRESETS = ("valley_river", "alpine_range", "rolling_hills")
+
+
+def painted_on(sketch: Sketch, seed: int) -> Sketch:
+    rng = np.random.default_rng(seed)
+    name = ("river", "mountain", "hill", "lake")[seed % 4]
+    image = np.array(sketch.layers[name])
+    at = rng.choice(np.argwhere(sketch.layers["river"] > 0)) + rng.normal(0, 25, 2)
+    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
+    radius = 3.0 if name == "river" else rng.uniform(5, 25)
+    image[(rows - at[0]) ** 2 + (columns - at[1]) ** 2 <= radius**2] = rng.integers(0, 2)
+    return sketch.replace(layers={**sketch.layers, name: image})
+
+
+def pieces(recipe: TerrainRecipe, cell: float) -> dict[bytes, np.ndarray]:
+    """Everything that kernels read of each piece, and the rectangle in which it has any effect."""
+    packed, unit = pack_rivers(recipe, cell), metres_per_unit(recipe.extent)
+    rows = np.column_stack([packed.start, packed.along, packed.up, packed.down])
+    start = packed.start * unit
+    ends = np.stack([start, start + packed.along[:, :2]])
+    reach = np.maximum(packed.up[:, 3], packed.down[:, 3])[:, None]
+    boxes = np.column_stack([ends.min(axis=0) - reach, ends.max(axis=0) + reach])
+    return {row.tobytes(): box for row, box in zip(rows, boxes, strict=True)}
+
+
+@tiers("preset", PRESETS[:1], PRESETS)
+def test_every_piece_that_changed_lies_in_the_areas(preset) -> None:
+    sketch, memory = load_sketch(preset), ShapeMemory()
+    old = make_recipe(sketch, memory=memory)
+    assert river_areas(old, make_recipe(sketch)) == []
+    changed = 0
+    for seed in range(4 if preset == PRESETS[0] else 8):
+        sketch = painted_on(sketch, seed)
+        new = make_recipe(sketch, memory=memory)
+        areas = np.array(river_areas(old, new)).reshape(-1, 4)
+        for cell in TOLERANCE_CELLS:
+            before, after = pieces(old, cell), pieces(new, cell)
+            for row in before.keys() ^ after.keys():
+                box = before[row] if row in before else after[row]
+                inside = (areas[:, :2] <= box[:2]) & (areas[:, 2:] >= box[2:])
+                assert inside.all(axis=1).any()
+                changed += 1
+        old = new
+    assert changed > 100
+
+
+def test_a_river_far_from_the_change_is_left_alone() -> None:
+    sketch = load_sketch("valley_river")
+    old = make_recipe(sketch)
+    river = np.array(sketch.layers["river"])
+    river[5:8, 5:9] = 1
+    areas = river_areas(old, make_recipe(sketch.replace(layers={**sketch.layers, "river": river})))
+    assert areas
+    size = sum((east - west) * (north - south) for west, south, east, north in areas)
+    assert size < 0.1 * sketch.extent**2

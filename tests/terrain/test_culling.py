@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
+from sketchterrain.terrain import TerrainRecipe
 from sketchterrain.terrain.culling import feature_index, features_near
 from sketchterrain.terrain.packing import pack_features
 from sketchterrain.terrain.reach_index import ReachIndex
 from sketchterrain.terrain.surroundings import Surroundings
 
-if TYPE_CHECKING:
-    from sketchterrain.terrain import Terrain, TerrainRecipe
+from .conftest import tiers
 
 
 def compared(low, high, reach, blocks):
@@ -25,7 +23,7 @@ def compared(low, high, reach, blocks):
     return np.nonzero(touch)
 
 
-def test_an_index_finds_what_comparing_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_index_finds_what_comparing_finds(monkeypatch) -> None:
     monkeypatch.setattr("sketchterrain.terrain.reach_index._FEW", -1)
     for seed, far in itertools.product(range(6), (0, -(1 << 50), 1 << 50)):
         rng = np.random.default_rng(seed)
@@ -48,8 +46,8 @@ def test_an_index_finds_what_comparing_finds(monkeypatch: pytest.MonkeyPatch) ->
     assert block.size == item.size == 0
 
 
-@pytest.mark.parametrize("level", [1, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (4, 11))])
-def test_surroundings_give_the_lists_of_all_features(valley: Terrain, level: int) -> None:
+@tiers("level", [1, 7], [4, 11])
+def test_surroundings_give_the_lists_of_all_features(valley, level) -> None:
     """The same features for each block, by slot and in the same order, whatever is gathered around it."""
     recipe = valley.recipe
     rng = np.random.default_rng(level)
@@ -77,7 +75,7 @@ def test_surroundings_give_the_lists_of_all_features(valley: Terrain, level: int
         np.testing.assert_array_equal(np.diff(starts[number]), sizes)
 
 
-def test_surroundings_do_not_depend_on_earlier_queries(valley: Terrain) -> None:
+def test_surroundings_do_not_depend_on_earlier_queries(valley) -> None:
     near = np.array([[1 << 22, 1 << 22, (1 << 22) + (1 << 18), (1 << 22) + (1 << 18)]])
     asked = Surroundings(valley.recipe, valley.context)
     for shift in (-(1 << 25), 1 << 23, 1 << 20):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
-import pytest
 
+import sketchterrain as st
 from sketchterrain.compute import ComputeContext
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
@@ -15,13 +14,7 @@ from sketchterrain.terrain import Terrain, build
 from sketchterrain.terrain.detail import NOISE_PEAK
 from sketchterrain.terrain.octaves import UNSKEW
 
-from .conftest import CASES, LAKES, straight_river
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import sketchterrain as st
-    from sketchterrain.terrain import TerrainRecipe
+from .conftest import CASES, LAKES, straight_river, tiers
 
 LEVELS = range(-4, 13)
 MOST_TIMES = 30.0
@@ -48,11 +41,8 @@ def missing(terrain: Terrain, tile: st.Tile, rng: np.random.Generator) -> float:
     return float(np.abs(full - shown).max())
 
 
-@pytest.mark.parametrize(
-    "preset",
-    [pytest.param(name, marks=() if name == "valley_river" else pytest.mark.slow) for name in preset_names()],
-)
-def test_full_detail_stays_within_the_bound(preset: str) -> None:
+@tiers("preset", ["valley_river"], preset_names())
+def test_full_detail_stays_within_the_bound(preset) -> None:
     terrain = opened(preset)
     rng = np.random.default_rng(8)
     rivers = [river.centreline[:, :2] for river in terrain.recipe.rivers]
@@ -72,16 +62,8 @@ def test_full_detail_stays_within_the_bound(preset: str) -> None:
             assert np.median(told) < MOST_TIMES, level
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name in {"eroded", "river", "everything"} else pytest.mark.slow)
-        for name in [*CASES, "everything"]
-    ],
-)
-def test_each_kind_of_feature_stays_within_it(
-    name: str, make_recipe: Callable[..., TerrainRecipe], valley: Terrain
-) -> None:
+@tiers("name", ["eroded", "river", "everything"], CASES)
+def test_each_kind_of_feature_stays_within_it(name, make_recipe, valley) -> None:
     features = [one for kind in CASES for one in CASES[kind]] if name == "everything" else CASES[name]
     rivers = (straight_river(), straight_river(900, width=6)) if name in ("river", "everything") else ()
     lakes = LAKES if name in ("lake", "everything") else ()
@@ -94,7 +76,7 @@ def test_each_kind_of_feature_stays_within_it(
             assert missing(terrain, tile, rng) <= tile.detail_bound, level
 
 
-def test_full_detail_misses_nothing(valley: Terrain) -> None:
+def test_full_detail_misses_nothing(valley) -> None:
     fine = next(level for level in range(20) if valley.extent / 2.0**level / 64 <= 0.125)
     tile = valley.tile(fine, 2 ** (fine - 1), 2 ** (fine - 1))
     assert tile.detail_bound == 0.0
@@ -102,7 +84,7 @@ def test_full_detail_misses_nothing(valley: Terrain) -> None:
     assert min(coarser) > 0
 
 
-def test_filling_gives_the_bounds_too(valley: Terrain) -> None:
+def test_filling_gives_the_bounds_too(valley) -> None:
     keys = [(6, 20, 31), (2, 1, 2), (6, 21, 31)]
     bounds = valley.fill_tiles(keys, valley.tile_store(3), [0, 1, 2])
     np.testing.assert_array_equal(bounds, [tile.detail_bound for tile in valley.tiles(keys)])

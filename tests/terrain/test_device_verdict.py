@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyopencl as cl
@@ -18,9 +19,7 @@ from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
 from sketchterrain.terrain import build, self_test
 from sketchterrain.terrain.batches import Batches
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
+from .conftest import assert_same, tiers
 
 KNOWN = [device for device in list_devices() if device.known]
 CACHED = (self_test, check_device, verdicts._probe_in_child)
@@ -32,7 +31,7 @@ def forget() -> None:
 
 
 @pytest.fixture
-def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def fresh(tmp_path, monkeypatch) -> Iterator[None]:
     """Verdicts are cached in the process and on disk: forget them before and after."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     forget()
@@ -41,7 +40,7 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture
-def right_arithmetic(fresh: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def right_arithmetic(fresh, monkeypatch) -> None:
     """No device needs its child process for the arithmetic."""
     monkeypatch.setattr(device_check, "module_result", lambda *_, **__: b"[]")
 
@@ -52,12 +51,8 @@ def probe() -> Any:
     return verdicts._probe(list_devices()[0])
 
 
-@pytest.mark.parametrize(
-    "device",
-    [pytest.param(device, marks=pytest.mark.slow if number else ()) for number, device in enumerate(KNOWN)],
-    ids=lambda d: d.platform,
-)
-def test_known_devices_pass_and_the_verdict_is_cached(device: Any) -> None:
+@tiers("device", KNOWN[:1], KNOWN[1:])
+def test_known_devices_pass_and_the_verdict_is_cached(device) -> None:
     for compare in (True, False):
         verdict = self_test(device, compare=compare)
         assert verdict.bits == "same", verdict.line
@@ -67,7 +62,7 @@ def test_known_devices_pass_and_the_verdict_is_cached(device: Any) -> None:
         assert time.perf_counter() - start < 0.01
 
 
-def test_the_small_terrain_has_something_of_everything(probe: Any) -> None:
+def test_the_small_terrain_has_something_of_everything(probe) -> None:
     recipe = verdicts._recipe_of_probe()
     assert set(recipe.painted["type"].tolist()) >= set(range(4))
     assert recipe.rivers
@@ -76,9 +71,7 @@ def test_the_small_terrain_has_something_of_everything(probe: Any) -> None:
     assert len(probe.rest["plants"]) > 100
 
 
-def test_without_another_driver_float64_is_near(
-    right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_another_driver_float64_is_near(right_arithmetic, probe, monkeypatch) -> None:
     device = list_devices()[0]
     monkeypatch.setattr(verdicts, "list_devices", lambda: (device,))
     monkeypatch.setattr(verdicts, "_probe_in_child", lambda _: probe)
@@ -88,7 +81,7 @@ def test_without_another_driver_float64_is_near(
 
 
 @pytest.mark.skipif(len(KNOWN) < 2, reason="one driver has nothing to differ from")
-def test_other_bits_are_measured(right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_bits_are_measured(right_arithmetic, probe, monkeypatch) -> None:
     device = KNOWN[0]
     height = probe.height.copy()
     height[99] += 0.25
@@ -99,9 +92,7 @@ def test_other_bits_are_measured(right_arithmetic: None, probe: Any, monkeypatch
     assert f"off by up to 250 mm from {KNOWN[1].platform}" in verdict.line
 
 
-def test_wrong_arithmetic_is_other_bits(
-    right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wrong_arithmetic_is_other_bits(right_arithmetic, probe, monkeypatch) -> None:
     device = list_devices()[0]
     monkeypatch.setattr(
         verdicts, "check_device", lambda d: DeviceCheck("", ("cubic",) if d == device else ())
@@ -112,9 +103,7 @@ def test_wrong_arithmetic_is_other_bits(
         assert self_test(device, compare=compare).bits == "other"
 
 
-def test_a_device_that_fails_its_test(
-    right_arithmetic: None, probe: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_device_that_fails_its_test(right_arithmetic, probe, monkeypatch) -> None:
     """In its arithmetic; in the terrain; a device to compare with that fails is passed over."""
     device = KNOWN[0]
 
@@ -158,9 +147,7 @@ def test_batches_are_halved_until_there_is_room() -> None:
 
 
 @pytest.mark.parametrize("room", [1, 5])
-def test_little_memory_changes_no_bit(
-    room: int, context: ComputeContext, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_little_memory_changes_no_bit(room, context, monkeypatch) -> None:
     """Allocation fails for more than so many patches or two hundred points at once."""
     x = np.linspace(0, 1024, 900)
     whole = build(verdicts.probe_terrain(), device=context)
@@ -181,23 +168,15 @@ def test_little_memory_changes_no_bit(
     monkeypatch.setattr(ComputeContext, "launch", launch)
     small = build(verdicts.probe_terrain(), device=context)
     found = small.raster(257), small.tiles([(4, 3 + i, 5) for i in range(9)]), small.heights(x, x)
-    for name in ("height", "normal", "materials"):
-        np.testing.assert_array_equal(getattr(found[0], name), getattr(expected[0], name))
+    assert_same(found[0], expected[0])
     for one, other in zip(found[1], expected[1], strict=True):
         np.testing.assert_array_equal(one.height, other.height)
         np.testing.assert_array_equal(one.parent_normal, other.parent_normal)
     np.testing.assert_array_equal(found[2], expected[2])
 
 
-@pytest.mark.parametrize(
-    "which",
-    [
-        "first of each kind",
-        pytest.param("every ninth", marks=pytest.mark.slow),
-        pytest.param("every", marks=pytest.mark.soak),
-    ],
-)
-def test_no_room_once_anywhere(which: str, context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
+@tiers("which", ["first of each kind"], ["every ninth"], ["every"])
+def test_no_room_once_anywhere(which, context, monkeypatch) -> None:
     """At any call: the same bits from smaller batches, or one clear error; never other values."""
     x = np.linspace(0, 1024, 700)
     calls: list[str] = []
@@ -241,7 +220,7 @@ def test_no_room_once_anywhere(which: str, context: ComputeContext, monkeypatch:
     assert all(f"has no memory left for {kind}" in line for kind, line in errors)
 
 
-def test_non_finite_values_are_refused(context: ComputeContext, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_non_finite_values_are_refused(context, monkeypatch) -> None:
     terrain = build(verdicts.probe_terrain(), device=context)
     real = ComputeContext.download_into
     for value in (np.nan, np.inf):

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from sketchterrain.terrain import TerrainRecipe
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import NoiseStack, octave_table
@@ -16,10 +15,6 @@ from sketchterrain.terrain.reference_noise import Slope
 from sketchterrain.terrain.reference_relief import Rise
 
 from .conftest import feature
-
-if TYPE_CHECKING:
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import TerrainRecipe
 
 EXTENT = 4096.0
 UNIT = metres_per_unit(EXTENT)
@@ -95,7 +90,7 @@ def test_summits_and_feet_stay(make_recipe) -> None:
     assert abs(change.mean()) < 0.15 * np.abs(change).max()
 
 
-def test_octaves_below_two_cells_are_left_out(make_recipe, context: ComputeContext) -> None:
+def test_octaves_below_two_cells_are_left_out(make_recipe, context) -> None:
     """No octave below two cells; full detail is off by no more than the depths of those left out."""
     recipe = make_recipe(
         mountain(erosion=1.0, gullies=0.5), ground={"relief": 0.0, "wavelength": 1600.0, "roughness": 0.45}
@@ -119,9 +114,7 @@ def test_octaves_below_two_cells_are_left_out(make_recipe, context: ComputeConte
         assert np.abs(whole - part).max() <= 1.5 * lost + 1e-3
 
 
-def differences(
-    recipe: TerrainRecipe, context: ComputeContext, x: np.ndarray, y: np.ndarray, step: float
-) -> np.ndarray:
+def differences(recipe, context, x, y, step) -> np.ndarray:
     """Slopes eastward and northward by central differences over ``step`` m each way, cells of 8 m."""
     evaluator, units = Evaluator(recipe, context), round(step / UNIT)
     found = []
@@ -131,7 +124,7 @@ def differences(
     return np.stack(found)
 
 
-def test_slopes_are_the_slopes_of_the_heights(make_recipe, double_context: ComputeContext) -> None:
+def test_slopes_are_the_slopes_of_the_heights(make_recipe, double_context) -> None:
     """Without gullies exactly: through warp, profiles, joins, and noise."""
     recipe = make_recipe(
         mountain(),
@@ -146,7 +139,7 @@ def test_slopes_are_the_slopes_of_the_heights(make_recipe, double_context: Compu
     assert error.max() < 0.02  # where two curves of a profile meet
 
 
-def test_slopes_of_gullies_are_close_enough_to_steer_by(make_recipe, double_context: ComputeContext) -> None:
+def test_slopes_of_gullies_are_close_enough_to_steer_by(make_recipe, double_context) -> None:
     recipe = make_recipe(mountain(erosion=0.7, gullies=0.5))
     x, y = grid(60, 45.0, x=700, y=700)
     analytic = np.stack(reference_slope(recipe, x, y, cell_size=8.0)[1:])
@@ -154,7 +147,7 @@ def test_slopes_of_gullies_are_close_enough_to_steer_by(make_recipe, double_cont
     assert np.corrcoef(analytic.ravel(), true.ravel())[0, 1] > 0.7
 
 
-def test_no_erosion_is_no_gullies_to_the_bit(make_recipe, context: ComputeContext) -> None:
+def test_no_erosion_is_no_gullies_to_the_bit(make_recipe, context) -> None:
     x, y = grid(64, 40.0, x=600, y=600)
     none, without = (
         Evaluator(make_recipe(mountain(erosion=0.0, gullies=width)), context).points(x, y, cell_size=4.0)[0]
@@ -166,7 +159,7 @@ def test_no_erosion_is_no_gullies_to_the_bit(make_recipe, context: ComputeContex
     assert not np.any(np.stack(gullies(world.scalars[0], world.octaves, x, y, still)))
 
 
-def test_heights_are_finite(make_recipe, context: ComputeContext) -> None:
+def test_heights_are_finite(make_recipe, context) -> None:
     """At centres and borders, of the smallest and the steepest, and where many stand on one place."""
     rows = [
         feature("mountain", 2048, 2048, radius, strength, peakiness=peak, erosion=1.0, gullies=1.0)

@@ -1,32 +1,27 @@
-"""Plants of both storeys: independent of the queried area, at the distances of the spacing raster."""
+"""Plants of both storeys: independent of the queried area, at the distances of the spacing raster; edits."""
 
 from __future__ import annotations
 
 import itertools
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+import sketchterrain as st
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import conifer_code
-from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import build, foliage
+from sketchterrain.sketch import Edit, Sketch
+from sketchterrain.terrain import build, foliage, rebuild
+from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.plant import PLANT, SPECIES, STOREYS
 from sketchterrain.terrain.storey import LEVELS
 
-from .conftest import feature
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import sketchterrain as st
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import TerrainRecipe
+from .conftest import feature, tiers
 
 FAR = 1_000_000.0  # m
 SIDES = {"woody": 700.0, "grass": 60.0}  # m of a rectangle with some thousand plants
@@ -38,22 +33,8 @@ def square(place: tuple[float, float], storey: str) -> tuple[float, float, float
     return west, south, west + SIDES[storey], south + SIDES[storey]
 
 
-@pytest.mark.parametrize(
-    ("storey", "place"),
-    [
-        ("woody", PLACES[0]),
-        ("grass", PLACES[3]),
-        *(
-            pytest.param(storey, place, marks=pytest.mark.slow)
-            for storey in STOREYS
-            for place in PLACES
-            if (storey, place) not in {("woody", PLACES[0]), ("grass", PLACES[3])}
-        ),
-    ],
-)
-def test_plants_are_a_function_of_the_world(
-    valley: st.Terrain, place: tuple[float, float], storey: str
-) -> None:
+@tiers(("storey", "place"), [("woody", PLACES[0]), ("grass", PLACES[3])], itertools.product(STOREYS, PLACES))
+def test_plants_are_a_function_of_the_world(valley, place, storey) -> None:
     """One rectangle, or sixteen in shuffled order from a terrain that knows of nothing: the same bits."""
     west, south, east, north = square(place, storey)
     whole = valley.foliage(west, south, east, north, storey=storey)
@@ -68,18 +49,12 @@ def test_plants_are_a_function_of_the_world(
         np.testing.assert_array_equal(fresh.within(x0, y0, x1, y1, storey), whole[inside])
 
 
-@pytest.mark.parametrize(
+@tiers(
     ("storey", "place"),
-    [
-        pytest.param("woody", PLACES[0], marks=pytest.mark.slow),
-        ("grass", PLACES[2]),
-        pytest.param("grass", PLACES[0], marks=pytest.mark.slow),
-        pytest.param("woody", PLACES[2], marks=pytest.mark.slow),
-    ],
+    [("grass", PLACES[2])],
+    [("woody", PLACES[0]), ("grass", PLACES[0]), ("woody", PLACES[2])],
 )
-def test_plants_keep_the_distance_that_the_ground_says(
-    valley: st.Terrain, place: tuple[float, float], storey: str
-) -> None:
+def test_plants_keep_the_distance_that_the_ground_says(valley, place, storey) -> None:
     """At every level, by a tree of all pairs that could be too near."""
     plants = valley.foliage(*square(place, storey), storey=storey)
     unit = metres_per_unit(valley.extent)
@@ -113,7 +88,7 @@ def spacing_at(terrain: st.Terrain, plants: np.ndarray, storey: str) -> np.ndarr
 
 
 @pytest.mark.parametrize("storey", STOREYS)
-def test_every_field_of_a_plant_is_set(valley: st.Terrain, storey: str) -> None:
+def test_every_field_of_a_plant_is_set(valley, storey) -> None:
     plants = valley.foliage(*square(PLACES[0], storey), storey=storey)
     assert plants.dtype == PLANT
     names = {SPECIES[number] for number in np.unique(plants["species"])}
@@ -131,7 +106,7 @@ def test_every_field_of_a_plant_is_set(valley: st.Terrain, storey: str) -> None:
     assert 0.1 < share < 0.45
 
 
-def test_the_ground_under_a_plant_is_as_its_normal_says(valley: st.Terrain) -> None:
+def test_the_ground_under_a_plant_is_as_its_normal_says(valley) -> None:
     plants = valley.foliage(*square(PLACES[0], "woody"))
     x, y, d = plants["x"], plants["y"], 0.5
     east = (valley.heights(x + d, y) - valley.heights(x - d, y)) / (2 * d)
@@ -142,7 +117,7 @@ def test_the_ground_under_a_plant_is_as_its_normal_says(valley: st.Terrain) -> N
 
 
 @pytest.mark.parametrize("storey", STOREYS)
-def test_pieces_are_the_whole(valley: st.Terrain, storey: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pieces_are_the_whole(valley, storey, monkeypatch) -> None:
     west, south, east, north = square(PLACES[0], storey)
     width = {"woody": 3000.0, "grass": 300.0}[storey]
     area = (west - width, south - 100.0, east, north)
@@ -153,7 +128,7 @@ def test_pieces_are_the_whole(valley: st.Terrain, storey: str, monkeypatch: pyte
     np.testing.assert_array_equal(np.concatenate(pieces), whole)
 
 
-def test_an_estimate_is_an_upper_bound_and_not_much_more(valley: st.Terrain) -> None:
+def test_an_estimate_is_an_upper_bound_and_not_much_more(valley) -> None:
     for storey, place in itertools.product(STOREYS, PLACES[:3]):
         area = square(place, storey)
         most, size = valley.foliage_estimate(*area, storey=storey)
@@ -163,7 +138,7 @@ def test_an_estimate_is_an_upper_bound_and_not_much_more(valley: st.Terrain) -> 
         assert valley.foliage_estimate(0, 0, 0, 500, storey=storey) == (0, 0)
 
 
-def test_refused_areas_and_storeys(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refused_areas_and_storeys(valley, monkeypatch) -> None:
     for area, message in (
         ((10, 0, 0, 10), "west ≤ east and south ≤ north, got 10, 0, 0, 10"),
         ((0, 10, 10, 0), "west ≤ east and south ≤ north"),
@@ -186,7 +161,7 @@ def test_refused_areas_and_storeys(valley: st.Terrain, monkeypatch: pytest.Monke
     assert len(next(pieces)) > 1000
 
 
-def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context: ComputeContext) -> None:
+def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context) -> None:
     """A pixel of 3 cm, of 128 m, of 31 km; lattice units from a fraction of a micrometre to 6 cm."""
     forest = np.zeros((32, 32), np.uint8)
     forest[16, 16] = 1
@@ -202,9 +177,7 @@ def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context: ComputeContext) 
         assert terrain.foliage(middle, middle, middle, middle).size == 0
 
 
-def test_a_thin_forest_is_as_even_as_a_thick_one(
-    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
-) -> None:
+def test_a_thin_forest_is_as_even_as_a_thick_one(make_recipe, context) -> None:
     """Not a thick one with trees left out at random, of which some would stand side by side."""
 
     def inside(strength: float) -> np.ndarray:
@@ -220,9 +193,7 @@ def test_a_thin_forest_is_as_even_as_a_thick_one(
     assert (apart[1] > 1.9 * apart[0]).all()
 
 
-def test_trees_are_lower_near_the_tree_line(
-    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
-) -> None:
+def test_trees_are_lower_near_the_tree_line(make_recipe, context) -> None:
     mountain = feature("mountain", 2000, 2000, 1500, 700, peakiness=0.3)
     forest = feature("forest", 2000, 2000, 1500, 1.0)
     plants = FoliageSampler(Evaluator(make_recipe(mountain, forest), context)).within(1000, 1000, 3000, 3000)
@@ -234,9 +205,7 @@ def test_trees_are_lower_near_the_tree_line(
     assert np.median(high) < 0.65 * np.median(low)
 
 
-def test_ferns_grow_in_forests_and_flowers_outside(
-    make_recipe: Callable[..., TerrainRecipe], context: ComputeContext
-) -> None:
+def test_ferns_grow_in_forests_and_flowers_outside(make_recipe, context) -> None:
     forest = feature("forest", 2000, 2000, 400, 1.0)
     sampler = FoliageSampler(Evaluator(make_recipe(forest), context))
 
@@ -251,7 +220,7 @@ def test_ferns_grow_in_forests_and_flowers_outside(
     assert outside["flower"] > inside["flower"]
 
 
-def test_grass_is_independent_of_trees(valley: st.Terrain) -> None:
+def test_grass_is_independent_of_trees(valley) -> None:
     """They stand as near to trees as chance has it."""
     area = (3350.0, 4350.0, 3550.0, 4550.0)  # at a forest's edge
     tufts, trees = (valley.foliage(*area, storey=storey) for storey in ("grass", "woody"))
@@ -260,3 +229,89 @@ def test_grass_is_independent_of_trees(valley: st.Terrain) -> None:
     away, _ = tree.query(np.stack([trees["x"], trees["y"]], axis=-1))
     assert len(trees) > 100
     assert away.min() < 0.25
+
+
+Area = tuple[float, float, float, float]
+
+PIXELS, EXTENT = 64, 4096.0
+
+
+@pytest.fixture(scope="module")
+def before(context) -> st.Terrain:
+    """Three forests, and a river between them."""
+    forest, river = np.zeros((2, PIXELS, PIXELS), np.uint8)
+    forest[6:24, 6:26] = forest[10:24, 36:56] = forest[42:58, 12:52] = 1
+    for column in range(8, 56):
+        row = round(32 + 2 * np.sin(column / 6))
+        river[row, column] = river[row + 1, column] = 1
+    layers = {"forest": forest, "river": river}
+    return build(Sketch(extent=EXTENT, seed=9, layers=layers, density={"forest": 0.0}), device=context)
+
+
+def _repainted(terrain: st.Terrain) -> Sketch:
+    """The forest in the north-east has lost its east."""
+    layers = {name: layer.copy() for name, layer in terrain.sketch.layers.items()}
+    layers["forest"][10:24, 48:56] = 0
+    return replace(terrain.sketch, layers=layers)
+
+
+def _moved(terrain: st.Terrain) -> Sketch:
+    """The river takes another way, half a kilometre aside."""
+    river = terrain.features.rivers[0]
+    x, y = (float(each) for each in river.points[3, :2])
+    return replace(terrain.sketch, edits=(Edit("move_point", river.id, index=3, x=x + 60.0, y=y - 500.0),))
+
+
+def _away(terrains: tuple[st.Terrain, st.Terrain], storey: str, area: Area, plants: np.ndarray) -> np.ndarray:
+    """Metres from plants to the nearest vertex at which the spacing or the ground is another one."""
+    unit = metres_per_unit(EXTENT)
+    wider = (area[0] - MARGIN, area[1] - MARGIN, area[2] + MARGIN, area[3] + MARGIN)
+    blocks = [each._foliage._storeys[storey]._spacing for each in terrains]
+    one, two = (each.raster(*(round(side / unit) for side in wider)) for each in blocks)
+    rows, columns = one.spacing.shape
+    x = (one.west + np.arange(columns) * one.step) * unit
+    y = (one.south + np.arange(rows) * one.step) * unit
+    heights = [each.heights(x[None, :], y[:, None]) for each in terrains]
+    row, column = np.nonzero((one.spacing != two.spacing) | (heights[0] != heights[1]))
+    assert 0 < row.size < 0.6 * one.spacing.size
+    changed = cKDTree(np.stack([x[column], y[row]], axis=-1))
+    return np.asarray(changed.query(np.stack([plants["x"], plants["y"]], axis=-1))[0])
+
+
+AREAS = {
+    _repainted: {"woody": (2000.0, 1800.0, 4096.0, 3800.0), "grass": (2900.0, 2400.0, 3200.0, 2700.0)},
+    _moved: {"woody": (0.0, 800.0, 2400.0, 3000.0), "grass": (800.0, 1900.0, 1100.0, 2200.0)},
+}
+"""m: where plants are compared."""
+NEAR = {"woody": (300.0, 30.0, 100.0), "grass": (40.0, 4.0, 10.0)}
+"""m from the change: none beyond the first is another one, few beyond the others are."""
+MARGIN = 400.0  # m around those, in which changes are looked for
+
+
+def _others(own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Which plants are not among the others, bit for bit."""
+    there = {row.tobytes() for row in others}
+    return np.array([row.tobytes() not in there for row in own], dtype=bool)
+
+
+@tiers(
+    ("edit", "storey"), [(_repainted, "woody")], [(_repainted, "grass"), (_moved, "woody"), (_moved, "grass")]
+)
+def test_an_edit_changes_plants_near_it_alone(before, edit, storey) -> None:
+    after, areas = rebuild(before, edit(before))
+    area = AREAS[edit][storey]
+    plants = [each.foliage(*area, storey=storey) for each in (before, after)]
+    changed = np.concatenate([_others(*plants), _others(*plants[::-1])])
+    both = np.concatenate(plants)
+    away = _away((before, after), storey, area, both)
+    assert changed.sum() > 100
+    near, half, tenth = NEAR[storey]
+    assert not changed[away > near].any()
+    assert (away > near).sum() > 1000
+    assert changed[(away > half) & (away <= near)].mean() < 0.1
+    assert changed[(away > tenth) & (away <= near)].mean() < 0.02
+    # What may be another one at all, heights and masks included, is known beforehand: nothing else is, here.
+    outside = [
+        not touches(areas, (x, y, x, y), margin=near) for x, y in zip(both["x"], both["y"], strict=True)
+    ]
+    assert not changed[np.array(outside)].any()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from sketchterrain.compute import ComputeContext, list_devices
@@ -14,8 +15,7 @@ from sketchterrain.terrain import Terrain
 from sketchterrain.terrain.ground_bytes import byte_bands
 from sketchterrain.world.task_runner import packed
 
-if TYPE_CHECKING:
-    import numpy.typing as npt
+from .conftest import assert_same
 
 SIDE, ACROSS = 5, 3
 # Within one patch, over borders of patches and of bands, a whole number of patches, a single vertex.
@@ -38,16 +38,16 @@ def with_double() -> ComputeContext:
 
 
 @pytest.fixture(scope="module")
-def valley(valley: Terrain, with_double: ComputeContext) -> Terrain:
+def valley(valley, with_double) -> Terrain:
     return Terrain(valley.sketch, valley.recipe, with_double)
 
 
 @pytest.fixture(scope="module")
-def desert(desert: Terrain, with_double: ComputeContext) -> Terrain:
+def desert(desert, with_double) -> Terrain:
     return Terrain(desert.sketch, desert.recipe, with_double)
 
 
-def test_devices_without_doubles_are_refused_and_the_host_packs(desert: Terrain) -> None:
+def test_devices_without_doubles_are_refused_and_the_host_packs(desert) -> None:
     window = {"cell": 8.0, **WINDOWS["whole"]}
     for device in WITHOUT_DOUBLE:
         other = Terrain(desert.sketch, desert.recipe, ComputeContext(device))
@@ -58,7 +58,7 @@ def test_devices_without_doubles_are_refused_and_the_host_packs(desert: Terrain)
         np.testing.assert_array_equal(one.materials, two.materials)
 
 
-def test_bytes_are_those_of_the_host(valley: Terrain) -> None:
+def test_bytes_are_those_of_the_host(valley) -> None:
     for window, place in WINDOWS.items():
         here = {"cell": 4.0, **place}
         found = list(valley.window_bytes(0.0, 4096.0, **here))
@@ -71,7 +71,7 @@ def test_bytes_are_those_of_the_host(valley: Terrain) -> None:
         assert all((band.materials.sum(axis=0, dtype=int) == 255).all() for band in found)
 
 
-def test_bytes_are_the_same_on_every_device(desert: Terrain) -> None:
+def test_bytes_are_the_same_on_every_device(desert) -> None:
     window = {"cell": 8.0, **WINDOWS["whole"]}
     (one,) = desert.window_bytes(0.0, 4096.0, **window)
     for device in WITH_DOUBLE:
@@ -82,7 +82,7 @@ def test_bytes_are_the_same_on_every_device(desert: Terrain) -> None:
 
 
 @pytest.mark.slow
-def test_doubles_differ_by_a_step_at_most(valley: Terrain, double_context: ComputeContext) -> None:
+def test_doubles_differ_by_a_step_at_most(valley, double_context) -> None:
     window = {"cell": 4.0, **WINDOWS["whole"]}
     double = Terrain(valley.sketch, valley.recipe, double_context)
     (one,), (two,) = (list(each.window_bytes(0.0, 4096.0, **window)) for each in (valley, double))
@@ -94,18 +94,17 @@ def test_doubles_differ_by_a_step_at_most(valley: Terrain, double_context: Compu
         assert np.mean(off > 0) < 0.01
 
 
-def test_smaller_batches_change_no_byte(valley: Terrain) -> None:
+def test_smaller_batches_change_no_byte(valley) -> None:
     window = {"cell": 4.0, **WINDOWS["whole"]}
     (one,) = valley.window_bytes(0.0, 4096.0, **window)
     other = Terrain(valley.sketch, valley.recipe, valley.context)
     other._evaluator._patches_at_once.most = 1
     (two,) = other.window_bytes(0.0, 4096.0, **window)
-    for name in ("height", "normal", "materials"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    assert_same(one, two)
 
 
 def launched(
-    context: ComputeContext, ground: npt.NDArray[Any], weights: npt.NDArray[Any]
+    context, ground, weights
 ) -> tuple[npt.NDArray[Any], npt.NDArray[np.uint8], npt.NDArray[np.uint8], int]:
     """Pack patches of SIDE² vertices, ACROSS of them side by side, all at once."""
     count, real = len(ground), context.real_dtype
@@ -144,7 +143,7 @@ def weights_of(kind: str, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
 
 
 @pytest.mark.parametrize("real", ["float", "double"])
-def test_weights_are_rounded_as_numpy_rounds_them(real: str) -> None:
+def test_weights_are_rounded_as_numpy_rounds_them(real) -> None:
     context = ComputeContext(WITH_DOUBLE[0], real=real)
     for kind in ("one", "equal", "ties", "tiny", "random"):
         plane = weights_of(kind, (4 * (SIDE - 1) + 1, ACROSS * (SIDE - 1) + 1)).astype(context.real_dtype)
@@ -154,7 +153,7 @@ def test_weights_are_rounded_as_numpy_rounds_them(real: str) -> None:
         np.testing.assert_array_equal(weight, quantised_weights(plane).transpose(2, 0, 1), err_msg=kind)
 
 
-def test_bytes_of_unit_vectors(with_double: ComputeContext) -> None:
+def test_bytes_of_unit_vectors(with_double) -> None:
     plane = np.zeros((SIDE, ACROSS * (SIDE - 1) + 1, 4), np.float32)
     plane[..., :3] = [-1.0, 0.0, 1.0]
     plane[..., 3] = np.arange(plane[..., 3].size).reshape(plane.shape[:2])
@@ -165,7 +164,7 @@ def test_bytes_of_unit_vectors(with_double: ComputeContext) -> None:
         assert (part == value).all()
 
 
-def test_non_finite_values_are_counted(with_double: ComputeContext) -> None:
+def test_non_finite_values_are_counted(with_double) -> None:
     shape = (SIDE, ACROSS * (SIDE - 1) + 1)
     for value in (np.nan, np.inf, -np.inf):
         for where in ("height", "normal", "weight"):
@@ -175,9 +174,7 @@ def test_non_finite_values_are_counted(with_double: ComputeContext) -> None:
             assert launched(with_double, patches_of(plane), patches_of(weights))[3] == 1, (where, value)
 
 
-def test_non_finite_ground_and_empty_windows_are_errors(
-    valley: Terrain, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_non_finite_ground_and_empty_windows_are_errors(valley, monkeypatch) -> None:
     with pytest.raises(InputError, match="at least 1 × 1 vertices"):
         byte_bands(valley._evaluator, (0.0, 0.0), 1.0, 0, 0, 0, 5)
     read = ComputeContext.read

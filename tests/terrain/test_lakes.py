@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from sketchterrain.compute import ComputeContext
 from sketchterrain.features import Cover, Lake, River, ShapeField
+from sketchterrain.terrain import TerrainRecipe
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import to_lattice
 from sketchterrain.terrain.materials import MATERIALS
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from .conftest import lake as round_lake
+from .conftest import round_field
 
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.terrain import TerrainRecipe
-
-    Make = Callable[..., TerrainRecipe]
+Make = Callable[..., TerrainRecipe]
 
 EXTENT = 4096.0
 CENTRE = 2048.0
 
 
-def field(radius: float, *, margin: float = 80.0, spacing: float = 8.0, x: float = CENTRE) -> ShapeField:
-    count = int(np.ceil((radius + margin) / spacing)) + 1
-    step = np.arange(-count, count + 1) * spacing
-    inside = radius - np.hypot(step, step[:, None])
-    west = x - count * spacing
-    return ShapeField(west, CENTRE - count * spacing, spacing, inside.astype(np.float32))
+def field(radius: float, *, x: float = CENTRE) -> ShapeField:
+    return round_field(x, CENTRE, radius)
 
 
-def lake(radius: float, level: float, *, depth: float = 8.0, **more: float) -> Lake:
-    return Lake(1, 1, field(radius, **more), level, depth)
+def lake(radius: float, level: float, *, x: float = CENTRE) -> Lake:
+    return round_lake(x, CENTRE, radius, level)
 
 
 def heights(recipe: TerrainRecipe, context: ComputeContext, x: Any, y: Any, cell: float = 0.0) -> Any:
@@ -51,7 +47,7 @@ def river(*, x: tuple[float, float], z: tuple[float, float], width: float = 14.0
     return River(9, 1, line[::20], width * ones[::20], 2 * ones[::20], line, width * ones, 2 * ones)
 
 
-def test_a_lake_is_deep_within_and_nothing_spills(make_recipe: Make, context: ComputeContext) -> None:
+def test_a_lake_is_deep_within_and_nothing_spills(make_recipe, context) -> None:
     """Whatever the ground was: water stands inside the shore, and flooding from it never gets out."""
     step = np.arange(-500, 501, 2.0)
     radius = np.hypot(step, step[:, None])
@@ -66,7 +62,7 @@ def test_a_lake_is_deep_within_and_nothing_spills(make_recipe: Make, context: Co
         assert radius[flooded].max() < 302, level
 
 
-def test_the_shore_is_smooth(make_recipe: Make, context: ComputeContext) -> None:
+def test_the_shore_is_smooth(make_recipe, context) -> None:
     """Slopes along a line across it change by little from metre to metre: no wall, no step."""
     line = np.arange(1500.0, 2600.0, 0.5)
     bare = np.gradient(heights(make_recipe(), context, line, CENTRE), line)
@@ -75,7 +71,7 @@ def test_the_shore_is_smooth(make_recipe: Make, context: ComputeContext) -> None
     assert np.abs(slope).max() < 1.0
 
 
-def test_beyond_its_margin_a_lake_changes_no_bit(make_recipe: Make, context: ComputeContext) -> None:
+def test_beyond_its_margin_a_lake_changes_no_bit(make_recipe, context) -> None:
     rng = np.random.default_rng(4)
     x, y = rng.uniform(0, EXTENT, (2, 20000))
     outside = np.hypot(x - CENTRE, y - CENTRE) > 400
@@ -85,7 +81,7 @@ def test_beyond_its_margin_a_lake_changes_no_bit(make_recipe: Make, context: Com
     assert (bare != wet)[~outside].mean() > 0.9
 
 
-def test_small_lakes_fade_with_the_cell_size(make_recipe: Make, context: ComputeContext) -> None:
+def test_small_lakes_fade_with_the_cell_size(make_recipe, context) -> None:
     recipe = make_recipe(lakes=(lake(30, 30.0),))
     effect = [
         float(
@@ -102,9 +98,7 @@ def test_small_lakes_fade_with_the_cell_size(make_recipe: Make, context: Compute
 
 
 @pytest.mark.parametrize("inward", [True, False])
-def test_a_river_enters_and_leaves_without_a_dam(
-    make_recipe: Make, context: ComputeContext, inward: bool
-) -> None:
+def test_a_river_enters_and_leaves_without_a_dam(make_recipe, context, inward) -> None:
     """Its water has a free way between the lake and open country, and the lake keeps its depth."""
     level = 6.0
     ends = (
@@ -126,7 +120,7 @@ def test_a_river_enters_and_leaves_without_a_dam(
     assert (after[inside] < level).all()
 
 
-def test_the_nearer_of_two_lakes_wins(make_recipe: Make, context: ComputeContext) -> None:
+def test_the_nearer_of_two_lakes_wins(make_recipe, context) -> None:
     """Two levels a hundred metres apart: each keeps its water, a ridge between them."""
     pair = (lake(200, 5.0, x=CENTRE - 240), lake(200, 9.0, x=CENTRE + 240))
     line = np.arange(CENTRE - 430, CENTRE + 430)
@@ -146,7 +140,7 @@ def materials(recipe: TerrainRecipe, context: ComputeContext, radius: float) -> 
     return surface.materials[0], np.hypot(step, step[:, None])[1:-1, 1:-1]
 
 
-def test_a_cover_takes_its_share(make_recipe: Make, context: ComputeContext) -> None:
+def test_a_cover_takes_its_share(make_recipe, context) -> None:
     snow = MATERIALS.index("snow")
     bare, _ = materials(make_recipe(), context, 200.0)
     for strength in (1.0, 0.4):
@@ -159,9 +153,7 @@ def test_a_cover_takes_its_share(make_recipe: Make, context: ComputeContext) -> 
         np.testing.assert_array_equal(weights[distance > 140], bare[distance > 140])
 
 
-def test_sand_mud_and_grass_share_a_lakes_shore_and_its_bed_is_not_grass(
-    make_recipe: Make, context: ComputeContext
-) -> None:
+def test_sand_mud_and_grass_share_a_lakes_shore_and_its_bed_is_not_grass(make_recipe, context) -> None:
     weights, distance = materials(make_recipe(lakes=(lake(120, 10.0),)), context, 200.0)
     shore = (distance > 121) & (distance < 127)
     for material in ("sand", "soil", "grass"):

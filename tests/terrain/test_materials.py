@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
-from sketchterrain import resources
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.sketch import (
     DEFAULT_RULES,
@@ -19,7 +19,7 @@ from sketchterrain.sketch import (
     load_sketch,
     resolved_rules,
 )
-from sketchterrain.terrain import Terrain, build, changed_areas
+from sketchterrain.terrain import TerrainRecipe, build, changed_areas
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit
@@ -29,11 +29,6 @@ from sketchterrain.terrain.reference import reference_ground
 from sketchterrain.terrain.reference_materials import Site, patch_weights, rule_weights
 
 from .conftest import CASES, LAKES, cover, feature, straight_river
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from sketchterrain.terrain import TerrainRecipe
 
 CLIMATES = (
     {"snow_line": 900.0, "tree_line": 500.0, "aridity": 0.2},
@@ -113,14 +108,9 @@ def formulas(c: dict[str, float], s: Site) -> np.ndarray:
 
 
 @pytest.fixture
-def weigh(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., np.ndarray]]:
+def weigh(with_kernel) -> Callable[..., np.ndarray]:
     """Evaluate a recipe's rules at sites on a device."""
-    source = resources.source
-    monkeypatch.setattr(
-        resources,
-        "source",
-        lambda name: source("tiles.cl") + KERNEL if name == "weights.cl" else source(name),
-    )
+    with_kernel("weights.cl", "tiles.cl", KERNEL)
 
     def run(recipe: TerrainRecipe, site: Site, context: ComputeContext) -> np.ndarray:
         real, rules = context.real_dtype, pack_rules(recipe)
@@ -172,9 +162,7 @@ def test_the_table_is_the_formulas() -> None:
     assert (most > 0.7).all()  # the sites reach every material
 
 
-def test_the_kernel_lays_the_formulas(
-    make_recipe: Any, context: ComputeContext, weigh: Callable[..., np.ndarray]
-) -> None:
+def test_the_kernel_lays_the_formulas(make_recipe, context, weigh) -> None:
     site = sites(real=np.float32)
     wide = Site(*(getattr(site, each.name).astype(float) for each in fields(Site)))
     for climate in CLIMATES:
@@ -184,12 +172,7 @@ def test_the_kernel_lays_the_formulas(
         assert weights.min() >= 0
 
 
-def test_any_table_has_the_weights_of_numpy(
-    make_recipe: Any,
-    context: ComputeContext,
-    double_context: ComputeContext,
-    weigh: Callable[..., np.ndarray],
-) -> None:
+def test_any_table_has_the_weights_of_numpy(make_recipe, context, double_context, weigh) -> None:
     for rules in ((), (MaterialRule("all", "snow"),), DEFAULT_RULES, some_rules()):
         recipe = make_recipe(material_rules=tuple(rules))
         site = sites(5000, seed=2)
@@ -200,7 +183,7 @@ def test_any_table_has_the_weights_of_numpy(
         np.testing.assert_allclose(weigh(recipe, single, context), again, atol=2e-6, rtol=0)
 
 
-def test_all_devices_weigh_bit_for_bit(make_recipe: Any, weigh: Callable[..., np.ndarray]) -> None:
+def test_all_devices_weigh_bit_for_bit(make_recipe, weigh) -> None:
     devices = list_devices()
     if len(devices) < 2:
         pytest.skip("one device has nothing to differ from")
@@ -223,9 +206,7 @@ def patch(recipe: TerrainRecipe, cell: float, west: float, north: float, side: i
 
 
 @pytest.mark.parametrize("cell", [4.0, 16.0])
-def test_surfaces_have_the_weights_of_numpy(
-    cell: float, make_recipe: Any, context: ComputeContext, double_context: ComputeContext
-) -> None:
+def test_surfaces_have_the_weights_of_numpy(cell, make_recipe, context, double_context) -> None:
     """Every kind of feature, water and a painted cover in one place."""
     recipe = make_recipe(
         *(one for ones in CASES.values() for one in ones),
@@ -297,7 +278,7 @@ def test_rules_put_materials_where_they_belong() -> None:
     assert material_at("rock", climate, **gully, steepness=1.4) > 0.9
 
 
-def test_a_sketch_overrides_the_table(context: ComputeContext) -> None:
+def test_a_sketch_overrides_the_table(context) -> None:
     sketch = load_sketch("desert_mountains")
     bare = sketch.replace(material_rules=())
     snowy = bare.replace(material_rules=(RuleChange("frost", "snow", 0.25, factors=()),))
@@ -310,7 +291,7 @@ def test_a_sketch_overrides_the_table(context: ComputeContext) -> None:
     np.testing.assert_array_equal(before.raster(65).height, after.raster(65).height)
 
 
-def test_a_feature_still_decides(make_recipe: Any, context: ComputeContext) -> None:
+def test_a_feature_still_decides(make_recipe, context) -> None:
     recipe = make_recipe(feature("dune", 2000, 2000, 1500, 18, wavelength=150, wind=250))
     x, y, cell = patch(recipe, 4.0, 1900, 2100, side=19)
     surface = Evaluator(recipe, context).surface(x[None], y[None], cell_size=cell)
@@ -333,18 +314,3 @@ def test_the_desert_has_rules_of_its_own() -> None:
             for rules in (own, DEFAULT_RULES)
         )
         assert of_own > of_table + 0.3, material
-
-
-def test_rules_that_are_left_out_would_cover_nothing(
-    valley: Terrain, desert: Terrain, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def all_laid(recipe: TerrainRecipe) -> Any:
-        packed = pack_rules(recipe)
-        packed.form[:, 3] = 0
-        return packed
-
-    some = [terrain.raster(257).materials for terrain in (valley, desert)]
-    monkeypatch.setattr("sketchterrain.terrain.kernel_arguments.pack_rules", all_laid)
-    for terrain, expected in zip((valley, desert), some, strict=True):
-        every = Terrain(terrain.sketch, terrain.recipe, terrain.context).raster(257).materials
-        np.testing.assert_array_equal(every, expected, err_msg=terrain.sketch.name)

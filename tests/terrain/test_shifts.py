@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
-from sketchterrain.terrain import packing
+from sketchterrain.features import ShapeField
+from sketchterrain.terrain import TerrainRecipe, packing
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.octaves import SKEW_OTHER, SKEW_SAME, OctaveTable, octave_table
 
-from .conftest import CASES, LAKES, cover, straight_river
+from .conftest import CASES, LAKES, cover, straight_river, tiers
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.compute import ComputeContext
-    from sketchterrain.features import ShapeField
-    from sketchterrain.terrain import TerrainRecipe
-
-    Shift = tuple[int, int]
+Shift = tuple[int, int]
 
 UNIT = 4096.0 / 2**24
 FAR = round(1e7 / UNIT)
@@ -68,7 +63,7 @@ def on_the_lattice(recipe: TerrainRecipe) -> TerrainRecipe:
 
 
 @pytest.fixture
-def shift_noise(monkeypatch: pytest.MonkeyPatch) -> Callable[[Shift], None]:
+def shift_noise(monkeypatch) -> Callable[[Shift], None]:
     """Move the origin of all noise."""
 
     def to(shift: Shift) -> None:
@@ -96,9 +91,7 @@ def everything(make_recipe: Callable[..., TerrainRecipe], *names: str) -> Terrai
     return on_the_lattice(recipe)
 
 
-def compare(
-    recipe: TerrainRecipe, shift: Shift, shift_noise: Callable[[Shift], None], context: ComputeContext
-) -> None:
+def compare(recipe, shift, shift_noise, context) -> None:
     rng = np.random.default_rng(6)
     x, y = rng.integers(0, 1 << 24, (2, 3000))
     offset = np.arange(-1, 66)
@@ -124,27 +117,18 @@ def compare(
     assert all(np.ptp(part) > 0 for part in one)
 
 
-@pytest.mark.parametrize(
-    "shift",
-    [SHIFTS[1], SHIFTS[3], *(pytest.param(SHIFTS[n], marks=pytest.mark.slow) for n in (0, 2, 4))],
-)
-def test_a_shifted_recipe_is_the_same_terrain(
-    shift: Shift, make_recipe: Any, shift_noise: Any, context: ComputeContext
-) -> None:
+@tiers("shift", [SHIFTS[1], SHIFTS[3]], SHIFTS)
+def test_a_shifted_recipe_is_the_same_terrain(shift, make_recipe, shift_noise, context) -> None:
     """Hills, mountains, forest, rivers, lakes and painted ground, heights to materials."""
     compare(everything(make_recipe, "hill", "mountain", "forest"), shift, shift_noise, context)
 
 
-@pytest.mark.parametrize(
-    "shift", [(19 * PERIOD, -20 * PERIOD), pytest.param((PERIOD, 0), marks=pytest.mark.slow)]
-)
-def test_dunes_shift_by_their_periods(
-    shift: Shift, make_recipe: Any, shift_noise: Any, context: ComputeContext
-) -> None:
+@tiers("shift", [(19 * PERIOD, -20 * PERIOD)], [(PERIOD, 0)])
+def test_dunes_shift_by_their_periods(shift, make_recipe, shift_noise, context) -> None:
     compare(everything(make_recipe, "dune", "hill"), shift, shift_noise, context)
 
 
-def test_detail_goes_down_to_a_tenth_of_a_metre(make_recipe: Any, context: ComputeContext) -> None:
+def test_detail_goes_down_to_a_tenth_of_a_metre(make_recipe, context) -> None:
     """Along a line of cells of 0.1 m, far away, there are waves of half a metre, and no steps."""
     x = FAR + np.arange(8192) * 409
     height, _ = Evaluator(make_recipe(), context).points(x, np.full(x.size, -FAR), cell_size=0.1)

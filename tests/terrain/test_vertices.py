@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,9 +10,7 @@ import pytest
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError, InputError
 from sketchterrain.terrain.vertices import TILE_QUADS, VERTEX
 
-if TYPE_CHECKING:
-    import sketchterrain as st
-    from sketchterrain.compute import ComputeContext
+from .conftest import launches, tiers
 
 # A parent, its four children and a grandchild; far and coarse tiles: each with its parent's place here.
 FAMILY = [
@@ -30,9 +28,7 @@ FAMILY = [
 KEYS = [key for key, _ in FAMILY]
 
 
-def written(
-    terrain: st.Terrain, order: list[int], *, quads: int = 64
-) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+def written(terrain, order, *, quads=64) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
     """The family's vertices and facts, in the family's order, written in any order."""
     store = terrain.vertex_store(len(FAMILY) + 2, quads=quads)
     slots = list(np.random.default_rng(4).permutation(len(FAMILY) + 2)[: len(FAMILY)])
@@ -43,7 +39,7 @@ def written(
     return store.download()[slots], facts[np.argsort(order)]
 
 
-def test_vertices_are_the_tiles(valley: st.Terrain) -> None:
+def test_vertices_are_the_tiles(valley) -> None:
     """Heights to the bit, also the parents'; slopes and weights to half a step of what they are packed in."""
     assert VERTEX.itemsize == 32
     assert [VERTEX.fields[name][1] for name in VERTEX.names] == [0, 4, 8, 12, 16, 24]
@@ -61,7 +57,7 @@ def test_vertices_are_the_tiles(valley: st.Terrain) -> None:
         assert (fact["low"], fact["high"]) == (both.min(), both.max())
 
 
-def test_the_parents_part_is_what_the_parent_draws(valley: st.Terrain) -> None:
+def test_the_parents_part_is_what_the_parent_draws(valley) -> None:
     """Its values where it has a vertex, else half the sum along its edge or its north-west diagonal."""
     vertices, _ = written(valley, list(range(len(FAMILY))))
     for vertex, ((_, column, row), parent) in zip(vertices, FAMILY, strict=True):
@@ -86,7 +82,7 @@ def test_the_parents_part_is_what_the_parent_draws(valley: st.Terrain) -> None:
                     np.testing.assert_allclose(own[south::2, east::2], middle, rtol=2e-7)
 
 
-def test_neighbours_share_their_borders_bytes(valley: st.Terrain) -> None:
+def test_neighbours_share_their_borders_bytes(valley) -> None:
     """Also of children of different parents, all that is drawn of the parent included."""
     keys = [(4, 7, 7), (4, 8, 7), (5, 15, 14), (5, 16, 14), (5, 15, 15), (5, 16, 15)]
     store = valley.vertex_store(6)
@@ -98,7 +94,7 @@ def test_neighbours_share_their_borders_bytes(valley: st.Terrain) -> None:
         np.testing.assert_array_equal(vertices[south][0], vertices[north][-1])
 
 
-def test_any_order_gives_the_same_bytes(valley: st.Terrain) -> None:
+def test_any_order_gives_the_same_bytes(valley) -> None:
     """In one call, whatever comes first, and in one call a tile."""
     straight, facts = written(valley, list(range(len(FAMILY))))
     for seed in range(3):
@@ -114,7 +110,7 @@ def test_any_order_gives_the_same_bytes(valley: st.Terrain) -> None:
 
 
 @pytest.mark.parametrize("quads", TILE_QUADS)
-def test_tiles_of_any_size(valley: st.Terrain, quads: int) -> None:
+def test_tiles_of_any_size(valley, quads) -> None:
     """A tile is as wide at its level as ever, and its heights are those of its cell size."""
     level = 5
     width = valley.extent / 2**level
@@ -133,7 +129,7 @@ def test_tiles_of_any_size(valley: st.Terrain, quads: int) -> None:
         valley.write_tiles([(finest + 1, 5, 5)], [1], [-1], store)
 
 
-def test_refused_slots_parents_and_stores(valley: st.Terrain) -> None:
+def test_refused_slots_parents_and_stores(valley) -> None:
     store = valley.vertex_store(4)
     for slots, parents in (
         ([0], [-1]),
@@ -152,7 +148,7 @@ def test_refused_slots_parents_and_stores(valley: st.Terrain) -> None:
     assert valley.write_tiles([], [], [], store).shape == (0,)
 
 
-def test_the_error_is_what_a_close_look_finds(valley: st.Terrain) -> None:
+def test_the_error_is_what_a_close_look_finds(valley) -> None:
     """25,600 places a tile at full detail: 99 in 100 within δ, nine tiles in ten wholly within 4 δ.
 
     What is narrower than two quads can lie between samples: at banks a tile may be farther off somewhere.
@@ -181,12 +177,8 @@ def test_the_error_is_what_a_close_look_finds(valley: st.Terrain) -> None:
     assert np.percentile(worst, 90) < 4.0
 
 
-@pytest.mark.parametrize(
-    "quads", [pytest.param(n, marks=() if n == 64 else pytest.mark.slow) for n in TILE_QUADS]
-)
-def test_squares_are_the_same_as_the_whole(
-    valley: st.Terrain, quads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@tiers("quads", [64], TILE_QUADS)
+def test_squares_are_the_same_as_the_whole(valley, quads, monkeypatch) -> None:
     """Fewer features reach a square than the tile; none of those left out would have changed a bit."""
     keys = [(-2, 0, 0), (0, 0, 0), (1, 0, 1), (3, 3, 3), (3, 4, 5), (6, 31, 30)]
     found = []
@@ -199,7 +191,7 @@ def test_squares_are_the_same_as_the_whole(
 
 
 @pytest.mark.parametrize("quads", TILE_QUADS)
-def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley: st.Terrain, quads: int) -> None:
+def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley, quads) -> None:
     """By single points at full detail, which take another way through the kernels."""
     keys = [(2, 1, 2), (6, 30, 31), (9, 250, 240)]
     store = valley.vertex_store(len(keys), quads=quads)
@@ -216,7 +208,7 @@ def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley: st.Ter
         assert fact["error"] == max(usual, apart[-1] / np.float32(1.5))
 
 
-def test_every_level_has_an_error(valley: st.Terrain) -> None:
+def test_every_level_has_an_error(valley) -> None:
     """Wide tiles by what one place in them shows; 0 where quads end."""
     levels = list(range(-12, 19))
     keys = [(level, 0, 0) for level in levels]
@@ -228,7 +220,7 @@ def test_every_level_has_an_error(valley: st.Terrain) -> None:
     assert np.abs(facts["high"]).max() < 2000
 
 
-def test_non_finite_heights_are_an_error(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_non_finite_heights_are_an_error(valley, monkeypatch) -> None:
     store = valley.vertex_store(2)
     valley.write_tiles([(4, 3, 3)], [0], [-1], store)
     bad = np.zeros(store.nbytes // 4, np.float32)
@@ -238,7 +230,7 @@ def test_non_finite_heights_are_an_error(valley: st.Terrain, monkeypatch: pytest
         valley.write_tiles([(5, 6, 6)], [1], [0], store)
 
 
-def test_no_room_means_smaller_batches(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_room_means_smaller_batches(valley, monkeypatch) -> None:
     """The device gives nothing large for a while: the same vertices, in more launches."""
     keys = [(5, c, r) for c in range(10, 14) for r in range(10, 14)]
     expected = valley.vertex_store(16)
@@ -261,7 +253,7 @@ def test_no_room_means_smaller_batches(valley: st.Terrain, monkeypatch: pytest.M
     assert store.download().tobytes() == expected.download().tobytes()
 
 
-def test_the_double_build_agrees(valley: st.Terrain, double_context: ComputeContext) -> None:
+def test_the_double_build_agrees(valley, double_context) -> None:
     """The same kernel in 64 bits: heights within a millimetre, the rest within a step."""
     double = type(valley)(valley.sketch, valley.recipe, double_context)
     keys, parents = [(5, 15, 15), (6, 31, 30)], [-1, 0]
@@ -279,22 +271,14 @@ def test_the_double_build_agrees(valley: st.Terrain, double_context: ComputeCont
     np.testing.assert_allclose(facts[0]["error"], facts[1]["error"], rtol=0, atol=4e-3)
 
 
-def test_writing_allocates_and_launches_little(valley: st.Terrain, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_writing_allocates_and_launches_little(valley, calls) -> None:
     """Four launches a level, and one wait for all."""
     keys = [(6, c, r) for c in range(20, 28) for r in range(20, 28)] + [(5, 10, 10), (5, 11, 10)]
     store = valley.vertex_store(len(keys))
     parents = [-1] * len(keys)
     valley.write_tiles(keys, range(len(keys)), parents, store)
-    calls: list[str] = []
-    whole = type(valley.context)._call
-
-    def counted(self: object, doing: str, *given: object, **named: object) -> object:
-        calls.append(doing)
-        return whole(self, doing, *given, **named)
-
-    monkeypatch.setattr(type(valley.context), "_call", counted)
+    calls.clear()
     valley.write_tiles(keys, range(len(keys)), parents, store)
-    launches = [call.removeprefix("launching ") for call in calls if call.startswith("launching")]
-    assert launches == ["patches", "vertices", "patches", "facts"] * 2
+    assert launches(calls) == ["patches", "vertices", "patches", "facts"] * 2
     assert calls.count("downloading") == 2
     assert "a buffer" not in calls

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -12,28 +11,15 @@ from scipy import ndimage
 
 from sketchterrain.sketch import LAYERS
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-    from pathlib import Path
-
-    from sketchterrain.sketch import Sketch
-
 SIDE = 256
 _EIGHT = np.ones((3, 3), dtype=bool)
 
 
-@dataclass(frozen=True)
-class KnownMap:
-    """A map whose labels are known.
+class KnownMap(NamedTuple):
+    """A map whose labels are known: (256, 256), 0 nothing, else the layer's place in `LAYERS` plus one.
 
-    Attributes
-    ----------
-    labels
-        (256, 256): 0 nothing, else the layer's place in `LAYERS` plus one.
-    picture
-        As it is drawn without antialiasing, in the program's own colours on white.
-    large_labels, large
-        The same drawn four times as large, for antialiasing; the labels are those of most of each pixel.
+    The picture is in the program's own colours on white, without antialiasing; the large one is drawn four
+    times as large, for antialiasing, and its labels are those of most of each pixel.
     """
 
     labels: np.ndarray
@@ -49,11 +35,11 @@ def _most(labels: np.ndarray) -> np.ndarray:
     return np.argmax(counts, axis=0).astype(np.uint8)
 
 
-def _drawn(scale: int, colours: Mapping[str, object], paper: object, mode: str) -> Image.Image:
+def _drawn(scale: int, colours: dict, paper: object, mode: str) -> Image.Image:
     image = Image.new(mode, (SIDE * scale, SIDE * scale), paper)
     draw = ImageDraw.Draw(image)
 
-    def at(*points: tuple[float, float]) -> list[tuple[float, float]]:
+    def at(*points: tuple[float, float]) -> list:
         return [(x * scale, y * scale) for x, y in points]
 
     draw.polygon(at((20, 20), (120, 10), (140, 70), (60, 110), (15, 80)), fill=colours["mountain"])
@@ -77,10 +63,10 @@ def known() -> KnownMap:
 
 
 @pytest.fixture(scope="session")
-def labels_of() -> Callable[[Sketch], np.ndarray]:
+def labels_of():
     """What a sketch has at each pixel, as `KnownMap.labels`."""
 
-    def read(sketch: Sketch) -> np.ndarray:
+    def read(sketch) -> np.ndarray:
         labels = np.zeros((sketch.height_px, sketch.width_px), np.uint8)
         for place, image in enumerate(sketch.layers.values(), start=1):
             assert not (labels[image > 0]).any(), "two layers at one pixel"
@@ -91,22 +77,22 @@ def labels_of() -> Callable[[Sketch], np.ndarray]:
 
 
 @pytest.fixture(scope="session")
-def away() -> Callable[[np.ndarray], np.ndarray]:
+def away():
     """Where no other label is within three pixels."""
     return lambda labels: ndimage.maximum_filter(labels, 7) == ndimage.minimum_filter(labels, 7)
 
 
 @pytest.fixture(scope="session")
-def parts() -> Callable[[np.ndarray], int]:
+def parts():
     """How many 8-connected parts a mask has."""
     return lambda mask: ndimage.label(mask, structure=_EIGHT)[1]
 
 
 @pytest.fixture
-def saved(tmp_path: Path) -> Callable[..., Path]:
+def saved(tmp_path):
     """Save a picture, given as an image or an array, under a name."""
 
-    def save(image: Image.Image | np.ndarray, name: str = "map.png", **options: object) -> Path:
+    def save(image: Image.Image | np.ndarray, name: str = "map.png", **options: object):
         path = tmp_path / name
         given = image if isinstance(image, Image.Image) else Image.fromarray(image)
         given.save(path, **options)

@@ -15,10 +15,9 @@ if TYPE_CHECKING:
 
     from sketchterrain.sketch import Sketch
     from sketchterrain.ui.engine.link import EngineLink
-    from sketchterrain.ui.models.autosave import Autosave
+    from sketchterrain.ui.models.autosave import Autosave, Recovery
     from sketchterrain.ui.models.document import Document
     from sketchterrain.ui.models.preferences import Preferences
-    from sketchterrain.ui.models.recovery import Recovery
     from sketchterrain.ui.window import MainWindow
 
 FIRST = "valley_river"
@@ -109,9 +108,9 @@ def _show(app: QApplication, sketch: Sketch, path: Path | None) -> int:
 
 def new_window(document: Document, link: EngineLink, preferences: Preferences, state: Path) -> MainWindow:
     """Return a window, which remembers recent files and bookmarks in a folder."""
+    from sketchterrain.ui.models.background import Saving
     from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.recent import RecentFiles
-    from sketchterrain.ui.models.saving import Saving
+    from sketchterrain.ui.models.preferences import RecentFiles
     from sketchterrain.ui.models.workspace import Workspace
     from sketchterrain.ui.window import MainWindow
 

@@ -11,7 +11,7 @@ from PyQt6.QtCore import QObject, QProcess, QTimer, pyqtSignal
 
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
-from sketchterrain.ui.models.reading import Reading
+from sketchterrain.ui.models.background import Reading
 
 _PATIENCE = 5000  # ms until a process that was asked to end is ended
 _WORLDS_PATIENCE = 60_000  # it ends what it has begun

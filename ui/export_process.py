@@ -1,4 +1,4 @@
-"""Exports a terrain in a process of its own, so that the window goes on and can end it at any moment.
+"""Exports a terrain or a world in a process of its own, so that the window can end it at any moment.
 
 Reads one pickled request and sketch on stdin; writes a line of JSON on stdout for each thing that happens.
 """
@@ -10,11 +10,14 @@ import os
 import pickle
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
 
-from sketchterrain.errors import one_line
+from sketchterrain.errors import InputError, one_line
+from sketchterrain.progress import Stages
+from sketchterrain.sketch import Sketch
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
 
 if TYPE_CHECKING:
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.progress import Stages
     from sketchterrain.sketch import Sketch
+    from sketchterrain.world.job import Job
 
 
 def main() -> int:
@@ -59,7 +63,7 @@ def _export(
 
 
 def _world(request: WorldRequest, sketch: Sketch, stages: Stages, told: TextIO) -> dict[str, Any]:
-    from sketchterrain.ui.world_work import estimate_world, write_world
+    from sketchterrain.ui.export_process import estimate_world, write_world
 
     if request.only_estimate:
         return estimate_world(request, sketch, stages)
@@ -131,3 +135,59 @@ def _end(*_: object) -> None:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+Tell = Callable[[dict[str, Any]], None]
+
+
+def estimate_world(request: WorldRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
+    """Return what a world takes; nothing is written where it will be."""
+    job = _placed(request, sketch, stages)
+    from sketchterrain.world import estimate
+
+    found = estimate.estimate_world(job, workers=request.workers)
+    problem = ""
+    try:
+        found.refuse_impossible()
+    except InputError as error:
+        problem = str(error)
+    return {"lines": found.lines(), "problem": problem, "tasks": found.tasks, "done": found.done}
+
+
+def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, tell: Tell) -> dict[str, Any]:
+    """Write or resume a world; `tell` takes ``stage``, ``share`` and ``note`` as it goes on."""
+    job = _placed(request, sketch, stages)
+    from sketchterrain.world.progress import ProgressReporter
+    from sketchterrain.world.run import run_world
+
+    def show(text: str, share: float, left: str) -> None:
+        tell({"stage": f"{text}, {left}" if left else text})
+        tell({"share": share})
+
+    tell({"stage": "Opening the device"})
+    with ProgressReporter(show=show, echo=lambda line: tell({"note": line})) as watcher:
+        done = run_world(
+            job, device=request.device, workers=request.workers or None, resume=True, watcher=watcher
+        )
+    return {
+        "tasks": done.tasks,
+        "made": done.made,
+        "files": done.files,
+        "bytes": done.bytes,
+        "seconds": done.seconds,
+    }
+
+
+def _placed(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
+    with stages.stage("program", "Loading the program"):
+        from sketchterrain.terrain import make_recipe
+        from sketchterrain.world.layout import OutputLayout
+        from sketchterrain.world.options import form_of
+        from sketchterrain.world.resume import check_output_unused
+
+        request.options.check(sketch)
+    with stages.stage("features", "Placing features"):
+        job = request.options.job(sketch, make_recipe(sketch), request.output, form_of(str(request.output)))
+    OutputLayout.of(job)  # a missing library is reported before any work
+    check_output_unused(job, resume=True)
+    return job

@@ -16,11 +16,9 @@ from sketchterrain.sketch import LAYERS, Sketch, load_sketch
 from sketchterrain.sketch.document import LabelImage
 from sketchterrain.sketch.layer_images import decode_layer
 from sketchterrain.ui.banner import Banner, Message
+from sketchterrain.ui.models.background import Reading, Saving
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.reading import Reading
-from sketchterrain.ui.models.recent import RecentFiles
-from sketchterrain.ui.models.saving import Saving
+from sketchterrain.ui.models.preferences import Preferences, RecentFiles
 
 _PATIENCE = 400  # ms that a file may take until that is told
 _ZIP, _SETTINGS = ".sketch", "sketch.toml"

@@ -13,8 +13,8 @@ from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.commands import placed_edits
-from sketchterrain.ui.commands.chosen_parts import is_there, point_of
 from sketchterrain.ui.commands.labels import labels_of
+from sketchterrain.ui.commands.placed_edits import is_there, point_of
 from sketchterrain.ui.commands.settings import WORLD, set_setting
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placed

@@ -18,12 +18,11 @@ from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.layout import FullViews, Layout
 from sketchterrain.ui.look.icons import app_icon
-from sketchterrain.ui.menus import add_last, add_menus, add_tool_bars
+from sketchterrain.ui.menus import RecentMenu, add_last, add_menus, add_tool_bars
+from sketchterrain.ui.models.background import Saving
 from sketchterrain.ui.models.bookmarks import Bookmarks
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.recent import RecentFiles
-from sketchterrain.ui.models.saving import Saving
+from sketchterrain.ui.models.preferences import Preferences, RecentFiles
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.open_dialogs import OpenDialogs
 from sketchterrain.ui.panels.adherence import AdherencePanel
@@ -33,7 +32,6 @@ from sketchterrain.ui.panels.properties import PropertiesPanel
 from sketchterrain.ui.panels.status_line import StatusLine
 from sketchterrain.ui.panels.view import ViewPanel
 from sketchterrain.ui.panels.world import WorldPanel
-from sketchterrain.ui.recent_menu import RecentMenu
 from sketchterrain.ui.sketch_actions import SketchActions
 from sketchterrain.ui.tool_options import ToolOptions
 from sketchterrain.ui.view3d.bookmarks import BookmarksPanel

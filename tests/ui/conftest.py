@@ -99,9 +99,9 @@ def exporting_into(qapp):
 def open_window(qtbot, document, workspace, link, tmp_path):
     """Open the whole window; each time with the files that the one before left."""
     # Not above: other tests are not to load all of it.
+    from sketchterrain.ui.models.background import Saving
     from sketchterrain.ui.models.bookmarks import Bookmarks
-    from sketchterrain.ui.models.recent import RecentFiles
-    from sketchterrain.ui.models.saving import Saving
+    from sketchterrain.ui.models.preferences import RecentFiles
     from sketchterrain.ui.window import MainWindow
 
     def open_():

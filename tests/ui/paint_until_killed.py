@@ -19,8 +19,8 @@ from PyQt6.QtCore import QCoreApplication, QTimer
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch
 from sketchterrain.sketch.toml_text import settings_text
 from sketchterrain.ui.models.autosave import Autosave
+from sketchterrain.ui.models.background import Saving
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.saving import Saving
 from sketchterrain.ui.painting.stroke import Stroke
 
 

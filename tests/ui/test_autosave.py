@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sketchterrain.sketch import Sketch, load_sketch, save_sketch
-from sketchterrain.ui.models.autosave import Autosave
-from sketchterrain.ui.models.recovery import Lock, new_place, write_recovery
+from sketchterrain.ui.models.autosave import Autosave, Lock, new_place, write_recovery
 
 if TYPE_CHECKING:
     from sketchterrain.ui.models.document import Document
@@ -135,7 +134,7 @@ def test_what_a_living_program_keeps_is_not_taken(document, folder) -> None:
     program = (
         "import sys, time; from pathlib import Path\n"
         "from sketchterrain.sketch import Sketch\n"
-        "from sketchterrain.ui.models.recovery import Lock, write_recovery\n"
+        "from sketchterrain.ui.models.autosave import Lock, write_recovery\n"
         "path = Path(sys.argv[1]); lock = Lock(path); write_recovery(path, Sketch(seed=3), None)\n"
         "print('kept', flush=True); time.sleep(60)\n"
     )

@@ -8,8 +8,7 @@ import pytest
 from sketchterrain.features.catalogue import FEATURE, FILL_BIT
 from sketchterrain.features.lakes import lake_centre
 from sketchterrain.ui.engine.protocol import Placed
-from sketchterrain.ui.models.drags import FeatureDrag
-from sketchterrain.ui.models.handles import Handle, chosen_at, handle_at, handles_of
+from sketchterrain.ui.models.handles import FeatureDrag, Handle, chosen_at, handle_at, handles_of
 from sketchterrain.ui.models.workspace import Chosen
 
 

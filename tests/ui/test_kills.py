@@ -15,7 +15,7 @@ import pytest
 
 from sketchterrain.sketch import load_sketch
 from sketchterrain.sketch.folder_save import PLEDGE
-from sketchterrain.ui.models.recovery import read_recovery
+from sketchterrain.ui.models.autosave import read_recovery
 
 if TYPE_CHECKING:
     from types import ModuleType

@@ -10,10 +10,8 @@ import pytest
 from scipy import ndimage
 
 from sketchterrain.sketch import Sketch
-from sketchterrain.ui.painting.flood import flood
-from sketchterrain.ui.painting.line import draw_line, line_path, line_width
-from sketchterrain.ui.painting.pick import pick
-from sketchterrain.ui.painting.stroke import Stroke
+from sketchterrain.ui.painting.fill import flood, pick
+from sketchterrain.ui.painting.stroke import Stroke, draw_line, line_path, line_width
 
 
 def empty(side: int = 96) -> np.ndarray:

@@ -13,9 +13,7 @@ from scipy.spatial import cKDTree
 
 from sketchterrain.features.splines import sample_catmull_rom
 from sketchterrain.sketch.box import around
-from sketchterrain.ui.painting.shapes import paint_sweep
-from sketchterrain.ui.painting.steady import SteadyHand
-from sketchterrain.ui.painting.stroke import Stroke
+from sketchterrain.ui.painting.stroke import SteadyHand, Stroke, paint_sweep
 
 SIDE = 96
 

@@ -9,8 +9,7 @@ from PyQt6.QtCore import Qt
 from PyQt6.QtTest import QTest
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.commands.chosen_parts import parent_of
-from sketchterrain.ui.commands.placed_edits import is_locked, width_of
+from sketchterrain.ui.commands.placed_edits import is_locked, parent_of, width_of
 from sketchterrain.ui.models.workspace import Chosen
 from sketchterrain.ui.panels.form import NumberRow
 from sketchterrain.ui.panels.properties import PropertiesPanel

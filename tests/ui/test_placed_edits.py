@@ -13,7 +13,7 @@ from sketchterrain.sketch import ADDED_BIT, Sketch, load_sketch
 from sketchterrain.sketch.edits import MOST_EDITS
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.commands import placed_edits as edits
-from sketchterrain.ui.commands.chosen_parts import is_there, lake_of, name_of, parent_of, point_of, river_of
+from sketchterrain.ui.commands.placed_edits import is_there, lake_of, name_of, parent_of, point_of, river_of
 from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.handles import handles_of
 from sketchterrain.ui.models.workspace import Chosen

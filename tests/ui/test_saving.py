@@ -12,9 +12,8 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, load_sketch
-from sketchterrain.ui.models.background import Background
-from sketchterrain.ui.models.recent import RecentFiles
-from sketchterrain.ui.models.saving import Saving
+from sketchterrain.ui.models.background import Background, Saving
+from sketchterrain.ui.models.preferences import RecentFiles
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch

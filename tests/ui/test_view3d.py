@@ -11,7 +11,6 @@ from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.render.camera import Camera
-from sketchterrain.ui.doing_menu import DoingMenu
 from sketchterrain.ui.engine.protocol import (
     EngineFacts,
     Fly,
@@ -28,6 +27,7 @@ from sketchterrain.ui.engine.protocol import (
     ViewState,
     Zoom,
 )
+from sketchterrain.ui.menus import DoingMenu
 from sketchterrain.ui.models.workspace import Chosen
 from sketchterrain.ui.view3d.hud import Bar, Card, Compass
 from sketchterrain.ui.view3d.navigation import overview

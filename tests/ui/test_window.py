@@ -14,7 +14,7 @@ from PyQt6.QtGui import QDropEvent, QImage, QKeySequence
 from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
-from sketchterrain.ui.action_list import TOOL_KEYS
+from sketchterrain.ui.actions import TOOL_KEYS
 from sketchterrain.ui.banner import Message
 from sketchterrain.ui.engine.protocol import MeasureAdherence, TakePicture, Trouble
 from sketchterrain.ui.menus import MENUS

@@ -21,6 +21,7 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
+from sketchterrain.ui.actions import OwnKeys
 from sketchterrain.ui.canvas.canvas_input import CanvasInput, Keys, Tips
 from sketchterrain.ui.canvas.decorations import Overlays
 from sketchterrain.ui.canvas.marks import Marks
@@ -32,7 +33,6 @@ from sketchterrain.ui.engine.protocol import FrameFacts
 from sketchterrain.ui.look.theme import theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.own_keys import OwnKeys
 
 _MARGIN = 28  # logical px around a sheet that is fitted
 _ZOOM = 1.25

@@ -14,8 +14,8 @@ from sketchterrain.ui.canvas.decorations import warning_at
 from sketchterrain.ui.canvas.paint_tools import BrushTool, FillTool, LineTool, PickTool, pick_label
 from sketchterrain.ui.canvas.select_tool import SelectTool
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool
-from sketchterrain.ui.doing_menu import DoingMenu, offer_chosen
 from sketchterrain.ui.engine.protocol import GoTo
+from sketchterrain.ui.menus import DoingMenu, offer_chosen
 from sketchterrain.ui.models.chosen_acts import add
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.canvas.sketch_image import scrolled
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.canvas.viewport import Viewport
-from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
+from sketchterrain.ui.commands.placed_edits import lake_of, point_of, river_of
 from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.workspace import Chosen
 

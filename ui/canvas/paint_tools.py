@@ -13,10 +13,8 @@ from sketchterrain.ui.canvas.layer_brushes import visible_layers
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models.document import Draft
-from sketchterrain.ui.painting.flood import flood
-from sketchterrain.ui.painting.line import draw_line, line_path, line_width
-from sketchterrain.ui.painting.pick import pick
-from sketchterrain.ui.painting.stroke import Stroke
+from sketchterrain.ui.painting.fill import flood, pick
+from sketchterrain.ui.painting.stroke import Stroke, draw_line, line_path, line_width
 
 _LEAST_PRESSURE = 0.2  # share of the radius that the lightest touch has
 

@@ -10,11 +10,10 @@ from PyQt6.QtGui import QColor, QPainter, QPen
 from sketchterrain.ui.canvas.decorations import write_beside
 from sketchterrain.ui.canvas.marks import CHOSEN, Marks, draw_chosen
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
-from sketchterrain.ui.commands.chosen_parts import is_there, name_of
+from sketchterrain.ui.commands.placed_edits import is_there, name_of
 from sketchterrain.ui.engine.protocol import GoTo, Placed
 from sketchterrain.ui.models.chosen_acts import delete
-from sketchterrain.ui.models.drags import FeatureDrag
-from sketchterrain.ui.models.handles import Handle, chosen_at, handles_of
+from sketchterrain.ui.models.handles import FeatureDrag, Handle, chosen_at, handles_of
 from sketchterrain.ui.models.workspace import Chosen
 
 _REACH = 9.0  # logical px by which a click may miss

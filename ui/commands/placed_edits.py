@@ -1,4 +1,4 @@
-"""Changing what was generated: a sketch with other edits, from what a person drags, sets or deletes.
+"""Changing what was generated: what is selected, and a sketch with other edits of it.
 
 All that is said of one feature by one kind of edit is one edit, so that dragging it ever so often adds none.
 A lock goes with what is said of a locked feature: the edit is done before it, and its values follow.
@@ -9,20 +9,67 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
 from sketchterrain.errors import InputError
-from sketchterrain.features import River
+from sketchterrain.features import Lake, River
+from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.features.edits import lock_of
 from sketchterrain.features.river_edits import move_of
 from sketchterrain.features.rules import TYPES
 from sketchterrain.sketch import ACTIONS, Edit, Parameter, Sketch
-from sketchterrain.ui.commands.chosen_parts import name_of, parent_of, point_of, river_of
 from sketchterrain.ui.engine.protocol import Placed
-from sketchterrain.ui.models.handles import Handle
 from sketchterrain.ui.models.workspace import Chosen
+
+if TYPE_CHECKING:  # it imports this module
+    from sketchterrain.ui.models.handles import Handle
+
+
+def point_of(placed: Placed, chosen: Chosen) -> np.void | None:
+    """Return the point feature that is chosen, a row of FEATURE; None if it is none, or gone."""
+    if chosen.kind != "feature":
+        return None
+    at = int(np.searchsorted(placed.points["id"], np.uint64(chosen.id)))
+    found = at < len(placed.points) and int(placed.points["id"][at]) == chosen.id
+    return placed.points[at] if found else None
+
+
+def river_of(placed: Placed, chosen: Chosen) -> River | None:
+    """Return the river that is chosen; None if it is none, or gone."""
+    if chosen.kind != "river":
+        return None
+    return next((river for river in placed.rivers if river.id == chosen.id), None)
+
+
+def lake_of(placed: Placed, chosen: Chosen) -> Lake | None:
+    """Return the lake that is chosen; None if it is none, or gone."""
+    if chosen.kind != "lake":
+        return None
+    return next((lake for lake in placed.lakes if lake.id == chosen.id), None)
+
+
+def is_there(placed: Placed, chosen: Chosen) -> bool:
+    """Whether what is chosen was placed."""
+    return any(find(placed, chosen) is not None for find in (point_of, river_of, lake_of))
+
+
+def parent_of(placed: Placed, river: River) -> River | None:
+    """Return the river that another one joins; None if it runs on its own."""
+    end = river.centreline[-1]
+    others = (each for each in placed.rivers if each.id != river.id)
+    return next((each for each in others if (each.centreline == end).all(axis=1).any()), None)
+
+
+def name_of(placed: Placed, chosen: Chosen) -> str:
+    """Return what a person calls what is chosen: ``mountain``, ``river 2``, as contradictions count them."""
+    point = point_of(placed, chosen)
+    if point is not None:
+        return FEATURE_TYPES[int(point["type"])]
+    ids = [each.id for each in (placed.rivers if chosen.kind == "river" else placed.lakes)]
+    return f"{chosen.kind} {ids.index(chosen.id) + 1}" if chosen.id in ids else chosen.kind
+
 
 _DIGITS = 3  # of a metre: what a person drags is no finer
 _SAME_PLACE = 0.01  # m; a control point that lies so near an edit's place was put there by it

@@ -22,7 +22,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.ui.action_list import COMMANDS
+from sketchterrain.ui.actions import COMMANDS
 from sketchterrain.ui.dialogs.form import button_row, column, fix_width, form_layout, heading, note
 from sketchterrain.ui.engine.protocol import EngineFacts
 from sketchterrain.ui.look.icons import app_picture, icon

@@ -19,7 +19,7 @@ from PyQt6.QtWidgets import (
 from sketchterrain.resources import preset_names, preset_picture
 from sketchterrain.ui.dialogs.form import add_button, button_row, column, heading, note
 from sketchterrain.ui.look.theme import MARGIN, SMALL
-from sketchterrain.ui.models.recovery import Recovery
+from sketchterrain.ui.models.autosave import Recovery
 
 _PICTURE = QSize(320, 180)
 _ROUND = 6.0

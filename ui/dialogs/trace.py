@@ -36,7 +36,7 @@ from sketchterrain.ui.dialogs.form import EXTENT, NAME, Field, Form, button_row,
 from sketchterrain.ui.dialogs.trace_source import TracedShown, TraceSource, read_source, trace_source
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
-from sketchterrain.ui.models.reading import Reading
+from sketchterrain.ui.models.background import Reading
 
 _LEAST = QSize(320, 220)
 

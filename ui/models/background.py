@@ -1,14 +1,75 @@
-"""Work beside the window, one thing after the other; newer work takes the place of older that waits."""
+"""Work beside the window on threads: reading files, saving, a queue whose newest work wins."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
+from functools import partial
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Condition, Thread
 
 from PyQt6.QtCore import QObject, pyqtSignal
 
 from sketchterrain.errors import SketchterrainError, one_line
+from sketchterrain.sketch import Sketch, save_sketch
+from sketchterrain.ui.models.document import Document
+
+
+class Reading(QObject):
+    """Reads one thing at a time; the newest one asked for counts, answers to earlier ones are dropped."""
+
+    failed = pyqtSignal(str)
+    """Why it could not be read, one line."""
+    busy_changed = pyqtSignal(bool)
+    _finished = pyqtSignal(int, object, str)
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._newest = 0
+        self._then: Callable[[object], None] | None = None
+        self._finished.connect(self._finish)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is being read."""
+        return self._then is not None
+
+    def read(self, work: Callable[[], object], then: Callable[[object], None]) -> None:
+        """Read something."""
+        self._newest += 1
+        self._then = then
+        self.busy_changed.emit(True)
+        Thread(target=self._work, args=(self._newest, work), name="reading", daemon=True).start()
+
+    def cancel(self) -> None:
+        """Drop what is being read: nobody is told of it any more."""
+        if self._then is not None:
+            self._newest += 1
+            self._then = None
+            self.busy_changed.emit(False)
+
+    def _work(self, number: int, work: Callable[[], object]) -> None:
+        try:
+            result, line = work(), ""
+        except (SketchterrainError, OSError) as error:
+            result, line = None, str(error) or type(error).__name__
+        except MemoryError:
+            result, line = None, "out of memory"
+        try:
+            self._finished.emit(number, result, line)
+        except RuntimeError:  # the window is gone: nobody waits
+            return
+
+    def _finish(self, number: int, result: object, line: str) -> None:
+        if number != self._newest or self._then is None:
+            return
+        then, self._then = self._then, None
+        self.busy_changed.emit(False)
+        if line:
+            self.failed.emit(line)
+        else:
+            then(result)
+
 
 _Job = tuple[Callable[[], object], Callable[[str], None]]
 
@@ -99,3 +160,45 @@ def _failure(work: Callable[[], object]) -> str:
     except Exception as error:  # noqa: BLE001 # a defect of ours: who waits must hear that it failed
         return one_line(f"{type(error).__name__}: {error}")
     return ""
+
+
+class Saving(QObject):
+    """Writes a document's sketch, whole or not at all, while a person works on."""
+
+    saved = pyqtSignal(object)
+    """The `Path` where the sketch is saved now."""
+    failed = pyqtSignal(str)
+    """Why it could not be saved, one line; what was there before is there still."""
+    busy_changed = pyqtSignal(bool)
+
+    def __init__(self, document: Document, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._document = document
+        self._background = Background(self)
+        self._background.busy_changed.connect(self.busy_changed)
+        self._worked = True
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is being saved."""
+        return self._background.is_busy
+
+    def save(self, path: Path) -> None:
+        """Save the sketch as it is now, without a stroke that is still being drawn."""
+        sketch = self._document.sketch
+        self._background.do(
+            path.absolute(), partial(save_sketch, sketch, path), partial(self._finish, sketch, path)
+        )
+
+    def wait(self) -> bool:
+        """Block until all is saved; return whether the last save worked."""
+        self._background.wait()
+        return self._worked
+
+    def _finish(self, sketch: Sketch, path: Path, line: str) -> None:
+        self._worked = not line
+        if line:
+            self.failed.emit(line)
+        else:
+            self._document.saved(sketch, path)
+            self.saved.emit(path)

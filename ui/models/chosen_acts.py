@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sketchterrain.ui.commands import placed_edits
-from sketchterrain.ui.commands.chosen_parts import name_of
+from sketchterrain.ui.commands.placed_edits import name_of
 from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Chosen, Workspace

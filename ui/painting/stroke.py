@@ -1,4 +1,4 @@
-"""A stroke of the brush: a smooth path through the places where the pen was, painted while it goes on."""
+"""Strokes and lines on label images: swept discs, a steadied hand, smooth paths."""
 
 from __future__ import annotations
 
@@ -7,12 +7,171 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 
 from sketchterrain.features.splines import cubics
+from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.sketch.box import Box, around
 from sketchterrain.sketch.document import LabelImage
-from sketchterrain.ui.painting.shapes import Dab, paint_sweep, snapped
-from sketchterrain.ui.painting.steady import SteadyHand
+
+Dab = tuple[float, float, float]
+"""Where a disc's centre is (px right, px down; centres of pixels at +0.5) and its radius (px)."""
+
+_GRID = 1024.0
+_TOUCH = 1e-9
+"""px beyond a straight edge at which a pixel's centre still counts as on it, whatever was rounded."""
+
+
+def snapped(value: float) -> float:
+    """Return a coordinate at the nearest 1/1024 px.
+
+    Squares of such numbers are exact, so that whether a pixel is covered does not hang on rounding, and a
+    mirrored stroke is the stroke mirrored.
+    """
+    return round(value * _GRID) / _GRID
+
+
+def paint_sweep(image: LabelImage, start: Dab, end: Dab, label: int) -> Box | None:
+    """Paint what a disc covers that goes straight from `start` to `end`, its radius changing evenly.
+
+    One disc that stands still always paints the pixel that its centre is in.
+
+    Parameters
+    ----------
+    image : (height, width) uint8
+        Painted into.
+    start, end
+        The same twice: one disc.
+    label
+        0 … 255.
+
+    Returns
+    -------
+    Box or None
+        Around the pixels painted; None if there are none in the image.
+    """
+    top = math.ceil(min(start[1] - start[2], end[1] - end[2], start[1] - 0.5, end[1] - 0.5) - 0.5)
+    bottom = math.floor(max(start[1] + start[2], end[1] + end[2], start[1] + 0.5, end[1] + 0.5) - 0.5) + 1
+    top, bottom = max(top, 0), min(bottom, image.shape[0])
+    if top >= bottom:
+        return None
+    left, right = _runs(start, end, np.arange(top, bottom) + 0.5)
+    first = np.maximum(np.ceil(left - 0.5), 0.0)
+    last = np.minimum(np.floor(right - 0.5) + 1.0, image.shape[1])
+    rows = np.flatnonzero(first < last)
+    if not len(rows):
+        return None
+    for row, begin, stop in zip(
+        (rows + top).tolist(), first[rows].astype(int).tolist(), last[rows].astype(int).tolist(), strict=True
+    ):
+        image[row, begin:stop] = label
+    return int(rows[0]) + top, int(first[rows].min()), int(rows[-1]) + top + 1, int(last[rows].max())
+
+
+def _runs(
+    start: Dab, end: Dab, y: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Return where each row is entered and left, px; where nothing is covered it is left before."""
+    left, right = np.full(len(y), np.inf), np.full(len(y), -np.inf)
+    for centre_x, centre_y, radius in (start, end) if start != end else (start,):
+        square = radius * radius - (y - centre_y) ** 2
+        half = np.sqrt(np.maximum(square, 0.0))
+        half[square < 0.0] = -np.inf
+        if start == end:
+            half[np.abs(y - centre_y) <= 0.5] = np.maximum(half[np.abs(y - centre_y) <= 0.5], 0.5)
+        left, right = np.minimum(left, centre_x - half), np.maximum(right, centre_x + half)
+    for (ax, ay), (bx, by) in _edges(start, end):
+        inside = (min(ay, by) - _TOUCH <= y) & (y <= max(ay, by) + _TOUCH)
+        # An edge along a row joins the two discs, which reach as far there.
+        across = ax + (bx - ax) * np.clip((y[inside] - ay) / (by - ay), 0.0, 1.0)
+        left[inside] = np.minimum(left[inside], across - _TOUCH)
+        right[inside] = np.maximum(right[inside], across + _TOUCH)
+    return left, right
+
+
+def _edges(start: Dab, end: Dab) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Return the straight edges of a swept disc, which touch both its ends, but for those along rows."""
+    (ax, ay, a), (bx, by, b) = start, end
+    dx, dy = bx - ax, by - ay
+    length = math.hypot(dx, dy)
+    if length <= abs(b - a):  # one disc is in the other
+        return []
+    # The normal n of an edge has n·d = a − b: it leans back where the disc grows.
+    lean = (a - b) / length
+    side = math.sqrt(1.0 - lean * lean)
+    edges = []
+    for sign in (1.0, -1.0):
+        nx = (dx * lean - sign * dy * side) / length
+        ny = (dy * lean + sign * dx * side) / length
+        low, high = (ax + a * nx, ay + a * ny), (bx + b * nx, by + b * ny)
+        if low[1] != high[1]:
+            edges.append((low, high))
+    return edges
+
+
+_SPACING = 2.0  # grains between nodes
+_FARTHEST = 0.5  # of that: how far a node is moved to where its neighbours have it
+
+
+class SteadyHand:
+    """Turns the places of a pen into fewer nodes of its path.
+
+    A slow pen's places are averaged, and each node is moved a little to the middle of its neighbours: a line
+    drawn through whole pixels trembles less than half as much then. A quick pen's places stay where they are,
+    but for a pixel of the screen.
+
+    Parameters
+    ----------
+    grain
+        Side (px) of the pixels in which places are told; 0: they are exact, and each is a node.
+    """
+
+    def __init__(self, grain: float) -> None:
+        self._spacing = _SPACING * grain
+        self._seen: list[Dab] = []
+        self._nodes: list[Dab] = []
+        self._anchor: Dab | None = None
+
+    def to(self, place: Dab) -> Dab | None:
+        """Go on to a place; return the next node of the path, if one is known now."""
+        if self._anchor is None:
+            self._anchor = place
+            self._nodes = [place]
+            return place
+        self._seen.append(place)
+        way = math.dist(place[:2], self._anchor[:2])
+        if way == 0.0 or way < self._spacing:
+            return None
+        self._anchor = place
+        node = _mean(self._seen)
+        self._seen = []
+        if not self._spacing:
+            return node
+        self._nodes = [*self._nodes[-2:], node]
+        return self._calmed() if len(self._nodes) == 3 else None
+
+    def finish(self) -> list[Dab]:
+        """Return the last nodes; the path ends where the pen is."""
+        place = self._seen[-1] if self._seen else self._anchor
+        if place is None or not self._spacing:
+            return []
+        self._nodes = [*self._nodes[-2:], place]
+        return [self._calmed(), place] if len(self._nodes) == 3 else [place]
+
+    def _calmed(self) -> Dab:
+        """Return the middle one of three nodes, moved."""
+        (ax, ay, _), (x, y, radius), (bx, by, _) = self._nodes
+        dx, dy = 0.25 * (ax + bx) - 0.5 * x, 0.25 * (ay + by) - 0.5 * y
+        share = min(1.0, _FARTHEST * self._spacing / max(math.hypot(dx, dy), 1e-9))
+        return snapped(x + share * dx), snapped(y + share * dy), radius
+
+
+def _mean(dabs: Sequence[Dab]) -> Dab:
+    if len(dabs) == 1:
+        return dabs[0]
+    x, y, radius = (snapped(sum(each) / len(dabs)) for each in zip(*dabs, strict=True))
+    return x, y, radius
+
 
 THINNEST = 0.5
 """Radius (px) of the thinnest brush: a line one pixel wide."""
@@ -123,3 +282,72 @@ def _between(c: list[list[float]], from_radius: float, to_radius: float, count: 
         t = k / count
         x, y = (snapped(((d * t + c2) * t + c1) * t + c0) for c0, c1, c2, d in c)
         yield x, y, snapped(from_radius + (to_radius - from_radius) * t)
+
+
+def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
+    """Return how wide a line of a label is painted, px.
+
+    Parameters
+    ----------
+    sketch, layer, label
+        A label that has a width, as rivers have, is painted as wide as that, never thinner than a pixel.
+    brush
+        Radius (px) of the brush, for all others.
+    """
+    if "width" not in LAYERS[layer].parameters:
+        return 2.0 * brush
+    width = sketch.properties(layer, label)["width"]
+    assert isinstance(width, float)  # noqa: S101 # declared so
+    return max(width / sketch.pixel_size, 2.0 * THINNEST)
+
+
+def line_path(points: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the smooth curve through points as a polyline, to be shown while points are added.
+
+    Parameters
+    ----------
+    points
+        px to the right and down, centres of pixels at +0.5.
+    """
+    return [(x, y) for x, y, _ in _path(points, THINNEST)]
+
+
+def draw_line(
+    image: LabelImage, points: Sequence[tuple[float, float]], width: float, label: int
+) -> Box | None:
+    """Paint the smooth curve through points, with round ends.
+
+    Parameters
+    ----------
+    image : (height, width) uint8
+        Painted into.
+    points
+        One or more: px to the right and down, centres of pixels at +0.5; they may lie outside of the image.
+    width
+        px; at least one is taken.
+    label
+        0 … 255.
+
+    Returns
+    -------
+    Box or None
+        Around the pixels painted; None if none were.
+    """
+    path = _path(points, max(snapped(0.5 * width), THINNEST))
+    box = None
+    for start, end in [*pairwise(path), *zip(path[:1] + path[-1:], path[:1] + path[-1:], strict=True)]:
+        box = around(box, paint_sweep(image, start, end, label))
+    return box
+
+
+def _path(points: Sequence[tuple[float, float]], radius: float) -> list[Dab]:
+    dabs: list[Dab] = []
+    for x, y in points:
+        dab = snapped(x), snapped(y), radius
+        if not dabs or dab != dabs[-1]:
+            dabs.append(dab)
+    path = dabs[:1]
+    for piece in range(len(dabs) - 1):
+        near = max(piece - 1, 0)
+        path += smooth_dabs(dabs[near : piece + 3], piece - near)[1:]
+    return path

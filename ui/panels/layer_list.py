@@ -20,10 +20,10 @@ from PyQt6.QtWidgets import (
 )
 
 from sketchterrain.sketch import LAYERS
+from sketchterrain.ui.actions import OwnKeys
 from sketchterrain.ui.look.icons import draw_icon
 from sketchterrain.ui.look.layer_colours import swatch
 from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
-from sketchterrain.ui.own_keys import OwnKeys
 from sketchterrain.ui.panels.parts import small
 
 NAME, EYE, LOCK = range(3)

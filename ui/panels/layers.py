@@ -20,9 +20,9 @@ from sketchterrain.ui.commands.labels import (
     label_areas,
     new_label,
 )
-from sketchterrain.ui.doing_menu import DoingMenu
 from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, tabular
+from sketchterrain.ui.menus import DoingMenu
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
 from sketchterrain.ui.panels.layer_list import LayerList, Row

@@ -11,11 +11,15 @@ from PyQt6.QtWidgets import QGridLayout, QLabel, QVBoxLayout, QWidget
 from sketchterrain.features import River
 from sketchterrain.features.catalogue import FILL_BIT
 from sketchterrain.sketch import ACTIONS, ADDED_BIT, Sketch
-from sketchterrain.ui.commands.chosen_parts import lake_of, name_of, parent_of, point_of, river_of
 from sketchterrain.ui.commands.placed_edits import (
+    lake_of,
     moved,
+    name_of,
+    parent_of,
     point_moved,
+    point_of,
     resized,
+    river_of,
     strength_of,
     strengthened,
     widened,

@@ -10,9 +10,8 @@ from PyQt6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.parameter import Value
-from sketchterrain.ui.commands.chosen_parts import is_there, name_of, river_of
 from sketchterrain.ui.commands.labels import reset_property, set_property
-from sketchterrain.ui.commands.placed_edits import is_edited, is_locked
+from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, is_there, name_of, river_of
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.look.icons import icon

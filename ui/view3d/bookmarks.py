@@ -18,11 +18,11 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.ui.doing_menu import DoingMenu
 from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.engine.protocol import Look
 from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
+from sketchterrain.ui.menus import DoingMenu
 from sketchterrain.ui.models.bookmarks import Bookmark, Bookmarks
 
 _PICTURE: Final = QSize(96, 60)

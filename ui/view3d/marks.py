@@ -11,7 +11,7 @@ import numpy.typing as npt
 from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.canvas.marks import shore_lines
-from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
+from sketchterrain.ui.commands.placed_edits import lake_of, point_of, river_of
 from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.handles import Handle, handles_of
 from sketchterrain.ui.models.workspace import Chosen

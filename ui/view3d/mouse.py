@@ -11,14 +11,13 @@ from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.ui.commands.chosen_parts import is_there
-from sketchterrain.ui.doing_menu import DoingMenu, offer_chosen
+from sketchterrain.ui.commands.placed_edits import is_there
 from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.engine.protocol import GoTo, Picked, Placed
+from sketchterrain.ui.menus import DoingMenu, offer_chosen
 from sketchterrain.ui.models.chosen_acts import add
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.drags import FeatureDrag
-from sketchterrain.ui.models.handles import Handle, chosen_at, handles_of
+from sketchterrain.ui.models.handles import FeatureDrag, Handle, chosen_at, handles_of
 from sketchterrain.ui.models.workspace import Chosen, Workspace
 from sketchterrain.ui.view3d.marks import Grip, Marks
 from sketchterrain.ui.view3d.navigation import dragged, zoomed

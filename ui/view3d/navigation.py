@@ -9,7 +9,7 @@ import numpy as np
 from PyQt6.QtCore import Qt
 
 from sketchterrain.features.lakes import lake_centre
-from sketchterrain.ui.commands.chosen_parts import lake_of, point_of, river_of
+from sketchterrain.ui.commands.placed_edits import lake_of, point_of, river_of
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Placed, Pose, Turn, Zoom
 from sketchterrain.ui.models.workspace import Chosen
 

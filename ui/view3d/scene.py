@@ -8,8 +8,7 @@ from typing import Final
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
-from sketchterrain.ui.commands.chosen_parts import name_of, point_of, river_of
-from sketchterrain.ui.commands.placed_edits import is_locked
+from sketchterrain.ui.commands.placed_edits import is_locked, name_of, point_of, river_of
 from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document

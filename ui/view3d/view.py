@@ -20,13 +20,13 @@ from PyQt6.QtGui import (
 )
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
+from sketchterrain.ui.actions import OwnKeys
 from sketchterrain.ui.engine.link import PictureSource
 from sketchterrain.ui.engine.protocol import MODES, Look, Trouble
 from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.chosen_acts import delete_or_reset
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.workspace import Workspace
-from sketchterrain.ui.own_keys import OwnKeys
 from sketchterrain.ui.view3d.hud import Hud
 from sketchterrain.ui.view3d.mouse import Mouse
 from sketchterrain.ui.view3d.navigation import FLYING_KEYS, Keys, going_to, overview

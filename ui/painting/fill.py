@@ -1,6 +1,8 @@
-"""Filling: a connected region of one label gets another one."""
+"""Filling a connected region, and picking the paint at a pixel."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -94,3 +96,19 @@ def _roots(count: int, above: _Integers, below: _Integers) -> _Integers:
         np.minimum.at(root, np.maximum(one, other), np.minimum(one, other))
         while ((higher := root[root]) != root).any():
             root = higher
+
+
+def pick(layers: Iterable[tuple[str, LabelImage]], row: int, column: int) -> tuple[str, int] | None:
+    """Return the layer and the label of the paint that is seen at a pixel.
+
+    Parameters
+    ----------
+    layers
+        Names and images, the topmost first.
+    row, column
+        The pixel; it may lie outside of the images.
+    """
+    for name, image in layers:
+        if 0 <= row < image.shape[0] and 0 <= column < image.shape[1] and image[row, column]:
+            return name, int(image[row, column])
+    return None

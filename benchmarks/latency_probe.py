@@ -54,7 +54,7 @@ class LatencyProbe:
         self._link.sent.connect(self._made.__setitem__)
         self._link.followed.connect(self._followed.append)
         self._link.trouble.connect(self._troubles.append)
-        self._heart = QTimer(timerType=Qt.TimerType.PreciseTimer)
+        self._heart = QTimer(timerType=Qt.TimerType.PreciseTimer)  # type: ignore[call-arg] # a property
         self._heart.timeout.connect(lambda: self._beats.append(time.monotonic()))
         self._folder = TemporaryDirectory(prefix="sketchterrain-latency-")
         folder = Path(self._folder.name)

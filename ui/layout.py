@@ -8,6 +8,7 @@ from functools import partial
 from typing import Final
 
 from PyQt6.QtCore import QByteArray, QObject, QSize, Qt, QTimer
+from PyQt6.QtGui import QScreen
 from PyQt6.QtWidgets import (
     QDockWidget,
     QHBoxLayout,
@@ -298,3 +299,11 @@ class FullViews(QObject):
         actions["full-screen"].setChecked(self._window.isFullScreen())
         # Esc is others' as long as there is nothing to leave.
         actions["leave"].setEnabled(bool(alone) or self._window.isFullScreen())
+
+
+def fitting_size(size: QSize, screen: QScreen | None) -> QSize:
+    """Return a size that a screen has room for."""
+    if screen is None:
+        return size
+    room = screen.availableSize()
+    return QSize(min(size.width(), room.width() * 24 // 25), min(size.height(), room.height() * 23 // 25))

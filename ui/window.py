@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from PyQt6.QtCore import QSize, Qt
-from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QScreen, QShowEvent
+from PyQt6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QResizeEvent, QShowEvent
 from PyQt6.QtWidgets import QMainWindow, QMenu, QSizePolicy, QTabWidget, QWidget
 
 from sketchterrain.ui.actions import Actions
@@ -16,7 +16,7 @@ from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.link import EngineLink
 from sketchterrain.ui.engine.protocol import GoTo
 from sketchterrain.ui.files import Files
-from sketchterrain.ui.layout import FullViews, Layout
+from sketchterrain.ui.layout import FullViews, Layout, fitting_size
 from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.menus import RecentMenu, add_last, add_menus, add_tool_bars
 from sketchterrain.ui.models.background import Saving
@@ -102,7 +102,7 @@ class MainWindow(QMainWindow):
             | QMainWindow.DockOption.AllowNestedDocks
         )
         self.setTabPosition(Qt.DockWidgetArea.AllDockWidgetAreas, QTabWidget.TabPosition.North)
-        self.resize(_fitting(_SIZE, self.screen()))
+        self.resize(fitting_size(_SIZE, self.screen()))
         self.actions_by_name = Actions(self)
         commands, _ = add_tool_bars(self, self.actions_by_name)
         commands.addSeparator()
@@ -265,14 +265,6 @@ class MainWindow(QMainWindow):
         if layout is not None:
             self.restoreGeometry(layout[0])
             self.layout_of_parts.restore(layout[1])
-
-
-def _fitting(size: QSize, screen: QScreen | None) -> QSize:
-    """Return a size that a screen has room for."""
-    if screen is None:
-        return size
-    room = screen.availableSize()
-    return QSize(min(size.width(), room.width() * 24 // 25), min(size.height(), room.height() * 23 // 25))
 
 
 def _stretch() -> QWidget:

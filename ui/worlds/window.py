@@ -16,7 +16,7 @@ from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.dialogs.help import KeysDialog
 from sketchterrain.ui.engine.link import Children, PictureSource
 from sketchterrain.ui.engine.protocol import FrameFacts, Look, Trouble, ViewState, WorldFacts
-from sketchterrain.ui.layout import Dock, FullViews
+from sketchterrain.ui.layout import Dock, FullViews, fitting_size
 from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.menus import add_menus
 from sketchterrain.ui.models.background import Background
@@ -97,7 +97,7 @@ class WorldWindow(QMainWindow):
         self.link.frame_shown.connect(self._show_place)
         self.link.trouble.connect(self._report_trouble)
         self.view.picture_wanted.connect(self.save_picture)
-        self.resize(QSize(1180, 760))
+        self.resize(fitting_size(QSize(1180, 760), self.screen()))
         self.view.setFocus(Qt.FocusReason.OtherFocusReason)
         self.link.start()
 

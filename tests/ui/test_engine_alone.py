@@ -86,16 +86,6 @@ def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
         memory.close()
 
 
-def test_requests_are_numbered_and_repeated_states_are_not_sent(qapp):
-    source = Source()
-    assert [source.pick(1.0, 2.0), source.pick(3.0, 4.0)] == [1, 2]
-    assert source.told == [Pick(1, 1.0, 2.0), Pick(2, 3.0, 4.0)]
-    source.show(ViewState())
-    source.show(ViewState(width=64, height=48))
-    source.show(ViewState(width=64, height=48))
-    assert source.told[2:] == [ViewState(width=64, height=48)]
-
-
 class Around:
     """An engine without OpenGL on a thread, and the other ends of its channels."""
 

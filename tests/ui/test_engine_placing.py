@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.sketch import Sketch
-from sketchterrain.terrain import make_recipe
+from sketchterrain.terrain import from_sketch, make_recipe
 from sketchterrain.ui.engine import placer
 from sketchterrain.ui.engine.channel import Channel, unpickled
 from sketchterrain.ui.engine.placer import CancellationPolicy, Placer, Superseded
@@ -170,8 +170,6 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
     around.version = 1
     around.send(Sketch(), layers)
     assert around.answer().version == 2
-
-    from sketchterrain.terrain import from_sketch
 
     def broken(*_, **__):
         raise ZeroDivisionError("oops")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,9 @@ from PyQt6.QtGui import QColor, QFocusEvent, QImage
 from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 
 from sketchterrain.render.camera import Camera
+from sketchterrain.ui.canvas.canvas import Canvas
+from sketchterrain.ui.canvas.canvas_input import CanvasInput
+from sketchterrain.ui.canvas.sketch_image import SketchPicture
 from sketchterrain.ui.engine.protocol import (
     EngineFacts,
     Fly,
@@ -465,21 +469,31 @@ def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, documen
     assert not view.grab().isNull()
 
 
-def test_views_that_are_deleted_leave_nothing_behind(qtbot, document, workspace, link, placed) -> None:
-    def one() -> None:
-        view = View3D(document, workspace, link)
+def test_views_and_canvases_that_are_deleted_leave_nothing_behind(
+    qtbot, document, workspace, link, placed
+) -> None:
+    def made(kind) -> None:
+        view = kind(document, workspace, link)
         view.resize(200, 150)
         view.show()
         show_picture(link, document, placed)
         view.grab()
         view.close()
         view.deleteLater()
+        del view
         QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+        workspace.tool = "pan" if workspace.tool == "brush" else "brush"
 
-    one()
-    before = len(QApplication.allWidgets())
-    for _ in range(20):
-        one()
-    assert len(QApplication.allWidgets()) == before
-    show_picture(link, document, placed)
+    def living() -> tuple[int, int]:
+        gc.collect()
+        kinds = Canvas | CanvasInput | SketchPicture | View3D
+        return len(QApplication.allWidgets()), sum(isinstance(each, kinds) for each in gc.get_objects())
+
+    for kind in (View3D, Canvas):
+        made(kind)
+        before = living()
+        for _ in range(20):
+            made(kind)
+        assert living() == before, kind
+    document.open(document.sketch)
     workspace.chosen = Chosen("lake", 1)

@@ -10,7 +10,7 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any, TextIO
@@ -21,10 +21,6 @@ from sketchterrain.sketch import Sketch
 from sketchterrain.ui.export_request import ExportRequest, TargetRequest, WorldRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from sketchterrain.progress import Stages
-    from sketchterrain.sketch import Sketch
     from sketchterrain.world.job import Job
 
 

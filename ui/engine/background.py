@@ -18,7 +18,6 @@ from sketchterrain.ui.engine.protocol import Adherence, MeasureJob, PictureJob, 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
-    from sketchterrain.ui.engine.protocol import Adherence, PictureWritten
 
 _MODULE: Final = "sketchterrain.ui.engine.background"
 _NAMES: Final = {MeasureJob: "Comparing with the sketch", PictureJob: "Rendering the picture"}

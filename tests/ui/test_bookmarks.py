@@ -46,24 +46,6 @@ def test_they_are_kept_by_path(document, folder, tmp_path) -> None:
     assert later.all == kept
 
 
-def test_they_are_renamed_renewed_and_deleted(document, folder) -> None:
-    bookmarks = Bookmarks(document, folder)
-    told = []
-    bookmarks.changed.connect(lambda: told.append(len(bookmarks.all)))
-    assert bookmarks.free_name() == "View 1"
-    for name in ("View 1", "View 2"):
-        bookmarks.add(Bookmark(name, HERE))
-    assert bookmarks.free_name() == "View 3"
-    bookmarks.rename(0, "  The \n pass ")
-    bookmarks.rename(1, "   ")
-    assert [each.name for each in bookmarks.all] == ["The pass", "View 2"]
-    bookmarks.renew(0, Bookmark("", THERE, "fly"))
-    assert bookmarks.all[0] == Bookmark("The pass", THERE, "fly")
-    bookmarks.delete(0)
-    assert [each.name for each in bookmarks.all] == ["View 2"]
-    assert told == [1, 2, 2, 2, 1]
-
-
 def written(**changes) -> bytes:
     """Return a file with one bookmark, of which something is wrong."""
     good = {"name": "a", "eye": [0, 0, 0], "target": [0, 1, 0], "fov": 50, "mode": "walk", "picture": ""}

@@ -92,34 +92,6 @@ def test_cancelled_and_ineffective_strokes_are_no_steps(document, told) -> None:
     assert document.history.titles == ("Open", "Paint")
 
 
-def test_a_new_stroke_undo_and_another_document_end_the_old_stroke(document) -> None:
-    paint(document, "lake", (0, 0, 9, 9), title=None)
-    old = document.draft
-    paint(document, "lake", (20, 20, 29, 29))
-    old.commit("Too late")
-    assert document.history.titles == ("Open", "Paint")
-    assert not document.sketch.layers["lake"][:9, :9].any()
-    paint(document, "lake", (0, 0, 9, 9), title=None)
-    document.undo()
-    assert document.draft is None
-    paint(document, "lake", (0, 0, 9, 9), title=None)
-    old = document.draft
-    document.open(Sketch())
-    old.commit("Too late")
-    assert document.history.titles == ("Open",)
-
-
-def test_a_step_that_changes_the_layer_of_a_stroke_ends_the_stroke(document) -> None:
-    paint(document, "lake", (0, 0, 9, 9), title=None)
-    document.do("Seed", document.sketch.replace(seed=99))
-    assert document.draft is not None
-    empty = np.zeros_like(document.sketch.layers["lake"])
-    empty[50] = 2
-    document.do("Change lakes", document.sketch.replace(layers={**document.sketch.layers, "lake": empty}))
-    assert document.draft is None
-    assert not document.sketch.layers["lake"][:9, :9].any()
-
-
 def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told) -> None:
     _, boxes = told
     document.open(Sketch())

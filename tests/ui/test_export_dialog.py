@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from PyQt6.QtGui import QKeySequence
-from PyQt6.QtWidgets import QAbstractButton, QApplication, QLabel
+from PyQt6.QtWidgets import QAbstractButton, QLabel
 
 from sketchterrain.export.planning import option_names
 from sketchterrain.export.target import ExportOptions
@@ -185,25 +185,6 @@ def test_what_was_kept_and_cannot_be_counts_as_never_chosen(opened) -> None:
         assert dialog.preferences.exported("unity") == {}
 
 
-def test_what_to_type_in_is_a_table_that_can_be_copied(opened, qapp) -> None:
-    outcome = opened().outcome
-    told = {
-        "files": ["a"],
-        "seconds": 2.0,
-        "heights": {"minimum": -3.0, "maximum": 20.0},
-        "settings": {"Z": 18579.399999999998, "Flip": False, "tiles": [{"file": "a"}]},
-    }
-    outcome.show_done(told, Path("somewhere"))
-    outcome._copy()
-    assert QApplication.clipboard().text() == "Z\t18579.4\nFlip\tno\ntile\t\n    file\ta"
-    outcome.table.selectRow(0)
-    outcome._copy_chosen()
-    assert QApplication.clipboard().text() == "18579.4"
-    outcome.table.selectAll()
-    outcome._copy_chosen()
-    assert QApplication.clipboard().text().startswith("Z\t18579.4\nFlip")
-
-
 def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path) -> None:
     dialog = opened("raw")
     controls = dialog.target
@@ -223,53 +204,6 @@ def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened
     assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
     assert dialog.preferences.export_target == "raw"
     qtbot.waitUntil(lambda: not dialog.job.is_running)
-
-
-@pytest.mark.slow
-def test_heights_that_do_not_fit_leave_nothing(qtbot, opened, tmp_path) -> None:
-    dialog = opened("png16")
-    controls = dialog.target
-    controls["size"].setEditText("65")
-    controls["ranged"].setChecked(True)
-    controls["low"].setValue(1999.0)
-    dialog._begin()
-    with qtbot.waitSignal(dialog.job.failed, timeout=120_000) as told_why:
-        pass
-    assert "does not fit into" in told_why.args[0]
-    assert not list(tmp_path.glob("out/*"))
-    qtbot.waitUntil(lambda: not dialog.job.is_running)
-
-
-@pytest.mark.slow
-def test_a_cancelled_export_to_a_target_leaves_nothing(qtbot, opened, tmp_path) -> None:
-    dialog = opened("gltf")
-    dialog._begin()
-    with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000):
-        pass
-    with qtbot.waitSignal(dialog.job.failed, timeout=30_000) as told_why:
-        dialog.reject()
-    assert told_why.args == [""]
-    assert not list(tmp_path.glob("out/*"))
-    qtbot.waitUntil(lambda: not dialog.job.is_running)
-
-
-def test_export_asks_for_what_the_command_line_can(opened) -> None:
-    form = opened().everything
-    kinds = [form["plants"].itemData(row) for row in range(form["plants"].count())]
-    assert kinds == ["csv", "ply", "both", "none"]
-    assert not form["grass"].isEnabled()
-    form["plants"].setCurrentIndex(1)
-    form["grass"].setChecked(True)
-    form["map"].setCurrentIndex(2)
-    form["view"].setCurrentIndex(form["view"].count() - 1)
-    request = form.request(Path("x"), None)
-    assert (request.foliage, request.grass, request.map, request.preview, request.size) == (
-        "ply",
-        True,
-        "svg",
-        False,
-        1025,
-    )
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 from sketchterrain.features.catalogue import FEATURE, FILL_BIT
 from sketchterrain.features.lakes import lake_centre
 from sketchterrain.ui.engine.protocol import Placed
-from sketchterrain.ui.models.handles import FeatureDrag, Handle, chosen_at, handle_at, handles_of
+from sketchterrain.ui.models.handles import FeatureDrag, Handle, chosen_at, handles_of
 from sketchterrain.ui.models.workspace import Chosen
 
 
@@ -64,16 +64,6 @@ def test_a_click_in_water_means_the_river_or_the_lake(placed) -> None:
         alone = Placed(1, points, (), (lake,))
         if chosen_at(alone, *at, reach=0.0) is not None:
             assert chosen_at(alone, *at, reach=0.0) == Chosen("lake", lake.id)
-
-
-def test_of_near_handles_the_nearest_counts(placed) -> None:
-    river = Chosen("river", placed.rivers[0].id)
-    handles = handles_of(placed, river)
-    for each in handles:
-        assert handle_at(handles, each.x + 0.01, each.y, reach=5.0) == each
-    assert handle_at(handles, -1e6, 0.0, reach=100.0) is None
-    assert handle_at((), 0.0, 0.0, reach=100.0) is None
-    assert handles_of(placed, None) == ()
 
 
 def test_handles_lie_on_what_they_change(placed) -> None:

@@ -104,21 +104,6 @@ def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(s
     assert clear_layer(clear, "mountain") is clear
 
 
-def test_wrong_properties_and_settings_are_refused(sketch) -> None:
-    for name, value in [("height", 0.0), ("height", float("nan")), ("hight", 5.0), ("height", "high")]:
-        with pytest.raises(InputError):
-            set_property(sketch, "mountain", 1, name, value)
-
-    with pytest.raises(InputError, match="no table"):
-        set_setting(sketch, "sea", "level", 1.0)
-    with pytest.raises(InputError, match="no setting"):
-        set_setting(sketch, "climate", "rain", 1.0)
-    with pytest.raises(InputError, match="aridity"):
-        set_setting(sketch, "climate", "aridity", 1.5)
-    with pytest.raises(InputError, match="seed"):
-        set_setting(sketch, WORLD, "seed", -1)
-
-
 def test_every_setting_can_be_set_and_reset(sketch) -> None:
     for table in [WORLD, *TABLES]:
         for name, parameter in declared(table).items():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import pytest
 from PyQt6.QtCore import QPoint, QPointF, Qt
 from PyQt6.QtGui import QWheelEvent
@@ -12,14 +10,12 @@ from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES
 from sketchterrain.ui.panels import numbers as gesture_module
-from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, ParameterForm, TextRow, row_of
+from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow, row_of
 from sketchterrain.ui.panels.numbers import WAY, ClockBox, Gesture, Scale
 from sketchterrain.ui.panels.wording import (
     comfortable_range,
-    help_of,
     number,
     size_text,
-    special_of,
     suffix_of,
     title_of,
     tool_tip,
@@ -91,20 +87,6 @@ def test_titles_units_numbers_and_sizes_are_worded() -> None:
     ]
     assert "1 to 9000 m" in tool_tip(HEIGHT)
     assert "600 m" in tool_tip(HEIGHT)
-
-
-def test_help_and_special_values() -> None:
-    for name in EVERY:
-        parameter = EVERY[name]
-        assert help_of(parameter)[0] == help_of(parameter)[0].upper(), name
-        if special_of(parameter) is not None and parameter.help.count(";"):
-            assert help_of(parameter).lower() != parameter.help.lower(), name
-        assert "-1" not in help_of(parameter), name
-
-    special = {name for name, each in EVERY.items() if special_of(each)}
-    expected = {"river.flow", "river.width", "forest.conifers", "weather.hour"}
-    assert special == expected | {"climate.snow_line", "climate.tree_line"}
-    assert special_of(dataclasses.replace(LAYERS["river"].parameters["width"], low=0.5)) is None
 
 
 def test_a_drag_is_one_gesture_and_keys_in_a_row_are_one(monkeypatch):
@@ -323,18 +305,3 @@ def test_choices_and_texts_are_told_once_chosen_or_typed(listened, told) -> None
     row.show_value("Alps")
     QTest.keyClick(row.field, Qt.Key.Key_Return)
     assert len(told) == 1
-
-
-def test_a_form_names_its_parameters(qtbot):
-    form = ParameterForm(LAYERS["mountain"].parameters.values())
-    qtbot.addWidget(form)
-    edited, reset = [], []
-    form.edited.connect(lambda *each: edited.append(each[:2]))
-    form.reset_asked.connect(reset.append)
-    form.show_values({name: each.default for name, each in LAYERS["mountain"].parameters.items()})
-    form.rows["height"].box.setValue(700.0)
-    form.rows["multitude"].slider.setValue(WAY)
-    form.rows["erosion"].reset.click()
-    assert edited == [("height", 700.0), ("multitude", 500)]
-    assert isinstance(edited[1][1], int)
-    assert reset == ["erosion"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -83,20 +81,6 @@ def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, place
             assert after[key] == before[key], painted
 
 
-def test_radius_and_height_of_a_feature_are_reached(sketch, placed) -> None:
-    chosen = first(placed)
-    handle = by_role(placed, chosen, "radius")
-    after = placed_of(edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0))
-    assert point_of(after, chosen)["radius"] == np.float32(321.0)
-
-    changed = edits.strengthened(sketch, placed, chosen, 777.0)
-    assert edits.strength_of(changed, placed, chosen) == 777.0
-    assert edits.strength_of(sketch, placed, chosen) == float(point_of(placed, chosen)["strength"])
-    assert point_of(placed_of(changed), chosen)["strength"] == pytest.approx(777.0, rel=0.3)
-    forest = first(placed, 3)
-    assert edits.strengthened(sketch, placed, forest, 40.0).edits[0].strength == 1.0
-
-
 def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, placed) -> None:
     chosen = lone(placed)
     start = by_role(placed, chosen, "point")
@@ -128,28 +112,6 @@ def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, p
     assert [(each.x, each.y) for each in twice.edits] == [(round(handle.x, 3), round(handle.y + 25.0, 3))]
 
 
-def test_the_width_follows_its_handle(sketch, placed) -> None:
-    chosen = lone(placed)
-    changed, now = sketch, placed
-    for width in (90.0, 30.0, 140.0):
-        handle = by_role(now, chosen, "width")
-        share = 0.5 * width / math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
-        changed = edits.dragged(
-            changed,
-            now,
-            handle,
-            handle.base_x + share * (handle.x - handle.base_x),
-            handle.base_y + share * (handle.y - handle.base_y),
-        )
-        now = placed_of(changed)
-        handle = by_role(now, chosen, "width")
-        shown = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
-        assert shown == pytest.approx(width, rel=0.15)
-    assert [each.action for each in changed.edits] == ["width"]
-    assert edits.width_of(changed, now, chosen) == changed.edits[0].width
-    assert edits.width_of(sketch, placed, chosen) > 0.0
-
-
 def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(sketch, placed) -> None:
     for painted in [True, False]:
         chosen = first(placed, painted=painted)
@@ -168,17 +130,6 @@ def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(
         assert not edits.is_locked(free, chosen), painted
         assert point_of(placed_of(free), chosen)["x"] == 2200.0, painted
         assert edits.unlocked(free, chosen) is free, painted
-
-
-def test_a_locked_feature_whose_paint_is_gone_can_still_be_dragged(sketch, placed) -> None:
-    chosen = first(placed)
-    lock = edits.locked(sketch, placed, chosen)
-    bare = lock.replace(layers={**lock.layers, "mountain": np.zeros_like(lock.layers["mountain"])})
-    held = placed_of(bare)
-    assert point_of(held, chosen) == point_of(placed, chosen)
-    now = placed_of(edits.dragged(bare, held, by_role(held, chosen, "move"), 900.0, 800.0))
-    assert point_of(now, chosen)["x"] == 900.0
-    assert now.orphans == ()
 
 
 def test_deleted_things_are_gone_until_they_are_reset(sketch, placed) -> None:

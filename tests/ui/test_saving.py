@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, load_sketch
 from sketchterrain.ui.models.background import Background, Saving
 from sketchterrain.ui.models.preferences import RecentFiles
@@ -60,24 +59,6 @@ def test_work_is_done_in_order_and_the_newest_of_a_purpose_wins(background, qtbo
     assert did == ["first", 4, -4]
     assert told == [("first", ""), (4, ""), (-4, "")]
     assert not background.is_busy
-
-
-def test_what_fails_is_told_in_a_line_and_the_next_is_done(background) -> None:
-    told = []
-    for error in (
-        InputError("no good"),
-        OSError(28, "No space left"),
-        MemoryError(),
-        ZeroDivisionError("a\nb"),
-    ):
-
-        def fail(error: Exception = error) -> None:
-            raise error
-
-        background.do(object(), fail, told.append)
-    background.do("last", lambda: None, told.append)
-    background.wait()
-    assert told == ["no good", "[Errno 28] No space left", "out of memory", "ZeroDivisionError: a\ufffdb", ""]
 
 
 def test_saving_returns_at_once_and_the_document_is_saved_beside_the_window(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from PyQt6.QtCore import Qt
-from PyQt6.QtWidgets import QAbstractSpinBox, QComboBox, QFileDialog, QLineEdit
+from PyQt6.QtWidgets import QAbstractSpinBox, QComboBox, QLineEdit
 
 from sketchterrain.trace.legend import NOTHING, Meaning
 from sketchterrain.ui.dialogs.trace import TraceDialog
@@ -87,19 +87,6 @@ def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qt
     ready(qtbot, dialog)
 
 
-def test_water_by_its_width(qtbot, tmp_path) -> None:
-    pixels = np.full((80, 120, 3), 255, np.uint8)
-    pixels[40:44] = (170, 211, 223)
-    Image.fromarray(pixels).save(tmp_path / "a.png")
-    dialog = opened(qtbot, tmp_path / "a.png")
-    ready(qtbot, dialog)
-    assert dialog.sketch().layers["lake"].any()
-    dialog.form["narrow"].setValue(8)
-    ready(qtbot, dialog)
-    assert not dialog.sketch().layers["lake"].any()
-    assert dialog.sketch().layers["river"][40:44].all()
-
-
 def test_a_grey_picture_asks_for_its_layer(qtbot, tmp_path) -> None:
     pixels = np.zeros((64, 64), np.uint8)
     pixels[20:40, 10:50] = 255
@@ -138,21 +125,3 @@ def test_unreadable_pictures_are_reported_and_reading_is_cancelled(qtbot, tmp_pa
     qtbot.wait(300)
     assert dialog.isHidden()
     assert not dialog.agree.isEnabled()
-
-
-def test_from_the_menu_to_an_unsaved_sketch(window, document, picture, monkeypatch, qtbot) -> None:
-    def agreed(dialog: TraceDialog) -> int:
-        ready(qtbot, dialog)
-        return 1
-
-    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: (str(picture), ""))
-    monkeypatch.setattr(TraceDialog, "exec", agreed)
-    window.actions_by_name["trace"].trigger()
-    assert document.sketch.name == "island"
-    assert document.path is None
-    assert document.is_modified
-    assert np.count_nonzero(document.sketch.layers["mountain"]) == 30 * 40
-    monkeypatch.setattr(QFileDialog, "getOpenFileName", lambda *_: ("", ""))
-    window.actions_by_name["trace"].trigger()
-    assert document.sketch.name == "island"
-    document.open(document.sketch)  # as if it was saved: the window closes without a question

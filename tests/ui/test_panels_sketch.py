@@ -1,0 +1,435 @@
+"""Panels of the sketch: layers and labels, properties, the world's and the view's settings."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from PyQt6.QtCore import QEvent, QPoint, Qt
+from PyQt6.QtGui import QKeyEvent
+from PyQt6.QtTest import QTest
+from PyQt6.QtWidgets import QApplication
+
+from sketchterrain.sketch import LAYERS, SKETCH, TABLES, load_sketch
+from sketchterrain.ui.commands.labels import label_areas, set_property
+from sketchterrain.ui.commands.placed_edits import is_locked, parent_of, width_of
+from sketchterrain.ui.engine.protocol import ViewState
+from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
+from sketchterrain.ui.panels.layers import LayersPanel
+from sketchterrain.ui.panels.parts import Group
+from sketchterrain.ui.panels.properties import PropertiesPanel
+from sketchterrain.ui.panels.view import OVERLAY_TITLES, ViewPanel
+from sketchterrain.ui.panels.world import WorldPanel
+
+
+@pytest.fixture
+def shown(qtbot):
+    held = []  # until the test has ended: Qt may still draw them
+
+    def show(panel):
+        held.append(panel)
+        qtbot.addWidget(panel)
+        panel.resize(300, 800)
+        panel.show()
+        return panel
+
+    yield show
+    held.clear()
+
+
+@pytest.fixture
+def layers(shown, document, workspace):
+    return shown(LayersPanel(document, workspace))
+
+
+@pytest.fixture
+def world(shown, document):
+    return shown(WorldPanel(document))
+
+
+@pytest.fixture
+def view(shown, document, link):
+    return shown(ViewPanel(document, link))
+
+
+@pytest.fixture
+def properties(shown, document, workspace, link, placed):
+    link.placed = placed
+    return shown(PropertiesPanel(document, workspace, link))
+
+
+@pytest.fixture
+def mountain(properties, workspace, placed):
+    point = placed.points[placed.points["type"] == 0][0]
+    workspace.chosen = Chosen("feature", int(point["id"]))
+    return point
+
+
+def typed(field, text):
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, text)
+
+
+def places(panel):
+    return [(row.layer, row.label) for row in panel.list.rows]
+
+
+def click(panel, place, column):
+    item = panel.list.topLevelItem(places(panel).index(place))
+    x = panel.list.columnViewportPosition(column) + panel.list.columnWidth(column) // 2
+    at = QPoint(x, panel.list.visualItemRect(item).center().y())
+    QTest.mouseClick(panel.list.viewport(), Qt.MouseButton.LeftButton, pos=at)
+
+
+def test_rows_are_the_declared_layers_in_order_with_details_of_their_labels(layers, document) -> None:
+    assert list(dict.fromkeys(layer for layer, _ in places(layers))) == list(LAYERS)
+    seen = set()
+    for row in layers.list.rows:
+        assert (row.visible is not None) == (row.layer not in seen)
+        seen.add(row.layer)
+    for name in LAYERS:
+        declared = {label for layer, label in document.sketch.labels if layer == name}
+        used = set(label_areas(document.sketch.layers[name])) | declared
+        assert {label for layer, label in places(layers) if layer == name} == (used or {1})
+    document.do("Set height", set_property(document.sketch, "mountain", 1, "height", 1234.0))
+    row = next(row for row in layers.list.rows if (row.layer, row.label) == ("mountain", 1))
+    assert row.detail.startswith("1234 m · ")
+    assert "km²" in row.detail
+
+
+def test_a_click_uses_a_label_and_turns_eyes_and_locks(layers, workspace) -> None:
+    click(layers, ("hill", 1), NAME)
+    assert (workspace.layer, workspace.label) == ("hill", 1)
+    click(layers, ("hill", 1), EYE)
+    click(layers, ("river", 1), LOCK)
+    assert not workspace.look("hill").visible
+    assert workspace.look("river").locked
+    assert (workspace.layer, workspace.label) == ("hill", 1)
+    workspace.use_label("dune", 5)  # one that is not there yet
+    assert ("dune", 5) in places(layers)
+    assert ("dune", 1) not in places(layers)
+    workspace.use_label("hill", 2)
+    assert ("dune", 5) not in places(layers)
+    workspace.use_label("mountain", 1)
+    layers.choose_layer("hill")
+    assert (workspace.layer, workspace.label) == ("hill", 2), "remembered"
+
+
+def test_keys_choose_and_are_kept_from_the_windows_shortcuts(layers, workspace) -> None:
+    def is_kept(key, modifiers=Qt.KeyboardModifier.NoModifier):
+        event = QKeyEvent(QEvent.Type.ShortcutOverride, key, modifiers)
+        event.ignore()
+        QApplication.sendEvent(layers.list, event)
+        return event.isAccepted()
+
+    keys = Qt.Key
+    assert [is_kept(key) for key in (keys.Key_1, keys.Key_7, keys.Key_8, keys.Key_B)] == [
+        True,
+        True,
+        False,
+        False,
+    ]
+    assert not is_kept(keys.Key_1, Qt.KeyboardModifier.ControlModifier)
+    layers.list.setFocus()
+    QTest.keyClick(layers.list, keys.Key_3)
+    assert workspace.layer == "river"
+    QTest.keyClick(layers.list, keys.Key_Down)
+    assert (workspace.layer, workspace.label) == places(layers)[places(layers).index(("river", 1)) + 1]
+    QTest.keyClick(layers.list, keys.Key_Space)
+    assert not workspace.look("river").visible
+
+
+def test_labels_are_added_deleted_and_cleared_as_steps_unless_locked(layers, document, workspace) -> None:
+    before = document.sketch
+    workspace.use_label("mountain", 1)
+    layers.add.click()
+    new = workspace.label
+    assert ("mountain", new) in document.sketch.labels
+    document.undo()
+    assert ("mountain", new) not in document.sketch.labels
+    workspace.use_label("hill", 2)
+    layers.remove.click()
+    assert 2 not in label_areas(document.sketch.layers["hill"])
+    assert (workspace.layer, workspace.label) == ("hill", 1)
+    document.undo()
+    assert np.array_equal(document.sketch.layers["hill"], before.layers["hill"])
+    workspace.use_label("forest", 1)
+    layers.clear.click()
+    assert not document.sketch.layers["forest"].any()
+    assert not layers.clear.isEnabled()
+    document.undo()
+    said = []
+    layers.message.connect(said.append)
+    workspace.set_look("forest", locked=True)
+    layers.clear_layer()
+    layers.delete_label()
+    assert np.array_equal(document.sketch.layers["forest"], before.layers["forest"])
+    assert said == ["Forests are locked"] * 2
+
+
+def test_opacity_and_the_menu_are_those_of_the_layer_in_use(layers, workspace) -> None:
+    workspace.set_look("hill", opacity=0.2)
+    workspace.use_label("hill", 1)
+    assert layers.opacity.value() == 200
+    layers.opacity.setValue(500)
+    assert (workspace.look("hill").opacity, workspace.look("mountain").opacity) == (0.5, 0.75)
+    layers.show_only("river")
+    assert [name for name in LAYERS if workspace.look(name).visible] == ["river"]
+    layers.show_only("river")
+    assert all(workspace.look(name).visible for name in LAYERS)
+    menu = layers.menu()
+    next(each for each in menu.actions() if "Hide" in each.text()).trigger()
+    assert not workspace.look("hill").visible
+
+
+def test_every_declared_property_setting_and_overlay_has_a_control(
+    properties, world, view, document, workspace
+) -> None:
+    for layer in LAYERS:
+        workspace.use_label(layer, 1)
+        form = properties.label_page.forms[layer]
+        assert form.isVisible(), layer
+        assert list(form.rows) == list(LAYERS[layer].parameters), layer
+        for name, value in document.sketch.properties(layer, 1).items():
+            is_default = value == LAYERS[layer].parameters[name].default
+            assert form.rows[name].reset.isVisible() != is_default, (layer, name)
+    tables = {(table, name) for table, form in world.forms.items() for name in form.rows}
+    tables |= {("weather", name) for name in view.weather.rows}
+    assert tables == {(table, name) for table, parameters in TABLES.items() for name in parameters}
+    assert {*world.top.rows, "seed", "fidelity"} == set(SKETCH)
+    from sketchterrain.render import OVERLAYS
+
+    assert set(OVERLAY_TITLES) == set(OVERLAYS)
+
+
+def test_an_edit_is_a_step_and_reset_takes_it_out_of_the_file(properties, document, workspace) -> None:
+    workspace.use_label("mountain", 2)
+    row = properties.label_page.forms["mountain"].rows["height"]
+    row.box.setValue(777.0)
+    assert document.sketch.properties("mountain", 2)["height"] == 777.0
+    assert document.history.titles[-1] == "Set height of mountains 2"
+    document.undo()
+    assert row.box.value() == document.sketch.properties("mountain", 2)["height"]
+    workspace.use_label("mountain", 1)
+    row.reset.click()
+    assert "height" not in document.sketch.labels["mountain", 1]
+    assert row.box.value() == 600.0
+    assert not row.reset.isVisible()
+
+
+def test_a_dragged_slider_is_one_live_step_even_over_its_first_value(properties, document, workspace) -> None:
+    workspace.use_label("mountain", 1)
+    row = properties.label_page.forms["mountain"].rows["height"]
+    live = []
+    document.live_changed.connect(lambda: live.append(document.sketch.properties("mountain", 1)["height"]))
+    row.slider.setSliderDown(True)
+    for value in range(400, 500, 10):
+        row.slider.setValue(value)
+    row.slider.setSliderDown(False)
+    assert document.history.position == 1
+    assert len(set(live)) == 10
+    assert row.box.value() == document.sketch.properties("mountain", 1)["height"]
+    # The sketch is the same one again in the middle of the drag; the slider goes on.
+    row = properties.label_page.forms["mountain"].rows["peakiness"]
+    row.slider.setSliderDown(True)
+    for value in (550, 600, 650):
+        row.slider.setValue(value)
+        assert row.slider.value() == value
+        assert document.sketch.properties("mountain", 1)["peakiness"] == round(value / 1000, 2)
+
+
+def test_what_is_being_typed_belongs_to_what_was_shown(
+    properties, document, workspace, placed, mountain
+) -> None:
+    row = properties.chosen_page.forms["feature"].rows["radius"]
+    typed(row.box, "123")
+    workspace.chosen = Chosen("feature", int(placed.points["id"][placed.points["type"] == 0][1]))
+    assert [(edit.feature, edit.radius) for edit in document.sketch.edits] == [(int(mountain["id"]), 123.0)]
+    document.undo()
+    workspace.chosen = None
+    for other in (("mountain", 2), ("material", 1), ("hill", 1)):
+        workspace.use_label("mountain", 1)
+        before = document.sketch.properties(*other)
+        typed(properties.label_page.forms["mountain"].rows["height"].box, "901")
+        workspace.use_label(*other)  # by the pick tool: the keyboard stays here
+        assert document.sketch.properties("mountain", 1)["height"] == 901.0
+        assert document.sketch.properties(*other) == before
+        document.undo()
+
+
+def test_a_selected_feature_replaces_the_label_and_its_numbers_become_edits(
+    properties, document, mountain, workspace
+) -> None:
+    rows = properties.chosen_page.forms["feature"].rows
+    assert not properties.label_page.isVisible()
+    assert not rows["density"].isVisible()
+    for name, column, action in (
+        ("x", "x", "move"),
+        ("radius", "radius", "resize"),
+        ("height", "strength", "strength"),
+    ):
+        assert rows[name].number == pytest.approx(float(mountain[column])), name
+        rows[name].box.setValue(rows[name].box.value() + 25.0)
+        wanted = rows[name].box.value()
+        (edit,) = document.sketch.edits
+        assert edit.action == action
+        assert wanted in edit.values.values()
+        assert rows[name].number == wanted, "shown at once, before it is placed anew"
+        if name == "x":
+            assert edit.y == pytest.approx(float(mountain["y"]), abs=0.001), "north stays"
+        document.undo()
+    properties.back.click()
+    assert workspace.chosen is None
+    assert properties.label_page.isVisible()
+
+
+def test_lock_reset_and_delete_are_steps_that_undo_shows(properties, document, mountain, workspace) -> None:
+    page, chosen = properties.chosen_page, workspace.chosen
+    page.lock.click()
+    assert is_locked(document.sketch, chosen)
+    document.undo()
+    assert not page.lock.isChecked()
+    assert not page.reset.isEnabled()
+    page.lock.click()
+    page.lock.click()
+    assert not is_locked(document.sketch, chosen)
+    page.forms["feature"].rows["height"].box.setValue(50.0)
+    page.reset.click()
+    assert document.sketch.edits == ()
+    page.delete.click()
+    assert [edit.action for edit in document.sketch.edits] == ["delete"]
+    assert workspace.chosen is None
+    verbs = [title.split()[0] for title in document.history.titles[1:]]
+    assert verbs == ["Lock", "Unlock", "Set", "Reset", "Delete"]
+
+
+def test_what_is_gone_is_said(properties, link, placed, mountain) -> None:
+    page = properties.chosen_page
+    for found, there in ((dataclasses.replace(placed, points=placed.points[:0]), False), (placed, True)):
+        link.placed = found
+        link.placed_changed.emit(found)
+        assert page.delete.isEnabled() == page.lock.isEnabled() == there
+        assert any(form.isVisible() for form in page.forms.values()) == there
+
+
+def test_a_rivers_width_and_control_points_are_edited(properties, document, workspace, placed) -> None:
+    river = max(placed.rivers, key=lambda each: len(each.points))
+    workspace.chosen = Chosen("river", river.id)
+    form = properties.chosen_page.forms["river"]
+    assert form.width_row.number == pytest.approx(width_of(document.sketch, placed, workspace.chosen))
+    form.width_row.box.setValue(40.0)
+    assert [(edit.action, edit.width) for edit in document.sketch.edits] == [("width", 40.0)]
+    document.undo()
+    assert not form.east.isEnabled()
+    form.points.setFocus()
+    QTest.keyClick(form.points, Qt.Key.Key_Up)
+    assert workspace.chosen.index == 0
+    form.points.setValue(2)
+    assert form.east.number == river.points[1, 0]
+    form.east.box.setValue(form.east.box.value() + 30.0)
+    (edit,) = document.sketch.edits
+    assert (edit.action, edit.x) == ("move_point", pytest.approx(form.east.box.value()))
+    assert edit.y == pytest.approx(river.points[1, 1], abs=0.001)
+    for each in placed.rivers:  # where it joins another one it follows that one
+        if parent_of(placed, each) is not None:
+            workspace.chosen = Chosen("river", each.id, len(each.points) - 1)
+            assert not form.east.isEnabled()
+    workspace.chosen = Chosen("lake", placed.lakes[0].id)
+    assert properties.chosen_page.forms["lake"].isVisible()
+    assert properties.chosen_page.delete.isEnabled()
+
+
+def test_seeds_are_thrown_typed_and_come_back(world, document) -> None:
+    first = document.sketch.seed
+    for _ in range(3):
+        world.seed.dice.click()
+    assert len({first, *world.seed.used}) == 4
+    oldest = world.seed.earlier.menu().actions()[-1]
+    assert str(first) in oldest.text()
+    oldest.trigger()
+    assert document.sketch.seed == world.seed.used[0] == first
+    for text, seed in (
+        ("9223372036854775807", 2**63 - 1),
+        ("x-9e99999999999999999999", 2**63 - 1),
+        ("12", 12),
+    ):
+        typed(world.seed.field, text)
+        QTest.keyClick(world.seed.field, Qt.Key.Key_Return)
+        assert document.sketch.seed == seed, text
+    document.open(load_sketch("alpine_range"))
+    assert world.seed.used == (document.sketch.seed,)
+
+
+def test_settings_are_steps_with_titles_and_fidelity_is_one_live_step(world, document) -> None:
+    world.forms["climate"].rows["snow_line"].check.click()
+    world.forms["density"].rows["forest"].box.setValue(3.0)
+    world.top.rows["extent"].box.setValue(8000.0)
+    field = world.top.rows["name"].field
+    typed(field, "Alps")
+    QTest.keyClick(field, Qt.Key.Key_Return)
+    wanted = ("Set snow line", "Set density of groves", "Set extent", "Set name")
+    assert document.history.titles[1:] == wanted
+    document.undo()
+    assert field.text() == document.sketch.name != "Alps"
+    world.top.rows["extent"].reset.click()
+    assert document.sketch.extent == SKETCH["extent"].default
+    document.go_to(0)
+    seen = []
+    document.live_changed.connect(lambda: seen.append(document.sketch.fidelity))
+    world.fidelity.slider.setSliderDown(True)
+    for value in (900, 500, 123):
+        world.fidelity.slider.setValue(value)
+    world.fidelity.slider.setSliderDown(False)
+    assert seen == [0.9, 0.5, 0.12]
+    assert document.history.titles == ("Open", "Set fidelity")
+    document.undo()
+    assert world.fidelity.number == document.sketch.fidelity
+
+
+def test_a_group_collapses_out_of_the_tab_order_and_opens_at_full_height(world) -> None:
+    group = next(each for each in world.findChildren(Group) if each.text() == "Climate")
+    header, content = group.toggleButton(), group.content()
+    assert not content.isVisible()
+    header.setFocus()
+    QTest.keyClick(header, Qt.Key.Key_Space)
+    assert content.isVisible()
+    QApplication.processEvents()
+    assert content.height() >= content.layout().totalHeightForWidth(content.width())
+    QTest.mouseClick(header, Qt.MouseButton.LeftButton)
+    assert not content.isVisible()
+
+
+def test_weather_is_the_sketchs_and_quality_the_views(qtbot, view, document, link) -> None:
+    hour = view.weather.rows["hour"]
+    hour.check.click()
+    assert document.sketch.weather["hour"] == 12.0
+    hour.slider.setValue(750)
+    assert document.sketch.weather["hour"] == 18.0
+    assert document.history.titles[-1] == "Set time of day"
+    hour.reset.click()
+    assert document.sketch.weather["hour"] == -1.0
+    steps = len(document.history.titles)
+    view.quality.check.click()
+    view.quality.slider.setValue(300)
+    view.quality.slider.setValue(800)
+    assert link.told == [], "until the slider rests"
+    qtbot.waitUntil(lambda: link.told == [ViewState(quality=0.8)], timeout=2000)
+    view.quality.reset.click()
+    qtbot.waitUntil(lambda: link.view.quality is None, timeout=2000)
+    assert view.quality.check.isChecked()
+    assert len(document.history.titles) == steps
+
+
+def test_overlays_and_motion_are_told_and_shown(view, link) -> None:
+    view.overlays["features"].click()
+    view.overlays["wireframe"].click()
+    view.plays.click()
+    assert link.view.overlays == ("features", "wireframe")
+    assert not link.view.plays
+    link.show(ViewState(overlays=("levels",), quality=0.25))
+    boxes = (view.overlays["levels"], view.overlays["features"], view.plays, view.quality.check)
+    assert [box.isChecked() for box in boxes] == [True, False, True, False]
+    assert view.quality.box.value() == 0.25

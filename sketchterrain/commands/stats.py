@@ -13,8 +13,8 @@ from sketchterrain.listings import say, say_json
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:
+    from sketchterrain.world.resume import Broken
     from sketchterrain.world.statistics import Statistics
-    from sketchterrain.world.verification import Broken
 
 __all__ = ["stats"]
 
@@ -41,7 +41,7 @@ def stats(
     with Stages() as stages:
         if check:
             with stages.stage("check", "Reading every file") as tell:
-                from sketchterrain.world.verification import check_world
+                from sketchterrain.world.resume import check_world
 
                 broken = list(check_world(store, progress=tell))
         else:

@@ -105,7 +105,7 @@ def world(
             from sketchterrain.compute import choose_device
             from sketchterrain.terrain import make_recipe
             from sketchterrain.world.estimate import estimate_world
-            from sketchterrain.world.layout import OutputLayout
+            from sketchterrain.world.journal import OutputLayout
             from sketchterrain.world.options import WorldOptions, form_of, layers_of
             from sketchterrain.world.resume import check_output_unused
 

@@ -264,28 +264,23 @@ def check_scheduler(address: str) -> None:
         # dask would try again until its time is over.
         with socket.create_connection((parts.hostname, port), timeout=_TIMEOUT):
             pass
-        answer = asyncio.run(asyncio.wait_for(_identity(address), _TIMEOUT))
-        reason = "" if answer.get("type") == "Scheduler" else "what answers is no scheduler"
-    except socket.gaierror:
-        reason = f"no machine is known as {parts.hostname}"
-    except ConnectionRefusedError:
-        reason = "nothing listens there"
-    except TimeoutError:
-        reason = f"no answer within {_TIMEOUT:.0f} s"
+        kind = asyncio.run(asyncio.wait_for(_kind_of(address), _TIMEOUT))
+        reason = "" if kind == "Scheduler" else "what answers is no scheduler"
+    except OSError as error:
+        reason = "no answer" if isinstance(error, TimeoutError) else error.strerror or str(error)
     except Exception:  # noqa: BLE001 - whatever comes of another protocol's answer
         reason = "no dask scheduler answers, or dask's configuration lacks its certificates"
     if reason:
-        raise SketchterrainError(f"scheduler {address} cannot be reached: {reason}")
+        raise SketchterrainError(f"scheduler {address} cannot be reached: {one_line(reason)}")
 
 
-async def _identity(address: str) -> dict[str, Any]:
+async def _kind_of(address: str) -> str:
     from distributed.core import rpc
     from distributed.security import Security
 
     arguments = Security().get_connection_args("client")
     async with rpc(address, timeout=_TIMEOUT, connection_args=arguments) as there:
-        answer: dict[str, Any] = await there.identity()
-        return answer
+        return str((await there.identity()).get("type"))
 
 
 def _threads(workers: int) -> int:

@@ -19,7 +19,7 @@ from sketchterrain.whole_files import telling_failure, whole_path
 from sketchterrain.world.georeference import Georeference
 from sketchterrain.world.grid import SHARD, World
 from sketchterrain.world.job import Job
-from sketchterrain.world.layout import plants_folder
+from sketchterrain.world.journal import plants_folder
 from sketchterrain.world.libraries import require
 from sketchterrain.world.tasks import Task
 
@@ -176,32 +176,24 @@ def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> N
 
 
 def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:
-    """Write FlatGeobuf with a spatial index, in the order of that index.
+    """Write FlatGeobuf with a spatial index, in the order of that index; places are points alone.
 
-    GDAL keeps some tens of bytes a plant in memory, and for a while the file is on the disk twice. Places are
-    points alone, not columns too.
+    The plants of a square are in memory at once, and for a while the file is on the disk twice.
     """
     import pyarrow as pa
     import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError
 
-    # GDAL takes no dictionaries.
-    schema = pa.schema(
-        pa.field("species", pa.string()) if field.name == "species" else field
-        for field in _schema()
-        if field.name not in _PLACE
-    )
-    stream = _Stream(batches)
+    table = pa.Table.from_batches(batches, _schema()).drop_columns(list(_PLACE))
+    species = table["species"].cast(pa.string())  # GDAL takes no dictionaries
+    table = table.set_column(table.schema.get_field_index("species"), "species", species)
     with whole_path(path) as temporary:
         named = temporary.with_suffix(".fgb")  # with another ending the driver makes a folder
         try:
             with plain_path(named.parent) as folder:
-                place = folder / named.name
                 pyogrio.write_arrow(
-                    pa.RecordBatchReader.from_batches(
-                        schema, (batch.select(schema.names).cast(schema) for batch in stream)
-                    ),
-                    place,
+                    table,
+                    folder / named.name,
                     layer="plants",
                     driver="FlatGeobuf",
                     geometry_name=_GEOMETRY,
@@ -209,36 +201,12 @@ def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -
                     crs=crs.to_wkt(),
                     SPATIAL_INDEX="YES",
                 )
-                _check_rows(place, stream.rows)
+                _check_rows(folder / named.name, table.num_rows)
             named.replace(temporary)
-        except Exception as error:
-            if stream.error is not None:
-                raise stream.error from None
-            if isinstance(error, DataLayerError | DataSourceError | pa.ArrowException | OSError):
-                raise SketchterrainError(
-                    f"{one_line(path)}: cannot be written ({one_line(error)})"
-                ) from error
-            raise
+        except (DataLayerError, DataSourceError, pa.ArrowException) as error:
+            raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from error
         finally:
             named.unlink(missing_ok=True)
-
-
-class _Stream:
-    """Batches on their way through libraries that would replace an error by one of theirs."""
-
-    def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
-        self._batches = batches
-        self.rows = 0
-        self.error: Exception | None = None
-
-    def __iter__(self) -> Iterator[pa.RecordBatch]:
-        try:
-            for batch in self._batches:
-                self.rows += batch.num_rows
-                yield batch
-        except Exception as error:
-            self.error = error
-            raise
 
 
 def _check_rows(path: Path, rows: int) -> None:

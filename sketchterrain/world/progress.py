@@ -12,8 +12,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from sketchterrain.errors import one_line
 from sketchterrain.estimate import duration
+from sketchterrain.world.resume import Broken
 from sketchterrain.world.tasks import TaskResult
-from sketchterrain.world.verification import Broken
 
 _INTERVAL: Final = 10.0  # s between two lines, where there is no terminal
 _NAMED: Final = 10  # broken files; --json has them all

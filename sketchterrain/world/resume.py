@@ -3,22 +3,36 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from glob import escape
 from importlib.metadata import version
+from itertools import chain, islice
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from sketchterrain.errors import InputError, one_line
 from sketchterrain.sketch import packed_sketch
 from sketchterrain.world.fingerprint import fingerprint
 from sketchterrain.world.job import Job
-from sketchterrain.world.journal import Ledger, read_journal, read_ledger
-from sketchterrain.world.layout import OutputLayout, plants_folder
-from sketchterrain.world.store import Store, layer_file, ledger_file, store_of
+from sketchterrain.world.journal import Ledger, OutputLayout, plants_folder, read_journal, read_ledger
+from sketchterrain.world.store import (
+    JOURNAL,
+    LEDGER,
+    Store,
+    layer_file,
+    ledger_file,
+    parts_folder,
+    store_of,
+    text_of,
+)
+from sketchterrain.world.task_runner import file_record
+from sketchterrain.world.tasks import WrittenFile
 
+_THREADS: Final = 4  # a disk gives no more than they take
+_BATCH: Final = 64  # files
 _HEX: Final = "[0-9a-f]" * 8
 # Temporary files of whole_files; GDAL takes no other ending for plants than its own.
 _PARTIAL: Final = (f".*.{_HEX}.tmp", f".*.{_HEX}.fgb")
@@ -149,3 +163,73 @@ def _delete(paths: Iterable[Path]) -> None:
     for path in list(paths):
         if not path.is_dir():
             path.unlink(missing_ok=True)
+
+
+class Broken(NamedTuple):
+    """A file of the ledger that is not what was written, and how it differs."""
+
+    file: str
+    why: str
+
+
+def verify(ledger: Ledger, layout: OutputLayout, *, progress: Callable[[float], None]) -> Iterator[Broken]:
+    """Read every file of a ledger again, and yield those that are missing or differ.
+
+    `progress` takes the share of the bytes that is read, 0 … 1.
+    """
+    total, read = max(sum(file.bytes for file in ledger.files), 1), 0
+    files = ledger.files
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS), "verify") as pool:
+        while some := list(islice(files, _BATCH)):
+            for file, why in zip(some, pool.map(lambda each: _difference(each, layout), some), strict=True):
+                read += file.bytes
+                progress(read / total)
+                if why:
+                    yield Broken(file.file, why)
+
+
+def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Iterator[Broken]:
+    """Verify a finished world (a Zarr store, a folder of tiles, or the GeoTIFF of the heights).
+
+    Raises InputError if there is no ledger, it is broken, or the world is not finished.
+    """
+    place = Path(path)
+    ledger = _ledger(place)
+    layout = OutputLayout(place if place.is_dir() else place.parent, plants_folder(place))
+    return chain(broken_lines(ledger), verify(ledger, layout, progress=progress))
+
+
+def broken_lines(ledger: Ledger) -> Iterator[Broken]:
+    """Yield what is wrong with the ledger of a finished world itself."""
+    if ledger.unreadable:
+        yield Broken("ledger", f"has broken lines: {ledger.unreadable}")
+    elif not ledger.others:
+        yield Broken("ledger", "does not name the files that belong to the whole")
+
+
+def _ledger(place: Path) -> Ledger:
+    if place.is_dir():
+        zarr = place / "ledger"
+        candidates = [(zarr / "c" / "0", zarr / JOURNAL), (place / LEDGER, place / JOURNAL)]
+    else:
+        candidates = [(ledger_file(place), parts_folder(place) / JOURNAL)]
+    for path, journal in candidates:
+        if read_journal(journal) is not None:
+            raise InputError(f"{one_line(place)}: is not finished; world --resume completes it")
+        if (text := text_of(path)) is not None:
+            return read_ledger(text, path)
+    raise InputError(f"{one_line(place)}: no ledger of a world's files is there")
+
+
+def _difference(file: WrittenFile, layout: OutputLayout) -> str:
+    """Return how a file differs from what was written; empty if it does not."""
+    path = layout.path(file.file)
+    try:
+        size = path.stat().st_size
+        if size != file.bytes:
+            return f"has {size} bytes, {file.bytes} were written"
+        return "" if file_record(path, file.file) == file else "has other bytes than were written"
+    except FileNotFoundError:
+        return "is missing"
+    except OSError as error:
+        return f"cannot be read ({error.strerror})"

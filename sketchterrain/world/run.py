@@ -15,15 +15,21 @@ from sketchterrain.errors import InputError, one_line
 from sketchterrain.world.cluster import ClusterExecutor
 from sketchterrain.world.fingerprint import fingerprint
 from sketchterrain.world.job import Job
-from sketchterrain.world.journal import Header, Journal, Ledger, exclusive_run
-from sketchterrain.world.layout import OutputLayout
+from sketchterrain.world.journal import Header, Journal, Ledger, OutputLayout, exclusive_run
 from sketchterrain.world.progress import ProgressReporter
-from sketchterrain.world.resume import SavedState, check_output_unused, load_state, remove_partial_files
+from sketchterrain.world.resume import (
+    Broken,
+    SavedState,
+    broken_lines,
+    check_output_unused,
+    load_state,
+    remove_partial_files,
+    verify,
+)
 from sketchterrain.world.serial import SerialExecutor
 from sketchterrain.world.store import plants_of, store_of
 from sketchterrain.world.task_runner import file_record
 from sketchterrain.world.tasks import Task, WrittenFile, task_count, tasks_of
-from sketchterrain.world.verification import Broken, broken_lines, verify
 
 Executor = SerialExecutor | ClusterExecutor
 

@@ -22,7 +22,7 @@ from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.grid import SHARD, Shard
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
-from sketchterrain.world.layout import OutputLayout
+from sketchterrain.world.journal import OutputLayout
 from sketchterrain.world.store import plants_of, store_of
 from sketchterrain.world.tasks import Task, TaskResult, WrittenFile
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from contextlib import AbstractContextManager
 
+    from sketchterrain.world.resume import Broken
     from sketchterrain.world.tasks import TaskResult
-    from sketchterrain.world.verification import Broken
 
 
 class Heard(ProgressReporter):

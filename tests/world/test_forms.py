@@ -9,11 +9,10 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import World
-from sketchterrain.world.resume import load_state
+from sketchterrain.world.resume import check_world, load_state
 from sketchterrain.world.run import run_world
 from sketchterrain.world.store import store_of
 from sketchterrain.world.tasks import task_count
-from sketchterrain.world.verification import check_world
 
 if TYPE_CHECKING:
     from pathlib import Path

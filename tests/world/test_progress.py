@@ -8,8 +8,8 @@ import sys
 import pytest
 
 from sketchterrain.world.progress import ProgressReporter
+from sketchterrain.world.resume import Broken
 from sketchterrain.world.tasks import Task, TaskResult
-from sketchterrain.world.verification import Broken
 
 RESULT = TaskResult(Task("ground", 0, 0, 0), (), 4.0, {})
 

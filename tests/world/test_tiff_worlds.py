@@ -16,8 +16,8 @@ from sketchterrain.world.geotiff_store import TiffStore, TileStore, covering
 from sketchterrain.world.grid import Level, World
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.opening import open_world
+from sketchterrain.world.resume import check_world
 from sketchterrain.world.run import run_world
-from sketchterrain.world.verification import check_world
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -27,26 +27,20 @@ def runner(small_job, tmp_path_factory) -> TaskRunner:
     return TaskRunner(job, ComputeContext())
 
 
-def places(job, shard: Shard) -> tuple[np.ndarray, np.ndarray]:
-    level = job.world.levels[shard.level]
-    rows, columns = level.size_of(shard)
-    x = job.world.west + (shard.column * SHARD + np.arange(columns)) * level.cell
-    y = job.world.north - (shard.row * SHARD + np.arange(rows)) * level.cell
-    return np.meshgrid(x, y)
+def test_heights_are_the_terrains_at_the_levels_cell(runner) -> None:
+    world = runner.job.world
+    for shard in (Shard(0, 0, 1), Shard(0, 0, 2), Shard(1, 0, 0), Shard(5, 0, 0)):
+        ground, level = runner.ground(shard), world.levels[shard.level]
+        rows, columns = level.size_of(shard)
+        x = world.west + (shard.column * SHARD + np.arange(columns)) * level.cell
+        y = world.north - (shard.row * SHARD + np.arange(rows)) * level.cell
+        expected = runner.terrain.heights(*np.meshgrid(x, y), cell_size=level.cell)
+        np.testing.assert_array_equal(ground.height, expected)
+        assert (ground.materials.sum(axis=0, dtype=int) == 255).all()
+        assert ground.normal.shape == (3, rows, columns)
 
 
-@pytest.mark.parametrize("shard", [Shard(0, 0, 1), Shard(0, 0, 2), Shard(1, 0, 0), Shard(5, 0, 0)])
-def test_heights_are_the_terrains_at_the_levels_cell(shard: Shard, runner: TaskRunner) -> None:
-    ground = runner.ground(shard)
-    x, y = places(runner.job, shard)
-    level = runner.job.world.levels[shard.level]
-    assert ground.height.shape == level.size_of(shard) == x.shape
-    np.testing.assert_array_equal(ground.height, runner.terrain.heights(x, y, cell_size=level.cell))
-    assert (ground.materials.sum(axis=0, dtype=int) == 255).all()
-    assert ground.normal.shape == (3, *x.shape)
-
-
-def test_normals_and_weights_are_those_of_exports(runner: TaskRunner) -> None:
+def test_normals_and_weights_are_those_of_exports(runner) -> None:
     world, shard = runner.job.world, Shard(1, 0, 1)
     ground, level = runner.ground(shard), runner.job.world.levels[1]
     rows, columns = level.size_of(shard)
@@ -57,7 +51,7 @@ def test_normals_and_weights_are_those_of_exports(runner: TaskRunner) -> None:
     np.testing.assert_array_equal(ground.materials, quantised_weights(band.materials).transpose(2, 0, 1))
 
 
-def test_a_device_without_doubles_leaves_rounding_to_the_host(runner: TaskRunner) -> None:
+def test_a_device_without_doubles_leaves_rounding_to_the_host(runner) -> None:
     context = ComputeContext()
     plain = TaskRunner(runner.job, context)
     plain._window = plain._window_on_host  # as where the device has none
@@ -66,13 +60,13 @@ def test_a_device_without_doubles_leaves_rounding_to_the_host(runner: TaskRunner
         np.testing.assert_array_equal(one, other)
 
 
-def test_layers_that_are_not_asked_for_are_empty(runner: TaskRunner) -> None:
+def test_layers_that_are_not_asked_for_are_empty(runner) -> None:
     bare = TaskRunner(replace(runner.job, layers=("height",)), ComputeContext()).ground(Shard(4, 0, 0))
     assert bare.normal.size == bare.materials.size == 0
     np.testing.assert_array_equal(bare.height, runner.ground(Shard(4, 0, 0)).height)
 
 
-def test_a_task_tells_of_the_files_that_it_wrote(runner: TaskRunner) -> None:
+def test_a_task_tells_of_the_files_that_it_wrote(runner) -> None:
     made = runner.run(Task("ground", 3, 0, 0))
     assert [file.file.split("/")[1] for file in made.files] == ["height", "normal", "materials"]
     for file in made.files:

@@ -177,7 +177,7 @@ def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, tell: Tel
 def _placed(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.terrain import make_recipe
-        from sketchterrain.world.layout import OutputLayout
+        from sketchterrain.world.journal import OutputLayout
         from sketchterrain.world.options import form_of
         from sketchterrain.world.resume import check_output_unused
 

@@ -13,11 +13,11 @@ import pytest
 
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.sketch import packed_sketch
-from sketchterrain.world.forms import store_of
 from sketchterrain.world.grid import World
 from sketchterrain.world.journal import OutputLayout, exclusive_run
 from sketchterrain.world.resume import check_output_unused, check_world, remove_partial_files
 from sketchterrain.world.run import run_world
+from sketchterrain.world.store import store_of
 
 TASKS = 9
 HEIGHT, NORMAL = "0/height/c/0/1", "0/normal/c/0/0/2"

@@ -36,7 +36,12 @@ AXES: Final = EngineAxes("east", "up", "south")
 LARGEST: Final = (1 << 32) - 1
 """Bytes of a GLB at most."""
 
-_COMPONENTS: Final = {"float32": 5126, "uint32": 5125, "uint16": 5123, "uint8": 5121}
+_COMPONENTS: Final = {
+    "float32": pygltflib.FLOAT,
+    "uint32": pygltflib.UNSIGNED_INT,
+    "uint16": pygltflib.UNSIGNED_SHORT,
+    "uint8": pygltflib.UNSIGNED_BYTE,
+}
 _SHAPES: Final = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 _WATER: Final = {
     "baseColorFactor": [0.035, 0.085, 0.095, 0.8],

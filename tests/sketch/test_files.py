@@ -180,16 +180,12 @@ def _with(mode: str) -> bytes:
 
 _REFUSED_IMAGES = [
     (_with("RGB"), "hill.png: RGB: expected a single-channel PNG"),
-    (_with("RGBA"), "hill.png: RGBA: expected a single-channel PNG"),
-    (_with("I;16"), "hill.png: 16 bits a pixel: expected an 8-bit single-channel PNG"),
     (_with("L")[:-20], "hill.png: expected a whole PNG file, this one is truncated"),
     (b"JFIF", "hill.png: expected a PNG file, this is none"),
 ]
 _REFUSED_SETTINGS = [
     ("extnt = 3", "unknown key 'extnt' = 3: expected format, name"),
     ("extent = 0", "extent = 0: expected a number from 1 to 1000000 m"),
-    ("extent = nan", "extent = nan: expected a number from 1 to 1000000 m"),
-    ("seed = 'x'", "seed = 'x': expected a whole number"),
     ("seed = ", "not TOML: Invalid value (at line 2"),
 ]
 

@@ -113,11 +113,7 @@ def godot_(outcome: Outcome) -> list[Imported]:
             height = height / 65535.0 * (ends["y"] - ends["x"]) + ends["x"]
         east = origin["east"] + tile["import_position"]["x"] + np.arange(height.shape[1])
         north = origin["north"] - tile["import_position"]["y"] - np.arange(height.shape[0])
-        found.append(
-            Imported(
-                height, east, north, outcome.sidecar["heights"].get("metres_per_step", 0.0) if ends else 0.0
-            )
-        )
+        found.append(Imported(height, east, north, outcome.sidecar["heights"].get("metres_per_step", 0.0)))
     return found
 
 
@@ -180,11 +176,8 @@ def test_heights_are_those_of_the_terrain_where_the_engine_puts_them(
 @pytest.mark.parametrize(
     ("target", "size", "form"),
     [
-        ("unity", 2049, None),
-        ("unity", 4097, None),
-        ("unreal", 2017, "png"),
-        ("unreal", 4033, "png"),
-        ("unreal", 8129, "r16"),
+        *(("unity", size, None) for size in (2049, 4097)),
+        *(("unreal", size, form) for size, form in ((2017, "png"), (4033, "png"), (8129, "r16"))),
     ],
 )
 def test_large_sizes_come_back_too(
@@ -194,20 +187,11 @@ def test_large_sizes_come_back_too(
     at = np.linspace(0.0, 1.0, size, dtype=np.float32)
     height = 900.0 * (0.7 * at[None] ** 2 + 0.3 * (1.0 - at[:, None])) - 150.0  # highest in the north-east
     flat, grass = np.broadcast_to(np.uint8(128), (size, size, 3)), np.full((size, size, 1), 255, np.uint8)
-    one_layer = SimpleNamespace(
-        material_names=("grass",), features=terrain.features, species_names=terrain.species_names
-    )
-    export = Export(
-        one_layer,
-        "big",
-        made.options,
-        made.grid,
-        made.tiling,
-        Sampled(made.grid, height, flat, grass),
-        tmp_path,
-        Stages(),
-    )  # type: ignore[arg-type]
-    written = made.target.write(export)
+    names = {"material_names": ("grass",), "species_names": terrain.species_names}
+    one_layer = SimpleNamespace(**names, features=terrain.features)
+    sampled = Sampled(made.grid, height, flat, grass)
+    parts = made.options, made.grid, made.tiling, sampled, tmp_path, Stages()
+    written = made.target.write(Export(one_layer, "big", *parts))  # type: ignore[arg-type]
     outcome = Outcome(tmp_path, {"import": written.settings, **written.facts})
     (tile,) = IMPORT[target](outcome)
     got = tile.height[::-1] if target == "unity" else tile.height
@@ -236,12 +220,8 @@ def test_the_mountain_is_in_the_north_east_and_normals_follow_the_slopes(
 
 
 def test_tiles_joined_are_the_whole_to_the_bit(exported: Callable[..., Outcome]) -> None:
-    for target, options in [
-        ("unity", {}),
-        ("unreal", {"tiles_from_south": False}),
-        ("unreal", {"tiles_from_south": True}),
-        ("godot", {}),
-    ]:
+    ways = [{"tiles_from_south": False}, {"tiles_from_south": True}]
+    for target, options in [("unity", {}), ("unreal", ways[0]), ("unreal", ways[1]), ("godot", {})]:
         (whole,) = IMPORT[target](exported(target, **ENGINES[target]))
         cut = exported(target, **ENGINES[target], tiles=(2, 2), plants=target == "unity", **options)
         joined, count = np.full(whole.height.shape, np.nan), 0
@@ -320,9 +300,12 @@ def test_plants_are_the_terrains_and_stand_on_the_engines_ground(
         assert told["species"] == list(terrain.species_names)
         np.testing.assert_array_equal(rows["species"], true["species"], target)
         place = world(told["axes"], np.stack([rows[axis] for axis in "xyz"], axis=-1))
-        np.testing.assert_allclose(place[:, :2], np.stack([true["x"], true["y"]], axis=-1), atol=1e-3)
+        unit = {"m": 1.0, "cm": 0.01}[told["axes"]["unit"]]  # numbers have three decimals
+        np.testing.assert_allclose(place[:, :2], np.stack([true["x"], true["y"]], axis=-1), atol=1e-3 * unit)
         (ground,) = IMPORT[target](outcome)
-        assert np.abs(place[:, 2] - bilinear(ground, place)).max() <= ground.step / 2 + 2e-3, target
+        assert np.abs(place[:, 2] - bilinear(ground, place)).max() <= ground.step / 2 + 2e-3 * unit + 8e-5, (
+            target
+        )
         # Unreal's yaw is in degrees and clockwise seen from above, Godot's counter-clockwise in radians.
         turn = -np.radians(rows["rotation"]) if target == "unreal" else rows["rotation"]
         np.testing.assert_allclose(np.exp(1j * turn), np.exp(1j * true["rotation"]), atol=1e-4)
@@ -384,11 +367,13 @@ def test_waters_are_the_terrains_along_the_engines_axes(
         told = json.loads((outcome.folder / "high_corner_water.json").read_text(encoding="utf-8"))
         (line,), (area,) = told["rivers"], told["lakes"]
         unit = {"m": 1.0, "cm": 0.01}[told["axes"]["unit"]]
-        np.testing.assert_allclose(world(told["axes"], np.array(line["points"])), river.centreline, atol=1e-3)
-        np.testing.assert_allclose(unit * np.array(line["width"]), river.centreline_width, atol=1e-3)
+        np.testing.assert_allclose(
+            world(told["axes"], np.array(line["points"])), river.centreline, atol=1e-3 * unit
+        )
+        np.testing.assert_allclose(unit * np.array(line["width"]), river.centreline_width, atol=6e-4 * unit)
         outline = world(told["axes"], np.array(area["outline"][0]))
-        np.testing.assert_allclose(outline[:, 2], lake.level, atol=1e-3)
-        assert unit * area["level"] == pytest.approx(lake.level, abs=1e-3), target
+        np.testing.assert_allclose(outline[:, 2], lake.level, atol=1e-3 * unit)
+        assert unit * area["level"] == pytest.approx(lake.level, abs=1e-3 * unit), target
         assert (outline[:, 1] < 300.0).all(), target
     assert river.centreline[0, 1] > 700.0 > 300.0 > river.centreline[-1, 1]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -226,37 +227,30 @@ def test_surfaces_have_the_weights_of_numpy(cell, make_recipe, context, double_c
         np.testing.assert_allclose(surface.materials.astype(np.float64).sum(axis=-1), 1, atol=1e-6)
 
 
+def material_at(name: str, climate: dict, rules=DEFAULT_RULES, **values: float) -> float:
+    """Weight of a material at one place; what is not given is 0."""
+    site = Site(*(np.full(1, values.get(each.name, 0.0)) for each in fields(Site)))
+    return float(rule_weights(rules, climate, site)[0, MATERIALS.index(name)])
+
+
 def test_banks_are_lusher_than_dry_ground_by_rule() -> None:
     climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.45}
-    zero = np.zeros(2)
-    site = Site(zero, zero, zero, zero, zero, zero, zero, np.array([0.0, 0.55]))
-    dry, bank = rule_weights(DEFAULT_RULES, climate, site)[:, MATERIALS.index("grass")]
-    assert bank > dry + 0.3
+    assert material_at("grass", climate, water=0.55) > material_at("grass", climate) + 0.3
     desert = climate | {"aridity": 0.9}
-    assert rule_weights(DEFAULT_RULES, desert, site)[1, MATERIALS.index("grass")] < 0.1
+    assert material_at("grass", desert, water=0.55) < 0.1
     greener = resolved_rules([RuleChange("lush", "grass", 0.9, "beach", (Factor(0.0, 0.4, wetness=1.0),))])
-    oasis = rule_weights(greener, desert, site)[:, MATERIALS.index("grass")]
-    assert oasis[0] < 0.1 < 0.8 < oasis[1]
+    dry = material_at("grass", desert, greener)
+    assert dry < 0.1 < 0.8 < material_at("grass", desert, greener, water=0.55)
+        material_at("grass", desert, greener) < 0.1 < 0.8 < material_at("grass", desert, greener, water=0.55)
+    )
 
 
 def test_soil_shows_on_crests_and_slopes_and_grass_holds_in_hollows_and_beside_water() -> None:
     climate = {"snow_line": 1e4, "tree_line": 1e4, "aridity": 0.2}
-    zero, one = np.zeros(1), np.ones(1)
-    mottle = 0.63 * one
-
-    def soil(steepness: float = 0.0, hollow: float = 0.0, water: float = 0.0) -> float:
-        site = Site(zero, steepness * one, hollow * one, mottle, zero, zero, zero, water * one)
-        return float(rule_weights(DEFAULT_RULES, climate, site)[0, MATERIALS.index("soil")])
-
+    soil = partial(material_at, "soil", climate, mottle=0.63)
     assert soil(hollow=-0.05) > soil() + 0.1 > soil(hollow=0.05) + 0.12
     assert soil(steepness=0.4) > soil() + 0.1
     assert soil(water=0.5) < soil() - 0.08
-
-
-def material_at(name: str, climate: dict[str, float], **values: float) -> float:
-    """Weight of a material at one place; what is not given is 0."""
-    site = Site(*(np.full(1, values.get(each.name, 0.0)) for each in fields(Site)))
-    return float(rule_weights(DEFAULT_RULES, climate, site)[0, MATERIALS.index(name)])
 
 
 def test_rules_put_materials_where_they_belong() -> None:
@@ -302,15 +296,11 @@ def test_the_desert_has_rules_of_its_own() -> None:
     """Slip faces are sand however steep they are, flat open ground is stony, hollows at feet hold soil."""
     sketch = load_sketch("desert_mountains")
     own = resolved_rules(sketch.material_rules)
-    zero, one = np.zeros(1), np.ones(1)
     places = {
-        "sand": Site(zero, 1.3 * one, zero, zero, zero, one, zero, zero),
-        "scree": Site(zero, 0.05 * one, -0.02 * one, 0.8 * one, zero, zero, zero, zero),
-        "soil": Site(zero, 0.1 * one, 0.05 * one, zero, zero, zero, zero, zero),
+        "sand": {"steepness": 1.3, "dune": 1.0},
+        "scree": {"steepness": 0.05, "hollow": -0.02, "mottle": 0.8},
+        "soil": {"steepness": 0.1, "hollow": 0.05},
     }
     for material, place in places.items():
-        of_own, of_table = (
-            rule_weights(rules, sketch.climate, place)[0, MATERIALS.index(material)]
-            for rules in (own, DEFAULT_RULES)
-        )
-        assert of_own > of_table + 0.3, material
+        found = [material_at(material, sketch.climate, rules, **place) for rules in (own, DEFAULT_RULES)]
+        assert found[0] > found[1] + 0.3, material

@@ -37,20 +37,6 @@ def test_heights_at_a_tiles_vertices_are_the_tiles(valley) -> None:
         np.testing.assert_array_equal(heights, tile.height, err_msg=str(level))
 
 
-def test_one_vertex_is_one_value(valley) -> None:
-    """Through its four tiles, and through heights alone."""
-    for level in LEVELS:
-        column, row = 2**level // 2 + (level > 2), 2**level // 3
-        tiles = valley.tiles([(level, column - i, row - j) for j in (0, 1) for i in (0, 1)])
-        corner = [
-            tile.height[0 if j else -1, -1 if i else 0]
-            for tile, (j, i) in zip(tiles, np.ndindex(2, 2), strict=True)
-        ]
-        x, y = tiles[0].bounds[:2]
-        alone = valley.heights(x, y, cell_size=tiles[0].cell_size)
-        assert {float(z) for z in corner} == {float(alone)}, level
-
-
 def test_culling_changes_no_bit(valley, monkeypatch) -> None:
     keys = [(5, 12, 14), (5, 20, 9), (5, 25, 30), (3, 3, 3)]
     culled = valley.tiles(keys)

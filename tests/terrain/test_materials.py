@@ -241,8 +241,6 @@ def test_banks_are_lusher_than_dry_ground_by_rule() -> None:
     greener = resolved_rules([RuleChange("lush", "grass", 0.9, "beach", (Factor(0.0, 0.4, wetness=1.0),))])
     dry = material_at("grass", desert, greener)
     assert dry < 0.1 < 0.8 < material_at("grass", desert, greener, water=0.55)
-        material_at("grass", desert, greener) < 0.1 < 0.8 < material_at("grass", desert, greener, water=0.55)
-    )
 
 
 def test_soil_shows_on_crests_and_slopes_and_grass_holds_in_hollows_and_beside_water() -> None:

@@ -21,7 +21,7 @@ from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Chosen
 
-from .monkey import UNTRIGGERED, DialogCloser
+from .test_random_actions import UNTRIGGERED, DialogCloser
 
 if TYPE_CHECKING:
     from pathlib import Path

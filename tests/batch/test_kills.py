@@ -17,7 +17,7 @@ SEEDS, SIZE = 6, 129
 
 
 @pytest.fixture
-def sketch(tmp_path: Path) -> Path:
+def sketch(tmp_path) -> Path:
     mountain, forest = (np.zeros((32, 32), np.uint8) for _ in range(2))
     mountain[4:10, 20:28] = 1
     forest[18:28, 4:14] = 1
@@ -29,7 +29,7 @@ def sketch(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     "most", [pytest.param(2, marks=pytest.mark.slow), pytest.param(6, marks=pytest.mark.soak)]
 )
-def test_killed_and_resumed_to_the_same_bytes(sketch: Path, tmp_path: Path, most: int) -> None:
+def test_killed_and_resumed_to_the_same_bytes(sketch, tmp_path, most):
     words = [str(sketch), "--seeds", f"1-{SEEDS}", "--size", str(SIZE), "--no-preview"]
     command = [sys.executable, "-m", "sketchterrain", "batch", *words]
     whole = subprocess.run(
@@ -50,9 +50,7 @@ def test_killed_and_resumed_to_the_same_bytes(sketch: Path, tmp_path: Path, most
         pytest.param(signal.SIGTERM, marks=pytest.mark.soak),
     ],
 )
-def test_a_signal_ends_it_with_130_and_leaves_nothing_half_written(
-    way: signal.Signals, sketch: Path, tmp_path: Path
-) -> None:
+def test_a_signal_ends_it_with_130_and_leaves_nothing_half_written(way, sketch, tmp_path):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "sketchterrain", "batch", str(sketch), "-o", str(out)]
     command += ["--seeds", "1-500", "--size", "129", "--no-preview"]

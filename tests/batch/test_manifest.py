@@ -1,7 +1,9 @@
 """Manifests of batches: round trip, verification of files, and refusal of broken or hostile ones."""
 
+import functools
 import hashlib
 import json
+import operator
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +32,12 @@ FAILED = Entry("valley/seed-008", "valley", 8, state="failed", error="no „room
 
 
 @pytest.fixture
-def manifest(tmp_path: Path) -> Path:
+def manifest(tmp_path) -> Path:
     Manifest(1, "0.1", Output(), [DONE, FAILED], ["sheet.png"]).write(tmp_path)
     return tmp_path / MANIFEST
 
 
-def test_a_manifest_round_trips_as_json(manifest: Path) -> None:
+def test_a_manifest_round_trips_as_json(manifest):
     again = read_manifest(manifest.parent)
     assert again is not None
     assert again.entries == {DONE.name: DONE, FAILED.name: FAILED}
@@ -53,7 +55,7 @@ def test_a_manifest_round_trips_as_json(manifest: Path) -> None:
     assert parsed["items"][1]["error"] == "no „room“"
 
 
-def test_an_item_is_whole_only_with_the_files_and_hashes_it_lists(tmp_path: Path) -> None:
+def test_an_item_is_whole_only_with_the_files_and_hashes_it_lists(tmp_path):
     assert not DONE.whole(tmp_path)
     (tmp_path / "a.bin").write_bytes(b"abc")
     assert DONE.whole(tmp_path)
@@ -69,72 +71,49 @@ def test_an_item_is_whole_only_with_the_files_and_hashes_it_lists(tmp_path: Path
     assert hashed(tmp_path / "b") == File("b", len(content), hashlib.sha256(content).hexdigest())
 
 
-def test_files_that_are_no_manifest_are_refused(tmp_path: Path) -> None:
+def test_files_that_are_no_manifest_are_refused(tmp_path):
     assert read_manifest(tmp_path) is None
-    for content in [
-        b"",
-        b"{",
-        b"[]",
-        b"{}",
-        b'{"a": 1}',
-        b"\xff\xfe",
-        b"[" * 100_000,
-        b"null",
-        b'"manifest"',
-    ]:
+    for content in (b"", b"{", b"[]", b'{"a": 1}', b"\xff\xfe", b"[" * 100_000, b"null", b'"manifest"'):
         (tmp_path / MANIFEST).write_bytes(content)
         with pytest.raises(
-            InputError, match="expected a batch's manifest, this is another file or broken"
+            InputError, match=r"expected a batch's manifest, .* another file or broken"
         ) as error:
             read_manifest(tmp_path)
         assert "\n" not in str(error.value), content[:20]
-
     (tmp_path / MANIFEST).unlink()
     (tmp_path / MANIFEST).mkdir()
     with pytest.raises(InputError, match="cannot be read"):
         read_manifest(tmp_path)
 
 
-def test_truncated_and_hostile_manifests_are_refused(manifest: Path) -> None:
+def test_truncated_and_hostile_manifests_are_refused(manifest):
     content = manifest.read_bytes()
     for end in range(0, len(content) - 2, 37):
         manifest.write_bytes(content[:end])
         with pytest.raises(InputError):
             read_manifest(manifest.parent)
 
-    for name in ["..", "../../etc", "/etc/passwd", "a//b", "", ".", "a\0b", "a\\b", "a/../../b", "a/", "./a"]:
-        for where in ("item", "file", "sheet"):
-            parsed: dict[str, Any] = json.loads(content)
-            if where == "item":
-                parsed["items"][0]["name"] = name
-            elif where == "file":
-                parsed["items"][0]["files"][0]["file"] = name
-            else:
-                parsed["sheets"] = [name]
-            manifest.write_text(json.dumps(parsed), encoding="utf-8")
-            with pytest.raises(
-                InputError, match=r"Expected `str` matching regex .* - at `\$\.(items|sheets)\["
-            ):
-                read_manifest(manifest.parent)
+    def changed(keys: tuple[Any, ...], value: object) -> None:
+        parsed: Any = json.loads(content)
+        functools.reduce(operator.getitem, keys[:-1], parsed)[keys[-1]] = value
+        manifest.write_text(json.dumps(parsed), encoding="utf-8")
 
-    parsed = json.loads(content)
-    parsed["items"].append(parsed["items"][0])
-    manifest.write_text(json.dumps(parsed), encoding="utf-8")
+    for name in ("..", "../../etc", "/etc/passwd", "a//b", "", ".", "a\0b", "a\\b", "a/../../b", "a/", "./a"):
+        for keys in (("items", 0, "name"), ("items", 0, "files", 0, "file"), ("sheets", 0)):
+            changed(keys, name)
+            with pytest.raises(InputError, match=r"matching regex .* - at `\$\.(items|sheets)\["):
+                read_manifest(manifest.parent)
+    for name in ("..a", "a..", "valley/fidelity=0.5/seed-001", ".a/...b"):
+        changed(("items", 0, "name"), name)
+        found = read_manifest(manifest.parent)
+        assert found is not None
+        assert found.items[0].name == name
+    changed(("items", 0, "name"), FAILED.name)
     with pytest.raises(InputError, match="an item twice"):
         read_manifest(manifest.parent)
 
 
-def test_names_with_dots_and_slashes_inside_the_folder_are_accepted(manifest: Path) -> None:
-    parsed = json.loads(manifest.read_bytes())
-    for name in ("..a", "a..", "valley/fidelity=0.5/seed-001", ".a/...b"):
-        parsed["items"][0]["name"] = name
-        manifest.write_text(json.dumps(parsed), encoding="utf-8")
-        found = read_manifest(manifest.parent)
-        assert found is not None
-        assert found.items[0].name == name
-
-
-def test_fingerprints_follow_from_all_that_files_follow_from() -> None:
+def test_fingerprints_follow_from_all_that_files_follow_from():
     sketch = Sketch(seed=3)
     river = sketch.layers["river"].copy()
     river[4, 5] = 1

@@ -19,7 +19,7 @@ def written(folder: Path, name: str, colour: tuple[int, int, int]) -> None:
     Image.fromarray(np.full((72, 128, 3), colour, np.uint8)).save(folder / name / "preview.png")
 
 
-def test_a_sheet_shows_each_preview_in_its_place(tmp_path: Path) -> None:
+def test_a_sheet_shows_each_preview_in_its_place(tmp_path):
     colours = [(40 * number, 200, 30) for number in range(6)]
     for number, colour in enumerate(colours):
         written(tmp_path, f"s/{number}", colour)
@@ -35,7 +35,7 @@ def test_a_sheet_shows_each_preview_in_its_place(tmp_path: Path) -> None:
     assert red[271:, 836:].any()  # why the last one failed
 
 
-def test_one_that_failed_does_not_show_its_older_picture(tmp_path: Path) -> None:
+def test_one_that_failed_does_not_show_its_older_picture(tmp_path):
     written(tmp_path, "s/0", (0, 200, 0))
     failed = Entry("s/0", "s", 1, state="failed", files=(File("preview.png", 1, ""),), error="no")
     assert write_sheets(tmp_path, [failed]) == []
@@ -44,7 +44,7 @@ def test_one_that_failed_does_not_show_its_older_picture(tmp_path: Path) -> None
         assert page.getpixel((212, 124)) != (0, 200, 0) == page.getpixel((624, 124))
 
 
-def test_sheets_have_pages_and_none_without_previews(tmp_path: Path) -> None:
+def test_sheets_have_pages_and_none_without_previews(tmp_path):
     assert write_sheets(tmp_path, [entry("s/0", preview=False)]) == []
     assert write_sheets(tmp_path, []) == []
     assert list(tmp_path.iterdir()) == []
@@ -56,7 +56,7 @@ def test_sheets_have_pages_and_none_without_previews(tmp_path: Path) -> None:
         assert page.size == (424, 271)
 
 
-def test_a_missing_preview_or_a_long_name_leaves_the_sheet_readable(tmp_path: Path) -> None:
+def test_a_missing_preview_or_a_long_name_leaves_the_sheet_readable(tmp_path):
     (tmp_path / "s").mkdir()
     (tmp_path / "s" / "preview.png").write_bytes(b"no picture")
     assert write_sheets(tmp_path, [entry("s"), entry("gone")]) == ["sheet.png"]

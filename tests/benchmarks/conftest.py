@@ -1,7 +1,5 @@
 """One device for all, and sizes that a test can afford."""
 
-from __future__ import annotations
-
 import pytest
 
 from sketchterrain.benchmarks.effort import Effort

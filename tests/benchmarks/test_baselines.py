@@ -1,30 +1,28 @@
-"""Other ways to compute noise and tiles: they agree, and those missing on a machine are named."""
+"""Other ways to compute noise, tiles and points: they agree, and those missing on a machine are named."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import itertools
 
 import numpy as np
+import numpy.typing as npt
 import pytest
+from scipy.spatial import cKDTree
 
-from sketchterrain.benchmarks.baselines import c_noise, fastnoise2, numba_noise, numpy_noise
-from sketchterrain.benchmarks.baselines.problem import Absent, in_threads
+from sketchterrain.benchmarks.baselines import bridson, c_noise, fastnoise2, numba_noise, numpy_noise
+from sketchterrain.benchmarks.baselines.phase_groups import PhaseGroups
+from sketchterrain.benchmarks.baselines.problem import Absent
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
-from sketchterrain.benchmarks.grounds import BARE, central_keys, open_ground
+from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
+from sketchterrain.benchmarks.spectrum import SETS, SIDE, spectrum_of
 from sketchterrain.benchmarks.timing import TimedContext
+from sketchterrain.terrain.poisson import GREATEST_DENSITY
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.benchmarks.baselines.problem import NoiseProblem, Rival
-
-SIDE = 64
+GRID_SIDE = 64
 
 
 @pytest.fixture(scope="module")
-def grid(context: TimedContext) -> NoiseGrid:
-    grid = NoiseGrid(context, SIDE)
+def grid(context) -> NoiseGrid:
+    grid = NoiseGrid(context, GRID_SIDE)
     grid.launch()
     return grid
 
@@ -33,61 +31,36 @@ def grid(context: TimedContext) -> NoiseGrid:
     ("make", "bound"),
     [(c_noise.rival, 0.0), (numpy_noise.rival, 0.0), (numba_noise.rival, 1e-6), (numba_noise.by_rows, 1e-6)],
 )
-def test_rivals_compute_the_same_sum(
-    grid: NoiseGrid, make: Callable[[NoiseProblem], Rival | Absent], bound: float
-) -> None:
+def test_rivals_compute_the_same_sum(grid, make, bound):
     rival = make(grid.problem(2))
     if isinstance(rival, Absent):
         pytest.skip(rival.reason)
     found = rival.run()
-    assert found.shape == (SIDE, SIDE)
+    assert found.shape == (GRID_SIDE, GRID_SIDE)
     assert np.max(np.abs(found - grid.download())) <= bound
 
 
-def test_fastnoise2_fills_the_grid(grid: NoiseGrid) -> None:
-    rival = fastnoise2.rival(grid.problem(2))
-    if isinstance(rival, Absent):
-        pytest.skip(rival.reason)
-    found = rival.run()
-    assert found.shape == (SIDE, SIDE)
-    assert np.ptp(found) > 0.1
-    assert np.all(np.abs(found) < 2)
-
-
-def test_missing_implementations_say_how_to_get_them(
-    grid: NoiseGrid, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_implementations_say_how_to_get_them(grid, monkeypatch):
     problem = grid.problem(1)
+    for module in (numba_noise, bridson):
+        monkeypatch.setattr(module, "find_spec", lambda name: None)
     monkeypatch.setattr(c_noise.shutil, "which", lambda name: None)
-    monkeypatch.setattr(numba_noise, "find_spec", lambda name: None)
     monkeypatch.setattr(fastnoise2, "find_library", lambda name: None)
-    monkeypatch.delenv(fastnoise2.VARIABLE, raising=False)
-    absent = [module.rival(problem) for module in (c_noise, numba_noise, fastnoise2)]
-    assert all(isinstance(one, Absent) for one in absent)
-    reasons = [one.reason for one in absent if isinstance(one, Absent)]
-    assert "path" in reasons[0]
-    assert "pip install numba" in reasons[1]
-    assert fastnoise2.VARIABLE in reasons[2]
-    monkeypatch.undo()
-    monkeypatch.setenv(fastnoise2.VARIABLE, __file__)  # no library
-    rival = fastnoise2.rival(problem)
-    assert isinstance(rival, Absent)
-    assert "does not work" in rival.reason
+    for name in (fastnoise2.VARIABLE, bridson.NODE_MODULES, bridson.FASTER_POISSON):
+        monkeypatch.delenv(name, raising=False)
+    for absent, word in (
+        (c_noise.rival(problem), "path"),
+        (numba_noise.rival(problem), "pip install numba"),
+        (fastnoise2.rival(problem), fastnoise2.VARIABLE),
+        (bridson.in_numba(), "pip install numba"),
+        (bridson.in_rust(), bridson.FASTER_POISSON),
+        (bridson.in_node(), "n"),
+    ):
+        assert isinstance(absent, Absent)
+        assert word in absent.reason
 
 
-def test_bands_cover_every_row_and_the_thesis_works_without_features(context: TimedContext) -> None:
-    seen: list[int] = []
-    in_threads(lambda first, last: seen.extend(range(first, last)), side=7, threads=3)
-    assert sorted(seen) == list(range(7))
-
-    tiles = ThesisTiles(open_ground(BARE, context).recipe, context, central_keys(3, 4))
-    tiles.launch(Sampling(8, 1))
-    found = tiles.heights()
-    assert np.all(np.isfinite(found))
-    assert np.ptp(found) > 1.0
-
-
-def test_thesis_tiles_meet_and_agree_with_their_double_build(context: TimedContext) -> None:
+def test_thesis_tiles_meet_and_agree_with_their_double_build(context):
     keys = [(5, 16, 16), (5, 17, 16)]
     heights = {}
     for real in ("float", "double"):
@@ -99,3 +72,50 @@ def test_thesis_tiles_meet_and_agree_with_their_double_build(context: TimedConte
         assert west.shape == (65, 65)
         assert np.max(np.abs(west[:, -1] - east[:, 0])) < 1e-2
     assert np.max(np.abs(heights["float"] - heights["double"])) < 1e-2
+
+
+def nearest(points: npt.NDArray[np.floating]) -> float:
+    return float(cKDTree(points).query(points, k=2)[0][:, 1].min())
+
+
+def test_phase_groups_keep_their_distance(context):
+    for levels, rounds, distance in itertools.product([1, 3], [False, True], [1.0, 8.0]):
+        case = f"{levels} levels, rounds {rounds}, distance {distance}"
+        groups = PhaseGroups(context, 96.0, distance, 4, levels=levels, rounds=rounds)
+        first = groups.points(3)
+        assert (first >= 0.0).all(), case
+        assert (first < 96.0).all(), case
+        assert nearest(first) >= distance * (1.0 - 1e-5), case
+        assert len(first) > 0.8 * GREATEST_DENSITY * (96.0 / distance) ** 2, case
+        # The counter's order differs from run to run, the set does not; and a run leaves nothing to the next.
+        once, again, other = (
+            {tuple(p) for p in found.tolist()} for found in (first, groups.points(3), groups.points(4))
+        )
+        assert once == again, case
+        assert once.isdisjoint(other), case
+
+
+@pytest.mark.slow
+def test_the_thesis_needs_levels_and_turns_for_its_spectrum(context):
+    def worst(levels: int, *, rounds: bool) -> float:
+        groups = PhaseGroups(context, SIDE + 8.0, 1.0, 4, levels=levels, rounds=rounds)
+        return spectrum_of([groups.points(seed) - 4.0 for seed in range(SETS)]).worst
+
+    assert worst(1, rounds=False) > 0.0
+    assert worst(3, rounds=True) < -12.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("make", "side"),
+    [(bridson.in_numba, 64.0), (bridson.in_rust, 64.0), (bridson.in_node, 64.0), (bridson.in_scipy, 12.0)],
+)
+def test_scatterers_keep_their_distance(make, side):
+    scatterer = make()
+    if isinstance(scatterer, Absent):
+        pytest.skip(scatterer.reason)
+    taken, points = scatterer.scatter(side, 20, 5)
+    assert taken.wall > 0.0
+    assert ((points >= 0.0) & (points < side)).all()
+    assert nearest(points) >= 1.0 - 1e-12
+    assert len(points) > 0.8 * GREATEST_DENSITY * side**2

@@ -1,37 +1,31 @@
 """The benchmark of flights: its meshes, its tiles, and where lines reach one pixel."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pytest
 
 from sketchterrain.benchmarks.flight_errors import MOST, at_one_pixel, reaching
 from sketchterrain.benchmarks.flight_meshes import Tiles, View, _refined, drawn, uniform_tiles
-from sketchterrain.benchmarks.flight_peers import MESHERS, Square, mesher
+from sketchterrain.benchmarks.flight_peers import MESHERS, Mesher, Square, mesher
 from sketchterrain.benchmarks.flight_scene import EXTENT, PICTURE, open_world, stops
 from sketchterrain.benchmarks.flight_stream import OwnTiles, view_of, within_world
 from sketchterrain.benchmarks.flight_ways import THESIS
-
-if TYPE_CHECKING:
-    from sketchterrain.benchmarks.flight_peers import Mesher
-    from sketchterrain.benchmarks.timing import TimedContext
-    from sketchterrain.terrain import Terrain
+from sketchterrain.terrain import Terrain
 
 
 @pytest.fixture(scope="module")
-def world(context: TimedContext) -> Terrain:
+def world(context) -> Terrain:
     return open_world(context)
 
 
-def test_the_flight_stays_above_the_ground_and_is_always_the_same(world: Terrain) -> None:
+def test_the_flight_stays_above_the_ground_and_is_always_the_same(world):
     path = stops(world, 40)
     assert all(stop.camera.eye[2] > stop.ground + 1.9 for stop in path)
     assert path == stops(world, 40)
 
 
-def test_where_a_line_reaches_a_pixel_is_read_in_logarithms() -> None:
+def test_where_a_line_reaches_a_pixel_is_read_in_logarithms():
     rows: list[Any] = [
         {"way": "a", MOST: 4.0, "triangles": 100, "ms": 1.0, "setting": 1.0},
         {"way": "a", MOST: 0.25, "triangles": 10_000, "ms": 4.0, "setting": 2.0},
@@ -47,7 +41,7 @@ def test_where_a_line_reaches_a_pixel_is_read_in_logarithms() -> None:
     assert ratio["a"] == pytest.approx(0.5)
 
 
-def test_refined_heights_lie_on_the_coarse_triangles() -> None:
+def test_refined_heights_lie_on_the_coarse_triangles():
     rng = np.random.default_rng(1)
     coarse = rng.normal(size=(2, 5, 5))
     fine = _refined(coarse)
@@ -56,7 +50,7 @@ def test_refined_heights_lie_on_the_coarse_triangles() -> None:
     assert fine[0, 1, 1] == pytest.approx((coarse[0, 0, 0] + coarse[0, 1, 1]) / 2)
 
 
-def test_tiles_that_show_all_of_their_parent_have_its_surface(world: Terrain) -> None:
+def test_tiles_that_show_all_of_their_parent_have_its_surface(world):
     view = View(stops(world, 1)[0], PICTURE)
     own = uniform_tiles(EXTENT, 32, 3)
     whole = Tiles(32, own.places, own.cases, np.ones((len(own), 3, 3), np.float32))
@@ -79,7 +73,7 @@ def test_tiles_that_show_all_of_their_parent_have_its_surface(world: Terrain) ->
     assert compared
 
 
-def test_own_tiles_cover_the_view_once(world: Terrain) -> None:
+def test_own_tiles_cover_the_view_once(world):
     stop = stops(world, 1)[0]
     frame = OwnTiles(world, quads=32, tolerance=16.0).settle(view_of(stop, EXTENT))
     tiles = within_world(frame.draws, 32)
@@ -93,7 +87,7 @@ def test_own_tiles_cover_the_view_once(world: Terrain) -> None:
 
 
 @pytest.mark.parametrize("name", MESHERS)
-def test_peers_put_heights_where_they_belong(name: str) -> None:
+def test_peers_put_heights_where_they_belong(name):
     pytest.importorskip(name)
     peer = mesher(name)
     row, col = np.mgrid[:257, :257]

@@ -1,7 +1,5 @@
 """Distances on the screen between triangles and the ground that they stand for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -21,7 +19,7 @@ def grid(xs: np.ndarray, ys: np.ndarray, height: object) -> tuple[np.ndarray, np
     return vertices, np.concatenate([np.stack([a, b, d], -1), np.stack([a, d, c], -1)])
 
 
-def test_screen_distances_of_known_points() -> None:
+def test_screen_distances_of_known_points():
     # 90° over 100 pixels: 50 pixels a radian; 2 m higher in 100 m, seen level, is 1 pixel.
     camera = Camera((0.0, 0.0, 0.0), (0.0, 100.0, 0.0), fov=90.0)
     picture = Picture(100, 100)
@@ -37,7 +35,7 @@ def test_screen_distances_of_known_points() -> None:
     assert screen_distances(camera, PICTURE, np.zeros((1, 3)), [20.0])[0] == np.inf
 
 
-def test_a_slanted_plane_is_drawn_where_it_is() -> None:
+def test_a_slanted_plane_is_drawn_where_it_is():
     def plane(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 0.1 * x - 0.2 * y + 3.0
 
@@ -56,7 +54,7 @@ def test_a_slanted_plane_is_drawn_where_it_is() -> None:
     assert len(points) == np.sum((t > 0) & (np.abs(at[:, :2]) <= 400).all(axis=1))
 
 
-def test_the_error_of_a_parabola_is_its_formula_and_summaries_count_quantiles() -> None:
+def test_the_error_of_a_parabola_is_its_formula_and_summaries_count_quantiles():
     # Chords of a·x² over pieces of width s lie up to a·s²/4 above it; level from afar that is so many pixels.
     a, s, distance = 0.001, 10.0, 1000.0
 
@@ -77,7 +75,7 @@ def test_the_error_of_a_parabola_is_its_formula_and_summaries_count_quantiles() 
     assert ErrorSummary.of(np.array([0.25])).most == 0.25
 
 
-def test_nearer_triangles_hide_others_and_those_behind_the_eye_are_clipped() -> None:
+def test_nearer_triangles_hide_others_and_those_behind_the_eye_are_clipped():
     camera = Camera((0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     square = np.array([[-1.0, 0, -1], [1, 0, -1], [1, 0, 1], [-1, 0, 1]])
     triangles = [[0, 1, 2], [0, 2, 3]]

@@ -1,9 +1,6 @@
 """Methods for the distance to a spline: which are exact, how often others fail, and the reference itself."""
 
-from __future__ import annotations
-
 import itertools
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -14,9 +11,6 @@ from sketchterrain.benchmarks.splines import CELL_SIZES, failures
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.features.splines import catmull_rom, cubics
 from sketchterrain.terrain.arcs import flattened, nearest_on_arc, position
-
-if TYPE_CHECKING:
-    from sketchterrain.benchmarks.timing import TimedContext
 
 COUNT, EACH = 20, 64
 NEVER_WRONG = ("all roots", SEGMENTS, ARCS)
@@ -29,7 +23,7 @@ KNOWN = {
 
 
 @pytest.fixture(scope="module")
-def suite(context: TimedContext) -> dict[str, tuple[SplineQueries, np.ndarray]]:
+def suite(context) -> dict[str, tuple[SplineQueries, np.ndarray]]:
     """Splines and places of every kind, and the true distances."""
     found = {}
     for kind in KINDS:
@@ -42,7 +36,7 @@ Suite = dict[str, tuple[SplineQueries, np.ndarray]]
 
 
 @pytest.mark.slow
-def test_exact_methods_are_never_wrong_by_a_hundredth_of_a_cell(suite: Suite) -> None:
+def test_exact_methods_are_never_wrong_by_a_hundredth_of_a_cell(suite):
     for kind, (queries, expected) in suite.items():
         for method, cell in itertools.product(NEVER_WRONG, CELL_SIZES):
             error = np.abs(queries.distances(method, cell) - expected)
@@ -51,7 +45,7 @@ def test_exact_methods_are_never_wrong_by_a_hundredth_of_a_cell(suite: Suite) ->
         assert np.abs(queries.distances("all roots", 1.0) - expected).max() < 1e-4, kind
 
 
-def test_approximate_methods_fail_as_often_as_known_and_by_metres(suite: Suite) -> None:
+def test_approximate_methods_fail_as_often_as_known_and_by_metres(suite):
     for method, kinds in KNOWN.items():
         errors = {kind: queries.distances(method, 2.0) - known for kind, (queries, known) in suite.items()}
         for kind, (least, most) in kinds.items():
@@ -62,7 +56,7 @@ def test_approximate_methods_fail_as_often_as_known_and_by_metres(suite: Suite) 
         assert max(error.max() for error in errors.values()) > 3.0, method
 
 
-def test_the_reference_distance_lies_within_bounds() -> None:
+def test_the_reference_distance_lies_within_bounds():
     """Against branch and bound: no interval left out can hold a nearer place."""
     for kind in KINDS:
         controls, places = splines_and_places(kind, 2, each=12, seed=9)
@@ -96,7 +90,7 @@ def bounded_distance(curve: np.ndarray, place: np.ndarray, *, gap: float) -> tup
 
 
 @pytest.mark.slow
-def test_every_device_gives_the_same_bits() -> None:
+def test_every_device_gives_the_same_bits():
     devices = list_devices()
     if len(devices) < 2:
         pytest.skip("one device has nothing to differ from")
@@ -109,7 +103,7 @@ def test_every_device_gives_the_same_bits() -> None:
             np.testing.assert_array_equal(other.distances(method, 0.5), expected, err_msg=method)
 
 
-def test_in_double_all_roots_are_the_reference() -> None:
+def test_in_double_all_roots_are_the_reference():
     with_double = [device for device in list_devices() if device.has_double]
     if not with_double:
         pytest.skip("no device with 64-bit floats")
@@ -120,7 +114,7 @@ def test_in_double_all_roots_are_the_reference() -> None:
     np.testing.assert_allclose(queries.distances("all roots", 1.0), expected, rtol=0, atol=1e-6)
 
 
-def test_cubics_are_the_spline_and_pieces_join_in_order() -> None:
+def test_cubics_are_the_spline_and_pieces_join_in_order():
     controls = splines_and_places("random", 1, each=1, seed=1)[0][0]
     u = np.linspace(0, 5, 501)[:-1]
     piece = u.astype(int)
@@ -136,7 +130,7 @@ def test_cubics_are_the_spline_and_pieces_join_in_order() -> None:
         np.testing.assert_allclose(begins[first + 1 : last], ends[:-1], atol=1e-9)
 
 
-def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends() -> None:
+def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends():
     """Arcs around the origin, with a radius of 50 m."""
     radius = 50.0
     for angle in (-1.9, -0.3, 1e-6, 0.7, 1.9):
@@ -154,7 +148,7 @@ def test_the_distance_to_an_arc_is_that_to_its_circle_or_its_ends() -> None:
         assert np.all((t >= 0) & (t <= 1)), angle
 
 
-def test_arcs_of_a_circle_are_few_and_straight_lines_one() -> None:
+def test_arcs_of_a_circle_are_few_and_straight_lines_one():
     angle = np.linspace(0, 1.5 * np.pi, 9)
     circle = cubics(100.0 * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
     arcs, chords = (flattened(circle, 0.01, arcs=each) for each in (True, False))

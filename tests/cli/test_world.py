@@ -1,9 +1,7 @@
 """`sketchterrain world`: what it will take, what it writes, and what it refuses before it writes."""
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,14 +10,9 @@ from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import build
 from sketchterrain.world import cluster
 from sketchterrain.world import run as running
+from sketchterrain.world.job import Job
 from sketchterrain.world.opening import open_world
 from sketchterrain.world.run import WorldResult
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from sketchterrain.world.job import Job
 
 SMALL = ("--bounds", "-10,20,310,180", "--cell", 4)
 
@@ -28,9 +21,7 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_world_is_the_terrain_at_its_vertices(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_a_world_is_the_terrain_at_its_vertices(call, sketch, tmp_path):
     out = tmp_path / "world.zarr"
     done = call("world", sketch, *SMALL, "-o", out)
     assert done.code == 0, done.err
@@ -52,9 +43,7 @@ def test_a_world_is_the_terrain_at_its_vertices(
     assert (height == terrain.heights(x[None], y[:, None], cell_size=4.0)).all()
 
 
-def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(call, sketch, tmp_path):
     out = tmp_path / "some" / "world.zarr"
     wanted = ("world", sketch, "--cell", 1, "-o", out)
     shown = call(*wanted, "--dry-run")
@@ -76,9 +65,7 @@ def test_a_dry_run_writes_nothing_and_tells_what_the_run_takes(
     assert (again["done"], again["disk"]["there"]) == (3, done["bytes"])
 
 
-def test_broken_files_are_named_and_made_again(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_broken_files_are_named_and_made_again(call, sketch, tmp_path):
     out = tmp_path / "world.zarr"
     assert call("world", sketch, *SMALL, "-o", out).code == 0
     before = files(out)
@@ -105,9 +92,7 @@ def test_broken_files_are_named_and_made_again(
 
 
 @pytest.mark.parametrize("name", ["world.tif", "tiles"])
-def test_geotiffs_are_the_same_world(
-    name: str, call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_geotiffs_are_the_same_world(name, call, sketch, tmp_path):
     words = (*SMALL, "--layers", "height,materials", "--step", 0.0625)
     whole = [tmp_path / "world.zarr", tmp_path / name]
     for out in whole:
@@ -118,9 +103,7 @@ def test_geotiffs_are_the_same_world(
     assert call("stats", whole[1], "--check").code == 0
 
 
-def test_too_small_a_disk_is_refused_before_the_start(
-    call: Callable[..., Any], sketch: Path, tmp_path: Path
-) -> None:
+def test_too_small_a_disk_is_refused_before_the_start(call, sketch, tmp_path):
     out = tmp_path / "world.zarr"
     for more in ((), ("--dry-run",)):
         vast = call("world", sketch, "--bounds", "0,0,4e6,4e6", "-o", out, *more)
@@ -138,14 +121,7 @@ def test_too_small_a_disk_is_refused_before_the_start(
         (("--scheduler", "tcp://host:1"), {"workers": None, "scheduler": "tcp://host:1"}),
     ],
 )
-def test_workers_or_a_scheduler_run_it(
-    words: tuple[object, ...],
-    asked: dict[str, object],
-    call: Callable[..., Any],
-    sketch: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_workers_or_a_scheduler_run_it(words, asked, call, sketch, tmp_path, monkeypatch):
     def run(job: Job, *, resume: bool, watcher: object, **crew: object) -> WorldResult:
         assert (job.sketch.seed, resume) == (7, False)
         assert crew == {"device": None, **asked}

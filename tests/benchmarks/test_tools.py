@@ -1,0 +1,187 @@
+"""Registry, timing, tables and small measures of the benchmarks."""
+
+import io
+import itertools
+import re
+from importlib.resources import files
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from sketchterrain.benchmarks import BENCHMARKS, meshes
+from sketchterrain.benchmarks.charts import CHARTS
+from sketchterrain.benchmarks.effort import FULL, QUICK
+from sketchterrain.benchmarks.kernel_times import WRITTEN
+from sketchterrain.benchmarks.live import STAGES, _found, measure, sketch_with_twenty_shapes
+from sketchterrain.benchmarks.outcome import Column, Table
+from sketchterrain.benchmarks.registry import choose
+from sketchterrain.benchmarks.tables import markdown, shown, terminal
+from sketchterrain.benchmarks.timing import Lap, Launch, alternate, lap, spread
+from sketchterrain.errors import InputError
+from sketchterrain.export.mesh import mesh_error
+from sketchterrain.features.shapes import regions_of
+from sketchterrain.resources import preset_names
+
+
+def test_every_benchmark_describes_itself_and_charts_and_efforts_name_known_ones():
+    for name, benchmark in BENCHMARKS.items():
+        assert benchmark.name == name
+        assert benchmark.surface
+        assert benchmark.seed
+        assert re.search(r"second|time|nanoseconds|Milliseconds", benchmark.method)
+        assert "." in benchmark.method
+
+    assert set(CHARTS) <= set(BENCHMARKS)
+    for effort in (QUICK, FULL):
+        assert effort.presets == preset_names()
+
+
+def test_benchmarks_are_chosen_by_name_in_the_order_of_the_registry():
+    assert [b.name for b in choose([])] == list(BENCHMARKS)
+    assert [b.name for b in choose(["tiles", "noise", "tiles"])] == ["noise", "tiles"]
+    with pytest.raises(InputError) as caught:
+        choose(["noise", "nothing"])
+    line = str(caught.value)
+    assert "'nothing'" in line
+    assert all(name in line for name in BENCHMARKS)
+    assert "\n" not in line
+
+
+def test_every_kernel_is_timed():
+    found = {
+        name
+        for file in files("sketchterrain.kernels").iterdir()
+        if file.name.endswith((".cl", ".clh"))
+        for name in re.findall(
+            r"\b__?kernel\s+(?:\w+(?:\(\(.*?\)\))?\s+)*?void\s+(\w+)", file.read_text(encoding="utf-8")
+        )
+    }
+    # These decide on a device, and on how OpenGL gets what it writes; they make no terrain.
+    assert found == set(WRITTEN) | {"self_test", "probe"}
+
+
+TABLE = Table(
+    "Speed",
+    (Column("method", "method"), Column("rate", "M/s"), Column("more", "more")),
+    ({"method": "a|b", "rate": 1234.5, "seconds": [1.0]}, {"method": "c", "rate": 0.01234, "more": 3}),
+)
+
+
+def test_numbers_are_shown_with_three_significant_digits():
+    cells = {None: "–", "word": "word", 7: "7", 0.0: "0", 1234.5: "1234", 12.345: "12.3", 0.98765: "0.988"}
+    cells |= {0.001234: "0.00123", 0.0001234: "1.23e-04", -12.345: "-12.3", 2.5e6: "2.50e+06"}
+    for cell, text in {**cells, float("nan"): "nan"}.items():
+        assert shown(cell) == text, cell
+
+
+def test_tables_as_markdown_and_in_the_terminal():
+    assert markdown(TABLE).splitlines() == [
+        "### Speed",
+        "",
+        "| method | M/s | more |",
+        "| :--- | ---: | ---: |",
+        "| a\\|b | 1234 | – |",
+        "| c | 0.0123 | 3 |",
+    ]
+    stream = io.StringIO()
+    Console(width=80, file=stream).print(terminal(TABLE))
+    text = stream.getvalue()
+    for word in ("Speed", "method", "a|b", "1234", "0.0123"):
+        assert word in text
+
+
+def test_spread_is_the_median_and_the_95th_percentile():
+    for samples, median, p95 in (
+        ([*range(1, 102)], 51.0, 96.0),
+        ([0.25], 0.25, 0.25),
+        ([1.0] * 20, 1.0, 1.0),
+    ):
+        times = spread([float(each) for each in samples])
+        assert (times.median, times.p95, times.count) == (median, p95, len(samples))
+    assert spread([1.0] * 18 + [9.0] * 2).p95 > 1.0
+
+
+def test_rivals_alternate_and_device_time_is_the_sum_of_the_launches():
+    calls: list[str] = []
+
+    def work(name: str) -> Lap:
+        calls.append(name)
+        return Lap(float(len(calls)))
+
+    laps = alternate({"a": lambda: work("a"), "b": lambda: work("b")}, rounds=3)
+    assert calls == list("ab" + "ab" + "ba" + "ab")
+    assert [one.wall for one in laps["a"]] == [3.0, 6.0, 7.0]
+    assert [one.wall for one in laps["b"]] == [4.0, 5.0, 8.0]
+
+    one = Lap(1.0, (Launch("a", 8, 0.25), Launch("b", 8, 0.5)))
+    assert one.device == 0.75
+    assert lap(lambda: None).launches == ()
+
+
+def test_context_counts_the_items_of_each_launch(context):
+    sums = context.empty(8 * 8, np.float32)
+    octaves = (
+        context.upload(np.zeros((1, 4), np.int32)),
+        context.upload(np.zeros((1, 2), np.int64)),
+        context.upload(np.zeros((1, 2), np.float32)),
+    )
+    place = (context.upload(np.full((1, 4), 10, np.uint32)), np.int32(1), np.int32(8))
+
+    def work() -> None:
+        context.launch("bench.cl", "bench_fbm", (8, 8), *octaves, *place, sums)
+        context.launch("bench.cl", "bench_fbm", (8, 4), *octaves, *place, sums)
+
+    for _ in range(2):  # a lap forgets the launches before it
+        one = context.lap(work)
+        assert [(launch.kernel, launch.items) for launch in one.launches] == [
+            ("bench_fbm", 64),
+            ("bench_fbm", 32),
+        ]
+        assert one.device == pytest.approx(sum(launch.seconds for launch in one.launches))
+        assert all(launch.seconds >= 0 for launch in one.launches)
+
+
+def test_a_uniform_grid_covers_the_ground_with_no_fewer_triangles():
+    for shape, least in itertools.product([(33, 33), (17, 65), (5, 40)], [1, 7, 90, 10_000]):
+        mesh = meshes.uniform_mesh(*shape, least=least)
+        assert len(mesh.triangles) >= min(least, 2 * (shape[0] - 1) * (shape[1] - 1)), (shape, least)
+        # Infinite if any vertex were uncovered.
+        assert mesh_error(mesh, np.zeros(shape)) == 0.0, (shape, least)
+
+
+@pytest.mark.slow
+def test_errors_are_kept_and_uniform_grids_are_further_off(context, tiny):
+    pytest.importorskip("pydelatin")
+    (table,) = meshes.measure(context, tiny).tables
+    assert [row["asked"] for row in table.rows] == list(tiny.mesh_errors)
+    for row in table.rows:
+        assert 0.0 < row["error"] <= row["asked"]
+        assert row["uniform_triangles"] >= row["triangles"]
+        assert row["uniform_error"] > row["error"]
+
+
+def test_the_sketch_has_twenty_shapes_and_stages_add_up_to_the_whole():
+    sketch = sketch_with_twenty_shapes()
+    assert sketch.layers["river"].shape == (512, 512)
+    assert sum(len(list(regions_of(image))) for image in sketch.layers.values()) == 20
+
+    times = [(0.0, 0.01, 0.05, 0.06, 0.07, 0.1), (1.0, 1.03, 1.05, 1.06, 1.09, 1.2)]
+    row = _found("strokes", times, [0.001, 0.004])
+    assert row["updates"] == 2
+    assert row["median_ms"] == pytest.approx(150.0)
+    assert row["most_ms"] == pytest.approx(200.0)
+    parts = sum(row[f"{stage}_ms".replace(" ", "_")] for stage in STAGES)
+    assert parts == pytest.approx(np.mean(row["seconds"]) * 1e3)
+    assert row["stall_ms"] == pytest.approx(4.0)
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_painting_is_followed(tiny):
+    (table,) = measure(None, tiny).tables
+    strokes, dabs = table.rows
+    assert strokes["updates"] >= 10
+    assert dabs["updates"] >= 2
+    for row in table.rows:
+        assert 0.0 < row["median_ms"] <= row["p95_ms"] <= row["most_ms"]

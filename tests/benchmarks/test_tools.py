@@ -92,11 +92,8 @@ def test_tables_as_markdown_and_in_the_terminal():
 
 
 def test_spread_is_the_median_and_the_95th_percentile():
-    for samples, median, p95 in (
-        ([*range(1, 102)], 51.0, 96.0),
-        ([0.25], 0.25, 0.25),
-        ([1.0] * 20, 1.0, 1.0),
-    ):
+    known = ([*range(1, 102)], 51.0, 96.0), ([0.25], 0.25, 0.25), ([1.0] * 20, 1.0, 1.0)
+    for samples, median, p95 in known:
         times = spread([float(each) for each in samples])
         assert (times.median, times.p95, times.count) == (median, p95, len(samples))
     assert spread([1.0] * 18 + [9.0] * 2).p95 > 1.0

@@ -16,11 +16,9 @@ import sketchterrain.generate
 import sketchterrain.sketch
 
 
-def layer(
-    shape: tuple[int, ...], dtype: type = np.uint8, name: str = "mountain.png"
-) -> Callable[[Path], None]:
+def layer(shape: tuple[int, ...], dtype: type = np.uint8) -> Callable[[Path], None]:
     pixels = np.arange(np.prod(shape)).reshape(shape).astype(dtype)
-    return lambda folder: Image.fromarray(pixels).save(folder / name)
+    return lambda folder: Image.fromarray(pixels).save(folder / "mountain.png")
 
 
 def settings(text: str) -> Callable[[Path], object]:

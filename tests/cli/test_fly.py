@@ -48,7 +48,7 @@ def test_frames_of_a_path(call, sketch, path, tmp_path, asked):
     assert done.code == 0, done.err
     assert "North-east, seed 5: 10 frames of 64 × 48 pixels, 2 s at 5 a second" in done.out
     assert "181.8 frames a second, 5.5 ms a frame, 10.0 ms at most; 9 of 10 complete" in done.out
-    assert done.out.endswith(f"frames: {out}\n")
+    assert done.out.endswith(f"film: {out}\n")
     assert sorted(each.name for each in out.iterdir()) == [f"{number:04d}.png" for number in range(10)]
     with Image.open(out / "0007.png") as image:
         assert (image.size, image.getpixel((0, 0))) == ((64, 48), (63, 63, 63))

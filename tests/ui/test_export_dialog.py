@@ -154,11 +154,11 @@ def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened) -> None:
 
 
 def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path) -> None:
+    usual = opened("unity").target.options()
     dialog = opened("unity")
     controls = dialog.target
     controls["size"].setCurrentIndex(controls["size"].findData(129))
     controls["rows"].setValue(3)
-    controls["grass"].setChecked(True)
     dialog.targets.setCurrentIndex(dialog.targets.findData("raw"))
     assert controls["rows"].value() == 1
     dialog.targets.setCurrentIndex(dialog.targets.findData("unity"))
@@ -167,22 +167,26 @@ def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, 
     dialog.preferences.keep()
     again = opened()
     assert again.targets.currentData() == "unity"
-    assert again.target.options() == controls.options()
+    assert again.target.options() == controls.options() != usual
     assert again.folder.text() == str(tmp_path / "out")
-
-
-def test_what_was_kept_and_cannot_be_counts_as_never_chosen(opened) -> None:
-    usual = opened("unity").target.options()
-    dialog = opened()
     for bad in (
         {"columns": "many", "size": 17, "low": float("nan"), "plants": 3, "tile_name": None, "format": []},
         {"size": {}, "grass": "yes"},
     ):
         dialog.preferences.keep_exported("unity", bad)
         assert opened("unity").target.options() == usual
-    for text in ("[1, 2]", "no JSON"):
-        dialog.preferences._settings.setValue("export/unity", text)
-        assert dialog.preferences.exported("unity") == {}
+    dialog.preferences._settings.setValue("export/unity", "no JSON")
+    assert dialog.preferences.exported("unity") == {}
+
+
+def test_everything_is_asked_for_as_the_command_line_does(opened) -> None:
+    form = opened().everything
+    form.set_values({"plants": "ply", "grass": True, "map": "svg", "view": ""})
+    request = form.request(Path("x"), None)
+    assert (request.foliage, request.grass, request.map) == ("ply", True, "svg")
+    assert (request.preview, request.size) == (False, 1025)
+    form.set_values({"plants": "csv"})
+    assert not form.request(Path("x"), None).grass, "a table holds none"
 
 
 def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path) -> None:

@@ -14,8 +14,10 @@ from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow, row_of
 from sketchterrain.ui.panels.numbers import WAY, ClockBox, Gesture, Scale
 from sketchterrain.ui.panels.wording import (
     comfortable_range,
+    help_of,
     number,
     size_text,
+    special_of,
     suffix_of,
     title_of,
     tool_tip,
@@ -66,27 +68,25 @@ def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios(
     assert Scale(0.0, 1.0).at(0.3337) == 0.33
 
 
-def test_titles_units_numbers_and_sizes_are_worded() -> None:
+def test_titles_units_numbers_and_special_values_are_worded() -> None:
     assert title_of("snow_line") == "Snow line"
-    assert suffix_of(HEIGHT) == " m"
-    assert suffix_of(FLOW) == "°"
-    assert suffix_of(TABLES["density"]["hill"]) == " /km²"
-    assert suffix_of(SKETCH["name"]) == ""
-    assert with_unit(HEIGHT, 600.0) == "600 m"
-    assert with_unit(FLOW, -1.0) == "downhill"
-    assert with_unit(LAYERS["material"].parameters["material"], "river_bed") == "river bed"
-    assert number(12.250) == "12.25"
-    assert number(-0.0) == "0"
-    assert number(100.0, decimals=0) == "100"
-    assert number(-3.5) == "−3.5"
-    assert [size_text(size) for size in (900, 14_200, 812e6, 2.5e9)] == [
+    each_of_a_kind = (HEIGHT, FLOW, TABLES["density"]["hill"], SKETCH["name"])
+    assert [suffix_of(each) for each in each_of_a_kind] == [" m", "°", " /km²", ""]
+    assert (with_unit(HEIGHT, 600.0), with_unit(FLOW, -1.0)) == ("600 m", "downhill")
+    assert [number(each) for each in (12.250, -0.0, 100.0, -3.5)] == ["12.25", "0", "100", "−3.5"]
+    assert [size_text(each) for each in (900, 14_200, 812e6, 2.5e9)] == [
         "0.9 kB",
         "14 kB",
         "812 MB",
         "2.5 GB",
     ]
     assert "1 to 9000 m" in tool_tip(HEIGHT)
-    assert "600 m" in tool_tip(HEIGHT)
+    special = {name for name, each in EVERY.items() if special_of(each)}
+    expected = {"river.flow", "river.width", "forest.conifers", "weather.hour"}
+    assert special == expected | {"climate.snow_line", "climate.tree_line"}
+    for name, parameter in EVERY.items():
+        assert help_of(parameter)[0] == help_of(parameter)[0].upper(), name
+        assert "-1" not in help_of(parameter), name
 
 
 def test_a_drag_is_one_gesture_and_keys_in_a_row_are_one(monkeypatch):

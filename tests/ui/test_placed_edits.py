@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -79,6 +81,29 @@ def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, place
         assert (after["x"], after["y"]) == (2000.0, 2345.679), painted
         for key in ("type", "radius", "peakiness", "erosion", "gullies"):
             assert after[key] == before[key], painted
+
+
+def test_radius_height_and_width_follow_their_handles(sketch, placed) -> None:
+    chosen = first(placed)
+    handle = by_role(placed, chosen, "radius")
+    after = placed_of(edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0))
+    assert point_of(after, chosen)["radius"] == np.float32(321.0)
+    changed = edits.strengthened(sketch, placed, chosen, 777.0)
+    assert edits.strength_of(changed, placed, chosen) == 777.0
+    assert point_of(placed_of(changed), chosen)["strength"] == pytest.approx(777.0, rel=0.3)
+    assert edits.strengthened(sketch, placed, first(placed, 3), 40.0).edits[0].strength == 1.0
+
+    chosen, changed, now = lone(placed), sketch, placed
+    for width in (90.0, 30.0, 140.0):
+        handle = by_role(now, chosen, "width")
+        away = np.array([handle.x - handle.base_x, handle.y - handle.base_y])
+        away *= 0.5 * width / np.hypot(*away)
+        changed = edits.dragged(changed, now, handle, handle.base_x + away[0], handle.base_y + away[1])
+        now = placed_of(changed)
+        handle = by_role(now, chosen, "width")
+        shown = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
+        assert shown == pytest.approx(width, rel=0.15)
+    assert [each.action for each in changed.edits] == ["width"]
 
 
 def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, placed) -> None:

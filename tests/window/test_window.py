@@ -88,7 +88,7 @@ def test_a_tour(person, tmp_path):
     person.key("ctrl+n")
     person.wait("app.activeModalWidget() is not None")
     person.focus("app.activeModalWidget()")
-    person.click(*middle_of(person, "app.activeModalWidget().name"), times=3)
+    person.click(*middle_of(person, "app.activeModalWidget().form['name']"), times=3)
     person.write("Two ranges")
     person.key("Return")
     person.wait("app.activeModalWidget() is None and window._document.sketch.name == 'Two ranges'")

@@ -1,4 +1,4 @@
-"""Manifests of batches: round trip, verification of files, and refusal of broken or hostile ones."""
+"""Manifests and contact sheets of batches."""
 
 import functools
 import hashlib
@@ -7,10 +7,13 @@ import operator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from sketchterrain.batch.manifest import MANIFEST, Entry, File, Manifest, hashed, read_manifest
 from sketchterrain.batch.output import Output, fingerprint
+from sketchterrain.batch.sheet import PAGE, write_sheets
 from sketchterrain.errors import InputError
 from sketchterrain.export.target import ExportOptions
 from sketchterrain.sketch import Sketch
@@ -117,22 +120,61 @@ def test_fingerprints_follow_from_all_that_files_follow_from():
     sketch = Sketch(seed=3)
     river = sketch.layers["river"].copy()
     river[4, 5] = 1
-    outputs = [
-        Output(),
-        Output(size=257),
-        Output(preview=False),
-        Output(fast=True),
-        Output(target="unity", options=ExportOptions()),
-        Output(target="unity", options=ExportOptions(heights=(0.0, 900.0))),
-    ]
-    sketches = [
-        sketch,
-        sketch.replace(seed=4),
-        sketch.replace(fidelity=0.5),
-        sketch.replace(layers={"river": river}),
-        sketch.replace(layers={"lake": river}),
-        sketch.replace(labels={("river", 1): {"width": 12.0}}),
-    ]
+    options = (ExportOptions(), ExportOptions(heights=(0.0, 900.0)))
+    outputs = [Output(), Output(size=257), Output(preview=False), Output(fast=True)]
+    outputs += [Output(target="unity", options=each) for each in options]
+    changes = ({}, {"seed": 4}, {"fidelity": 0.5}, {"layers": {"river": river}}, {"layers": {"lake": river}})
+    sketches = [sketch.replace(**each) for each in (*changes, {"labels": {("river", 1): {"width": 12.0}}})]
     found = [fingerprint(each, output) for output in outputs for each in sketches]
     assert len(set(found)) == len(found)
     assert found == [fingerprint(each.replace(), output) for output in outputs for each in sketches]
+
+
+def entry(name: str, *, preview: bool = True, error: str = "") -> Entry:
+    files = (File("preview.png", 1, ""),) if preview else ()
+    return Entry(name, "s", 1, state="failed" if error else "done", files=files, error=error)
+
+
+def written(folder: Path, name: str, colour: tuple[int, int, int]) -> None:
+    (folder / name).mkdir(parents=True)
+    Image.fromarray(np.full((72, 128, 3), colour, np.uint8)).save(folder / name / "preview.png")
+
+
+def test_a_sheet_shows_each_preview_in_its_place(tmp_path):
+    colours = [(40 * number, 200, 30) for number in range(6)]
+    for number, colour in enumerate(colours):
+        written(tmp_path, f"s/{number}", colour)
+    names = write_sheets(
+        tmp_path, [*(entry(f"s/{number}") for number in range(6)), entry("bad", preview=False, error="no")]
+    )
+    assert names == ["sheet.png"]
+    with Image.open(tmp_path / "sheet.png") as picture:
+        page = np.asarray(picture)
+    places = [(12 + 112 + 259 * (number // 4), 12 + 200 + 412 * (number % 4)) for number in range(6)]
+    assert [tuple(page[place].tolist()) for place in places] == colours
+    red = (page[:, :, 0] > 150) & (page[:, :, 1] < 60) & (page[:, :, 2] < 60)
+    assert red[271:, 836:].any()  # why the last one failed
+
+
+def test_failed_items_and_missing_previews_leave_the_sheet_readable(tmp_path):
+    written(tmp_path, "s/0", (0, 200, 0))
+    failed = Entry("s/0", "s", 1, state="failed", files=(File("preview.png", 1, ""),), error="no")
+    assert write_sheets(tmp_path, [failed]) == []
+    assert write_sheets(tmp_path, [failed, entry("s/0")]) == ["sheet.png"]
+    with Image.open(tmp_path / "sheet.png") as page:  # not its older picture
+        assert page.getpixel((212, 124)) != (0, 200, 0) == page.getpixel((624, 124))
+    (tmp_path / "s" / "preview.png").write_bytes(b"no picture")
+    long = entry("x" * 300, preview=False, error="long " * 90)
+    assert write_sheets(tmp_path, [entry("s"), entry("gone"), entry("s/0"), long]) == ["sheet.png"]
+
+
+def test_sheets_have_pages_and_none_without_previews(tmp_path):
+    assert write_sheets(tmp_path, [entry("s/0", preview=False)]) == []
+    assert write_sheets(tmp_path, []) == []
+    assert list(tmp_path.iterdir()) == []
+
+    written(tmp_path, "s/0", (1, 2, 3))
+    entries = [entry("s/0") for _ in range(PAGE + 1)]
+    assert write_sheets(tmp_path, entries) == ["sheet.png", "sheet-2.png"]
+    with Image.open(tmp_path / "sheet-2.png") as page:
+        assert page.size == (424, 271)

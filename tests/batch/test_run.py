@@ -9,7 +9,6 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -251,12 +250,13 @@ def test_folders_with_a_batch_a_broken_manifest_or_files_are_refused_and_left_al
 
 
 def test_a_failed_item_stops_no_other_and_is_retried_on_resume(works, tmp_path):
-    for error, told in [
+    run(tmp_path / "whole")
+    for error, told in (
         (SketchterrainError("one\nline"), "one line"),
         (OSError(errno.ENOSPC, "No space left on device", "x"), "x: No space left on device"),
         (MemoryError(), "out of memory"),
         (RuntimeError("bug"), "unexpected RuntimeError: bug"),
-    ]:
+    ):
 
         def fail(seed: int, error: Exception = error) -> None:
             if seed in (1, 4):
@@ -270,18 +270,12 @@ def test_a_failed_item_stops_no_other_and_is_retried_on_resume(works, tmp_path):
         works.before = lambda _: None
         again = run(folder, resume=True)
         assert seeds_by_state(again) == {"skipped": [0, 2, 3, 5], "done": [1, 4]}, told
-        fresh = folder / "fresh"
-        run(fresh)
-        assert {f"valley/{name}" for name in files(fresh / "valley")} <= set(files(folder)), told
-
-
-def test_old_files_stay_when_an_item_fails_again(works, tmp_path):
-    run(tmp_path, range(2))
-    whole = files(tmp_path)
+        assert files(folder) == files(tmp_path / "whole"), told
     works.before = lambda _: 1 // 0
     other = Source("valley", "valley", Sketch(extent=65.0))
-    assert seeds_by_state(run(tmp_path, range(2), resume=True, sources=(other,))) == {"failed": [0, 1]}
-    assert files(tmp_path) == whole
+    done = run(tmp_path / "whole", resume=True, sources=(other,))
+    assert seeds_by_state(done) == {"failed": [*range(6)]}
+    assert files(tmp_path / "whole") == files(folder)  # old files stay
 
 
 def test_partial_and_unreadable_items_are_retried_and_stop_no_other(works, tmp_path):
@@ -345,23 +339,29 @@ def test_partial_files_of_a_killed_run_are_removed(works, tmp_path):
     assert files(tmp_path) == {**whole, "elsewhere/.keep.tmp": b"mine"}
 
 
-def test_a_manifest_that_cannot_be_written_ends_the_batch(works, tmp_path, monkeypatch):
-    calls = [0]
+def test_every_written_manifest_lists_only_complete_items_and_one_that_cannot_be_ends_the_batch(
+    works, tmp_path, monkeypatch
+):
+    counts: list[int] = []
 
-    def full(path: Path, content: bytes) -> Path:
-        calls[0] += 1
-        if calls[0] > 2:
+    def watched(path: Path, content: bytes) -> Path:
+        items = json.loads(content)["items"]
+        counts.append(sum(item["state"] == "done" for item in items))
+        for item in items:
+            for file in item["files"]:
+                assert (path.parent / item["name"] / file["file"]).stat().st_size == file["bytes"]
+        if len(counts) == 10:
             raise SketchterrainError(f"{path}: cannot be written (No space left on device)")
         return write_whole(path, content)
 
-    monkeypatch.setattr(manifest_module, "write_whole", full)
+    monkeypatch.setattr(manifest_module, "write_whole", watched)
+    run(tmp_path / "a")
+    assert counts == [*range(7), 6]  # after each, and with the sheets
     with pytest.raises(SketchterrainError, match="No space left"):
-        run(tmp_path, range(6), jobs=1)
-    monkeypatch.undo()
-    assert read_manifest(tmp_path) is not None
-    monkeypatch.setattr(run_module, "make", works)
-    run(tmp_path, range(6), resume=True)
-    assert set(states(tmp_path).values()) == {"done"}
+        run(tmp_path / "b", jobs=1)
+    assert read_manifest(tmp_path / "b") is not None
+    run(tmp_path / "b", resume=True)
+    assert set(states(tmp_path / "b").values()) == {"done"}
 
 
 def test_a_batch_at_work_keeps_others_out(works, tmp_path):
@@ -376,23 +376,6 @@ def test_a_batch_at_work_keeps_others_out(works, tmp_path):
     run(tmp_path, range(1))
     assert [str(tmp_path) in line for line in refused] == [True]
     assert not list(tmp_path.rglob(".*"))
-
-
-def test_every_written_manifest_lists_only_complete_items(works, tmp_path, monkeypatch):
-    seen: list[dict[str, Any]] = []
-
-    def watched(path: Path, content: bytes) -> Path:
-        told = json.loads(content)
-        seen.append(told)
-        for item in told["items"]:
-            for file in item["files"]:
-                assert (tmp_path / item["name"] / file["file"]).stat().st_size == file["bytes"]
-        return write_whole(path, content)
-
-    monkeypatch.setattr(manifest_module, "write_whole", watched)
-    run(tmp_path)
-    counts = [sum(item["state"] == "done" for item in told["items"]) for told in seen]
-    assert counts == [*range(7), 6]  # after each, and with the sheets
 
 
 def test_a_preview_that_waits_is_not_begun_after_the_end(monkeypatch):

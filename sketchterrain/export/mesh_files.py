@@ -75,10 +75,13 @@ def _write(stream: BinaryIO, part: ObjPart, counted: dict[str, int]) -> None:
         for first in range(0, len(values), _AT_ONCE):
             stream.write(text_rows(f"{word} {_ROWS[word]}\n", *values[first : first + _AT_ONCE].T))
     starts = [counted[word] for word in ("v", "vt", "vn") if word in columns]
+    number = np.arange(len(part.place))
+    corners = np.array(
+        text_rows(f"{corner} ", *(number + start for start in starts)).decode().split(), object
+    )
     for first in range(0, len(part.triangles), _AT_ONCE):
-        corners = part.triangles[first : first + _AT_ONCE].astype(np.int64).T
-        numbers = [index + start for index in corners for start in starts]
-        stream.write(text_rows(f"f {corner} {corner} {corner}\n", *numbers))
+        some = corners[part.triangles[first : first + _AT_ONCE]]
+        stream.write(text_rows("f %s %s %s\n", *some.T))
     for word, values in columns.items():
         counted[word] += len(values)
 

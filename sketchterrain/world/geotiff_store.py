@@ -8,6 +8,7 @@ GDAL Virtual Format").
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from base64 import b64encode
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 from xml.sax.saxutils import escape, quoteattr
 
 import rasterio
@@ -60,6 +61,7 @@ _COG: Final = {
     "BIGTIFF": "IF_SAFER",
     "COPY_SRC_MDD": "YES",
 }
+_SMALL_CACHE: Final = {"GDAL_CACHEMAX": "128"}  # MB
 _COLOURS: Final = ("Red", "Green", "Blue")
 # Until they are joined, shards are packed for speed.
 _PART: Final = {"compress": "zstd", "zstd_level": 1, "interleave": "pixel"}
@@ -151,7 +153,8 @@ class TiffStore(TileStore):
         source = self._tiles / vrt_name(layer, 0)
         with whole_path(path) as temporary:
             command = [sys.executable, "-c", _COPY, str(source), str(temporary), json.dumps(options)]
-            with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace") as process:  # noqa: S603
+            pipe: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True, "errors": "replace"}
+            with subprocess.Popen(command, env=os.environ | _SMALL_CACHE, **pipe) as process:  # noqa: S603
                 try:
                     while process.poll() is None:
                         time.sleep(0.05)

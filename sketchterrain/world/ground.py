@@ -16,15 +16,14 @@ from sketchterrain.world.grid import Shard
 class LayerSpec:
     """How a layer is stored; the benchmark ``packing`` shows why it is compressed in this way.
 
-    `dimension` names that of the bands in Zarr; empty: the array has rows and columns only. `fill` is the
-    value beyond the array; NaN for heights, so that a lost chunk is not sea level. `shuffle` and `clevel` are
-    Blosc's filter and the level of its Zstandard, `predictor` is GDAL's, `attributes` are the Zarr array's.
+    `dimension` names that of the bands in Zarr; empty: the array has rows and columns only. `shuffle` and
+    `clevel` are Blosc's filter and the level of its Zstandard, `predictor` is GDAL's, `attributes` are of the
+    Zarr array.
     """
 
     bands: tuple[str, ...]
     dtype: Literal["float32", "uint8"]
     dimension: str
-    fill: float
     shuffle: Literal["noshuffle", "shuffle", "bitshuffle"]
     clevel: int
     predictor: Literal["NO", "STANDARD", "FLOATING_POINT"]
@@ -40,7 +39,6 @@ LAYER_SPECS: Final = {
         ("height",),
         "float32",
         "",
-        float("nan"),
         "shuffle",
         3,
         "FLOATING_POINT",
@@ -50,7 +48,6 @@ LAYER_SPECS: Final = {
         ("east", "north", "up"),
         "uint8",
         "axis",
-        0,
         "bitshuffle",
         1,
         "STANDARD",
@@ -67,7 +64,6 @@ LAYER_SPECS: Final = {
         MATERIALS,
         "uint8",
         "material",
-        0,
         "noshuffle",
         1,
         "NO",

@@ -7,6 +7,9 @@ import threading
 import zlib
 from abc import ABC, abstractmethod
 from base64 import b64decode
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -44,6 +47,9 @@ class StoredWorld(ABC):
             raise ValueError(f"layers {','.join(layers)}")
         self.west, self.north, self.levels = world.west, world.north, world.levels
         self.layers, self.material_names = layers, material_names
+        # A world of another version may have other materials.
+        materials = replace(LAYER_SPECS["materials"], bands=material_names)
+        self._specs = LAYER_SPECS | {"materials": materials}
         self._chunk = lru_cache(_CHUNKS)(self._load)
 
     @abstractmethod
@@ -57,13 +63,7 @@ class StoredWorld(ABC):
     def read(
         self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
     ) -> npt.NDArray[Any]:
-        """Return a window of a layer, inside a level.
-
-        Returns
-        -------
-        ndarray
-            Heights: (rows, columns) float32, m. Normals: (3, rows, columns) uint8, east, north, up, 0 is −1,
-            255 is 1. Materials: (materials, rows, columns) uint8, summing to 255.
+        """Return a window of a layer, inside a level, with what `Ground` has of it.
 
         Raises
         ------
@@ -80,8 +80,8 @@ class StoredWorld(ABC):
                 f"expected a window inside {grid.rows} rows and {grid.columns} columns, got rows {top} to "
                 f"{bottom} and columns {left} to {right}"
             )
-        bands = {"height": (), "normal": (3,), "materials": (len(self.material_names),)}[layer]
-        window = np.empty((*bands, rows, columns), LAYER_SPECS[layer].dtype)
+        spec = self._specs[layer]
+        window = np.empty(spec.shape(rows, columns), spec.dtype)
         chunk_rows = range(top // CHUNK, (bottom - 1) // CHUNK + 1)
         chunk_columns = range(left // CHUNK, (right - 1) // CHUNK + 1)
         for row, column in product(chunk_rows, chunk_columns):
@@ -99,42 +99,33 @@ class _ZarrWorld(StoredWorld):
 
     def __init__(self, folder: Path) -> None:
         require("A world in a Zarr store", ZARR_LIBRARIES)
-        self.folder = folder
-        try:
+        self.folder, path = folder, folder / METADATA
+        with _reading(path):
             import zarr
 
             group = zarr.open_group(folder, mode="r")
             facts: Any = group.attrs.get(OURS)
-        except (OSError, ValueError, TypeError, LookupError, AttributeError) as error:
-            raise _broken(folder / METADATA, error) from None
-        if not isinstance(facts, dict):
-            raise InputError(f"{one_line(folder)}: a Zarr store, but no world of {OURS}'s")
-        if facts.get("format") != FORMAT:
-            found, path = one_line(facts.get("format")), one_line(folder / METADATA)
-            raise InputError(f"{path}: expected a world of format {FORMAT}, got {found}")
-        try:
+            if not isinstance(facts, dict):
+                raise InputError(f"{one_line(folder)}: a Zarr store, but no world of {OURS}'s")
+            if facts.get("format") != FORMAT:
+                found = one_line(facts.get("format"))
+                raise InputError(f"{one_line(path)}: expected a world of format {FORMAT}, got {found}")
             world, layers = World(**facts["world"]), tuple(map(str, facts["layers"]))
             super().__init__(world, layers, tuple(map(str, facts["materials"])))
-        except (KeyError, TypeError, ValueError, InputError) as error:
-            raise _broken(folder / METADATA, error) from None
         self._arrays = {
             (layer, level.number): self._array(group, layer, level)
             for level, layer in product(self.levels, self.layers)
         }
 
     def _array(self, group: Any, layer: str, level: Level) -> Any:
-        """Return an array, which must have the shape and the chunks that the root promises."""
-        name, bands = f"{level.number}/{layer}", len(self.material_names) if layer == "materials" else 3
-        first = () if layer == "height" else (bands,)
-        expected = ((*first, level.rows, level.columns), (*first, SHARD, SHARD), LAYER_SPECS[layer].dtype)
-        try:
+        """Return an array, which must have the shape and the shards that the root promises."""
+        name, spec = f"{level.number}/{layer}", self._specs[layer]
+        expected = (spec.shape(level.rows, level.columns), spec.shape(SHARD, SHARD), spec.dtype)
+        with _reading(self.folder / name / METADATA):
             array = group[name]
             found = (array.shape, array.shards, str(array.dtype))
-        except (OSError, ValueError, TypeError, LookupError, AttributeError) as error:
-            raise _broken(self.folder / name / METADATA, error) from None
-        if found != expected:
-            reason = f"expected shape, shards and type {expected}, got {found}"
-            raise _broken(self.folder / name / METADATA, reason)
+            if found != expected:
+                raise ValueError(f"expected shape, shards and type {expected}, got {found}")
         return array
 
     def sketch(self) -> Sketch:
@@ -148,13 +139,11 @@ class _ZarrWorld(StoredWorld):
         side = SHARD // CHUNK
         path = self.folder / shard_file(layer, Shard(level, row // side, column // side))
         if not path.is_file():  # zarr-python would return the fill value
-            raise _broken(path)
+            raise _broken(path, "no file")
         rows = slice(row * CHUNK, (row + 1) * CHUNK)
         columns = slice(column * CHUNK, (column + 1) * CHUNK)
-        try:
+        with _reading(path):
             return np.asarray(self._arrays[layer, level][..., rows, columns])
-        except (OSError, ValueError, RuntimeError) as error:
-            raise _broken(path, error) from None
 
 
 class _OpenFiles(threading.local):
@@ -174,23 +163,16 @@ class _TiffWorld(StoredWorld):
     """A folder of GeoTIFF tiles, or one GeoTIFF a layer."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._tiled = path, path.is_dir()
+        self._path, self._tiled, self._files = path, path.is_dir(), _OpenFiles()
         heights = path / vrt_name("height", 0) if self._tiled else path
-        try:
+        with _reading(heights):
             with rasterio.open(heights) as file:
                 self._facts: dict[str, str] = file.tags(ns=TAGS)
-        except (RasterioError, OSError) as error:
-            raise _broken(heights, error) from None
-        if not self._facts:
-            raise InputError(f"{one_line(heights)}: expected the heights of a world, it tells of none")
-        try:
+            if not self._facts:
+                raise InputError(f"{one_line(heights)}: expected the heights of a world, it tells of none")
             world = World(*(float(self._facts[name]) for name in ("west", "south", "east", "north", "cell")))
-            super().__init__(
-                world, *(tuple(self._facts[name].split(",")) for name in ("layers", "materials"))
-            )
-        except (KeyError, ValueError, InputError) as error:
-            raise _broken(heights, error) from None
-        self._files = _OpenFiles()
+            layers, materials = (tuple(self._facts[name].split(",")) for name in ("layers", "materials"))
+            super().__init__(world, layers, materials)
 
     def sketch(self) -> Sketch | None:
         """Return the sketch beside the tiles or in the tags; see `StoredWorld.sketch`."""
@@ -199,13 +181,10 @@ class _TiffWorld(StoredWorld):
             return load_sketch(path) if path.exists() else None
         if (packed := self._facts.get("sketch")) is None:
             return None
-        with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder:
+        with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder, _reading(self._path):
             path = Path(folder) / SKETCH
-            try:
-                path.write_bytes(b64decode(packed, validate=True))
-                return load_sketch(path)
-            except (ValueError, InputError) as error:
-                raise _broken(self._path, f"its sketch: {one_line(error)}") from None
+            path.write_bytes(b64decode(packed, validate=True))
+            return load_sketch(path)
 
     def _load(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:
         grid, side, overview = self.levels[level], SHARD // CHUNK, level
@@ -215,30 +194,25 @@ class _TiffWorld(StoredWorld):
             path, shape = self._path / tile_name(layer, shard), grid.size_of(shard)
             row, column = row % side, column % side
         expected = (len(LAYER_SPECS[layer].bands), *shape)
-        try:
+        with _reading(path):
             file = self._files.open(path, overview, path.stat().st_mtime_ns)
             if (file.count, *file.shape) != expected:
                 raise ValueError(f"expected {expected} bands, rows, columns, got {file.count, *file.shape}")
-            top, left = row * CHUNK, column * CHUNK
-            size = min(CHUNK, shape[1] - left), min(CHUNK, shape[0] - top)
             with path.open("rb") as stream:  # the checksum of a block, which GDAL does not look at
-                stream.seek(int(file.get_tag_item(f"BLOCK_OFFSET_{column}_{row}", "TIFF", bidx=1)))
-                zlib.decompress(
-                    stream.read(int(file.get_tag_item(f"BLOCK_SIZE_{column}_{row}", "TIFF", bidx=1)))
+                place, size = (
+                    int(file.get_tag_item(f"BLOCK_{item}_{column}_{row}", "TIFF", bidx=1))
+                    for item in ("OFFSET", "SIZE")
                 )
-            values: npt.NDArray[Any] = file.read(window=Window(left, top, *size))
-        except (RasterioError, OSError, ValueError, TypeError, zlib.error) as error:
-            raise _broken(path, error.__cause__ or error) from None
+                stream.seek(place)
+                zlib.decompress(stream.read(size))
+            top, left = row * CHUNK, column * CHUNK
+            window = Window(left, top, min(CHUNK, shape[1] - left), min(CHUNK, shape[0] - top))
+            values: npt.NDArray[Any] = file.read(window=window)
         return values[0] if layer == "height" else values
 
 
 def open_world(path: str | Path) -> StoredWorld:
-    """Open a world.
-
-    Parameters
-    ----------
-    path
-        A Zarr store, a folder of GeoTIFF tiles, or the GeoTIFF of the heights.
+    """Open a Zarr store, a folder of GeoTIFF tiles, or the GeoTIFF of the heights.
 
     Raises
     ------
@@ -247,20 +221,37 @@ def open_world(path: str | Path) -> StoredWorld:
     SketchterrainError
         If a library that reads it is missing.
     """
-    place = Path(path)
+    place, vrt = Path(path), vrt_name("height", 0)
     try:
         if not place.exists():
             raise InputError(f"{one_line(path)}: no such file or folder, expected a world")
         if (place / METADATA).is_file():
             return _ZarrWorld(place)
-        if place.is_dir() and not (place / vrt_name("height", 0)).exists():
+        if place.is_dir() and not (place / vrt).exists():
             if (place / SKETCH).exists():
                 raise InputError(f"{one_line(path)}: is not finished; world --resume goes on with it")
-            vrt = vrt_name("height", 0)
             raise InputError(f"{one_line(path)}: no world: it holds neither {METADATA} nor {vrt}")
     except OSError as error:
         raise InputError(f"{one_line(path)}: cannot be read ({error.strerror})") from None
     return _TiffWorld(place)
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Let a failure to read name the file, in one line."""
+    try:
+        yield
+    except (
+        OSError,
+        ValueError,
+        TypeError,
+        LookupError,
+        AttributeError,
+        RuntimeError,
+        RasterioError,
+        zlib.error,
+    ) as error:
+        raise _broken(path, error.__cause__ or error) from None
 
 
 def _broken(path: Path, reason: object = None) -> InputError:

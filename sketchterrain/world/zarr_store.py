@@ -8,15 +8,16 @@ whole or broken.
 from __future__ import annotations
 
 import warnings
-from functools import cached_property
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from sketchterrain.sketch import packed_sketch
 from sketchterrain.whole_files import telling_failure
 from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_attributes
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
-from sketchterrain.world.ground import LAYER_SPECS, LayerSpec
+from sketchterrain.world.ground import LAYER_SPECS
 from sketchterrain.world.libraries import require
 from sketchterrain.world.store import JOURNAL, text_of, write_if_changed
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:  # zarr is loaded when it is needed
     from pathlib import Path
 
     import zarr
-    from zarr.core.buffer import Buffer
 
     from sketchterrain.world.ground import Ground
     from sketchterrain.world.job import Job
@@ -39,8 +39,9 @@ LEDGER: Final = "ledger"
 """Arrays of the bytes of a sketch's zip and of the ledger's text."""
 BYTES: Final = "c/0"
 """The only chunk of such an array: a file of just these bytes."""
-ZARR_LIBRARIES: Final = ("zarr", "numcodecs", "google_crc32c")
+ZARR_LIBRARIES: Final = ("zarr",)
 
+_ALL_CHUNKS: Final = {"write_empty_chunks": True}  # so that a missing one is known to be lost
 _COORDINATES: Final = 65536  # in a chunk
 _CLOSING: Final = (METADATA, f"{LEDGER}/{METADATA}", f"{LEDGER}/{BYTES}")  # depend on the ledger
 
@@ -80,9 +81,9 @@ class ZarrStore:
         """Write a shard of each layer; see `Store.write`."""
         names = []
         for layer in self._job.layers:
-            content: dict[str, Buffer] = {}
-            level, at, spec = self._job.world.levels[ground.shard.level], ground.shard, LAYER_SPECS[layer]
-            array = _layer_array(_root_group(content), f"{at.level}/{layer}", spec, level, {})
+            content: dict[str, Any] = {}
+            at, level = ground.shard, self._job.world.levels[ground.shard.level]
+            array = _create_layer(_root_group(content), f"{at.level}/{layer}", layer, level, {})
             rows, columns = ground.height.shape
             top, left = at.row * SHARD, at.column * SHARD
             array[..., top : top + rows, left : left + columns] = getattr(ground, layer)
@@ -112,52 +113,42 @@ class ZarrStore:
 
         The root's metadata are consolidated once the ledger is known, which is None while there is none.
         """
-        job, place, content = self._job, Georeference(self._job), dict[str, "Buffer"]()
+        job, place, content = self._job, Georeference(self._job), dict[str, Any]()
         root = _root_group(content)
         root.attrs.update(self._root_attributes | place.root_attributes())
         for level in job.world.levels:
             group = root.create_group(str(level.number), attributes=place.group_attributes(level))
-            group.create_array(
-                GRID_MAPPING,
-                shape=(),
-                dtype="int32",
-                compressors=None,
-                attributes=place.mapping_attributes(level),
-                config={"write_empty_chunks": True},
-            )[...] = 0
+            crs = place.mapping_attributes(level)
+            _create(group, GRID_MAPPING, (), (), "int32", crs, config=_ALL_CHUNKS)[...] = 0
             for axis, count in (("x", level.columns), ("y", level.rows)):
-                size = min(count, _COORDINATES)
-                array = group.create_array(
+                size, codecs = min(count, _COORDINATES), _codecs("shuffle", 5, 8)
+                about = axis_attributes(axis)
+                array = _create(
+                    group,
                     axis,
-                    shape=(count,),
-                    dtype="float64",
-                    chunks=(size,),
-                    fill_value=float("nan"),
-                    compressors=_codecs("shuffle", 5, 8),
+                    (count,),
+                    (size,),
+                    "float64",
+                    about,
                     dimension_names=(axis,),
-                    attributes=axis_attributes(axis),
+                    compressors=codecs,
                 )
                 for first in range(0, count, size):
                     held = min(size, count - first)
                     array[first : first + held] = place.coordinates(axis, level, first, held)
             for layer in job.layers:
-                spec = LAYER_SPECS[layer]
                 # A coordinate of xarray's stays with an array that is taken out of its level.
                 own = {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
-                _layer_array(group, layer, spec, level, spec.attributes | own)
+                _create_layer(group, layer, layer, level, LAYER_SPECS[layer].attributes | own)
             _consolidate(group)
-        _bytes_array(
-            root, SKETCH, self._sketch, "what the world was made from: the bytes of a .sketch file, a zip"
+        about = "what the world was made from: the bytes of a .sketch file, a zip"
+        _write_bytes(root, SKETCH, packed_sketch(job.sketch), about)
+        _write_bytes(
+            root, LEDGER, ledger or b"", "every file of the world with its SHA-256, as lines of JSON"
         )
-        about = "every file of the world with its SHA-256, as lines of JSON"
-        _bytes_array(root, LEDGER, ledger or b"", about)
         if ledger is not None:
             _consolidate(root)
         return {name: buffer.to_bytes() for name, buffer in content.items()}
-
-    @cached_property
-    def _sketch(self) -> bytes:
-        return packed_sketch(self._job.sketch)
 
     @property
     def _root_attributes(self) -> dict[str, Any]:
@@ -177,7 +168,7 @@ class ZarrStore:
         return {"Conventions": "CF-1.11", "title": job.sketch.name, "source": program, OURS: ours}
 
 
-def _root_group(content: dict[str, Buffer]) -> zarr.Group:
+def _root_group(content: dict[str, Any]) -> zarr.Group:
     """Return the root group of a store in memory."""
     import zarr
     from zarr.storage import MemoryStore
@@ -196,40 +187,44 @@ def _consolidate(group: zarr.Group) -> None:
         zarr.consolidate_metadata(group.store, path=group.path)
 
 
-def _layer_array(
-    group: zarr.Group, name: str, spec: LayerSpec, level: Level, attributes: dict[str, Any]
+def _create(
+    group: zarr.Group,
+    name: str,
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...],
+    dtype: str,
+    attributes: dict[str, Any],
+    **options: Any,
 ) -> zarr.Array[Any]:
+    options = {"compressors": None, "fill_value": float("nan") if dtype[0] == "f" else 0} | options
+    return group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, attributes=attributes, **options)
+
+
+def _create_layer(
+    group: zarr.Group, name: str, layer: str, level: Level, attributes: dict[str, Any]
+) -> zarr.Array[Any]:
+    spec, shape = LAYER_SPECS[layer], LAYER_SPECS[layer].shape
     size = 4 if spec.dtype == "float32" else 1
-    chunks = spec.shape(CHUNK, CHUNK)
     block = size * len(spec.bands) * CHUNK * CHUNK  # whole chunks are compressed together
-    return group.create_array(
+    return _create(
+        group,
         name,
-        shape=spec.shape(level.rows, level.columns),
-        dtype=spec.dtype,
-        chunks=chunks,
-        shards=spec.shape(SHARD, SHARD),
-        fill_value=spec.fill,
+        shape(level.rows, level.columns),
+        shape(CHUNK, CHUNK),
+        spec.dtype,
+        attributes,
+        shards=shape(SHARD, SHARD),
         compressors=_codecs(spec.shuffle, spec.clevel, size, block),
         dimension_names=(spec.dimension, "y", "x") if spec.dimension else ("y", "x"),
-        attributes=attributes,
-        config={"write_empty_chunks": True},
+        config=_ALL_CHUNKS,
     )
 
 
-def _bytes_array(group: zarr.Group, name: str, content: bytes, about: str) -> None:
+def _write_bytes(group: zarr.Group, name: str, content: bytes, about: str) -> None:
     """Write an array whose only chunk is a file of just these bytes."""
-    import numpy as np
-
-    array = group.create_array(
-        name,
-        shape=(len(content),),
-        dtype="uint8",
-        chunks=(max(len(content), 1),),
-        fill_value=0,
-        compressors=None,
-        dimension_names=(f"{name}_byte",),
-        attributes={"long_name": about},
-    )
+    count, dimension = len(content), (f"{name}_byte",)
+    about_it = {"long_name": about}
+    array = _create(group, name, (count,), (max(count, 1),), "uint8", about_it, dimension_names=dimension)
     if content:
         array[:] = np.frombuffer(content, np.uint8)
 

@@ -140,14 +140,10 @@ class Journal:
         self._synced = time.monotonic()
 
 
-LOCK: Final = ".{}.lock"
-"""Name of the lock file beside an output."""
-
-
 @contextmanager
 def exclusive_run(output: Path) -> Iterator[None]:
     """Hold the lock of an output; raise InputError if another run holds it."""
-    path = output.with_name(LOCK.format(output.name))
+    path = output.with_name(f".{output.name}.lock")
     with telling_failure(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         lock = filelock.FileLock(path)

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from sketchterrain.errors import SketchterrainError, one_line
-from sketchterrain.export.files import prepare_folder
 from sketchterrain.export.placed_layers import Origin
 from sketchterrain.gdal_paths import plain_path
 from sketchterrain.terrain import Terrain
@@ -45,11 +44,6 @@ class PlantStore:
         require(f"plants as {job.plants}", ["pyarrow"])
         self.folder = plants_folder(job.output)
         self._job = job
-
-    def create(self) -> tuple[str, ...]:
-        """Make the folder; see `Plants.create`."""
-        prepare_folder(self.folder)
-        return ()
 
     def write(self, task: Task, terrain: Terrain) -> tuple[str, ...]:
         """Write the plants of a square in pieces, in memory that does not grow with their number."""

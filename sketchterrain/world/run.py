@@ -27,7 +27,7 @@ from sketchterrain.world.resume import (
     verify,
 )
 from sketchterrain.world.serial import SerialExecutor
-from sketchterrain.world.store import plants_of, store_of
+from sketchterrain.world.store import store_of
 from sketchterrain.world.task_runner import file_record
 from sketchterrain.world.tasks import Task, WrittenFile, task_count, tasks_of
 
@@ -109,7 +109,7 @@ class _Run:
         self, job: Job, state: SavedState | None, watcher: ProgressReporter, interrupts: Interrupts
     ) -> None:
         self.job, self.watcher, self._interrupts = job, watcher, interrupts
-        self._store, self._plants, self._layout = store_of(job), plants_of(job), OutputLayout.of(job)
+        self._store, self._layout = store_of(job), OutputLayout.of(job)
         header = Header(fingerprint(job), version("sketchterrain"))
         self._ledger = Ledger(header, {}) if state is None else state.ledger
         self._was_finished = state is not None and state.finished
@@ -129,12 +129,10 @@ class _Run:
     def prepare(self) -> None:
         """Remove what is not whole, and write what depends on no ground."""
         broken, done = {each.file for each in self._broken}, self._ledger.done
-        for task in [
-            task for task, files in done.items() if not broken.isdisjoint(file.file for file in files)
-        ]:
+        for task in [each for each in done if not broken.isdisjoint(file.file for file in done[each])]:
             del done[task]
         self._remove_partial_files()
-        self._ledger.others = (*self._records(self._store.create()), *self._fixed_of_plants())
+        self._ledger.others = self._records(self._store.create())
         self.watcher.began(self._tasks, len(done))
 
     @property
@@ -160,7 +158,7 @@ class _Run:
         if self._store.keeps_shards:
             self._ledger.others += joined
         else:
-            self._ledger.others = (*joined, *self._fixed_of_plants())
+            self._ledger.others = joined
             done = self._ledger.done
             self._ledger.done = {task: files for task, files in done.items() if task.kind != "ground"}
 
@@ -218,9 +216,6 @@ class _Run:
     def _remove_partial_files(self) -> None:
         whole = {file.file for file in self._ledger.files}
         remove_partial_files(self.job, self._store, self._layout, whole)
-
-    def _fixed_of_plants(self) -> tuple[WrittenFile, ...]:
-        return () if self._plants is None else self._records(self._layout.plant_names(self._plants.create()))
 
     def _records(self, names: Iterable[str]) -> tuple[WrittenFile, ...]:
         return tuple(file_record(self._layout.path(name), name) for name in names)

@@ -70,10 +70,6 @@ class Plants(Protocol):
 
     folder: Path
 
-    def create(self) -> tuple[str, ...]:
-        """Write all that does not depend on any plant, again without harm; return the names of its files."""
-        ...
-
     def write(self, task: Task, terrain: Terrain) -> tuple[str, ...]:
         """Write the plants of a task, its files whole or not there, and return their names."""
         ...

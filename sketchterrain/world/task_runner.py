@@ -53,10 +53,6 @@ class TaskRunner:
         self._layout = OutputLayout.of(job)
         self._window = self.terrain.window_bytes if context.device.has_double else self._window_on_host
 
-    def run(self, task: Task) -> TaskResult:
-        """Run a whole task."""
-        return self.finish(self.evaluate(task))
-
     def evaluate(self, task: Task) -> PendingTask:
         """Do the part of a task that needs the device."""
         start = time.perf_counter()

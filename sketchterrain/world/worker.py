@@ -35,7 +35,7 @@ class RefusedError(SketchterrainError):
     """A worker gets no task, or no other one."""
 
 
-class WorkerSetup(WorkerPlugin):
+class WorkerSetup(WorkerPlugin):  # type: ignore[misc]  # dask has no types
     """Checks a worker: it must run the same program, see the output's folder and compute the same bits.
 
     Tasks ask for a resource by the name of the run. An accepted worker offers it, so a refused one gets no
@@ -124,7 +124,7 @@ class WorkerSetup(WorkerPlugin):
         self._runner = TaskRunner(pickle.loads(self._job), ComputeContext(device))  # noqa: S301 - dask's way
         if bits_of(self._runner) != self._bits:
             raise RefusedError(f"{device.name} ({device.platform}) computes other bits of this world")
-        return min(self._worker.state.nthreads, _SLOTS.get(device.type, 2))
+        return min(int(self._worker.state.nthreads), _SLOTS.get(device.type, 2))
 
 
 def run_task(run: str, task: Task) -> TaskResult:

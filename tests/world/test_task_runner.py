@@ -67,7 +67,7 @@ def test_layers_that_are_not_asked_for_are_empty(runner) -> None:
 
 
 def test_a_task_tells_of_the_files_that_it_wrote(runner) -> None:
-    made = runner.run(Task("ground", 3, 0, 0))
+    made = runner.finish(runner.evaluate(Task("ground", 3, 0, 0)))
     assert [file.file.split("/")[1] for file in made.files] == ["height", "normal", "materials"]
     for file in made.files:
         content = (runner.job.output / file.file).read_bytes()

@@ -161,7 +161,7 @@ def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tm
     done = begun(qtbot, again)
     assert (done["made"], done["tasks"]) == (3 - there, 3)
     assert open_world(tmp_path / "world.zarr").levels[0].columns == 513
-    assert "3 tasks" in again.doing.text()
+    assert "3 shards" in again.doing.text()
     with qtbot.waitSignal(again.viewed) as viewed:
         again.view.click()
     assert viewed.args == [tmp_path / "world.zarr"]

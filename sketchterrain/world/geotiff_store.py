@@ -102,7 +102,7 @@ class TileStore:
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
         """Write the VRTs; see `Store.join`."""
-        names = _write_vrts(self._tiles, self._place, covering)
+        names = _write_vrts(self._tiles, self._place)
         progress(1.0)
         return names
 
@@ -136,7 +136,7 @@ class TiffStore(TileStore):
         """Write the files; see `Store.join`."""
         paths = [layer_file(self._job.output, layer) for layer in self._job.layers]
         sketch = b64encode(self.mark.read_bytes()).decode()
-        _write_vrts(self._tiles, self._place, lambda level, _: (level.rows, level.columns), sketch)
+        _write_vrts(self._tiles, self._place, sketch)
         for done, (layer, path) in enumerate(zip(self._job.layers, paths, strict=True)):
 
             def part(share: float, done: int = done) -> None:
@@ -164,7 +164,7 @@ class TiffStore(TileStore):
                     process.kill()
                 _, told = process.communicate()
             if process.returncode != 0:
-                reason = (told.strip().splitlines() or ["GDAL ended early"])[-1].partition("Error: ")[2]
+                reason = (told.strip().splitlines() or ["GDAL ended early"])[-1].rpartition("Error: ")[2]
                 raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(reason)})")
         progress(1.0)
 
@@ -208,46 +208,21 @@ def _write_tile(path: Path, layer: str, ground: Ground, place: Georeference, *, 
     write_if_changed(path, content)
 
 
-def covering(level: Level, finest: Level) -> tuple[int, int]:
-    """Return how many rows and columns of a coarser level cover the finest one.
-
-    GDAL takes an overview for the same rectangle at another size. A level's vertices lie on the finest's,
-    and its last ones as far out or beyond: as many are shown as make the rectangles agree best. Then no
-    vertex is drawn farther off than half a cell of its own level.
-    """
-    step = 1 << level.number
-
-    def nearest(fine: int, coarse: int) -> int:
-        # n pixels reach from half a coarse cell before the first vertex to n − ½ of them after it.
-        return min(max(round((fine - 0.5) / step + 0.5), 1), coarse)
-
-    return nearest(finest.rows, level.rows), nearest(finest.columns, level.columns)
-
-
-def _write_vrts(
-    folder: Path,
-    place: Georeference,
-    shape: Callable[[Level, Level], tuple[int, int]],
-    sketch: str | None = None,
-) -> tuple[str, ...]:
-    """Write the VRT of each layer and level, of some shape, the coarsest first; return their names."""
-    names, levels = [], place.job.world.levels
-    for layer in place.job.layers:
-        for level in reversed(levels):
-            names.append(vrt_name(layer, level.number))
-            own = sketch if names[-1] == vrt_name("height", 0) else None
-            lines = _vrt(layer, level, place, shape(level, levels[0]), own)
-            write_if_changed(folder / names[-1], "".join(f"{line}\n" for line in lines).encode())
+def _write_vrts(folder: Path, place: Georeference, sketch: str | None = None) -> tuple[str, ...]:
+    """Write the VRT of each layer and level, the coarsest first; return their names."""
+    names = []
+    for layer, level in product(place.job.layers, reversed(place.job.world.levels)):
+        names.append(vrt_name(layer, level.number))
+        lines = _vrt(layer, level, place, sketch if names[-1] == vrt_name("height", 0) else None)
+        write_if_changed(folder / names[-1], "".join(f"{line}\n" for line in lines).encode())
     return tuple(names)
 
 
-def _vrt(
-    layer: str, level: Level, place: Georeference, shape: tuple[int, int], sketch: str | None
-) -> Iterator[str]:
+def _vrt(layer: str, level: Level, place: Georeference, sketch: str | None) -> Iterator[str]:
     """Return the lines of a VRT, a few hundred bytes for each tile and band. No tile is opened."""
-    spec, (rows, columns) = LAYER_SPECS[layer], shape
+    spec = LAYER_SPECS[layer]
     kind = {"float32": "Float32", "uint8": "Byte"}[spec.dtype]
-    yield f'<VRTDataset rasterXSize="{columns}" rasterYSize="{rows}">'
+    yield f'<VRTDataset rasterXSize="{level.columns}" rasterYSize="{level.rows}">'
     yield f'  <SRS dataAxisToSRSAxisMapping="1,2">{escape(place.crs.to_wkt())}</SRS>'
     corners = ", ".join(repr(float(number)) for number in place.transform(level).to_gdal())
     yield f"  <GeoTransform>{corners}</GeoTransform>"
@@ -267,7 +242,7 @@ def _vrt(
             yield "    <UnitType>m</UnitType>"
         colour = _COLOURS[index] if layer == "normal" else ("Undefined" if index else "Gray")
         yield f"    <ColorInterp>{colour}</ColorInterp>"
-        yield from _sources(layer, level, index + 1, kind, shape)
+        yield from _sources(layer, level, index + 1, kind)
         for other in place.job.world.levels[1:] if level.number == 0 else ():
             name = _file(vrt_name(layer, other.number))
             yield f"    <Overview>{name}<SourceBand>{index + 1}</SourceBand></Overview>"
@@ -275,13 +250,11 @@ def _vrt(
     yield "</VRTDataset>"
 
 
-def _sources(layer: str, level: Level, band: int, kind: str, shape: tuple[int, int]) -> Iterator[str]:
-    for row, column in product(range(-(-shape[0] // SHARD)), range(-(-shape[1] // SHARD))):
+def _sources(layer: str, level: Level, band: int, kind: str) -> Iterator[str]:
+    for row, column in product(*map(range, level.shards)):
         shard = Shard(level.number, row, column)
-        top, left = row * SHARD, column * SHARD
         rows, columns = level.size_of(shard)
-        size = f'xSize="{min(columns, shape[1] - left)}" ySize="{min(rows, shape[0] - top)}"'
-        name = tile_name(layer, shard)
+        size, name = f'xSize="{columns}" ySize="{rows}"', tile_name(layer, shard)
         yield "    <SimpleSource>"
         yield f"      {_file(name if level.number == 0 else name.partition('/')[2])}"
         yield f"      <SourceBand>{band}</SourceBand>"
@@ -290,7 +263,7 @@ def _sources(layer: str, level: Level, band: int, kind: str, shape: tuple[int, i
             f'BlockXSize="{CHUNK}" BlockYSize="{CHUNK}"/>'
         )
         yield f'      <SrcRect xOff="0" yOff="0" {size}/>'
-        yield f'      <DstRect xOff="{left}" yOff="{top}" {size}/>'
+        yield f'      <DstRect xOff="{column * SHARD}" yOff="{row * SHARD}" {size}/>'
         yield "    </SimpleSource>"
 
 

@@ -41,6 +41,8 @@ BYTES: Final = "c/0"
 """The only chunk of such an array: a file of just these bytes."""
 ZARR_LIBRARIES: Final = ("zarr",)
 
+_SKETCH_NAME: Final = "what the world was made from: the bytes of a .sketch file, a zip"
+_LEDGER_NAME: Final = "every file of the world with its SHA-256, as lines of JSON"
 _ALL_CHUNKS: Final = {"write_empty_chunks": True}  # so that a missing one is known to be lost
 _COORDINATES: Final = 65536  # in a chunk
 _CLOSING: Final = (METADATA, f"{LEDGER}/{METADATA}", f"{LEDGER}/{BYTES}")  # depend on the ledger
@@ -121,18 +123,9 @@ class ZarrStore:
             crs = place.mapping_attributes(level)
             _create(group, GRID_MAPPING, (), (), "int32", crs, config=_ALL_CHUNKS)[...] = 0
             for axis, count in (("x", level.columns), ("y", level.rows)):
-                size, codecs = min(count, _COORDINATES), _codecs("shuffle", 5, 8)
-                about = axis_attributes(axis)
-                array = _create(
-                    group,
-                    axis,
-                    (count,),
-                    (size,),
-                    "float64",
-                    about,
-                    dimension_names=(axis,),
-                    compressors=codecs,
-                )
+                size, options = min(count, _COORDINATES), {"dimension_names": (axis,)}
+                options["compressors"] = _codecs("shuffle", 5, 8)
+                array = _create(group, axis, (count,), (size,), "float64", axis_attributes(axis), **options)
                 for first in range(0, count, size):
                     held = min(size, count - first)
                     array[first : first + held] = place.coordinates(axis, level, first, held)
@@ -141,11 +134,8 @@ class ZarrStore:
                 own = {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
                 _create_layer(group, layer, layer, level, LAYER_SPECS[layer].attributes | own)
             _consolidate(group)
-        about = "what the world was made from: the bytes of a .sketch file, a zip"
-        _write_bytes(root, SKETCH, packed_sketch(job.sketch), about)
-        _write_bytes(
-            root, LEDGER, ledger or b"", "every file of the world with its SHA-256, as lines of JSON"
-        )
+        _write_bytes(root, SKETCH, packed_sketch(job.sketch), _SKETCH_NAME)
+        _write_bytes(root, LEDGER, ledger or b"", _LEDGER_NAME)
         if ledger is not None:
             _consolidate(root)
         return {name: buffer.to_bytes() for name, buffer in content.items()}

@@ -18,7 +18,6 @@ from sketchterrain.ui.commands.labels import (
     label_areas,
     labels_of,
     new_label,
-    reset_label,
     reset_property,
     set_property,
 )
@@ -84,8 +83,6 @@ def test_a_copied_label_has_the_same_properties_which_are_set_and_reset(sketch) 
     low = reset_property(high, "mountain", 1, "height")
     assert low.properties("mountain", 1) == sketch.properties("mountain", 1)
     assert reset_property(low, "mountain", 1, "height") is low
-    assert reset_label(sketch, "mountain", 2).properties("mountain", 2)["height"] == 600.0
-    assert reset_label(sketch, "mountain", 1) is sketch
 
 
 def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(sketch) -> None:

@@ -84,13 +84,6 @@ def reset_property(sketch: Sketch, layer: str, label: int, name: str) -> Sketch:
     return sketch.replace(labels={**sketch.labels, (layer, label): properties})
 
 
-def reset_label(sketch: Sketch, layer: str, label: int) -> Sketch:
-    """Give all properties of a label their defaults again."""
-    if not sketch.labels.get((layer, label)):
-        return sketch
-    return sketch.replace(labels={**sketch.labels, (layer, label): {}})
-
-
 def _frozen(image: LabelImage) -> LabelImage:
     image.flags.writeable = False
     return image

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,13 +88,6 @@ def handles_of(placed: Placed, chosen: Chosen | None) -> tuple[Handle, ...]:
     places = river.points[:free, :2].tolist()
     points = [Handle("point", Chosen("river", river.id, i), x, y, x, y) for i, (x, y) in enumerate(places)]
     return (*points, _width_handle(river, whole))
-
-
-def handle_at(handles: Iterable[Handle], x: float, y: float, *, reach: float) -> Handle | None:
-    """Return the nearest handle to a place (m) within `reach` (m); of equally near ones the first."""
-    near = [(float(np.hypot(each.x - x, each.y - y)), each) for each in handles]
-    best = min(near, key=lambda pair: pair[0], default=None)
-    return best[1] if best is not None and best[0] <= reach else None
 
 
 def _width_handle(river: River, chosen: Chosen) -> Handle:

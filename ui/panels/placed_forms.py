@@ -40,8 +40,7 @@ _SHARE = dataclasses.replace(
     _SHAPE["strength"], name="density", high=1.0, help="share of the trees that the ground can carry"
 )
 _RADIUS = dataclasses.replace(_SHAPE["radius"], help="how far it reaches from its middle")
-_X = dataclasses.replace(_SHAPE["x"], help="east of the sketch's south-west corner")
-_Y = dataclasses.replace(_SHAPE["y"], help="north of the sketch's south-west corner")
+_X, _Y = _SHAPE["x"], _SHAPE["y"]
 
 
 class FeatureForm(QWidget):
@@ -128,12 +127,6 @@ def _line(feature: int) -> str:
     if feature & ADDED_BIT and not feature & int(FILL_BIT):
         return "added by hand"
     return "placed in unpainted land" if feature & int(FILL_BIT) else "placed where it was painted"
-
-
-_X, _Y = (
-    dataclasses.replace(ACTIONS["move_point"].needs[name], help=f"{way} of the sketch's south-west corner")
-    for name, way in (("x", "east"), ("y", "north"))
-)
 
 
 class RiverForm(QWidget):

@@ -27,6 +27,15 @@ def tiers(names, quick, slow=(), soak=()):
     return pytest.mark.parametrize(names, [*quick, *marked])
 
 
+def half_sums(parent: np.ndarray) -> dict[tuple[int, int], np.ndarray]:
+    """What lies between a parent's vertices, twice: along its edges and its north-west diagonals."""
+    return {
+        (0, 1): parent[:, :-1] + parent[:, 1:],
+        (1, 0): parent[:-1] + parent[1:],
+        (1, 1): parent[:-1, :-1] + parent[1:, 1:],
+    }
+
+
 @pytest.fixture
 def calls(monkeypatch) -> list[str]:
     """What contexts are asked to do from now on: clear it to begin."""

@@ -30,6 +30,12 @@ def forget() -> None:
         function.cache_clear()
 
 
+def full() -> None:
+    """Fail as a device without memory does."""
+    code = cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE
+    raise cl.MemoryError(cl._cl._ErrorRecord(msg="", code=code, routine="clInjected"))
+
+
 @pytest.fixture
 def fresh(tmp_path, monkeypatch) -> Iterator[None]:
     """Verdicts are cached in the process and on disk: forget them before and after."""
@@ -159,12 +165,6 @@ def test_little_memory_changes_no_bit(room, context, monkeypatch) -> None:
             self._call("launching", full)
         real(self, file, kernel, size, *given, **named)
 
-    def full() -> None:
-        record = cl._cl._ErrorRecord(
-            msg="", code=cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE, routine="clInjected"
-        )
-        raise cl.MemoryError(record)
-
     monkeypatch.setattr(ComputeContext, "launch", launch)
     small = build(verdicts.probe_terrain(), device=context)
     found = small.raster(257), small.tiles([(4, 3 + i, 5) for i in range(9)]), small.heights(x, x)
@@ -188,10 +188,6 @@ def test_no_room_once_anywhere(which, context, monkeypatch) -> None:
         return (
             real(self, doing, full) if len(calls) - 1 == failing else real(self, doing, work, *given, **named)
         )
-
-    def full() -> None:
-        code = cl.status_code.MEM_OBJECT_ALLOCATION_FAILURE
-        raise cl.MemoryError(cl._cl._ErrorRecord(msg="", code=code, routine="clInjected"))
 
     def job() -> list[Any]:
         calls.clear()

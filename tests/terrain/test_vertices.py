@@ -10,7 +10,7 @@ import pytest
 from sketchterrain.errors import DeviceFailedError, DeviceMemoryError, InputError
 from sketchterrain.terrain.vertices import TILE_QUADS, VERTEX
 
-from .conftest import launches, tiers
+from .conftest import half_sums, launches, tiers
 
 # A parent, its four children and a grandchild; far and coarse tiles: each with its parent's place here.
 FAMILY = [
@@ -69,12 +69,7 @@ def test_the_parents_part_is_what_the_parent_draws(valley) -> None:
         for name, half_step in (("height", 0.0), ("slope", 0.5), ("weights", 0.5)):
             own, of_parent = vertex[f"parent_{name}"].astype(float), whole[name].astype(float)
             np.testing.assert_array_equal(own[::2, ::2], of_parent)
-            middles = {
-                (0, 1): of_parent[:, :-1] + of_parent[:, 1:],
-                (1, 0): of_parent[:-1] + of_parent[1:],
-                (1, 1): of_parent[:-1, :-1] + of_parent[1:, 1:],
-            }
-            for (south, east), twice in middles.items():
+            for (south, east), twice in half_sums(of_parent).items():
                 middle = 0.5 * twice if half_step else np.float32(0.5) * twice.astype(np.float32)
                 if half_step:
                     np.testing.assert_allclose(own[south::2, east::2], middle, rtol=0, atol=half_step)

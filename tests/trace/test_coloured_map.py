@@ -17,7 +17,6 @@ from sketchterrain.trace.label_image import (
     joined,
     majority,
     scaled_size,
-    thinned,
 )
 from sketchterrain.trace.legend import Legend
 from sketchterrain.trace.picture_colours import mixtures
@@ -294,20 +293,6 @@ def test_a_gap_is_bridged_and_connected_parts_get_no_bridge(parts) -> None:
     bend = np.zeros((40, 40), bool)
     bend[10, 5:30] = bend[13, 5:30] = bend[10:14, 29] = True
     assert np.array_equal(joined(bend, 4), bend)
-
-
-def test_a_thinned_line_reaches_the_border_and_is_as_connected(parts) -> None:
-    wide = np.zeros((50, 50), bool)
-    for column in range(50):
-        row = round(25 + 12 * np.sin(column / 8))
-        wide[row - 2 : row + 3, column] = True
-    thin = thinned(wide)
-    assert not (thin & ~wide).any()
-    assert parts(thin) == 1
-    assert thin[:, 0].any()
-    assert thin[:, -1].any()
-    assert thin.sum() < 0.4 * wide.sum()
-    assert not thinned(np.zeros((5, 5), bool)).any()
 
 
 def test_a_mixture_lies_between_its_sides_and_a_line_does_not() -> None:

@@ -13,7 +13,6 @@ from sketchterrain.benchmarks.baselines.problem import Absent
 from sketchterrain.benchmarks.baselines.thesis import Sampling, ThesisTiles
 from sketchterrain.benchmarks.grounds import open_ground
 from sketchterrain.benchmarks.noise import NoiseGrid
-from sketchterrain.benchmarks.spectrum import SETS, SIDE, spectrum_of
 from sketchterrain.benchmarks.timing import TimedContext
 from sketchterrain.terrain.poisson import GREATEST_DENSITY
 
@@ -93,16 +92,6 @@ def test_phase_groups_keep_their_distance(context):
         )
         assert once == again, case
         assert once.isdisjoint(other), case
-
-
-@pytest.mark.slow
-def test_the_thesis_needs_levels_and_turns_for_its_spectrum(context):
-    def worst(levels: int, *, rounds: bool) -> float:
-        groups = PhaseGroups(context, SIDE + 8.0, 1.0, 4, levels=levels, rounds=rounds)
-        return spectrum_of([groups.points(seed) - 4.0 for seed in range(SETS)]).worst
-
-    assert worst(1, rounds=False) > 0.0
-    assert worst(3, rounds=True) < -12.0
 
 
 @pytest.mark.slow

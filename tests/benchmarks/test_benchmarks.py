@@ -116,26 +116,6 @@ def test_every_choice_has_one_way_that_is_used(outcomes):
 
 
 @pytest.mark.slow
-def test_flight_compares_every_way_at_every_setting(outcomes, tiny):
-    points, generation, drawn, reached, first = (rows(outcomes["flight"], table) for table in range(5))
-    measured = [row for row in points if "most_px" in row]
-    for row in measured:
-        assert 0 < row["most_px"] <= row["worst_px"]
-        assert row["triangles"] > 0
-    for way in {row["way"] for row in measured}:
-        coarse, fine = sorted((r for r in measured if r["way"] == way), key=lambda r: r["triangles"])
-        assert fine["most_px"] <= coarse["most_px"]
-    assert {row["way"] for row in reached} == {row["way"] for row in measured}
-    settings = len(tiny.flight_own_pixels) + len(tiny.flight_factors)
-    assert len(generation) == settings * len(tiny.flight_quads)
-    assert len(first) == 3 * len(tiny.flight_quads)
-    assert len(drawn) == 1
-    for row in generation:
-        assert 0 <= row["updating_ms"] <= row["worst_ms"]
-        assert len(row["seconds"]) == tiny.flight_frames
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", charts.CHARTS)
 def test_charts_are_pictures(outcomes, name):
     pytest.importorskip("matplotlib")

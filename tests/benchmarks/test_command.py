@@ -50,16 +50,6 @@ def test_a_run_writes_report_data_and_charts(tmp_path, capsys):
     assert capsys.readouterr().out.strip() == str(target / "bench.md")
 
 
-@pytest.mark.slow
-def test_without_matplotlib_the_table_is_still_written(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("sketchterrain.benchmarks.charts.find_spec", lambda name: None)
-    assert run(["tiles"], output=tmp_path, quick=True, device=None, as_json=False) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bench.json", "bench.md"]
-    complaint = [line for line in capsys.readouterr().err.splitlines() if "matplotlib" in line]
-    assert len(complaint) == 1
-    assert "![tiles]" not in (tmp_path / "bench.md").read_text(encoding="utf-8")
-
-
 def test_invalid_names_devices_and_folders_are_refused(tmp_path):
     target = tmp_path / "file"
     target.write_text("kept")

@@ -215,17 +215,17 @@ def test_after_a_device_failed_all_is_done_again_on_another(call, sketch, tmp_pa
             raise DeviceFailedError("the device is gone")
         return whole(*arguments, **options)
 
-    plain = call("export", sketch, "--to", "raw", "-o", tmp_path / "plain", "--size", 33)
+    words = ("export", sketch, "--to", "raw", "--size", 33, "-o")
+    plain = call(*words, tmp_path / "plain")
     monkeypatch.setattr(sketchterrain.exporting, "sample", once)
     monkeypatch.setattr(sketchterrain.jobs, "spare_device", lambda failed: failed[-1])  # compiled already
-    done = call("export", sketch, "--to", "raw", "-o", tmp_path / "again", "--size", 33)
+    done = call(*words, tmp_path / "again")
     assert (plain.code, done.code) == (0, 0), done.err
     assert "started again: the device is gone; all of it is done again on" in done.out
-    assert {path.name for path in (tmp_path / "again").iterdir()} == {
-        path.name for path in (tmp_path / "plain").iterdir()
-    }
-    for path in (tmp_path / "plain").iterdir():
-        assert path.read_bytes() == (tmp_path / "again" / path.name).read_bytes(), path.name
+    first, second = (
+        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()} for name in ("plain", "again")
+    )
+    assert first == second
 
 
 def test_files_have_names_that_any_system_takes():

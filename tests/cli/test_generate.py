@@ -256,19 +256,16 @@ def test_ctrl_c_amid_the_plants_leaves_nothing_half_written(call, sketch, tmp_pa
 
 
 def test_more_plants_than_the_disk_has_room_for_are_refused_before_they_are_looked_for(call, tmp_path):
-    (tmp_path / "wide").mkdir()
-    (tmp_path / "wide" / "sketch.toml").write_text("format = 1\nextent = 1e6\n[density]\nhill = 0.0\n")
-    (tmp_path / "out").mkdir()
-    done = call(
-        *("generate", tmp_path / "wide", "-o", tmp_path / "out", "--size", 9, "--no-preview"),
-        *("--foliage", "ply", "--grass"),
-    )
+    st.save_sketch(st.Sketch(extent=1e6, density={"hill": 0.0}), tmp_path / "wide")
+    out = tmp_path / "out"
+    look = ("--size", 9, "--no-preview", "--foliage", "ply", "--grass")
+    done = call("generate", tmp_path / "wide", "-o", out, *look)
     assert done.code == 3
     figures = r"foliage\.ply: up to [\d.e+]+ plants need up to [\d.]+ GiB, (.+) has [\d.]+ GiB left"
     told = re.fullmatch(figures, done.error)
     assert told is not None, done.error
-    assert told[1] == str(tmp_path / "out")
-    assert names(tmp_path / "out") == set()
+    assert told[1] == str(out)
+    assert names(out) == set()
 
 
 @pytest.mark.gl

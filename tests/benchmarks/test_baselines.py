@@ -92,19 +92,3 @@ def test_phase_groups_keep_their_distance(context):
         )
         assert once == again, case
         assert once.isdisjoint(other), case
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("make", "side"),
-    [(bridson.in_numba, 64.0), (bridson.in_rust, 64.0), (bridson.in_node, 64.0), (bridson.in_scipy, 12.0)],
-)
-def test_scatterers_keep_their_distance(make, side):
-    scatterer = make()
-    if isinstance(scatterer, Absent):
-        pytest.skip(scatterer.reason)
-    taken, points = scatterer.scatter(side, 20, 5)
-    assert taken.wall > 0.0
-    assert ((points >= 0.0) & (points < side)).all()
-    assert nearest(points) >= 1.0 - 1e-12
-    assert len(points) > 0.8 * GREATEST_DENSITY * side**2

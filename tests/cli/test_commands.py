@@ -1,6 +1,9 @@
+"""Short commands, pictures by `render`, and stages of progress."""
+
 import json
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -10,9 +13,11 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+import sketchterrain.progress
 import sketchterrain.render
 import sketchterrain.still
 from sketchterrain.compute import list_devices
+from sketchterrain.progress import Stages
 from sketchterrain.render import Quality
 from sketchterrain.render.overlays import Legend
 from sketchterrain.resources import preset_names
@@ -26,7 +31,7 @@ def test_help_loads_no_numbers_no_driver_and_no_picture():
     code = (
         "import sys\n"
         "from sketchterrain.cli import main\n"
-        "codes = [main(['--help']), main(['generate', '--help']), main(['--version'])]\n"
+        "codes = [main(['--help']), main(['edit', '--help']), main(['--version'])]\n"
         f"sys.stderr.write(repr((codes, sorted(set({heavy}) & set(sys.modules)))))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -172,3 +177,35 @@ def test_adherence_tells_numbers_and_shows_where(call, sketch, tmp_path):
         ["label", "1", "of", "river"],
     ]
     assert len(told["notes"]) == 2
+
+
+def test_finished_stages_are_timed_in_order():
+    with Stages() as stages:
+        with stages.stage("a", "First") as tell:
+            tell(0.5)
+        with stages.stage("b", "Second"):
+            pass
+        with pytest.raises(ValueError, match="no"), stages.stage("c", "Third"):
+            raise ValueError("no")
+    assert list(stages.seconds) == ["a", "b"]
+    assert all(seconds >= 0 for seconds in stages.seconds.values())
+
+
+def test_a_quick_stage_says_nothing_and_a_slow_one_a_line(capsys, monkeypatch):
+    with Stages() as stages, stages.stage("a", "Quick"):
+        pass
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sketchterrain.progress, "_QUIET", 0.001)
+    with Stages() as stages, stages.stage("a", "Slow"):
+        time.sleep(0.2)
+    assert capsys.readouterr() == ("", "Slow …\n")
+
+
+def test_a_terminal_gets_bars(terminal, monkeypatch):
+    monkeypatch.setattr(sys, "stderr", terminal)
+    with Stages() as stages:
+        with stages.stage("a", "First") as tell:
+            tell(0.5)
+        with pytest.raises(ValueError, match="no"), stages.stage("b", "Second"):
+            raise ValueError("no")
+    assert all(title in terminal.getvalue() for title in ("First", "Second"))

@@ -1,4 +1,8 @@
+"""Cameras: projection, orbiting, walking, lines of sight, the ground near the eye."""
+
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
@@ -6,6 +10,11 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.render import Camera
 from sketchterrain.render.camera import clip_planes, direction
+from sketchterrain.render.near_ground import NARROWEST, NearGround
+from sketchterrain.render.orbit import CLEARANCE as ORBIT_CLEARANCE
+from sketchterrain.render.orbit import Orbit
+from sketchterrain.render.sight import sight
+from sketchterrain.render.walk import CLEARANCE, EYE_HEIGHT, Walk
 
 ASPECT = 16 / 9
 
@@ -84,3 +93,356 @@ def test_clip_planes_follow_the_height_above_ground_and_the_draw_distance():
         assert clip_planes(clearance, 28_000.0) == pytest.approx((near, 30_800.0))
         near, far = clip_planes(clearance, 0.0)
         assert 0.0 < near < far
+
+
+class Counted:
+    """A terrain that counts how often it is asked."""
+
+    def __init__(self, terrain):
+        self.terrain, self.calls = terrain, 0
+        self.extent = terrain.extent
+
+    def heights(self, x, y, *, cell_size=0.0):
+        self.calls += 1
+        return self.terrain.heights(x, y, cell_size=cell_size)
+
+
+def test_heights_are_those_of_the_ground_within_a_small_part_of_the_spread(waves):
+    for east, north in ((300.0, 200.0), (1e6, -4e5)):
+        for spread in (0.0, 3.0, 200.0):
+            x = east + np.linspace(-0.5, 0.5, 7) * spread
+            y = north + np.linspace(0.5, -0.5, 7) * spread
+            found = NearGround(waves)(x, y)
+            assert found == pytest.approx(waves.heights(x, y), abs=0.02 + 2e-3 * spread), (east, spread)
+
+
+def test_a_map_is_made_only_for_places_outside_the_last_or_closer_together(waves):
+    counted = Counted(waves)
+    ground = NearGround(counted)
+    asked = []
+    for x in ([0.0], [10.0], [-0.45 * NARROWEST], [40.0], [0.0, 500.0], [250.0], [250.0, 260.0]):
+        ground(x, 0.0)
+        asked.append(counted.calls)
+    assert asked == [1, 1, 1, 2, 3, 4, 4]
+
+
+def test_a_moving_eye_never_is_in_the_ground_and_asks_for_few_maps(waves):
+    for boost in (1.0, 20.0):
+        counted = Counted(waves)
+        walk = Walk(NearGround(counted), (100.0, 300.0, 0.0), heading=40.0, pitch=-20.0)
+        for _ in range(600):
+            walk.look(0.2, 0.0)
+            walk.advance(1 / 60, forward=1.0, boost=boost)
+            x, y, z = walk.eye
+            assert z > float(waves.heights(x, y)) + 0.9 * CLEARANCE, boost
+        assert counted.calls < 60, boost
+
+
+def plain(x, y):
+    return np.zeros(np.broadcast(x, y).shape)
+
+
+def hills(x, y):
+    return 60.0 * np.sin(np.asarray(x) / 90.0) * np.cos(np.asarray(y) / 70.0)
+
+
+def camera(orbit):
+    return orbit.camera(draw_distance=7000.0)
+
+
+def distance(orbit):
+    return np.linalg.norm(np.subtract(camera(orbit).eye, orbit.pivot))
+
+
+def place(of, point):
+    """Where a point lies in the picture, −1 … 1."""
+    clip = of.to_clip(ASPECT) @ np.append(np.subtract(point, of.eye), 1.0)
+    return clip[:2] / clip[3]
+
+
+def test_it_keeps_its_distance_and_looks_at_the_pivot():
+    for pivot in ((0.0, 0.0, 0.0), (1e6, -2e6, 0.0)):
+        orbit = Orbit(plain, pivot, distance=400.0)
+        rng = np.random.default_rng(3)
+        for _ in range(200):
+            orbit.turn(rng.normal(0, 30), rng.normal(5, 20))
+            orbit.advance(rng.uniform(0.0, 0.1))
+            if 400.0 * np.sin(np.radians(orbit.elevation)) > 2.0:
+                assert distance(orbit) == pytest.approx(400.0, abs=1e-6), pivot
+            assert place(camera(orbit), pivot) == pytest.approx([0.0, 0.0], abs=1e-6), pivot
+
+
+def test_the_path_does_not_depend_on_the_frame_rate():
+    """Where nothing is asked for in between it is the same to rounding."""
+    ends = []
+    for steps in ([0.5], [1 / 60] * 30, [1 / 240] * 120, np.diff([0.0, 0.01, 0.03, 0.2, 0.21, 0.5]).tolist()):
+        orbit = Orbit(hills, (0.0, 0.0, 0.0), distance=400.0)
+        orbit.turn(80.0, 20.0)
+        orbit.pan(0.3, 0.2)
+        orbit.zoom(0.4, about=(50.0, 30.0, 10.0))
+        for h in steps:
+            orbit.advance(h)
+        ends.append([*camera(orbit).eye, *orbit.pivot])
+    assert np.ptp(ends, axis=0).max() < 1e-9
+
+
+def test_a_zoom_keeps_its_point_in_the_picture_up_to_its_ends():
+    orbit = Orbit(plain, (0.0, 0.0, 0.0), distance=800.0, heading=30.0)
+    point = (120.0, 60.0, 20.0)
+    first = place(camera(orbit), point)
+    for factor in (0.5, 0.5, 3.0, 0.1):
+        orbit.zoom(factor, about=point)
+        for _ in range(10):
+            orbit.advance(1 / 60)
+            assert place(camera(orbit), point) == pytest.approx(first, abs=1e-9)
+    orbit.advance(10.0)
+    assert orbit.distance == pytest.approx(60.0)
+    orbit = Orbit(plain, (0.0, 0.0, 0.0), distance=800.0, elevation=89.0)
+    point = (50.0, 90.0, 0.0)
+    first = place(camera(orbit), point)
+    for factor in (1e-9, 1e12):
+        orbit.zoom(factor, about=point)
+        orbit.advance(100.0)
+        assert place(camera(orbit), point) == pytest.approx(first, abs=1e-6)
+    assert orbit.distance == pytest.approx(5e6)
+
+
+def test_a_pan_drags_the_ground_and_the_pivot_follows_it():
+    for heading in (0.0, 130.0):
+        orbit = Orbit(plain, (0.0, 0.0, 0.0), distance=500.0, heading=heading, elevation=89.0)
+        orbit.pan(0.25, 0.125)  # the eye goes right and up: the pivot's old place, left and down
+        orbit.advance(10.0)
+        found = place(camera(orbit), (0.0, 0.0, 0.0))
+        assert found == pytest.approx([-0.5 / ASPECT, -0.25], rel=0.02), heading
+
+    orbit = Orbit(hills, (10.0, 20.0, float(hills(10.0, 20.0)) + 5.0))
+    for _ in range(20):
+        orbit.pan(0.2, 0.3)
+    orbit.advance(10.0)
+    x, y, z = orbit.pivot
+    assert z == pytest.approx(float(hills(x, y)) + 5.0)
+
+
+def test_the_eye_is_lifted_out_of_the_ground_without_a_jump():
+    """Around a valley among steep cones, at and under the horizon: 0.05° more never move the eye 2 m."""
+
+    def cones(x, y):
+        x, y = np.asarray(x), np.asarray(y)
+        return np.maximum(250.0 - 2.0 * np.abs(np.hypot(x, y) - 300.0), 0.0) * (np.sin(x / 40) + 1)
+
+    orbit = Orbit(cones, (0.0, 0.0, 0.0), distance=300.0, elevation=-20.0)
+    eyes = []
+    for _ in range(7200):
+        orbit.turn(0.05, 0.002)
+        orbit.advance(100.0)
+        eyes.append(camera(orbit).eye)
+        assert eyes[-1][2] >= cones(*eyes[-1][:2]) + ORBIT_CLEARANCE
+    assert np.linalg.norm(np.diff(eyes, axis=0), axis=1).max() < 5.0
+    assert np.ptp(np.array(eyes)[:, 2]) > 300.0
+
+
+def test_a_jump_takes_no_time_and_an_orbit_at_rest_does_not_move():
+    orbit = Orbit(plain, (0.0, 0.0, 0.0), heading=10.0, distance=300.0)
+    orbit.turn(-40.0, 10.0)
+    orbit.jump((5e5, 6e5, 7.0), distance=90.0)
+    before = camera(orbit)
+    assert (orbit.pivot, orbit.distance, orbit.heading) == ((5e5, 6e5, 7.0), 90.0, 50.0)
+    orbit.advance(1.0)
+    assert camera(orbit) == before
+
+    orbit = Orbit(hills, (1e6, 1e6, 0.0))
+    orbit.turn(50.0, 10.0)
+    orbit.zoom(0.3, about=(1e6 + 100.0, 1e6, 0.0))
+    for _ in range(600):
+        orbit.advance(1 / 60)
+    rest = camera(orbit)
+    for h in (0.001, 0.1, 0.02, 1.0):
+        orbit.advance(h)
+        assert np.abs(np.subtract(camera(orbit).eye, rest.eye)).max() < 1e-9
+
+
+def test_a_line_of_sight_ends_where_it_first_meets_the_ground():
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        orbit = Orbit(hills, (*rng.uniform(-500, 500, 2), 0.0), heading=rng.uniform(0, 360), distance=900.0)
+        view = camera(orbit)
+        x, y = rng.uniform(-0.9, 0.9, 2)
+        along = view.ray(x, y, ASPECT)
+        point = sight(hills, view.eye, along, reach=20_000.0)
+        assert place(view, point) == pytest.approx([x, y], abs=1e-9), seed
+        assert point[2] == pytest.approx(float(hills(*point[:2])), abs=1e-4), seed
+        t = np.linspace(0.0, np.linalg.norm(np.subtract(point, view.eye)) - 1.0, 5000)[:, None]
+        way = view.eye + t * along
+        assert (way[:, 2] >= hills(way[:, 0], way[:, 1])).all(), seed
+    # Nothing in the sky; from below the ground, the place itself.
+    assert sight(plain, (0.0, 0.0, 10.0), (0.0, 0.6, 0.8), reach=1e5) is None
+    assert sight(plain, (0.0, 0.0, -3.0), (0.0, 1.0, 0.0), reach=1e5) == (0.0, 0.0, -3.0)
+
+
+def slopes(x, y):
+    """Up to 130 % steep, down to waves of 6 m."""
+    x, y = np.asarray(x), np.asarray(y)
+    return 60 * np.sin(x / 90) * np.cos(y / 70) + 4 * np.sin(x / 9 + 1) + 0.5 * np.sin(x / 1.7 + y)
+
+
+def cliffs(seed):
+    """Ground in steps of random height, 1 to 300 m, every 7 m: as steep as ground can be."""
+    heights = np.random.default_rng(seed).exponential(80.0, (64, 64))
+
+    def ground(x, y):
+        col, row = (np.floor(np.asarray(v) / 7.0).astype(int) % 64 for v in (x, y))
+        return heights[row, col]
+
+    return ground
+
+
+def irregular(seconds, seed=5):
+    rng = np.random.default_rng(seed)
+    times = np.sort(rng.uniform(0.0, seconds, int(40 * seconds)))
+    return np.diff(np.concatenate([[0.0], times, [seconds]])).tolist()
+
+
+def fly(walk, steps, *, look=0.0, **keys):
+    """Fly through steps of time, turning all the while."""
+    for h in steps:
+        walk.look(look * h, 0.0)
+        walk.advance(h, **keys)
+    return np.array(walk.eye)
+
+
+@pytest.mark.slow
+def test_the_path_does_not_depend_on_the_frame_rate_when_walking():
+    """A tenth of a percent of the way after ten seconds, also where steps are irregular (0 … 150 ms)."""
+    rates = {
+        "60": [1 / 60] * 600,
+        "240": [1 / 240] * 2400,
+        "24": [1 / 24] * 240,
+        "irregular": irregular(10.0),
+    }
+    for ground, on_foot in itertools.product((plain, slopes), (False, True)):
+        ends = {}
+        for name, steps in rates.items():
+            walk = Walk(ground, (10.0, 20.0, 150.0), pitch=-2.0, on_foot=on_foot)
+            ends[name] = fly(walk, steps, forward=1.0, right=0.3, boost=4.0)
+        way = np.linalg.norm(ends["240"] - [10.0, 20.0, ends["240"][2]])
+        assert way > 100
+        for name, end in ends.items():
+            assert np.linalg.norm(end - ends["240"]) < 1e-3 * way, (ground, on_foot, name)
+        assert np.linalg.norm(ends["60"] - ends["240"]) < 1e-6 * way, (ground, on_foot)
+
+    # The mouse itself moves in steps of a frame: 2 % of the way.
+    ends = [
+        fly(Walk(plain, (0.0, 0.0, 300.0)), [1 / rate] * (5 * rate), look=40.0, forward=1.0)
+        for rate in (60, 240)
+    ]
+    assert np.linalg.norm(ends[0] - ends[1]) < 0.02 * np.linalg.norm(ends[1])
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
+def test_the_eye_is_never_in_the_ground_however_steep_and_fast(seed):
+    for boost, on_foot in itertools.product((0.2, 1.0, 30.0, 1000.0), (False, True)):
+        ground = cliffs(seed)
+        rng = np.random.default_rng(seed)
+        walk = Walk(ground, (3.0, 4.0, -50.0), heading=rng.uniform(0, 360), pitch=-60.0, on_foot=on_foot)
+        for h in irregular(8.0, seed):
+            walk.look(rng.normal(0, 20), rng.normal(0, 20))
+            walk.advance(h, forward=1.0, right=rng.uniform(-1, 1), up=rng.uniform(-1, 1), boost=boost)
+            x, y, z = walk.eye
+            assert z >= ground(x, y) + CLEARANCE - 1e-9, (boost, on_foot)
+            assert walk.clearance == pytest.approx(z - ground(x, y)), (boost, on_foot)
+            assert np.isfinite(walk.eye).all(), (boost, on_foot)
+
+
+def test_an_eye_at_rest_does_not_move():
+    """1,000 km away and farther: after the keys are let go the camera comes to rest to the last bit."""
+    for origin, on_foot in itertools.product((0.0, 1e6, -3e7), (False, True)):
+        walk = Walk(slopes, (origin + 3.0, origin - 5.0, 40.0), on_foot=on_foot)
+        fly(walk, [1 / 60] * 60, look=30.0, forward=1.0, up=-1.0)
+        fly(walk, [1 / 60] * 60 * 8)
+        rest = walk.camera(draw_distance=7000.0)
+        for h in irregular(2.0):
+            walk.advance(h)
+            camera = walk.camera(draw_distance=7000.0)
+            assert np.abs(np.subtract(camera.eye, rest.eye)).max() < 1e-9, (origin, on_foot)
+            assert np.abs(camera.forward - rest.forward).max() < 1e-9, (origin, on_foot)
+        assert (walk.velocity == 0.0).all(), (origin, on_foot)
+
+
+def test_a_hillside_lifts_the_eye_without_a_jerk():
+    """Up a slope of 45°, at 40 m/s: less than letting the keys go (190 m/s²); a hard stop takes 4,600."""
+
+    def ramp(x, y):
+        return np.clip(np.asarray(y) - 300.0, 0.0, 60.0) + 0.0 * np.asarray(x)
+
+    walk = Walk(ramp, (0.0, 0.0, 12.0))
+    steps = 1 / 120
+    path = []
+    while walk.eye[1] < 500.0:
+        fly(walk, [steps], forward=1.0, boost=4.0)
+        path.append(walk.eye)
+        assert len(path) < 5000
+    vertical = np.diff(np.array(path)[:, 2]) / steps
+    assert np.abs(np.diff(vertical) / steps).max() < 150.0
+    assert path[-1][2] > 60.0 + CLEARANCE
+
+
+def test_on_foot_the_eye_keeps_to_the_ground():
+    walk = Walk(slopes, (0.0, 0.0, 500.0), on_foot=True)
+    assert walk.eye[2] == slopes(0.0, 0.0) + EYE_HEIGHT
+    heights = []
+    for _ in range(1200):
+        walk.advance(1 / 60, forward=1.0)
+        heights.append(walk.clearance)
+    assert min(heights) >= CLEARANCE
+    assert max(heights) < EYE_HEIGHT + 1.0
+    assert 70.0 < walk.eye[1] < 82.0  # 4 m/s, uphill too
+
+
+def test_speed_grows_with_the_height_above_ground():
+    speeds = []
+    for height in (0.0, 100.0, 1000.0, 20_000.0):
+        walk = Walk(plain, (0.0, 0.0, height))
+        fly(walk, [1 / 60] * 120, forward=1.0)
+        speeds.append(np.linalg.norm(walk.velocity))
+    assert speeds == pytest.approx([4.0, 80.0, 800.0, 3000.0], rel=0.01)
+
+
+def test_keys_move_in_their_directions():
+    for keys, way in (
+        ({"forward": 1.0}, (1, 0, 0)),
+        ({"right": 1.0}, (0, -1, 0)),
+        ({"forward": -1.0, "right": -1.0}, (-1, 1, 0)),
+        ({"up": 1.0}, (0, 0, 1)),
+    ):
+        walk = Walk(plain, (0.0, 0.0, 100.0), heading=90.0)
+        fly(walk, [0.1] * 5, **keys)
+        gone = np.subtract(walk.eye, (0.0, 0.0, 100.0))
+        assert gone / np.linalg.norm(gone) == pytest.approx(way / np.linalg.norm(way), abs=1e-9), keys
+
+
+def test_the_look_follows_and_stops_short_of_straight_up():
+    walk = Walk(plain, (0.0, 0.0, 100.0), heading=350.0)
+    walk.look(30.0, 500.0)
+    turns = [(walk.advance(1 / 60), walk.heading, walk.pitch)[1:] for _ in range(60)]
+    assert turns[-1] == pytest.approx((20.0, 89.0))
+    assert all(now[1] <= later[1] for now, later in itertools.pairwise(turns))
+    camera = walk.camera(draw_distance=100.0)
+    assert (camera.heading, camera.pitch) == pytest.approx((20.0, 89.0))
+
+
+def test_jumps_and_long_pauses_end_above_the_ground():
+    walk = Walk(slopes, (0.0, 0.0, 500.0))
+    fly(walk, [1 / 60] * 30, forward=1.0)
+    walk.jump((1e6, 2e6, -900.0), heading=45.0, pitch=-10.0)
+    assert walk.eye == (1e6, 2e6, slopes(1e6, 2e6) + EYE_HEIGHT)
+    assert (walk.heading, walk.pitch) == (45.0, -10.0)
+    before = walk.camera(draw_distance=100.0)
+    walk.advance(0.1)
+    assert walk.camera(draw_distance=100.0).forward == pytest.approx(before.forward, abs=1e-12)
+
+    walk = Walk(slopes, (0.0, 0.0, 100.0))
+    walk.advance(0.0, forward=1.0)
+    assert walk.eye == (0.0, 0.0, 100.0)
+    walk.advance(1e5, forward=-1.0, up=-1.0)
+    assert np.isfinite(walk.eye).all()
+    assert walk.clearance >= CLEARANCE - 1e-9

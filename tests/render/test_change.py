@@ -157,14 +157,41 @@ def test_a_change_of_everything_is_that_of_a_fresh_renderer(gl, view, camera, be
     assert same(now, fresh.settled(camera))
 
 
+RED_GRASS = {"grass": {"colour": "#c83c3c"}}
+
+
 @pytest.mark.slow
-def test_a_settled_picture_is_that_of_a_fresh_renderer(gl, view, camera, before):
-    old = view.settled(camera)
-    new, areas = painted(before, ("mountain", 50, 44, 7), ("forest", 72, 50, 6))
-    view.renderer.change(new, areas)
-    now = view.settled(camera)
-    assert not same(now, old)
-    assert same(now, View(gl, new).settled(camera))
+def test_each_kind_of_change_is_that_of_a_fresh_renderer(gl, view, camera, before):
+    first = old = view.settled(camera)
+    terrain = before
+    changes = (
+        lambda now: painted(now, ("mountain", 50, 44, 7), ("forest", 72, 50, 6)),
+        lambda now: painted(river(now)[0], ("lake", 78, 48, 6)),
+        lambda now: rebuild(
+            now, now.sketch.replace(climate={**now.sketch.climate, "aridity": 0.9}, look=RED_GRASS)
+        ),
+        lambda now: rebuild(now, now.sketch.replace(ground={**now.sketch.ground, "relief": 260.0}, seed=8)),
+        lambda now: (before, [EVERYWHERE]),
+    )
+    for number, change in enumerate(changes):
+        terrain, areas = change(terrain)
+        view.renderer.change(terrain, [EVERYWHERE] if number == 1 else areas)
+        now = view.settled(camera)
+        assert not same(now, old), number
+        assert same(now, first if terrain is before else View(gl, terrain).settled(camera)), number
+        old = now
+    for sun, weather in (
+        (Sun(290.0, 12.0), Weather.of(before.sketch, haze=3.0, wind=9.0)),
+        (SUN, Weather.of(before.sketch, clouds=0.0)),
+        (SUN, Weather.of(before.sketch, clouds=1.0)),
+        (SUN, Weather.of(before.sketch)),
+    ):
+        view.renderer.relight(sun=sun, weather=weather)
+        fresh = View(gl, before)
+        fresh.renderer = Renderer(gl, before, sun=sun, weather=weather, quality=QUALITY)
+        now = view.settled(camera)
+        assert same(now, fresh.settled(camera)), weather
+        assert same(now, first) == (weather == Weather.of(before.sketch))
 
 
 @pytest.mark.slow
@@ -211,46 +238,6 @@ def test_changes_out_of_view_keep_the_picture_and_another_extent_is_refused(view
 
 
 @pytest.mark.slow
-def test_a_change_of_the_whole_terrain_is_that_of_a_fresh_renderer(gl, view, camera, before):
-    sketch = before.sketch.replace(ground={**before.sketch.ground, "relief": 260.0}, seed=8)
-    new, areas = rebuild(before, sketch)
-    assert areas == [EVERYWHERE]
-    view.renderer.change(new, areas)
-    held = drawn_vertices(view.renderer)
-    wanted = fresh_vertices(new, list(held))
-    assert all((held[key] == wanted[key]).all() for key in held)
-    assert same(view.settled(camera), View(gl, new).settled(camera))
-
-
-@pytest.mark.slow
-def test_a_change_of_climate_and_look_is_that_of_a_fresh_renderer(gl, view, camera, before):
-    sketch = before.sketch.replace(
-        climate={**before.sketch.climate, "aridity": 0.9}, look={"grass": {"colour": "#c83c3c"}}
-    )
-    new, areas = rebuild(before, sketch)
-    old = view.settled(camera)
-    view.renderer.change(new, areas)
-    now = view.settled(camera)
-    assert not same(now, old)
-    assert same(now, View(gl, new).settled(camera))
-
-
-@pytest.mark.slow
-def test_water_comes_and_goes(gl, view, camera, before):
-    dry = view.settled(camera)
-    wet, areas = river(before)
-    lake, more = painted(wet, ("lake", 78, 48, 6))
-    view.renderer.change(wet, areas)
-    assert same(view.settled(camera), View(gl, wet).settled(camera))
-    view.renderer.change(lake, more)
-    with_lake = view.settled(camera)
-    assert same(with_lake, View(gl, lake).settled(camera))
-    assert not same(with_lake, dry)
-    view.renderer.change(before, [EVERYWHERE])
-    assert same(view.settled(camera), dry)
-
-
-@pytest.mark.slow
 def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
     forest = view.renderer.scenery.forest
     many = forest.count
@@ -275,7 +262,7 @@ def test_plants_go_with_their_forest_and_the_others_stay(view, camera, before):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("slow", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.parametrize("slow", [False, True])
 def test_a_view_at_rest_stays_sharp_if_that_is_quick_and_sharpens_again_if_not(gl, camera, before, slow):
     clock = [0.0]
 
@@ -332,8 +319,8 @@ def test_the_overlay_of_features_follows(gl, view, camera, before):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [30, pytest.param(200, marks=pytest.mark.slow)])
-def test_changes_leave_no_opengl_objects_behind(view, camera, before, steps):
+def test_changes_leave_no_opengl_objects_behind(view, camera, before):
+    steps = 200
     wet, areas = river(before)
     terrains = [wet, before]
     counts = []
@@ -344,38 +331,6 @@ def test_changes_leave_no_opengl_objects_behind(view, camera, before, steps):
         if step in (9, steps - 1):
             counts.append([alive(what) for what in KINDS])
     assert np.all(np.array(counts[1]) <= np.array(counts[0]) + 12), counts
-
-
-@pytest.mark.slow
-def test_another_hour_is_that_of_a_fresh_renderer(gl, view, camera, before):
-    old = view.settled(camera)
-    evening, weather = Sun(290.0, 12.0), Weather.of(before.sketch, haze=3.0, wind=9.0)
-    view.renderer.relight(sun=evening, weather=weather)
-    now = view.settled(camera)
-    assert not same(now, old)
-    fresh = View(gl, before)
-    fresh.renderer = Renderer(gl, before, sun=evening, weather=weather, quality=QUALITY)
-    assert same(now, fresh.settled(camera))
-
-
-def relit(gl, view, camera, before, clouds):
-    """A picture with other clouds, which is that of a fresh renderer."""
-    weather = Weather.of(before.sketch, clouds=clouds)
-    view.renderer.relight(weather=weather)
-    fresh = View(gl, before)
-    fresh.renderer = Renderer(gl, before, sun=SUN, weather=weather, quality=QUALITY)
-    picture = view.settled(camera)
-    assert same(picture, fresh.settled(camera)), clouds
-    return picture
-
-
-@pytest.mark.slow
-def test_clouds_that_come_and_go_are_those_of_a_fresh_renderer(gl, view, camera, before):
-    old = view.settled(camera)
-    for clouds in (0.0, 1.0, 0.35):
-        relit(gl, view, camera, before, clouds)
-    view.renderer.relight(weather=Weather.of(before.sketch))
-    assert same(view.settled(camera), old)
 
 
 @pytest.mark.slow

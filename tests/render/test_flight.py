@@ -1,7 +1,8 @@
-"""Flights of a camera through keys, and their files."""
+"""Flights: paths, their files, tours that are found, footage along them."""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import re
 from pathlib import Path
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera
+from sketchterrain.render import Camera, Quality, find_sun, footage, render_picture
+from sketchterrain.render import tour as room
 from sketchterrain.render.flight import HEIGHTS, KEY, Flight, Key
 from sketchterrain.render.flight_file import flight_text, load_flight, parse_flight, save_flight
+from sketchterrain.render.tour import tour
 
 
 def hills(x, y):
@@ -224,3 +227,113 @@ def test_invalid_files_are_refused_with_file_key_and_value(tmp_path):
     for name, told in (("missing", "cannot be read"), (".", "cannot be read"), (path.name, "is not UTF-8")):
         with pytest.raises(InputError, match=told):
             load_flight(tmp_path / name)
+
+
+def looks(views):
+    along = views.target - views.eye
+    return along / np.linalg.norm(along, axis=1, keepdims=True)
+
+
+def test_a_tour_stays_low_over_the_sketch_and_never_is_in_the_ground(waves):
+    for rivers in (waves.features.rivers, ()):
+        waves.features.rivers = rivers
+        flight = tour(waves, seconds=60.0)
+        views = flight.at(flight.times(120))
+        rise = room.RISE * waves.extent
+        clearance = views.eye[:, 2] - waves.heights(views.eye[:, 0], views.eye[:, 1])
+        assert clearance.min() > 0.9 * room.LOW * rise
+        assert clearance.mean() < 3.0 * rise
+        assert (views.eye[:, :2] > 0.0).all()
+        assert (views.eye[:, :2] < waves.size).all()
+
+
+def test_a_tour_has_even_speed_and_slow_turns(waves):
+    flight = tour(waves, seconds=60.0)
+    views = flight.at(flight.times(30))
+    speed = np.linalg.norm(views.velocity, axis=1)
+    assert speed.max() < 1.3 * speed.min()
+    turns = np.degrees(np.arccos(np.clip((looks(views)[1:] * looks(views)[:-1]).sum(axis=1), -1, 1))) * 30
+    assert turns.max() < 40.0  # degrees a second, on so small a sketch
+
+
+def test_a_tour_is_as_long_as_asked_repeatable_and_closed(waves):
+    flight = tour(waves, seconds=20.0)
+    assert 20.0 <= flight.duration < 20.0 + 5 * room.KEY_EVERY
+    assert tour(waves, seconds=20.0) == flight
+    lap = tour(waves, seconds=600.0)
+    assert lap.at(flight.times(30, 20.0)).eye == pytest.approx(
+        flight.at(flight.times(30, 20.0)).eye, abs=1e-3
+    )
+    eyes = lap.at(lap.times(1)).eye
+    again = np.linalg.norm(eyes[60:] - eyes[0], axis=1)
+    assert again.min() < 25.0
+
+
+def test_a_tour_keeps_near_water(waves):
+    """The river lies along y = 500: nearer to it than a circle would be, in the mean over the round."""
+    with_river = tour(waves, seconds=150.0)
+    waves.features.rivers = ()
+    without = tour(waves, seconds=150.0)
+    distances = [np.abs(f.at(f.times(2)).eye[:, 1] - 500.0).mean() for f in (with_river, without)]
+    assert distances[0] < distances[1]
+
+
+def test_the_cheapest_path_is_that_of_brute_force():
+    rng = np.random.default_rng(2)
+    for _ in range(10):
+        costs = rng.uniform(0.0, 1.0, (6, 4))
+        ways = np.stack(np.meshgrid(*[np.arange(4)] * 6, indexing="ij"), axis=-1).reshape(-1, 6)
+        steps = np.abs(ways - np.roll(ways, 1, axis=1))
+        total = costs[np.arange(6), ways].sum(axis=1) + room._STAY * steps.sum(axis=1)
+        total[(steps > 1).any(axis=1)] = np.inf
+        found = room._cheapest(costs)
+        assert tuple(found) == tuple(ways[np.argmin(total)])
+
+
+SIZE = (96, 54)
+QUICK = dataclasses.replace(Quality.of(0.25), map_texels=128, material_texels=128, quads=64)
+WHOLE = Quality(samples=1, map_texels=128)
+
+
+@pytest.fixture
+def views():
+    """Four frames across hills and the river, with a cut to the other end of the sketch in the middle."""
+    keys = [Key(t, (500.0, 100.0 + 60.0 * t, 140.0), (520.0, 500.0 + 60.0 * t, 30.0)) for t in range(3)]
+    keys += [Key(2.001 + t, (200.0 + 50.0 * t, 900.0, 160.0), (300.0, 400.0, 30.0)) for t in range(3)]
+    return Flight(tuple(keys)).at([0.0, 2.0, 2.001, 3.0])
+
+
+@pytest.mark.slow
+@pytest.mark.gl
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("quality", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
+def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality):
+    # So many frames a second that water, which goes by the clock, stands.
+    frames = list(footage(waves, views, fps=1e9, size=SIZE, quality=quality))
+    cameras = [
+        Camera(tuple(eye), tuple(target), fov=fov)
+        for eye, target, fov in zip(*(part.tolist() for part in views[:3]), strict=True)
+    ]
+    sun = find_sun(waves, cameras[0])
+    for number in (1, 2):
+        shot, picture = frames[number]
+        alone = render_picture(waves, size=SIZE, camera=cameras[number], sun=sun, quality=quality)
+        np.testing.assert_array_equal(picture, alone)
+        assert shot.settled
+    assert all(shot.triangles > 1000 and shot.tiles_drawn > 0 for shot, _ in frames)
+    assert frames[0][0].tiles_generated > frames[1][0].tiles_generated
+    assert all(0.0 < shot.generation_seconds < shot.seconds for shot, _ in frames)
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+@pytest.mark.usefixtures("gl")
+def test_frames_as_a_viewer_shows_them_are_never_empty(waves, views):
+    frames = list(footage(waves, views, fps=30.0, size=SIZE, complete=False, quality=QUICK))
+    assert all(shot.tiles_drawn > 0 and shot.triangles > 0 for shot, _ in frames)
+    assert all(shot.seconds > 0.0 for shot, _ in frames)
+    assert all(np.abs(a[1].astype(int) - b[1]).mean() > 0.5 for a, b in itertools.pairwise(frames))
+    shots = list(footage(waves, views, fps=30.0, size=SIZE, quality=QUICK, complete=False, pixels=False))
+    assert [picture for _, picture in shots] == [None] * 4
+    with pytest.raises(InputError, match="8192"):
+        next(footage(waves, views, fps=30.0, size=(9000, 10)))

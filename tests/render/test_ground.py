@@ -1,21 +1,46 @@
-"""The ground's vertices: the shader's bits, and tiles that fit together."""
+"""The ground: the shader's bits, tiles without cracks, streaming, vertices in memory."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import moderngl
 import numpy as np
 import pytest
 
-from sketchterrain.errors import InputError
-from sketchterrain.render import Camera
+from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute.sharing import kinds_for
+from sketchterrain.errors import DeviceError, InputError
+from sketchterrain.render import Camera, Quality
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground import GroundPool
+from sketchterrain.render.ground_stream import LEAP, LEAP_BUDGET, GroundStream
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
+from sketchterrain.render.sharing_probe import open_device
 from sketchterrain.render.targets import Targets
+from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.resources import source
+from sketchterrain.sketch import load_sketch
+from sketchterrain.terrain import Terrain, build
 from sketchterrain.terrain.lattice import metres_per_unit
+from sketchterrain.terrain.vertices import VERTEX
+from sketchterrain.tiles import ScreenError, TileStream, View
 
-from .ground_model import QUADS, SIDE, Draws, open_edges, pack_tiles, shaded
+from .conftest import Waves
+from .ground_model import (
+    QUADS,
+    SIDE,
+    TILE_BYTES,
+    Draws,
+    along_rims,
+    beyond,
+    names_of,
+    open_edges,
+    pack_tiles,
+    shaded,
+    write_tiles,
+)
+from .ground_pictures import MAGENTA, Eye, camera_towards, holes, must_be_covered
 
 WEST = 4
 EYES = [(510.3, 480.7, 90.0), (-3e6 + 0.123, 7e6 + 0.77, 1234.5)]
@@ -126,3 +151,306 @@ def test_no_ray_falls_between_tiles(gl, waves):
         pool.draw()
         gl.enable_only(moderngl.NOTHING)
         assert np.frombuffer(targets.depth.read(), np.float32).max() < 1.0, ahead
+
+
+SLOTS = 600
+REACH = 20_000.0
+SIZE = (192, 108)
+
+
+class Streamed:
+    """A stream over a terrain without a GPU."""
+
+    def __init__(self, terrain, **options):
+        self.terrain = terrain
+        self.stream = TileStream(terrain.extent, slots=SLOTS, **options)
+        self.store = terrain.vertex_store(SLOTS)
+        self.vertices = self.store.buffer.view(VERTEX).reshape(SLOTS, SIDE, SIDE)
+
+    def frame(self, view, *, elapsed, budget=0.01, leap=False):
+        batch = self.stream.plan(view, budget=budget)
+        while batch:
+            facts = write_tiles(self.terrain, batch.keys, batch.slots, batch.parents, self.store)
+            self.stream.arrived(batch, facts, seconds=0.001 * len(batch.keys))
+            batch = self.stream.plan(view, budget=budget) if leap else None
+        if leap:
+            self.stream.jump(view)
+        return self.stream.advance(view, elapsed=elapsed)
+
+
+def view_from(eye):
+    return View(tuple(eye), np.zeros((0, 4)), 300.0, draw_distance=REACH)
+
+
+def spread(groups, values):
+    """By how much values (..., k) differ within a group at most."""
+    flat = values.reshape(groups.size, -1)
+    low, high = (np.full((groups.max() + 1, flat.shape[1]), far) for far in (np.inf, -np.inf))
+    np.minimum.at(low, groups.ravel(), flat)
+    np.maximum.at(high, groups.ravel(), flat)
+    return float((high - low).max())
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
+    rng = np.random.default_rng(seed)
+    streamed = Streamed(waves)
+    eye = np.array([*rng.uniform(-2000, 2000, 2), 200.0])
+    levels = cases = moved = 0
+    for step in range(12):
+        leap = step % 4 == 0
+        if leap and step:
+            eye[:2] += rng.uniform(-5000, 5000, 2)
+        eye[:2] += rng.uniform(-40, 40, 2)
+        eye[2] = float(waves.heights(eye[0], eye[1])) + 10.0 ** rng.uniform(0.5, 3.0)
+        draws = streamed.frame(view_from(eye.tolist()), elapsed=rng.uniform(0.01, 0.2), leap=not step)
+        assert draws.keys
+        places, _, slope, weights = shaded(draws, streamed.vertices, waves.extent, eye)
+        assert np.isfinite(places).all()
+        lonely = open_edges(draws, places)
+        assert beyond(draws, lonely, waves.extent, eye).all()
+        at = names_of(along_rims(draws, places))
+        for values in (slope, weights):
+            assert spread(at, along_rims(draws, values)) == 0
+        levels = max(levels, len(set(draws.levels.tolist())))
+        cases |= int(np.bitwise_or.reduce(draws.cases))
+        moved += int(np.count_nonzero((draws.morph > 0) & (draws.morph < 1)))
+    assert levels >= 4
+    assert cases == 31
+    assert moved > 100
+
+
+@pytest.mark.gl
+def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
+    rng = np.random.default_rng(3)
+    eye = Eye(gl, SIZE)
+    stream = GroundStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
+    place, lowest = np.array([300.0, 200.0, 0.0]), -100.0
+    for step in range(24):
+        if step % 6 == 0:
+            place[:2] += rng.uniform(-3000, 3000, 2)
+            bearing, pitch = rng.uniform(0, 360), rng.uniform(-80, 5)
+        place[:2] += rng.uniform(-20, 20, 2)
+        ground = float(waves.heights(place[0], place[1]))
+        place[2] = ground + (2.0, 20.0, 400.0, 9000.0)[step // 6]
+        camera = camera_towards(place.tolist(), ground, bearing, pitch, REACH)
+        stats = stream.update(camera, SIZE, elapsed=0.04, budget=0.01, draw_distance=REACH)
+        assert stats.tiles_drawn
+        assert holes(eye.see(stream, camera), camera, REACH, lowest) == 0
+    stream.settle(camera, SIZE, draw_distance=REACH)
+    assert holes(eye.see(stream, camera), camera, REACH, lowest) == 0
+    assert stream.tiles.settled
+
+
+@pytest.mark.gl
+def test_a_hole_would_be_seen(gl, waves):
+    eye = Eye(gl, SIZE)
+    stream = GroundStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
+    camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0, REACH)
+    stream.settle(camera, SIZE, draw_distance=REACH)
+    picture = eye.see(stream, camera).copy()
+    assert must_be_covered(camera, SIZE, REACH, -100.0).all()
+    assert holes(picture, camera, REACH, -100.0) == 0
+    picture[20, 30, :3] = MAGENTA
+    assert holes(picture, camera, REACH, -100.0) == 1
+
+
+STREAM_SIZE = (160, 90)
+RATE = 30.0
+BUDGET = 0.006
+STREAM_REACH = 6000.0
+QUALITY = Quality(quads=64, tile_memory=900 * TILE_BYTES)
+
+
+class Slow(Waves):
+    """Takes 1.2 ms for a batch, 0.4 ms for a level and 0.5 ms for a tile, and up to a quarter more."""
+
+    def __init__(self):
+        super().__init__()
+        self.clock = 0.0
+        self.rng = np.random.default_rng(9)
+
+    def write_tiles(self, keys, slots, parents, store):
+        levels = len({key[0] for key in keys})
+        self.clock += (0.0012 + 0.0004 * levels + 0.0005 * len(keys)) * self.rng.uniform(1.0, 1.25)
+        return super().write_tiles(keys, slots, parents, store)
+
+
+@pytest.fixture
+def slow():
+    return Slow()
+
+
+def opened(gl, slow, *, quad=12.0):
+    metric = ScreenError(tolerance=0.4, quad=quad)
+    return GroundStream(gl, slow, QUALITY, metric=metric, timer=lambda: slow.clock)
+
+
+def frame(stream, eye, bearing=30.0):
+    camera = camera_towards(eye, 0.0, bearing, -10.0, STREAM_REACH)
+    return stream.update(camera, STREAM_SIZE, elapsed=1 / RATE, budget=BUDGET, draw_distance=STREAM_REACH)
+
+
+@pytest.mark.gl
+def test_frames_that_generate_keep_to_their_budget(gl, slow):
+    stream = opened(gl, slow, quad=5.0)
+    eye = np.array([300.0, 200.0, 160.0])
+    for _ in range(90):
+        frame(stream, tuple(eye))
+    took, tiles = [], 0
+    for _ in range(240):
+        eye += [16.0, 10.0, 0.0]
+        stats = frame(stream, tuple(eye))
+        assert not stats.leapt
+        if stats.tiles_generated:
+            took.append(stats.generation_seconds)
+            tiles += stats.tiles_generated
+    assert len(took) > 50
+    assert np.mean(np.array(took) <= BUDGET) >= 0.99
+    assert max(took) <= 2 * BUDGET
+    assert tiles > 1.5 * len(took)  # it is used, too
+
+
+@pytest.mark.gl
+def test_a_leap_gives_a_whole_picture_at_once_and_a_settled_one_within_a_second(gl, slow):
+    stream, seen = opened(gl, slow), Eye(gl, STREAM_SIZE)
+    for _ in range(40):
+        frame(stream, (300.0, 200.0, 160.0))
+    eye = (70_300.0, -30_200.0, 150.0)
+    stats = frame(stream, eye)
+    assert stats.leapt
+    assert stats.generation_seconds >= LEAP_BUDGET or stats.settled
+    assert stats.generation_seconds <= LEAP_BUDGET + 0.06  # the batch that was begun in time
+    camera = camera_towards(eye, 0.0, 30.0, -10.0, STREAM_REACH)
+    assert holes(seen.see(stream, camera), camera, STREAM_REACH, -100.0) == 0
+    for _ in range(int(RATE)):
+        stats = frame(stream, eye)
+        assert not stats.leapt
+    assert stats.settled
+
+
+@pytest.mark.gl
+def test_only_large_steps_are_leaps_and_a_settled_picture_stays_the_same(gl, slow):
+    stream = opened(gl, slow)
+    assert frame(stream, (0.0, 0.0, 160.0)).leapt
+    assert not frame(stream, (0.9 * LEAP * slow.extent, 0.0, 160.0)).leapt
+    assert frame(stream, (2.0 * LEAP * slow.extent, 0.0, 160.0)).leapt
+
+    stream, seen = opened(gl, slow), Eye(gl, STREAM_SIZE)
+    camera = camera_towards((300.0, 200.0, 160.0), 0.0, 30.0, -10.0, STREAM_REACH)
+    stream.settle(camera, STREAM_SIZE, draw_distance=STREAM_REACH)
+    before = seen.see(stream, camera).copy()
+    for _ in range(5):
+        stats = frame(stream, camera.eye)
+        assert stats.settled
+        assert not stats.leapt
+        assert stats.tiles_generated == 0
+    assert (seen.see(stream, camera) == before).all()
+
+
+DEVICES = list_devices()
+KEYS = [(5, 15, 15), (6, 30, 30), (6, 31, 30), (6, 31, 31)]
+MEMORY_SLOTS, PARENTS = [4, 0, 1, 5], [-1, 4, 4, 4]
+COUNT = 7
+DRAWN = """
+#version 330
+in float height;
+in vec2 slope;
+uniform vec2 range;
+out vec3 told;
+void main() {
+    int at = gl_VertexID % (65 * 65);
+    vec2 place = (vec2(at % 65, 64 - at / 65) + 0.5) / 65.0;
+    gl_Position = vec4(2.0 * place - 1.0, 0.0, 1.0);
+    gl_PointSize = 1.0;
+    told = vec3((height - range.x) / range.y, slope);
+}
+"""
+PIXEL = """
+#version 330
+in vec3 told;
+out vec4 pixel;
+void main() { pixel = vec4(told, 1.0); }
+"""
+
+
+@pytest.fixture(scope="module", params=[d for d in DEVICES if d.type == "CPU"], ids=lambda d: d.platform)
+def terrain(request: pytest.FixtureRequest, gl: moderngl.Context) -> Terrain:
+    """A terrain on a device that shares buffers with OpenGL, where its driver has cl_khr_gl_sharing."""
+    return build(load_sketch("valley_river"), device=open_device(request.param))
+
+
+def write(terrain: Terrain, gl: moderngl.Context, kind: str | None) -> tuple[Any, bytes]:
+    bare = terrain.vertex_store(COUNT)
+    memory = open_vertex_memory(gl, terrain.context, bare.nbytes, kind=kind)
+    store = terrain.vertex_store(COUNT, memory=memory)
+    terrain.write_tiles(KEYS[:2], MEMORY_SLOTS[:2], PARENTS[:2], store)
+    terrain.write_tiles(KEYS[2:], MEMORY_SLOTS[2:], PARENTS[2:], store)
+    return memory, memory.read()
+
+
+def slots_of(data: bytes) -> dict[int, bytes]:
+    size = len(data) // COUNT
+    return {slot: data[slot * size : (slot + 1) * size] for slot in MEMORY_SLOTS}
+
+
+@pytest.mark.gl
+def test_all_kinds_of_memory_hold_the_same_bytes(terrain: Terrain, gl: moderngl.Context) -> None:
+    """Those of a store without OpenGL, read back through OpenGL."""
+    plain = terrain.vertex_store(COUNT)
+    terrain.write_tiles(KEYS, MEMORY_SLOTS, PARENTS, plain)
+    expected = slots_of(plain.download().tobytes())
+    for kind in kinds_for(terrain.context):
+        memory, found = write(terrain, gl, kind)
+        assert memory.kind == kind
+        assert memory.reason == ""
+        assert slots_of(found) == expected, kind
+        memory.close()
+
+
+@pytest.mark.gl
+def test_the_best_kind_is_the_default(terrain: Terrain, gl: moderngl.Context) -> None:
+    memory, _ = write(terrain, gl, None)
+    assert memory.kind == ("mapped" if terrain.context.gl is None else "extension")
+
+
+@pytest.mark.gl
+def test_pixels_drawn_from_it_are_right(terrain: Terrain, gl: moderngl.Context) -> None:
+    """Each vertex drawn as a pixel: what is read back is the tile; and again after it was overwritten."""
+    for kind in kinds_for(terrain.context):
+        check_pixels(terrain, gl, kind)
+
+
+def check_pixels(terrain: Terrain, gl: moderngl.Context, kind: str) -> None:
+    memory, _ = write(terrain, gl, kind)
+    store = terrain.vertex_store(COUNT, memory=memory)
+    target = gl.simple_framebuffer((65, 65), components=4, dtype="f4")
+    program = gl.program(vertex_shader=DRAWN, fragment_shader=PIXEL)
+    array = gl.vertex_array(program, [(memory.vertices, "1f4 4x 2i2 4x 16x", "height", "slope")])
+    program["range"].value = (0.0, 1.0)
+    for key in (KEYS[1], (6, 12, 50)):
+        terrain.write_tiles([key], [1], [-1], store)
+        tile = terrain.tile(*key)
+        target.use()
+        array.render(moderngl.POINTS, vertices=65 * 65, first=65 * 65)
+        drawn = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(65, 65, 4)[::-1]
+        np.testing.assert_array_equal(drawn[..., 0], tile.height)
+        np.testing.assert_allclose(drawn[..., 1:3], tile.normal[..., :2] * 32767.0, rtol=0, atol=0.51)
+
+
+@pytest.mark.gl
+def test_what_does_not_work_says_why(terrain: Terrain, gl: moderngl.Context, monkeypatch: Any) -> None:
+    context = ComputeContext(terrain.context.device)
+    with pytest.raises(DeviceError, match="not opened beside an OpenGL context"):
+        open_vertex_memory(gl, context, 1024, kind="extension")
+    monkeypatch.setattr("sketchterrain.render.vertex_memory._STORAGE_VERSION", 10_000)
+    monkeypatch.setattr("sketchterrain.render.vertex_memory._STORAGE_EXTENSION", "GL_none")
+    memory = open_vertex_memory(gl, context, 1024)
+    assert (memory.kind, memory.reason) == ("copy", "this machine's OpenGL has no GL_none")
+
+
+@pytest.mark.gl
+def test_too_little_memory(terrain: Terrain, gl: moderngl.Context) -> None:
+    memory = open_vertex_memory(gl, terrain.context, 1024)
+    with pytest.raises(InputError, match="2 tiles need 270400 bytes, there are 1024"):
+        terrain.vertex_store(2, memory=memory)

@@ -1,4 +1,4 @@
-"""Reflectance of rough surfaces: conservation of energy, reciprocity, the formula."""
+"""Surface of the ground near the eye: its shader functions and its maps."""
 
 from __future__ import annotations
 
@@ -7,6 +7,14 @@ import itertools
 import numpy as np
 import pytest
 
+from sketchterrain.render.frame import FrameBlock
+from sketchterrain.render.ground import GroundPool
+from sketchterrain.render.programs import set_uniforms
+from sketchterrain.render.surface_map import NEAR_WIDTH, SurfaceMap
+from sketchterrain.resources import source
+from sketchterrain.tiles.borders import tile_indices
+
+from .ground_model import QUADS, SIDE, Draws, pack_tiles, shaded
 from .test_shaders import evaluate, unit_vectors
 
 pytestmark = pytest.mark.gl
@@ -79,3 +87,188 @@ def test_reflectance_is_its_formula(gl):
     call = f"vec4(reflectance(vec3(0.5), vec3(0.04), 0.7, {up}, {to_eye}, a.xyz), 0.0)"
     got = evaluate(gl, SURFACE, call, np.c_[light, nl])[:, 0]
     assert np.allclose(got, expected, rtol=1e-4, atol=1e-6)
+
+
+TEXELS = 128
+REACH = 150.0
+EYES = [(502.3, 248.7, 190.0), (-3e6 + 502.123, 7e6 + 251.77, 1234.5)]
+SNAP = 1.0 / 128.0
+"""Texels by which a rasterizer may move a vertex, and twice as much for the interpolation."""
+
+
+def tiles_about(eye):
+    """Four tiles and a coarser one west of them; morphs at random, but as they must be along borders."""
+    rng = np.random.default_rng(5)
+    x, y = (int(axis // 1000.0) for axis in eye[:2])
+    keys = [(1, 2 * x, 2 * y)]
+    keys += [(2, 4 * x + col, 4 * y + row) for col, row in ((2, 1), (3, 1), (2, 0), (3, 0))]
+    grid = rng.uniform(0, 1, (5, 5)).astype(np.float32)
+    grid[:, 0] = 1.0
+    coarse = rng.uniform(0, 1, (3, 3)).astype(np.float32)
+    coarse[:, 2] = 0.0
+    morph = [coarse, grid[:3, :3], grid[:3, 2:], grid[2:, :3], grid[2:, 2:]]
+    west = 4
+    return keys, Draws.of(keys, cases=[0, west, 0, west, 0], morph=morph)
+
+
+class Scene:
+    """A map of five tiles' ground."""
+
+    def __init__(self, gl, terrain, eye, *, lift=0.0):
+        self.gl, self.eye = gl, np.asarray(eye)
+        keys, self.draws = tiles_about(eye)
+        self.vertices = pack_tiles(terrain, keys)
+        self.vertices["height"] += np.float32(lift)
+        self.vertices["parent_height"] += np.float32(lift)
+        self.extent = terrain.extent
+        self.pool = GroundPool(gl, terrain.extent, gl.buffer(self.vertices.tobytes()))
+        self.frame = FrameBlock(gl)
+        self.map = SurfaceMap(gl, self.pool, texels=TEXELS, reach=REACH)
+        self.see(eye)
+
+    def see(self, eye, *, moving=False):
+        self.eye = np.asarray(eye, float)
+        self.frame["eye"] = (0.0, 0.0, eye[2])
+        self.frame.upload()
+        self.pool.place(self.draws, tuple(eye))
+        self.map.update(tuple(eye), moving=moving)
+
+    def texels(self, far):
+        """Places (n, n, 2) m from the eye, and texels (n, n, 4), of one square."""
+        west, south, per_width, base = self.map.uniforms(tuple(self.eye))[
+            "surface_far" if far else "surface_near"
+        ]
+        whole = np.frombuffer(self.map.textures["surface"].read(), np.float32).reshape(TEXELS, -1, 4)
+        texels = whole[:, TEXELS:].copy() if far else whole[:, :TEXELS].copy()
+        texels[..., 2] += base * texels[..., 3]
+        along = (np.arange(TEXELS) + 0.5) / (TEXELS * per_width)
+        x, y = np.meshgrid(west + along, south + along)
+        return np.stack([x, y], axis=-1), texels
+
+    def drawn_at(self, places):
+        """Height (m) and normal's x, y of the drawn triangles at places (k, 2) m from the eye, NaN beside."""
+        corners, _, slope, _ = shaded(self.draws, self.vertices, self.extent, self.eye)
+        values = np.concatenate([corners[..., 2:], slope / 32767.0], axis=-1).reshape(len(corners), -1, 3)
+        flat = corners.reshape(len(corners), SIDE**2, 3)[..., :2].astype(float)
+        indices, first, count = tile_indices(QUADS)
+        found = np.full((len(places), 3), np.nan)
+        for tile, case in enumerate(self.draws.cases):
+            triangles = indices[first[case] : first[case] + count[case]].reshape(-1, 3)
+            a, b, c = (flat[tile][triangles[:, k]] for k in range(3))
+            area = _cross(b - a, c - a)
+            for row, place in enumerate(places):
+                u, v = _cross(c - b, place - b) / area, _cross(a - c, place - c) / area
+                inside = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1))
+                if len(inside):
+                    k = inside[0]
+                    share = np.array([u[k], v[k], 1.0 - u[k] - v[k]])
+                    found[row] = share @ values[tile][triangles[k]]
+        return found
+
+    def ask(self, call, rows):
+        """Evaluate a GLSL expression of `a` (vec4) at rows."""
+        text = "#version 430 core\n" + source("render/surface_map.glsl")
+        text += f"in vec4 a; out vec4 result; void main() {{ result = {call}; }}"
+        program = self.gl.program(vertex_shader=text, varyings=["result"])
+        for unit, (name, texture) in enumerate(self.map.textures.items()):
+            texture.use(unit)
+            set_uniforms(program, {name: unit})
+        set_uniforms(program, self.map.uniforms(tuple(self.eye)))
+        rows = np.ascontiguousarray(rows, np.float32)
+        output = self.gl.buffer(reserve=rows.nbytes)
+        array = self.gl.vertex_array(program, [(self.gl.buffer(rows.tobytes()), "4f4", "a")])
+        array.transform(output, vertices=len(rows))
+        return np.frombuffer(output.read(), np.float32).reshape(-1, 4)
+
+
+def _cross(a, b):
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+@pytest.mark.parametrize("eye", EYES)
+@pytest.mark.parametrize("far", [False, True])
+def test_texels_are_the_drawn_triangles(gl, waves, eye, far):
+    scene = Scene(gl, waves, eye)
+    places, texels = scene.texels(far)
+    pick = np.random.default_rng(2).integers(0, TEXELS, (150, 2))
+    got = texels[pick[:, 0], pick[:, 1]]
+    expected = scene.drawn_at(places[pick[:, 0], pick[:, 1]])
+    known = got[:, 3] == 1.0
+    assert (known == np.isfinite(expected[:, 0])).all()
+    assert known.sum() > 100
+    texel = places[0, 1, 0] - places[0, 0, 0]
+    steepest = 1.5  # m a metre
+    np.testing.assert_allclose(got[known, 2], expected[known, 0], atol=SNAP * texel * steepest + 1e-3)
+    # Vertices' normals are made one long at each texel.
+    flat = expected[known, 1:]
+    np.testing.assert_allclose(got[known, :2], flat, atol=0.02)
+
+
+def test_what_stands_stands_on_the_drawn_ground_not_on_the_true_one(gl, waves):
+    eye = EYES[0]
+    lift = 25.0
+    scene = Scene(gl, waves, eye, lift=lift)
+    away = np.random.default_rng(3).uniform(-140.0, 140.0, (120, 2))
+    true = waves.heights(away[:, 0] + eye[0], away[:, 1] + eye[1]) - eye[2]
+    got = scene.ask("vec4(standing_height(a.xyz))", np.c_[away, true, true])[:, 0]
+    drawn = scene.drawn_at(away)[:, 0]
+    known = np.isfinite(drawn)
+    assert np.abs(got - drawn)[known].max() < 0.35  # texels of 1.6 and 3.1 m on quads of 4 m
+    assert np.abs(got - true)[known].min() > 0.5 * lift
+
+
+def test_weights_are_those_of_the_vertices_and_beyond_the_map_the_true_foot_counts(gl, waves):
+    scene = Scene(gl, waves, EYES[0])
+    rows = [[0.0, 5000.0, -12.5, 0.0], [-900.0, 3.0, 77.0, 0.0]]
+    assert (scene.ask("vec4(standing_height(a.xyz))", rows)[:, 0] == [-12.5, 77.0]).all()
+    assert (scene.ask("vec4(drawn_normal(drawn_surface(a.xy)), 1.0)", rows)[:, :3] == [0.0, 0.0, 1.0]).all()
+
+    scene = Scene(gl, waves, EYES[0])
+    rows = np.random.default_rng(4).uniform(-90.0, 90.0, (40, 4))
+    got = scene.ask("drawn_weights_low(a.xy)", rows)
+    assert np.abs(got - [0.75, 0.0, 0.25, 0.0]).max() < 1.5 / 255.0
+    assert (scene.ask("drawn_weights_high(a.xy)", rows) == 0.0).all()
+
+
+def test_heights_stay_when_the_eye_moves_also_with_an_old_map(gl, waves):
+    eye = np.array(EYES[0])
+    scene = Scene(gl, waves, eye)
+    places = np.random.default_rng(6).uniform(-60.0, 60.0, (50, 2)) + eye[:2]
+    heights = []
+    for shift in ((0.0, 0.0, 0.0), (0.31, -0.17, 0.6), (1.9, 3.3, -2.0), (9.0, 14.0, 5.0)):
+        now = eye + shift
+        scene.see(now)
+        rows = np.c_[places - now[:2], np.zeros((len(places), 2))]
+        heights.append(scene.ask("vec4(standing_height(a.xyz))", rows)[:, 0] + now[2])
+    heights = np.array(heights)
+    assert np.abs(heights - heights[0]).max() < 0.01
+
+    eye = np.array(EYES[0])
+    scene = Scene(gl, waves, eye)
+    place = eye[:2] + np.array([20.0, 30.0])
+    row = [[*(place - eye[:2]), 0.0, 0.0]]
+    before = scene.ask("vec4(standing_height(a.xyz))", row)[0, 0] + eye[2]
+    scene.eye = eye + np.array([3.0, -2.0, 10.0])  # the map is not drawn again
+    row = [[*(place - scene.eye[:2]), 0.0, 0.0]]
+    after = scene.ask("vec4(standing_height(a.xyz))", row)[0, 0] + scene.eye[2]
+    assert after == pytest.approx(before, abs=2e-3)
+
+
+def test_nothing_is_drawn_again_while_nothing_changes(gl, waves, monkeypatch):
+    scene = Scene(gl, waves, EYES[0])
+    drawn = []
+    monkeypatch.setattr(scene.pool, "draw", lambda *args, **kwargs: drawn.append(1))
+    scene.see(np.add(EYES[0], 0.2))
+    assert not drawn
+    scene.draws.morph[1, 1, 1] *= 0.5
+    for _ in range(4):
+        scene.see(np.add(EYES[0], 0.2), moving=True)
+    assert len(drawn) == 2
+
+
+def test_tiles_beside_a_square_are_left_out(gl, waves):
+    scene = Scene(gl, waves, EYES[0])
+    half = NEAR_WIDTH / 2
+    assert scene.pool.tiles_within(-half, -half, half, half).tolist() == [0, 1, 3]
+    assert scene.pool.tiles_within(10.0, 20.0, half, half).tolist() == [1]
+    assert scene.pool.tiles_within(-half, 600.0, half, 700.0).tolist() == []

@@ -1,20 +1,31 @@
-"""Textures changed by the look of a sketch and by a folder of pictures."""
+"""Textures: phases, cache, looks and folders of pictures."""
 
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.disk import cache_folder
 from sketchterrain.errors import InputError
+from sketchterrain.look.texture_cache import kept
 from sketchterrain.look.texture_files import read_pictures
 from sketchterrain.look.texture_levels import changed_levels, made_levels
 from sketchterrain.look.texture_maker import LAYERS
 from sketchterrain.look.texture_mips import linear_of
 from sketchterrain.render import Camera, Quality, Sun, render_picture
+from sketchterrain.render.texture_places import (
+    OCTAVES,
+    PERIOD,
+    RATIO,
+    texture_phases,
+    texture_uniforms,
+    texture_widths,
+)
 from sketchterrain.render.textures import MaterialTextures
 
 SIZE = 32
@@ -154,3 +165,110 @@ def test_a_picture_shows_the_textures_of_the_folder(waves, tmp_path):
     assert own[1] > own[2]
     assert given[0] > 1.5 * given[1]
     assert given[2] > 1.5 * given[1]
+
+
+class Maker:
+    def __init__(self, content=b"some bytes of textures"):
+        self.content, self.calls = content, 0
+
+    def __call__(self):
+        self.calls += 1
+        return self.content
+
+
+def ask(maker, folder, recipe="recipe", family="materials-8"):
+    return bytes(kept(family, recipe, len(maker.content), maker, folder))
+
+
+def test_cached_bytes_are_read_again_until_the_recipe_changes(tmp_path):
+    maker = Maker()
+    assert ask(maker, tmp_path / "new") == ask(maker, tmp_path / "new") == maker.content
+    assert maker.calls == 1
+
+    maker, other = Maker(), Maker(b"others of the family, as many bytes"[:22])
+    ask(maker, tmp_path)
+    ask(maker, tmp_path, family="materials-16")
+    assert ask(other, tmp_path, recipe="another") == other.content
+    assert other.calls == 1
+    assert len(list(tmp_path.glob("materials-8-*"))) == 1
+    assert len(list(tmp_path.glob("materials-16-*"))) == 1
+
+
+def test_a_broken_file_is_replaced(tmp_path):
+    for harm in ("cut", "longer", "changed", "empty"):
+        folder, maker = tmp_path / harm, Maker()
+        ask(maker, folder)
+        path = next(folder.iterdir())
+        content = bytearray(path.read_bytes())
+        content[-1] ^= harm == "changed"
+        content = {"cut": content[:-3], "longer": content + b"x", "empty": b""}.get(harm, content)
+        path.write_bytes(bytes(content))
+        assert ask(maker, folder) == maker.content, harm
+        assert maker.calls == 2, harm
+        assert ask(maker, folder) == maker.content, harm
+        assert maker.calls == 2, harm
+
+
+def test_without_a_writable_folder_or_a_home_nothing_is_cached(tmp_path, monkeypatch):
+    place = tmp_path / "file"
+    place.write_bytes(b"no folder")
+    maker = Maker()
+    assert ask(maker, place) == ask(maker, place / "below") == maker.content
+    assert maker.calls == 2
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+
+    def homeless(_):
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "expanduser", homeless)
+    assert ask(maker, None) == maker.content
+
+
+def test_the_folder_is_that_of_the_environment(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "sketchterrain"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache_folder() == Path(tmp_path / "home/.cache/sketchterrain")
+
+
+WIDTHS = texture_widths()
+
+
+def phases(*eye):
+    return texture_phases(eye, WIDTHS).reshape(len(LAYERS), 3, OCTAVES, 2)
+
+
+def test_phases_repeat_after_whole_periods_and_stay_within_one():
+    grass = WIDTHS[0]
+    here, there = phases(0.0, 0.0, 0.0), phases(PERIOD * grass, -2 * PERIOD * grass, 0.0)
+    gap = np.abs(here - there)[0, 2, 0]
+    assert np.minimum(gap, PERIOD - gap).max() < 1e-5
+    far = phases(1e9, -1e9, 10.0)
+    assert ((far >= 0) & (far <= PERIOD)).all()
+
+
+def test_phases_are_places_in_turned_planes_over_widths():
+    eye = np.array([3.0, 7.0, 2.0])
+    got = phases(*eye)
+    for layer, (width, _, _, turn) in enumerate(texture_uniforms(WIDTHS)["laid"]):
+        for plane, axes in enumerate(((1, 2), (0, 2), (0, 1))):
+            for octave in range(OCTAVES):
+                place = complex(*eye[list(axes)]) * np.exp(1j * turn * octave) / (width * RATIO**octave)
+                expected = np.array([place.real, place.imag]) % PERIOD
+                assert np.allclose(got[layer, plane, octave], expected, atol=1e-5)
+
+
+def test_beds_of_rock_lie_level_at_every_size():
+    laid, spins = (texture_uniforms(WIDTHS)[name] for name in ("laid", "spins"))
+    rock = list(LAYERS).index("rock")
+    assert laid[rock][3] == 0.0
+    assert spins[rock] == 0.0
+    assert laid[0][3] > 0.0
+
+
+def test_a_look_sets_the_width_of_a_texture():
+    widths = texture_widths({"sand": {"size": 9.0}, "rock": {"size": 0.0}})
+    names = list(LAYERS)
+    assert widths[names.index("sand")] == 9.0
+    assert widths[names.index("rock")] == LAYERS["rock"].width

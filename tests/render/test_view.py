@@ -1,17 +1,35 @@
-"""Choice of views: places to stand, the horizon in the picture, the direction of the light."""
+"""Views that are found, and pictures of them."""
 
 from __future__ import annotations
 
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+
+import moderngl
 import numpy as np
 import pytest
 
 import sketchterrain as st
-from sketchterrain.errors import InputError
-from sketchterrain.render import VIEWS, Camera, Weather, find_view
+from sketchterrain.errors import DeviceError, InputError
+from sketchterrain.render import (
+    VIEWS,
+    Camera,
+    Quality,
+    Sun,
+    Weather,
+    find_sun,
+    find_view,
+    open_context,
+    render_picture,
+)
+from sketchterrain.render.kept import Kept
 from sketchterrain.render.relief import sample_heights
 from sketchterrain.render.stands import Cover, find_stands, free_ahead
+from sketchterrain.render.studio import Studio
 from sketchterrain.render.sunlight import sun_at
 from sketchterrain.render.view_aim import light_of
+from sketchterrain.sketch import Sketch
+from sketchterrain.terrain import build
 from sketchterrain.terrain.water import standing_water
 
 HEIGHTS = {"auto": (15.0, 195.0), "ground": (1.7, 4.0), "hill": (1.7, 4.0), "air": (240.0, 710.0)}
@@ -136,3 +154,108 @@ def test_unknown_views_and_hours_of_the_night_are_refused(terrain: st.Terrain) -
         find_view(terrain, "moon")
     with pytest.raises(InputError, match="expected an hour from"):
         find_view(terrain, "air", weather=Weather(hour=1.0))
+
+
+SIZE = (160, 90)
+
+
+def sketch(seed, *, extent=1024.0, look=None):
+    layers = {name: np.zeros((32, 32), np.uint8) for name in ("mountain", "forest", "river")}
+    layers["mountain"][4:10, 20:28] = 1
+    layers["forest"][18:28, 4:14] = 1
+    layers["river"][14:16] = 1
+    return Sketch(extent=extent, seed=seed, layers=layers, look=look or {})
+
+
+@pytest.mark.gl
+@pytest.mark.slow
+def test_the_same_bytes_in_any_order():
+    other = sketch(2, extent=700.0, look={"grass": {"colour": "#c83c3c"}})
+    terrains = [build(sketch(1)), build(other)]
+    with ThreadPoolExecutor(1) as thread:
+        studio = thread.submit(Studio, SIZE).result()
+        found = [thread.submit(studio.picture, terrains[number]).result() for number in (0, 1, 0)]
+        thread.submit(studio.close).result()
+    assert (found[1] == render_picture(terrains[1], size=SIZE)).all()
+    assert (found[0] == found[2]).all()
+    assert not (found[0] == found[1]).all()
+
+
+@pytest.mark.gl
+def test_invalid_sizes_and_views_are_refused():
+    with pytest.raises(InputError, match="pixels a side"):
+        Studio((8, 8))
+    with Studio((32, 32)) as studio, pytest.raises(InputError, match="expected a view"):
+        studio.picture(build(sketch(1)), view="odd")
+
+
+def test_one_resource_of_each_kind_is_cached():
+    kept, closed = Kept(), []
+    first = kept.of("a", 1, lambda: ["first"], close=lambda thing: closed.append(thing[0]))
+    assert kept.of("a", 1, lambda: ["never"]) is first
+    other = kept.of("b", 1, lambda: ["other"])
+    assert kept.of("a", 2, lambda: ["second"], close=lambda thing: closed.append(thing[0])) == ["second"]
+    assert (closed, kept.of("b", 1, lambda: ["never"]) is other) == (["first"], True)
+    kept.close()
+    assert closed == ["first", "second"]
+    assert kept.of("a", 2, lambda: ["third"]) == ["third"]
+
+
+def test_lent_resources_outlive_their_borrower_and_failures_are_not_cached():
+    kept, closed = Kept(), []
+    lent = kept.lent()
+    thing = lent.of("a", 1, lambda: ["made"], close=lambda thing: closed.append(thing[0]))
+    lent.close()
+    lent.lent().close()
+    assert closed == []
+    assert kept.of("a", 1, lambda: ["never"]) is thing
+    kept.close()
+    assert closed == ["made"]
+
+    def fail():
+        raise RuntimeError("no room")
+
+    with pytest.raises(RuntimeError):
+        kept.of("a", 1, fail)
+    assert kept.of("a", 1, lambda: "made") == "made"
+
+
+PICTURE_SIZE = (240, 136)
+SMALL = dataclasses.replace(Quality.of(0.25), map_texels=128, material_texels=128, quads=64)
+
+
+def test_the_default_camera_stands_over_the_ground_and_is_repeatable(waves):
+    camera = find_view(waves)
+    assert camera == find_view(waves)
+    assert camera.eye[2] >= float(waves.heights(*camera.eye[:2])) + 15.0
+    assert find_sun(waves, camera) == find_sun(waves, camera)
+
+
+def test_invalid_sizes_and_a_missing_opengl_are_refused(waves, monkeypatch):
+    with pytest.raises(InputError, match="8192"):
+        render_picture(waves, size=(0, 100))
+
+    def fail(**_):
+        raise Exception("libEGL.so.1: no such file")
+
+    monkeypatch.setattr(moderngl, "create_context", fail)
+    with pytest.raises(DeviceError, match="apt install libegl1") as caught:
+        open_context()
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.gl
+@pytest.mark.usefixtures("gl")
+def test_a_picture_has_blue_sky_over_green_ground_and_the_same_bytes_twice(waves):
+    timings = {}
+    camera = Camera((500.0, 100.0, 160.0), (500.0, 700.0, 130.0), far=20_000.0)
+    options = {"size": PICTURE_SIZE, "camera": camera, "sun": Sun(250.0, 35.0), "quality": SMALL}
+    picture = render_picture(waves, **options, timings=timings)
+    assert picture.shape == (136, 240, 3)
+    assert picture.dtype == np.uint8
+    sky, ground = picture[:15].mean(axis=(0, 1)), picture[-30:].mean(axis=(0, 1))
+    assert sky[2] > sky[0]
+    assert ground[1] > ground[2]
+    assert sky.sum() > 1.2 * ground.sum()
+    assert {"view", "tiles", "draw"} <= set(timings)
+    assert (render_picture(waves, **options) == picture).all()

@@ -1,5 +1,5 @@
 // A strip of water that is never thinner than a pixel can show: what is lost in width goes into its coverage.
-// Oracle: tests/render/test_water_surfaces.py.
+// Oracle: tests/render/test_water.py.
 const float THINNEST = 1.25; // px across
 
 // xy: a place in the picture (px), moved off its centreline as far as the strip needs; z: coverage, 0 ... 1.

@@ -229,7 +229,7 @@ def eyes(world):
 
 
 def test_every_tile_that_is_drawn_has_ground_and_nothing_opens_between_them(world):
-    from .test_cracks import view_from
+    from .test_ground import view_from
 
     stream, store = stream_of(world, metric=ScreenError(1.5))
     rng = np.random.default_rng(2)
@@ -271,7 +271,7 @@ def test_every_tile_that_is_drawn_has_ground_and_nothing_opens_between_them(worl
 
 
 def test_tiles_are_streamed_only_within_the_bounds_of_a_world(world, ending_terrain):
-    from .test_cracks import view_from
+    from .test_ground import view_from
 
     assert isinstance(world, Bounded)
     assert not isinstance(ending_terrain, Bounded)

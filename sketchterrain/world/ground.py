@@ -77,8 +77,6 @@ LAYER_SPECS: Final = {
 }
 """By name; `Ground` tells what the values mean."""
 LAYERS: Final = tuple(LAYER_SPECS)
-BYTES_PER_VERTEX: Final = {"height": 4, "normal": 3, "materials": len(MATERIALS)}
-"""Before they are compressed."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from sketchterrain.compute import ComputeContext
@@ -23,17 +22,8 @@ def draw_world(
 ) -> tuple[list[Legend], list[str]]:
     """Draw a stored world and write the picture; return what colours mean, and what the world lacks.
 
-    Places of `still` are metres from the sketch's south-west corner.
-
-    Raises
-    ------
-    InputError
-        If there is no such world, something of it that is looked at is missing or broken, there is no such
-        overlay, view or part, or the sun stands too low.
-    DeviceError
-        If there is no such device, none that did not fail, or no OpenGL.
-    SketchterrainError
-        If the file cannot be written.
+    Places of `still` are metres from the sketch's south-west corner. Raise InputError if there is no such
+    world, overlay or view, or something that is looked at is broken; else as `run_job` does.
     """
     check_overlays(still.overlays)
     check_view(still.view)
@@ -49,13 +39,11 @@ def draw_world(
         legend: list[Legend] = []
         with stages.stage("picture", "Rendering"):
             prepare_folder(path.parent)
-            moved = replace(
-                still, eye=_seen(still.eye, world.corner), look_at=_seen(still.look_at, world.corner)
-            )
+            eye, look_at = (_seen(place, world.corner) for place in (still.eye, still.look_at))
             picture = render_picture(
                 world,
                 size=still.size or (1280, 720),
-                camera=camera_at(world, moved.eye, moved.look_at),
+                camera=camera_at(world, eye, look_at),
                 view=still.view,
                 weather=weather_at(world.sketch, still.hour, still.clouds),
                 textures=still.textures,

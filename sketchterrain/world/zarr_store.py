@@ -8,6 +8,7 @@ whole or broken.
 from __future__ import annotations
 
 import warnings
+from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
@@ -142,13 +143,13 @@ class ZarrStore:
 
     @property
     def _root_attributes(self) -> dict[str, Any]:
-        job, world = self._job, self._job.world
+        job = self._job
         program = f"{OURS} {version(OURS)}"
         ours = {
             "format": FORMAT,
             "program": program,
             "seed": job.sketch.seed,
-            "world": {name: getattr(world, name) for name in ("west", "south", "east", "north", "cell")},
+            "world": asdict(job.world),
             "origin": list(job.origin),
             "layers": list(job.layers),
             "materials": list(LAYER_SPECS["materials"].bands),

@@ -58,6 +58,8 @@ class StoredPyramid:
         across = np.clip(np.arange(left, left + columns) * step, 0, grid.columns - 1)
         north, south, west, east = int(down[0]), int(down[-1]), int(across[0]), int(across[-1])
         found = self._read(layer, grid.number, north, west, south - north + 1, east - west + 1)
+        if step == 1 and found.shape[-2:] == (rows, columns):
+            return found
         return np.asarray(found[..., (down - north)[:, None], (across - west)[None, :]])
 
     def _read(

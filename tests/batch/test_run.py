@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -105,9 +106,9 @@ def run(folder, seeds=range(6), *, output=OUTPUT, jobs=2, resume=False, **option
 
 def seeds_by_state(done: Done) -> dict[str, list[int]]:
     """Seeds of the entries by their state, those that were whole before as "skipped"."""
-    found: dict[str, list[int]] = {}
+    found = defaultdict[str, list[int]](list)
     for entry in done.entries:
-        found.setdefault("skipped" if entry.name in done.skipped else entry.state, []).append(entry.seed)
+        found["skipped" if entry.name in done.skipped else entry.state].append(entry.seed)
     return found
 
 
@@ -335,14 +336,16 @@ def test_an_interrupt_drops_pending_items_and_keeps_finished_ones(works, tmp_pat
 def test_partial_files_of_a_killed_run_are_removed(works, tmp_path):
     run(tmp_path, range(2))
     whole = files(tmp_path)
-    (tmp_path / "valley" / "seed-001" / "height.bin").unlink()
-    (tmp_path / "valley" / "seed-001" / ".sketchterrain-abc").mkdir()
-    (tmp_path / "valley" / "seed-001" / ".sketchterrain-abc" / "height.bin").write_bytes(b"h")
-    (tmp_path / ".manifest.json.0123abcd.tmp").write_bytes(b"{")
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / ".keep.tmp").write_bytes(b"mine")
+    (tmp_path / "valley/seed-001/height.bin").unlink()
+    for name in (
+        "valley/seed-001/.sketchterrain-abc/height.bin",
+        ".manifest.json.0123.tmp",
+        "mine/.keep.tmp",
+    ):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"{")
     run(tmp_path, range(2), resume=True)
-    assert files(tmp_path) == {**whole, "elsewhere/.keep.tmp": b"mine"}
+    assert files(tmp_path) == {**whole, "mine/.keep.tmp": b"{"}
 
 
 def test_every_written_manifest_lists_only_complete_items_and_one_that_cannot_be_ends_the_batch(

@@ -95,31 +95,24 @@ def test_a_setting_changes_only_itself_and_replaces_the_files():
 
 
 def test_a_plan_has_all_combinations_in_order_under_stable_names():
-    other = Source("hills", "hills", PAINTED)
-    items = plan(
-        (SOURCE, other), (7, 12), (parse_setting("river.1.width", "20,30"), parse_setting("fidelity", "1"))
-    )
-    assert [item.name for item in items[:4]] == [
-        "valley/river.1.width=20_fidelity=1/seed-007",
-        "valley/river.1.width=20_fidelity=1/seed-012",
-        "valley/river.1.width=30_fidelity=1/seed-007",
-        "valley/river.1.width=30_fidelity=1/seed-012",
-    ]
+    swept = (parse_setting("river.1.width", "20,30"), parse_setting("fidelity", "1"))
+    items = plan((SOURCE, Source("hills", "hills", PAINTED)), (7, 12), swept)
+    places = [(width, seed) for width in (20, 30) for seed in ("007", "012")]
+    expected = [f"valley/river.1.width={width}_fidelity=1/seed-{seed}" for width, seed in places]
+    assert [item.name for item in items[:4]] == expected
     assert len({item.name for item in items}) == len(items) == 8
     assert items[2].sketch.seed == 7
     assert items[2].sketch.properties("river", 1)["width"] == 30.0
-
     assert [item.name for item in plan((SOURCE,))] == ["valley/seed-004"]
 
     alone = plan((SOURCE,), (7,), (parse_setting("fidelity", "0.5"),))
     many = plan((SOURCE,), tuple(range(2000)), (parse_setting("fidelity", "0.1,0.5"),))
     assert alone[0].name in {item.name for item in many}
 
-    swept = [
-        parse_setting(f"{layer}.1.multitude", "100,200") for layer in ("mountain", "hill", "dune", "forest")
-    ]
-    swept += [parse_setting(f"{layer}.1.height", "100.125,99.5") for layer in ("mountain", "hill", "dune")]
-    sketch = PAINTED.replace(layers=dict.fromkeys(("mountain", "hill", "dune", "forest"), RIVER))
+    layers = ("mountain", "hill", "dune", "forest")
+    swept = [parse_setting(f"{layer}.1.multitude", "100,200") for layer in layers]
+    swept += [parse_setting(f"{layer}.1.height", "100.125,99.5") for layer in layers[:3]]
+    sketch = PAINTED.replace(layers=dict.fromkeys(layers, RIVER))
     names = {item.name for item in plan((Source("s", "s", sketch),), (1,), swept)}
     assert len(names) == 2**7
     assert max(len(part) for name in names for part in name.split("/")) <= 120

@@ -54,13 +54,8 @@ def test_invalid_names_devices_and_folders_are_refused(tmp_path):
     target = tmp_path / "file"
     target.write_text("kept")
     for name, device, output, error, line in (
-        (
-            "nothing",
-            "no such device",
-            None,
-            InputError,
-            "no benchmark 'nothing'",
-        ),  # before a device is opened
+        # before a device is opened
+        ("nothing", "no such device", None, InputError, "no benchmark 'nothing'"),
         ("noise", "no such device", None, DeviceError, "no such device"),
         ("noise", None, target, SketchterrainError, "cannot be written"),
     ):

@@ -48,6 +48,20 @@ class Draws:
         )
 
 
+def neighbours(eye):
+    """Four tiles of a level and a coarser one west of them; morphs at random, but as they must be."""
+    rng, west = np.random.default_rng(5), 4
+    x, y = (int(axis // 1000.0) for axis in eye[:2])
+    keys = [(1, 2 * x, 2 * y)]
+    keys += [(2, 4 * x + col, 4 * y + row) for col, row in ((2, 1), (3, 1), (2, 0), (3, 0))]
+    grid = rng.uniform(0, 1, (5, 5)).astype(np.float32)  # controls of the four, shared where they touch
+    grid[:, 0] = 1.0
+    coarse = rng.uniform(0, 1, (3, 3)).astype(np.float32)
+    coarse[:, 2] = 0.0
+    morph = [coarse, grid[:3, :3], grid[:3, 2:], grid[2:, :3], grid[2:, 2:]]
+    return keys, Draws.of(keys, cases=[0, west, 0, west, 0], morph=morph)
+
+
 def packed(tile):
     vertices = np.zeros((SIDE, SIDE), VERTEX)
     vertices["height"] = tile.height

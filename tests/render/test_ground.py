@@ -23,10 +23,10 @@ from .ground_model import (
     QUADS,
     SIDE,
     TILE_BYTES,
-    Draws,
     along_rims,
     beyond,
     names_of,
+    neighbours,
     open_edges,
     pack_tiles,
     shaded,
@@ -34,22 +34,7 @@ from .ground_model import (
 )
 from .ground_pictures import MAGENTA, Eye, camera_towards, holes, must_be_covered
 
-WEST = 4
 EYES = [(510.3, 480.7, 90.0), (-3e6 + 0.123, 7e6 + 0.77, 1234.5)]
-
-
-def neighbours(eye):
-    """Four tiles of a level and a coarser one west of them; morphs at random, but as they must be."""
-    rng = np.random.default_rng(5)
-    x, y = (int(axis // 1000.0) for axis in eye[:2])
-    keys = [(1, 2 * x, 2 * y)]
-    keys += [(2, 4 * x + col, 4 * y + row) for col, row in ((2, 1), (3, 1), (2, 0), (3, 0))]
-    grid = rng.uniform(0, 1, (5, 5)).astype(np.float32)  # controls of the four, shared where they touch
-    grid[:, 0] = 1.0
-    coarse = rng.uniform(0, 1, (3, 3)).astype(np.float32)
-    coarse[:, 2] = 0.0
-    morph = [coarse, grid[:3, :3], grid[:3, 2:], grid[2:, :3], grid[2:, 2:]]
-    return keys, Draws.of(keys, cases=[0, WEST, 0, WEST, 0], morph=morph)
 
 
 @pytest.mark.gl

@@ -191,7 +191,6 @@ def test_grass_moves_only_in_the_wind_and_pictures_are_repeatable(gl, scene):
     assert (calm.see(camera, clock=0.0) == calm.see(camera, clock=7.3)).all()
     assert (windy.see(camera, clock=0.0) != windy.see(camera, clock=7.3)).any()
 
-    camera = camera_at(600.0, 300.0)
     first = scene.see(camera).copy()
     scene.see(camera_at(630.0, 320.0))
     assert (scene.see(camera) == first).all()
@@ -368,9 +367,6 @@ def test_all_present_places_are_requested_in_order_of_distance():
     assert (asked >= present.sum(axis=1)).all()
     assert asked.sum() < 1.1 * present.sum()
 
-    eye = EYES[0]
-    cells = cells_within(eye, STREWING.reach, STREWING.cell)
-    places = places_of(STREWING, cells, eye, 0.0)
     assert places.counts.sum() == len(places.rows)
     corner = places.rows["corner"] + STREWING.cell / 2
     away = np.hypot(*np.maximum(np.abs(corner) - STREWING.cell / 2, 0.0).T)

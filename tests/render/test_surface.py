@@ -14,7 +14,7 @@ from sketchterrain.render.surface_map import NEAR_WIDTH, SurfaceMap
 from sketchterrain.resources import source
 from sketchterrain.tiles.borders import tile_indices
 
-from .ground_model import QUADS, SIDE, Draws, pack_tiles, shaded
+from .ground_model import QUADS, SIDE, neighbours, pack_tiles, shaded
 from .test_shaders import evaluate, unit_vectors
 
 pytestmark = pytest.mark.gl
@@ -96,27 +96,12 @@ SNAP = 1.0 / 128.0
 """Texels by which a rasterizer may move a vertex, and twice as much for the interpolation."""
 
 
-def tiles_about(eye):
-    """Four tiles and a coarser one west of them; morphs at random, but as they must be along borders."""
-    rng = np.random.default_rng(5)
-    x, y = (int(axis // 1000.0) for axis in eye[:2])
-    keys = [(1, 2 * x, 2 * y)]
-    keys += [(2, 4 * x + col, 4 * y + row) for col, row in ((2, 1), (3, 1), (2, 0), (3, 0))]
-    grid = rng.uniform(0, 1, (5, 5)).astype(np.float32)
-    grid[:, 0] = 1.0
-    coarse = rng.uniform(0, 1, (3, 3)).astype(np.float32)
-    coarse[:, 2] = 0.0
-    morph = [coarse, grid[:3, :3], grid[:3, 2:], grid[2:, :3], grid[2:, 2:]]
-    west = 4
-    return keys, Draws.of(keys, cases=[0, west, 0, west, 0], morph=morph)
-
-
 class Scene:
     """A map of five tiles' ground."""
 
     def __init__(self, gl, terrain, eye, *, lift=0.0):
         self.gl, self.eye = gl, np.asarray(eye)
-        keys, self.draws = tiles_about(eye)
+        keys, self.draws = neighbours(eye)
         self.vertices = pack_tiles(terrain, keys)
         self.vertices["height"] += np.float32(lift)
         self.vertices["parent_height"] += np.float32(lift)
@@ -223,7 +208,6 @@ def test_weights_are_those_of_the_vertices_and_beyond_the_map_the_true_foot_coun
     assert (scene.ask("vec4(standing_height(a.xyz))", rows)[:, 0] == [-12.5, 77.0]).all()
     assert (scene.ask("vec4(drawn_normal(drawn_surface(a.xy)), 1.0)", rows)[:, :3] == [0.0, 0.0, 1.0]).all()
 
-    scene = Scene(gl, waves, EYES[0])
     rows = np.random.default_rng(4).uniform(-90.0, 90.0, (40, 4))
     got = scene.ask("drawn_weights_low(a.xy)", rows)
     assert np.abs(got - [0.75, 0.0, 0.25, 0.0]).max() < 1.5 / 255.0
@@ -243,7 +227,6 @@ def test_heights_stay_when_the_eye_moves_also_with_an_old_map(gl, waves):
     heights = np.array(heights)
     assert np.abs(heights - heights[0]).max() < 0.01
 
-    eye = np.array(EYES[0])
     scene = Scene(gl, waves, eye)
     place = eye[:2] + np.array([20.0, 30.0])
     row = [[*(place - eye[:2]), 0.0, 0.0]]

@@ -1,7 +1,5 @@
 """Options of the whole suite, and where it keeps what programs cache."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 

@@ -1,7 +1,5 @@
 """Imports between rooms."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

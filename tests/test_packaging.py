@@ -1,7 +1,5 @@
 """Packages and data files in pyproject.toml, and an installed wheel without the checkout."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

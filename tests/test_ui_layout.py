@@ -1,7 +1,5 @@
 """What of the desktop program may import what: models and engine never a view, Qt only where it is shown."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The self-test's arithmetic: right where the options keep it right, and found wrong where they do not."""
 
-from __future__ import annotations
-
 import pytest
 
 from sketchterrain import resources

@@ -1,7 +1,5 @@
 """Checks of devices in child processes: drivers that abort, results cached on disk."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Small arrays in one transfer: what was put comes out, whatever was put before and without room."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A small terrain whose every direction is another: wider than high, one mountain in its north-east."""
 
-from __future__ import annotations
-
 import resource
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager

@@ -1,7 +1,5 @@
 """Relief shading of the adherence picture."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

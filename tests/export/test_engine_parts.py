@@ -1,7 +1,5 @@
 """Parts of engine exports: axes, interpolated ground, weights, control maps, steps of heights."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

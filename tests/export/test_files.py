@@ -1,7 +1,5 @@
 """Files that are replaced as a whole, folders of them, rows of numbers as text, PNG, and the sidecar."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

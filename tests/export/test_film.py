@@ -1,7 +1,5 @@
 """Films: frames, order, speed and colours as given, and no partial files after a failure."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Plants as a table and as a cloud, read by independent readers; which files are written, in which pieces."""
 
-from __future__ import annotations
-
 import csv
 import shutil
 import time

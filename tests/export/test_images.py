@@ -1,7 +1,5 @@
 """Heights, normals and weights as images and GeoTIFF, read by Pillow and GDAL; weights as bytes."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A map says of a terrain what the terrain is."""
 
-from __future__ import annotations
-
 import io
 import itertools
 from pathlib import Path

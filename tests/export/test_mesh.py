@@ -1,7 +1,5 @@
 """Triangles of the ground within an error bound, checked by brute force; solids; rivers and lakes."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Where an export is sampled and how it is cut; nothing is computed."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A terrain sampled at a grid, and its features as JSON."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

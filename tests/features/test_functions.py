@@ -1,7 +1,5 @@
 """Functions that placement rests on: hashes, profiles, densities, distances, crests, rounding, caches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import ndimage

@@ -1,7 +1,5 @@
 """Lakes, and rivers through them and through mountains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What is remembered is what would be worked out, and no more is worked out than a stroke asks for."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

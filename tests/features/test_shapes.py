@@ -1,7 +1,5 @@
 """Painted shapes, their depth, fields of signed distance around them, and the covers made of them."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

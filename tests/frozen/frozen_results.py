@@ -4,27 +4,20 @@ python tests/frozen/frozen_results.py [--device NAME]   compares all
 python tests/frozen/frozen_results.py --write           stores them anew: make freeze
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json
 import math
 import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sketchterrain.compute import ComputeContext
 from sketchterrain.features import FEATURE_TYPES
 from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import Terrain, build
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from sketchterrain.terrain import Tile
+from sketchterrain.terrain import Terrain, Tile, build
 
 Hashes = dict[str, dict[str, str]]
 """By part (what was placed, the plants, a tile level) and array."""

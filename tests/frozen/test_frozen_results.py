@@ -1,22 +1,17 @@
 """What frozen sketches give keeps its bits, on every device and whatever NumPy uses of the CPU."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import ModuleType
 
 import pytest
 from numpy._core import _multiarray_umath
 
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.terrain import self_test
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 SLICE = {
     "presets/valley_river": (4,),

@@ -1,14 +1,12 @@
 """Vertices shared through cl_khr_gl_sharing, which a strict OpenCL layer adds to CPU drivers."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,9 +15,6 @@ from sketchterrain.compute import list_devices
 from sketchterrain.errors import DeviceError
 from sketchterrain.render import open_context
 from sketchterrain.render.context import close_context
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 pytestmark = [pytest.mark.gl, pytest.mark.slow]
 

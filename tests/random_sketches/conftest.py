@@ -1,7 +1,5 @@
 """Random sketches, each a function of its number: shapes of every kind that people, or accidents, paint."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from itertools import pairwise

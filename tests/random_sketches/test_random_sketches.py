@@ -4,8 +4,6 @@ A few belong to the default tier, 30 to the slow one, 300 to the soak. Warnings 
 Hypothesis draws tiny ones besides, down to a single pixel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

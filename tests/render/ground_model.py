@@ -1,7 +1,5 @@
 """The ground's vertex shader in NumPy float32, and vertices packed from a terrain's tiles: oracles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Pictures of a stream's ground alone, and what is to be seen in them."""
 
-from __future__ import annotations
-
 import moderngl
 import numpy as np
 

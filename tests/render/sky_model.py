@@ -1,7 +1,5 @@
 """The sky without tables: sums over many short steps, and photons one by one, in double precision."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sketchterrain.render.atmosphere import AEROSOL_ABSORBED, GROUND, GROUND_ALBEDO, TOP

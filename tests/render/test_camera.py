@@ -1,7 +1,5 @@
 """Cameras: projection, orbiting, walking, lines of sight, the ground near the eye."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

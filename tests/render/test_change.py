@@ -1,7 +1,5 @@
 """Changes of a terrain while it is drawn: the result is that of a fresh renderer."""
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import replace
 

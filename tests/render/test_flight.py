@@ -1,7 +1,5 @@
 """Flights: paths, their files, tours that are found, footage along them."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import re

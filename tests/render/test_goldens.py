@@ -5,8 +5,6 @@ They are llvmpipe's: other drivers round otherwise. ``pytest tests/render/test_g
 differences, eightfold, lie.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple

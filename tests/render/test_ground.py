@@ -1,7 +1,5 @@
 """The ground: the shader's bits, tiles without cracks, streaming."""
 
-from __future__ import annotations
-
 import moderngl
 import numpy as np
 import pytest

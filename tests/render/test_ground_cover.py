@@ -1,7 +1,5 @@
 """Grass and stones: fixed places on the drawn ground, the same cover near and far."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Light maps of the ground: shadows, slices within a budget, fades; tone mapping."""
 
-from __future__ import annotations
-
 import colorsys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Overlays on the ground and the lines of features."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

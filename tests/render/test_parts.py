@@ -1,7 +1,5 @@
 """Quality, and parts of a picture."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Plants that are drawn: cells, levels of detail, thinning with distance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

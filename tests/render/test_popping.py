@@ -1,7 +1,5 @@
 """No hole and no pop while tiles stream: flights, random cameras, worlds that end."""
 
-from __future__ import annotations
-
 from itertools import count
 
 import numpy as np

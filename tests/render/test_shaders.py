@@ -1,7 +1,5 @@
 """GLSL functions against NumPy."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 

@@ -1,10 +1,8 @@
 """Which kind of vertex memory works: tried in a child that may crash or hang."""
 
-from __future__ import annotations
-
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,9 +14,6 @@ from sketchterrain.render import sharing_probe
 from sketchterrain.render.sharing_probe import Sharing, beside_gl, open_device, probe_sharing
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import build
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 pytestmark = pytest.mark.gl
 

@@ -1,7 +1,5 @@
 """Sky, clouds and weather: tables and shaders against integrals, photons and NumPy."""
 
-from __future__ import annotations
-
 import dataclasses
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Surface of the ground near the eye: its shader functions and its maps."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Textures: phases, cache, looks and folders of pictures."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Textures as they are made, and their mipmaps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

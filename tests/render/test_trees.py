@@ -1,7 +1,5 @@
 """Trees: meshes, wind, and forests in whole pictures."""
 
-from __future__ import annotations
-
 import itertools
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Vertices that kernels write and OpenGL draws: the same bytes by each kind of memory, the right pixels."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import moderngl

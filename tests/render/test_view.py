@@ -1,7 +1,5 @@
 """Views that are found, and pictures of them."""
 
-from __future__ import annotations
-
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
 

@@ -1,7 +1,5 @@
 """Water: functions against NumPy, closed forms or integrals; surfaces and pictures."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import moderngl

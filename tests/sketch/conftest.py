@@ -1,7 +1,5 @@
 """Sketches made by hand, byte by byte where the format matters."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable

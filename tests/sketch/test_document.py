@@ -1,7 +1,5 @@
 """Sketches as values, and the look of their materials."""
 
-from __future__ import annotations
-
 import dataclasses
 import pickle
 

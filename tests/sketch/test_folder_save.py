@@ -1,7 +1,5 @@
 """A folder's save that is cut off anywhere leaves the old sketch or the new one."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Steps against a list of the sketches that were there."""
 
-from __future__ import annotations
-
 import gc
 import time
 

@@ -1,7 +1,5 @@
 """The measure on cases whose answer is known, and the bounds that the terrain must keep."""
 
-from __future__ import annotations
-
 import json
 import math
 

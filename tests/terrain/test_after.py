@@ -1,7 +1,5 @@
 """A terrain updated to a changed recipe has the bits of one built from that recipe; recipes pickle."""
 
-from __future__ import annotations
-
 import pickle
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Changed areas: all that changed lies in them, and no farther than stated."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree

@@ -1,7 +1,5 @@
 """Lists of the features that reach a block equal those of comparing every pair."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

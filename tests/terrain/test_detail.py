@@ -1,7 +1,5 @@
 """Bounds of a tile's missing detail hold, and are not much larger than the detail."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The self-test of a device, smaller batches without memory, and non-finite values."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Gullies: they run downhill, keep what is level, are limited to what cells can carry, and have slopes."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sketchterrain.terrain import TerrainRecipe

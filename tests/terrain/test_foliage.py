@@ -1,7 +1,5 @@
 """Plants of sketches: species, density, and the spacing that the ground gives them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

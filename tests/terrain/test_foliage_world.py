@@ -1,7 +1,5 @@
 """Plants of both storeys: independent of the queried area, at the distances of the spacing raster; edits."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 

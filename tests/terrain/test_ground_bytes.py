@@ -1,7 +1,5 @@
 """Ground packed on a device: the bytes that NumPy rounds the same values to."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

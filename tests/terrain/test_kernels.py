@@ -1,7 +1,5 @@
 """The kernels against NumPy float64 and their own REAL=double build; errors of float32 within 16 km."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Lakes hold water and nothing spills; rivers run in and out; covers lie where they are painted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Material weights: the table against the formulas it stands for, and the kernels against NumPy float64."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial

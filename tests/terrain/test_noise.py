@@ -1,7 +1,5 @@
 """Noise: kernels against the reference, slopes against differences, even gradients; crests."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Poisson-disk points with one distance or with many: apart, dense, nested, and a function of the world."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable

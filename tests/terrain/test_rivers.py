@@ -1,7 +1,5 @@
 """Rivers and lakes in the terrain: beds never rise, banks hold, valleys cut mountains; cross-sections."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """A recipe shifted by any whole number of lattice units, its noise with it, gives the same bits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Tiles, rasters and single heights: one function of place and cell size, on every device."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Packed vertices of tiles: their values, those of their parents, and the facts of each tile."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

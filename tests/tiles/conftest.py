@@ -1,7 +1,5 @@
 """A ground that is different at every level, and what is drawn of it: triangles with exact positions."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

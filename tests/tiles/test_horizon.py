@@ -1,7 +1,5 @@
 """Culling of tiles behind nearer ground."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Views, metrics of detail, codes of tiles, and what batches of them cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A known sketch, drawn as a map, and what tracing made of it."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Coloured maps drawn from known labels are recovered however they were saved; label images scaled."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 

@@ -1,7 +1,5 @@
 """Layers of a paint program: OpenRaster, folders of pictures, masks; and hostile archives."""
 
-from __future__ import annotations
-
 import io
 import stat
 import struct

@@ -1,7 +1,5 @@
 """Legends, layer names and untrusted pictures: their meaning, their kinds, and refusals in one line."""
 
-from __future__ import annotations
-
 import struct
 import time
 import zlib

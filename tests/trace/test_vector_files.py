@@ -1,7 +1,5 @@
 """Vector files: formats that GDAL reads, and malformed, oversized and hostile ones refused in one line."""
 
-from __future__ import annotations
-
 import json
 import sqlite3
 

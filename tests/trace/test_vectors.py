@@ -1,7 +1,5 @@
 """Vector maps as sketches: place, width, labels and CRS of features; painting against brute force."""
 
-from __future__ import annotations
-
 import json
 import math
 

@@ -1,7 +1,5 @@
 """Models with a link that only remembers what it was told, and Qt without a screen."""
 
-from __future__ import annotations
-
 import gc
 import os
 from typing import Any

@@ -1,7 +1,5 @@
 """Events of mouse, wheel, pen and keys, sent to a widget as Qt sends them."""
 
-from __future__ import annotations
-
 from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
 from PyQt6.QtGui import (
     QInputDevice,

@@ -4,8 +4,6 @@ It writes a line to a log for each state of the document, before anything else h
 save begins and ends: what, when (s, monotonic), which sketch.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import random

@@ -1,7 +1,5 @@
 """Bookmarks: kept by sketch, whatever the file holds; the panel goes there."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

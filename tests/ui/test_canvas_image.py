@@ -1,7 +1,5 @@
 """What the canvas shows: the viewport, layers over one another, pixels of its picture."""
 
-from __future__ import annotations
-
 import itertools
 import random
 

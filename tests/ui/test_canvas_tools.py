@@ -1,7 +1,5 @@
 """What mouse, pen and keys do on the canvas."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt

@@ -1,7 +1,5 @@
 """Each dialog: what it asks, what it says, what comes of it."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 from pathlib import Path
 

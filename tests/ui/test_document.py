@@ -1,18 +1,13 @@
 """The document against what it tells: drafts, steps, boxes, and whether there is something to save."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.sketch import LAYERS, Sketch
-
-if TYPE_CHECKING:
-    from sketchterrain.ui.models.document import Document
+from sketchterrain.ui.models.document import Document
 
 
 @pytest.fixture

@@ -1,7 +1,5 @@
 """The real processes behind a link: what is painted is placed, computed, drawn and answered."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The eye behind the view: modes follow one another without a jump, motions end, and no ground is entered."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

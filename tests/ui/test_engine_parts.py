@@ -1,7 +1,5 @@
 """Parts of the engine's processes: channels, shared frames, updates of the sketch, the relief."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

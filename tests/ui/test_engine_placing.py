@@ -1,7 +1,5 @@
 """The placer: the newest sketch is placed, without starving one who paints on and on."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

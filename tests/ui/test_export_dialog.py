@@ -1,7 +1,5 @@
 """Exporting to a program from the desktop program: what is asked, what is told, what is written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a click means, where handles lie, and that a drag is one step."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -9,16 +9,13 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from types import ModuleType
 
 import pytest
 
 from sketchterrain.sketch import load_sketch
 from sketchterrain.sketch.folder_save import PLEDGE
 from sketchterrain.ui.models.autosave import read_recovery
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 PROGRAM = Path(__file__).with_name("paint_until_killed.py")
 INTERVAL = 0.5

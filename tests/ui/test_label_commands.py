@@ -1,7 +1,5 @@
 """Labels, properties and settings: what the commands make of a sketch."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

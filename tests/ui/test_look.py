@@ -1,7 +1,5 @@
 """Themes and icons: dark and light, sharp at any size, readable."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PyQt6.QtCore import QSize

@@ -1,7 +1,5 @@
 """Strokes, lines and fills against their definitions: a pixel is covered when its centre is inside."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

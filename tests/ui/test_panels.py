@@ -1,7 +1,5 @@
 """What holds for every panel: names for all controls, nothing is changed by showing it, nothing leaks."""
 
-from __future__ import annotations
-
 import pytest
 from PyQt6.QtCore import QCoreApplication, QEvent, Qt
 from PyQt6.QtWidgets import (

@@ -1,7 +1,5 @@
 """What rows of a form are made of: scales, words, gestures; and rows for every declared parameter."""
 
-from __future__ import annotations
-
 import pytest
 from PyQt6.QtCore import QPoint, QPointF, Qt
 from PyQt6.QtGui import QWheelEvent

@@ -1,7 +1,5 @@
 """History, adherence, contradictions and the status line."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Panels of the sketch: layers and labels, properties, the world's and the view's settings."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

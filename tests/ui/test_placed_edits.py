@@ -1,7 +1,5 @@
 """Changing what was generated: what a person asks of a feature or a river is what the next recipe has."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

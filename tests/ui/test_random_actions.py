@@ -1,7 +1,5 @@
 """Random actions in the window leave no exception, no widget and no memory behind."""
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import os

@@ -1,7 +1,5 @@
 """The dialog for a new sketch from a picture: what it finds, what one can change, what comes of it."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

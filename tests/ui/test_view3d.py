@@ -1,7 +1,5 @@
 """The 3-D view: events become motions, pictures are shown where they belong, features are taken hold of."""
 
-from __future__ import annotations
-
 import gc
 from dataclasses import replace
 

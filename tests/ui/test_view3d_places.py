@@ -1,7 +1,5 @@
 """Where places are seen in a picture, what a line of sight meets, and what lies on the ground."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

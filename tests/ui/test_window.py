@@ -1,11 +1,9 @@
 """The window as a whole: what its menus do, what it remembers, that nothing of it gets lost."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import threading
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,9 +20,6 @@ from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Chosen
 
 from .test_random_actions import UNTRIGGERED, DialogCloser
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 BUTTON = QMessageBox.StandardButton
 

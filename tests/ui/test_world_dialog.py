@@ -1,7 +1,5 @@
 """Writing a world from the desktop program: what is asked, what it will take, what comes of it."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import pytest

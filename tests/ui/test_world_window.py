@@ -1,7 +1,5 @@
 """A stored world in its window: the editor's view without a sketch; and the real process behind it."""
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A screen without a monitor, and someone before it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -4,8 +4,6 @@ Run with the arguments of `sketchterrain`. Each line of stdin is an expression, 
 thread with `window` (the main window), `app` and Qt's names; its value goes to stdout as JSON.
 """
 
-from __future__ import annotations
-
 import json
 import sys
 import threading

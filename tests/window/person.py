@@ -1,7 +1,5 @@
 """A person before the program: sees its window on a screen of its own, has a mouse and a keyboard."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
@@ -9,14 +7,12 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from PIL import ImageGrab
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 _DRIVEN = Path(__file__).with_name("driven.py")
 _PATIENCE = 300.0  # s; machines are shared

@@ -1,15 +1,10 @@
 """Where things of the window are on the screen, and what it shows."""
 
-from __future__ import annotations
+from collections.abc import Callable
 
-from typing import TYPE_CHECKING
+import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    import numpy as np
-
-    from .person import Person
+from .person import Person
 
 HANDLES = (
     "__import__('sketchterrain.ui.models.handles', fromlist=['handles_of'])"

@@ -1,7 +1,5 @@
 """The real program on a screen, used with mouse and keyboard: what a new user does in the first minutes."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,13 +1,11 @@
 """A small world of several shards, written once a session, and what a run of it told."""
 
-from __future__ import annotations
-
 import resource
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,14 +15,9 @@ from sketchterrain.terrain import make_recipe
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
 from sketchterrain.world.progress import ProgressReporter
+from sketchterrain.world.resume import Broken
 from sketchterrain.world.run import run_world
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from contextlib import AbstractContextManager
-
-    from sketchterrain.world.resume import Broken
-    from sketchterrain.world.tasks import TaskResult
+from sketchterrain.world.tasks import TaskResult
 
 
 class Heard(ProgressReporter):

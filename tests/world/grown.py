@@ -1,7 +1,5 @@
 """A stored world that lives in memory: what a store would hold of a terrain, read back by its protocol."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sketchterrain.errors import InputError

@@ -1,7 +1,5 @@
 """The same world by workers of a cluster; who may be one; whatever becomes of them, the same bytes."""
 
-from __future__ import annotations
-
 import errno
 import os
 import pickle

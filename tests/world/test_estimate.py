@@ -1,7 +1,5 @@
 """What a world takes: disk and memory before the start, beside what it took."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,23 +1,17 @@
 """Every form of output is gone on with, verified and mended alike, plants too."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import World
+from sketchterrain.world.job import Job
 from sketchterrain.world.resume import check_world, load_state
 from sketchterrain.world.run import run_world
 from sketchterrain.world.store import store_of
 from sketchterrain.world.tasks import task_count
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.world.job import Job
 
 FORMS = {
     "zarr, parquet": ("world.zarr", {"form": "zarr", "plants": "parquet"}),

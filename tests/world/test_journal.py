@@ -1,7 +1,5 @@
 """The journal and the ledger: what they tell survives what may happen to a file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

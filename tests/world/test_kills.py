@@ -1,7 +1,5 @@
 """A world whose process is killed at any moment, again and again, ends with the same bytes."""
 
-from __future__ import annotations
-
 import os
 import pickle
 import random
@@ -9,14 +7,11 @@ import signal
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 
 from sketchterrain.sketch import save_sketch
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 KILLS = 4
 SCRIPT = """

@@ -1,7 +1,5 @@
 """Options of a world: what cannot be written is refused in one line, before anything is opened."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

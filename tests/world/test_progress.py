@@ -1,7 +1,5 @@
 """Progress of a world: lines now and then, a bar on a terminal."""
 
-from __future__ import annotations
-
 import io
 import sys
 

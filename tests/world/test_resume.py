@@ -1,7 +1,5 @@
 """A world that was disturbed in any way, and resumed, has the bytes of one that never was."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Tasks done in one process: what is written meanwhile, and what becomes of a device that fails."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from typing import Any

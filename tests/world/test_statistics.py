@@ -1,26 +1,19 @@
 """Relief, slopes and hypsometry: analytic surfaces, NumPy on the whole, levels that agree."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from sketchterrain.errors import InputError
+from sketchterrain.sketch import Sketch
 from sketchterrain.world import statistics as measured
-from sketchterrain.world.grid import World
+from sketchterrain.world.grid import Level, World
 from sketchterrain.world.opening import open_world
 from sketchterrain.world.statistics import QUANTILES, horn_slopes, statistics_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    import numpy.typing as npt
-
-    from sketchterrain.sketch import Sketch
-    from sketchterrain.world.grid import Level
 
 
 class Held:

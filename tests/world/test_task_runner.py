@@ -1,7 +1,5 @@
 """A shard's ground is the terrain's, at the places that the grid says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path

@@ -1,31 +1,24 @@
 """Worlds of GeoTIFFs: tiles that join without a gap, one file a layer, both read back as evaluated."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
+from numpy.typing import NDArray
 
 import sketchterrain as st
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.world.geotiff_store import TiffStore, TileStore
 from sketchterrain.world.grid import Level, World
 from sketchterrain.world.ground import Ground
+from sketchterrain.world.job import Job
 from sketchterrain.world.opening import open_world
 from sketchterrain.world.resume import check_world
 from sketchterrain.world.run import run_world
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from sketchterrain.world.job import Job
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 # Two shards each way, whose southern and eastern ones are a few vertices wide.

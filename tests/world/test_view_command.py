@@ -1,7 +1,5 @@
 """`sketchterrain view`: pictures of worlds that were written, and what it says of those that are broken."""
 
-from __future__ import annotations
-
 import shutil
 
 import numpy as np

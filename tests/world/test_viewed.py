@@ -1,7 +1,5 @@
 """Tiles and heights of a stored world: the store's own samples, and what a terrain itself would draw."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Plants of a world in squares: none twice, none missing, in files that GIS and data tools read."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,12 +1,11 @@
 """Reading needs no terrain: what is written are numbers that walk at random."""
 
-from __future__ import annotations
-
 import json
 import random
 import shutil
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, cast
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -16,17 +15,12 @@ from zarr.codecs import BloscCodec, Crc32cCodec
 
 import sketchterrain as st
 from sketchterrain.errors import InputError
+from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.world.grid import World
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
-from sketchterrain.world.opening import open_world
+from sketchterrain.world.opening import StoredWorld, open_world
 from sketchterrain.world.zarr_store import ZarrStore
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.terrain.recipe import TerrainRecipe
-    from sketchterrain.world.opening import StoredWorld
 
 WORLD = World(-10.0, 0.0, 2090.0, 320.0, 1.0)
 SHARD = "0/height/c/0/1"

@@ -1,10 +1,8 @@
-from __future__ import annotations
-
 import json
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,14 +14,10 @@ import sketchterrain as st
 from sketchterrain.compute import ComputeContext
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.world.grid import World
+from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.zarr_store import ZarrStore
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from sketchterrain.world.ground import Ground
 
 ORIGIN = (500_000.0, 5_500_000.0)
 WEST, SOUTH, EAST, NORTH, CELL = -40.0, 400.0, 2120.0, 700.0, 1.0  # two shards wide, two chunks high

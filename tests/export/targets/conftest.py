@@ -1,7 +1,5 @@
 """A terrain that proves orientation, and whole exports of it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass

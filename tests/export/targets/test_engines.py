@@ -1,7 +1,5 @@
 """Exports to Unity, Unreal and Godot (Terrain3D), read as they read them; refusals and equal bytes."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

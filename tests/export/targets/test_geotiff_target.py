@@ -1,7 +1,5 @@
 """The GIS target, read back by GDAL: where things lie, which way up, and how the file is laid out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

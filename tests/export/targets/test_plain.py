@@ -1,7 +1,5 @@
 """Plain formats, read back by other libraries: heights, places and orientation."""
 
-from __future__ import annotations
-
 import csv
 import json
 import struct

@@ -1,7 +1,5 @@
 """GLB, OBJ, STL and Blender's displacement by independent readers: in place, upright, within the error."""
 
-from __future__ import annotations
-
 import io
 import json
 import struct

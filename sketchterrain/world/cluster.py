@@ -65,6 +65,7 @@ class ClusterExecutor:
         self._events = 0
         self._looked = self._ready = time.monotonic()
         self._pending: set[Any] = set()
+        self._cluster: Any = None
 
     def __enter__(self) -> Self:
         """Find or start the workers; the output's folder must be there."""
@@ -153,6 +154,8 @@ class ClusterExecutor:
 
     def _look(self) -> None:
         """See which workers there are, and which were accepted or refused."""
+        if self._cluster is not None:  # also those that died while they started
+            self._cluster.scale(self._workers or 1)
         present = self._ask(self._client.scheduler.identity, n_workers=-1)["workers"]
         events = self._ask(self._client.scheduler.events, topic=self._run)
         self._looked = time.monotonic()
@@ -194,7 +197,7 @@ class ClusterExecutor:
             try:
                 with dask.config.set(_LOCAL):
                     cluster = LocalCluster(
-                        n_workers=count,
+                        n_workers=0,
                         threads_per_worker=_threads(count),
                         memory_limit=None,
                         dashboard_address=None,
@@ -206,6 +209,7 @@ class ClusterExecutor:
                 raise SketchterrainError(f"workers cannot be started: {one_line(error)}") from error
             stack.enter_context(suppress(TimeoutError))
             stack.callback(cluster.close, timeout=_TIMEOUT)
+            self._cluster = cluster
             address = cluster.scheduler_address
         else:
             address = self._scheduler

@@ -150,6 +150,7 @@ def test_a_worker_whose_device_fails_is_refused(job, whole_world, heard, tree, m
     def failing(runner, task):
         if distributed.get_worker().name == 0:
             raise DeviceFailedError("it gave up")
+        time.sleep(0.2)  # the run looks at its workers once a second
         return evaluate(runner, task)
 
     monkeypatch.setattr(TaskRunner, "evaluate", failing)

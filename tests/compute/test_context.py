@@ -1,3 +1,5 @@
+"""Contexts: kernels, builds, the self-test's arithmetic, small arrays in one transfer."""
+
 import re
 from importlib.resources import files
 
@@ -6,9 +8,12 @@ import pytest
 
 from sketchterrain import resources
 from sketchterrain.compute import ComputeContext, list_devices
-from sketchterrain.errors import BuildError
+from sketchterrain.compute.arithmetic import wrong_arithmetic
+from sketchterrain.compute.staging import Staging
+from sketchterrain.errors import BuildError, DeviceMemoryError
 
 pytestmark = pytest.mark.skipif(not list_devices(), reason="no OpenCL device")
+on_each_device = pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)
 ADD = """
 __kernel void add(__global const float *a, float b, __global float *sum)
 {
@@ -17,7 +22,7 @@ __kernel void add(__global const float *a, float b, __global float *sum)
 """
 
 
-def test_a_kernel_runs_and_is_timed_and_empty_arrays_travel(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kernel_runs_and_is_timed_and_empty_arrays_travel(monkeypatch):
     monkeypatch.setattr(resources, "source", lambda name: ADD)
     context = ComputeContext()
     values = np.arange(1000, dtype=np.float32)
@@ -35,7 +40,7 @@ def test_a_kernel_runs_and_is_timed_and_empty_arrays_travel(monkeypatch: pytest.
     assert context.download(context.empty(0, np.float32), 0, np.float32).shape == (0,)
 
 
-def test_failed_builds_and_missing_kernels_are_one_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_builds_and_missing_kernels_are_one_error(monkeypatch):
     monkeypatch.setattr(resources, "source", lambda name: "__kernel void broken() { nonsense; }")
     context = ComputeContext()
     with pytest.raises(BuildError, match=r"kernels/broken.cl did not build on .* with -cl-std") as caught:
@@ -47,7 +52,7 @@ def test_failed_builds_and_missing_kernels_are_one_error(monkeypatch: pytest.Mon
         ComputeContext().launch("add.cl", "subtract", (1,))
 
 
-def test_kernels_name_double_only_where_there_is_one() -> None:
+def test_kernels_name_double_only_where_there_is_one():
     """Compilers without 64-bit floats refuse the very name."""
     for file in files("sketchterrain.kernels").iterdir():
         if file.name.endswith((".cl", ".clh")):
@@ -57,8 +62,8 @@ def test_kernels_name_double_only_where_there_is_one() -> None:
 
 
 @pytest.mark.parametrize("real", ["float", pytest.param("double", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("device", list_devices(), ids=lambda d: d.platform)
-def test_every_kernel_builds_on_every_device(device, real: str) -> None:
+@on_each_device
+def test_every_kernel_builds_on_every_device(device, real):
     if real == "double" and not device.has_double:
         pytest.skip("no doubles here")
     context = ComputeContext(device, real=real)
@@ -67,3 +72,66 @@ def test_every_kernel_builds_on_every_device(device, real: str) -> None:
     for file in programs:
         if file != "ground_bytes.cl" or device.has_double:  # it rounds in 64 bits, else has no kernel
             assert context._build(file).all_kernels(), file
+
+
+@on_each_device
+def test_the_arithmetic_is_right_and_contraction_is_found(device, monkeypatch):
+    assert wrong_arithmetic(ComputeContext(device)) == ()
+    if device.known:  # these compilers fuse where they may
+        assert "inverse_sqrt" in wrong_arithmetic(ComputeContext(device, fast=True))
+    text = resources.source("self_test.cl")
+    fused = text.replace("a[i] * b[i] + c[i];", "fma(a[i], b[i], c[i]);")
+    assert fused != text
+    monkeypatch.setattr(resources, "source", lambda _: fused)
+    assert wrong_arithmetic(ComputeContext(device)) == ("a product and a sum",)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "name"),
+    [
+        ("mixed(n);", "mixed(n) + 1;", "mixed"),
+        ("inverse_sqrt(p);", "rsqrt(p);", "inverse_sqrt"),
+        ("far >> (n & 31)", "(ulong)far >> (n & 31)", None),
+        ("far >> (n & 31)", "far / (1L << (n & 31))", "a shift"),
+        ("(uint)(int)(a[i] * R(1e6))", "(uint)convert_int_rte(a[i] * R(1e6))", "a conversion"),
+    ],
+)
+def test_one_wrong_operation_is_named(monkeypatch, right, wrong, name):
+    text = resources.source("self_test.cl")
+    assert right in text
+    monkeypatch.setattr(resources, "source", lambda _: text.replace(right, wrong))
+    assert wrong_arithmetic(ComputeContext()) == (() if name is None else (name,))
+
+
+@on_each_device
+def test_what_was_put_comes_out(device):
+    context, draw = ComputeContext(device), np.random.default_rng(3)
+    staging = Staging(context)
+    for count in (1, 7, 3, 4000, 2, 4001):
+        arrays = {
+            "reals": draw.normal(size=(count, 4)).astype(np.float32),
+            "nothing": np.zeros(0, np.int32),
+            "longs": draw.integers(0, 1 << 60, 3 * count),
+        }
+        parts = staging.put(arrays)
+        for name, array in arrays.items():
+            found = context.download(parts[name], array.shape, array.dtype)
+            np.testing.assert_array_equal(found, array)
+
+
+def test_without_room_what_there_was_still_works(monkeypatch):
+    context = ComputeContext()
+    staging = Staging(context)
+    staging.put({"a": np.arange(10)})
+
+    def full(*_):
+        raise DeviceMemoryError("full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(context, "empty", full)
+        with pytest.raises(DeviceMemoryError):
+            staging.put({"a": np.arange(10_000)})
+        small = staging.put({"a": np.arange(20)})
+    np.testing.assert_array_equal(context.download(small["a"], 20, np.int64), np.arange(20))
+    large = staging.put({"a": np.arange(10_000)})
+    np.testing.assert_array_equal(context.download(large["a"], 10_000, np.int64), np.arange(10_000))

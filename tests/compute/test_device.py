@@ -14,7 +14,7 @@ DEVICES = list_devices()
 needs_device = pytest.mark.skipif(not DEVICES, reason="no OpenCL device")
 
 
-def in_fresh_process(code: str, **environment: str) -> str:
+def in_fresh_process(code, **environment):
     shown = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=os.environ | environment
     )
@@ -22,7 +22,7 @@ def in_fresh_process(code: str, **environment: str) -> str:
 
 
 @needs_device
-def test_the_preferred_device_comes_first_and_each_is_found_by_number_and_name() -> None:
+def test_the_preferred_device_comes_first_and_each_is_found_by_number_and_name():
     order = {"GPU": 0, "CPU": 1}
     kinds = [order.get(device.type, 2) for device in DEVICES]
     assert kinds == sorted(kinds)
@@ -33,14 +33,9 @@ def test_the_preferred_device_comes_first_and_each_is_found_by_number_and_name()
         assert choose_device(str(device.index)) == device
         assert choose_device(device.platform.upper()).platform == device.platform
 
-    with pytest.raises(DeviceError, match="no OpenCL device fits --device 99; there are 0: "):
-        choose_device("99")
 
-
-def test_selectors_match_types_then_platforms_then_vendors_then_names(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def device(index: int, platform: str, vendor: str, name: str, kind: str = "CPU") -> Device:
+def test_selectors_match_types_then_platforms_then_vendors_then_names(monkeypatch):
+    def device(index, platform, vendor, name, kind="CPU"):
         return Device(index, name, platform, vendor, "1", "OpenCL 3.0", kind, 1 << 30, 4, True, "copy", index)
 
     devices = (
@@ -54,28 +49,12 @@ def test_selectors_match_types_then_platforms_then_vendors_then_names(
     monkeypatch.setattr("sketchterrain.compute.device.list_devices", lambda: devices)
     for function in ("device.check_device", "device_check.check_device"):
         monkeypatch.setattr(f"sketchterrain.compute.{function}", lambda _: DeviceCheck(""))
-    chosen = {
-        None: 0,
-        "0": 0,
-        "5": 5,
-        "gpu": 0,
-        "GPU": 0,
-        "cpu": 2,
-        "pocl": 2,
-        "PoCL": 2,
-        "portable": 2,
-        "intel": 3,
-        "rusticl": 1,
-        "llvmpipe": 4,
-        "mesa/x.org": 4,
-        "nvidia": 0,
-        "h200": 0,
-        "amd": 5,
-        "advanced micro": 5,
-        "haswell": 2,
-    }
+    chosen = [(None, "0", "gpu", "GPU", "nvidia", "h200"), ("rusticl",)]
+    chosen += [("cpu", "pocl", "PoCL", "portable", "haswell"), ("intel",), ("llvmpipe", "mesa/x.org")]
+    chosen += [("5", "amd", "advanced micro")]
     monkeypatch.delenv("PYOPENCL_CTX", raising=False)
-    assert {selector: choose_device(selector).index for selector in chosen} == chosen
+    for number, selectors in enumerate(chosen):
+        assert {choose_device(selector).index for selector in selectors} == {number}, selectors
     for selector in ("accelerator", "6", "-1", "no such"):
         with pytest.raises(
             DeviceError, match=f"no OpenCL device fits --device {selector}; there are 0: "
@@ -85,18 +64,17 @@ def test_selectors_match_types_then_platforms_then_vendors_then_names(
 
 
 @needs_device
-def test_pyopencl_ctx_is_honoured(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pyopencl_ctx_is_honoured(monkeypatch):
     for device in DEVICES:
-        monkeypatch.setenv("PYOPENCL_CTX", device.platform)
-        assert choose_device().platform == device.platform
-        monkeypatch.setenv("PYOPENCL_CTX", f"{device.platform}:0")
-        assert choose_device().platform == device.platform
+        for selector in (device.platform, f"{device.platform}:0"):
+            monkeypatch.setenv("PYOPENCL_CTX", selector)
+            assert choose_device().platform == device.platform
     monkeypatch.setenv("PYOPENCL_CTX", "no such platform")
     with pytest.raises(DeviceError, match="no OpenCL device fits PYOPENCL_CTX=no such platform"):
         choose_device()
 
 
-def test_no_device_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_device_says_what_to_install(monkeypatch):
     monkeypatch.setattr("sketchterrain.compute.device.list_devices", tuple)
     with pytest.raises(DeviceError, match="pip install") as caught:
         choose_device()
@@ -104,7 +82,7 @@ def test_no_device_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None
     assert "\n" not in str(caught.value)
 
 
-def runtime_installed() -> bool:
+def runtime_installed():
     try:
         return distribution("intel-opencl-rt") is not None
     except PackageNotFoundError:
@@ -112,7 +90,7 @@ def runtime_installed() -> bool:
 
 
 @pytest.mark.skipif(not runtime_installed(), reason="the CPU runtime of the extra is not installed")
-def test_the_wheels_runtime_hides_no_other_driver(tmp_path: Path) -> None:
+def test_the_wheels_runtime_hides_no_other_driver(tmp_path):
     """With it made visible every platform found without it is still there, and one more."""
     names = "print(*sorted(p.name for p in cl.get_platforms()), sep=';')"
     try:
@@ -124,7 +102,7 @@ def test_the_wheels_runtime_hides_no_other_driver(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not runtime_installed(), reason="the CPU runtime of the extra is not installed")
-def test_the_users_own_vendors_folder_is_kept(tmp_path: Path) -> None:
+def test_the_users_own_vendors_folder_is_kept(tmp_path):
     """Drivers named in OCL_ICD_VENDORS are found beside the wheel's, and the setting is put back."""
     library = next(f for f in distribution("intel-opencl-rt").files or [] if f.name == "libintelocl.so")
     (tmp_path / "mine.icd").write_text(f"{Path(str(library.locate())).resolve()}\n", encoding="utf-8")
@@ -138,7 +116,7 @@ def test_the_users_own_vendors_folder_is_kept(tmp_path: Path) -> None:
 
 @pytest.mark.gl
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL of Linux")
-def test_drivers_find_egl_among_global_symbols() -> None:
+def test_drivers_find_egl_among_global_symbols():
     """As rusticl looks it up."""
     code = (
         "import ctypes; from sketchterrain.compute.gl_interop import current_handles; current_handles();"

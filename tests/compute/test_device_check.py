@@ -28,7 +28,7 @@ FAILURE = (
 
 
 @pytest.fixture
-def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def empty_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     check_device.cache_clear()
     yield tmp_path / "sketchterrain"
@@ -36,7 +36,7 @@ def empty_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.fixture(scope="module")
-def with_aborting_gpu(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def with_aborting_gpu(tmp_path_factory):
     """The environment of a machine whose preferred device aborts when it is opened."""
     if COMPILER is None:
         pytest.skip("no C compiler")
@@ -51,7 +51,7 @@ def with_aborting_gpu(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str
     return os.environ | {"OCL_ICD_VENDORS": str(folder)}
 
 
-def list_with_tests(environment: dict[str, str]) -> list[dict[str, Any]]:
+def list_with_tests(environment):
     command = [sys.executable, "-m", "sketchterrain", "devices", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr
@@ -59,9 +59,7 @@ def list_with_tests(environment: dict[str, str]) -> list[dict[str, Any]]:
     return entries
 
 
-def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(
-    with_aborting_gpu: dict[str, str],
-) -> None:
+def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(with_aborting_gpu):
     code = "from sketchterrain.compute import ComputeContext; print(ComputeContext().device.name)"
     for _ in range(2):  # the second process reads the result from the cache
         shown = subprocess.run(
@@ -73,7 +71,7 @@ def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(
 
 
 @pytest.mark.slow
-def test_devices_lists_a_driver_that_aborts(with_aborting_gpu: dict[str, str]) -> None:
+def test_devices_lists_a_driver_that_aborts(with_aborting_gpu):
     aborting, *others = list_with_tests(with_aborting_gpu)
     assert (aborting["name"], aborting["type"]) == ("Aborting GPU", "GPU")
     assert aborting["self_test"] == {"bits": "failed", "detail": FAILURE}
@@ -83,7 +81,7 @@ def test_devices_lists_a_driver_that_aborts(with_aborting_gpu: dict[str, str]) -
 
 @pytest.mark.slow
 @pytest.mark.skipif(not POCL, reason="PoCL is not installed")
-def test_pocl_without_a_linker_says_what_to_install(tmp_path: Path) -> None:
+def test_pocl_without_a_linker_says_what_to_install(tmp_path):
     hidden = os.environ | {"PATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
     entries = list_with_tests(hidden)
     for test in (entry["self_test"] for entry in entries if entry["platform"] == POCL[0].platform):
@@ -93,19 +91,17 @@ def test_pocl_without_a_linker_says_what_to_install(tmp_path: Path) -> None:
             assert test["detail"].endswith("install a linker: apt install gcc libc6-dev")
 
 
-def test_a_check_is_cached_by_driver_version_and_linker(
-    empty_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_check_is_cached_by_driver_version_and_linker(empty_cache, monkeypatch):
     runs = []
 
-    def result(*given: str, **_: object) -> bytes:
+    def result(*given, **_):
         runs.append(given)
         return b'["cubic"]'
 
     monkeypatch.setattr(device_check, "module_result", result)
     device = list_devices()[0]
 
-    def check(driver: str) -> DeviceCheck:
+    def check(driver):
         check_device.cache_clear()  # as in another process
         return check_device(replace(device, driver=driver))
 
@@ -127,7 +123,7 @@ def test_a_check_is_cached_by_driver_version_and_linker(
     assert len(runs) == 8
 
 
-def test_without_a_cache_folder_checks_run_each_time(empty_cache: Path) -> None:
+def test_without_a_cache_folder_checks_run_each_time(empty_cache):
     empty_cache.write_text("a file where the folder should be", encoding="utf-8")
     device = list_devices()[0]
     results = iter([{"a": 1}, {"a": 2}])
@@ -135,8 +131,8 @@ def test_without_a_cache_folder_checks_run_each_time(empty_cache: Path) -> None:
         assert cached_on_disk("test", (device,), (), lambda: next(results)) == {"a": expected}
 
 
-def test_devices_that_fail_are_skipped(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def result(_: str, index: str, **__: object) -> bytes:
+def test_devices_that_fail_are_skipped(empty_cache, monkeypatch):
+    def result(_, index, **__):
         if index == "0":
             raise ChildFailedError("the self-test crashed (SIGSEGV)")
         return b"[]"
@@ -149,7 +145,7 @@ def test_devices_that_fail_are_skipped(empty_cache: Path, monkeypatch: pytest.Mo
         choose_device("0")
 
 
-def test_failures_of_a_child_are_one_line() -> None:
+def test_failures_of_a_child_are_one_line():
     linker = (
         "import os, sys; sys.stderr.write('Final\\nno \\'ld\\' found\\n'); sys.stderr.flush(); os.abort()"
     )
@@ -170,8 +166,8 @@ def test_failures_of_a_child_are_one_line() -> None:
         module_result("this", name="it", timeout=10.0)
 
 
-def test_a_check_that_timed_out_is_not_cached(empty_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def slow(*_: str, **__: object) -> bytes:
+def test_a_check_that_timed_out_is_not_cached(empty_cache, monkeypatch):
+    def slow(*_, **__):
         raise ChildTimedOutError("the self-test did not answer within 60 s")
 
     monkeypatch.setattr(device_check, "module_result", slow)

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,9 +18,7 @@ from sketchterrain.export.sidecar import SIDECAR, Row, replaced_files, typed_row
 from sketchterrain.whole_files import write_whole
 
 
-def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_path, monkeypatch):
     path = tmp_path / "a.bin"
     assert write_whole(path, b"old") == path
     write_whole(path, b"new")
@@ -40,7 +37,7 @@ def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(
         (KeyboardInterrupt(), "^$"),
     ]:
 
-        def failing(_: int, failure: BaseException = failure) -> None:
+        def failing(_, failure=failure):
             raise failure
 
         monkeypatch.setattr(os, "fsync", failing)
@@ -50,7 +47,7 @@ def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(
         assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
 
 
-def test_a_killed_process_leaves_the_old_file_whole(tmp_path: Path) -> None:
+def test_a_killed_process_leaves_the_old_file_whole(tmp_path):
     path = tmp_path / "a.bin"
     write_whole(path, b"old")
     code = (
@@ -64,7 +61,7 @@ def test_a_killed_process_leaves_the_old_file_whole(tmp_path: Path) -> None:
     assert path.read_bytes() == b"old"
 
 
-def test_a_folder_is_made_with_its_parents_or_refused(tmp_path: Path) -> None:
+def test_a_folder_is_made_with_its_parents_or_refused(tmp_path):
     prepare_folder(tmp_path / "a" / "b")
     prepare_folder(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
@@ -77,7 +74,7 @@ def test_a_folder_is_made_with_its_parents_or_refused(tmp_path: Path) -> None:
     assert (tmp_path / "c").read_bytes() == b"mine"
 
 
-def test_json_keeps_order_and_letters_and_refuses_nan(tmp_path: Path) -> None:
+def test_json_keeps_order_and_letters_and_refuses_nan(tmp_path):
     text = write_json(tmp_path / "a.json", {"z": 1, "a": "Höhe"}).read_text(encoding="utf-8")
     assert list(json.loads(text)) == ["z", "a"]
     assert "Höhe" in text
@@ -86,7 +83,7 @@ def test_json_keeps_order_and_letters_and_refuses_nan(tmp_path: Path) -> None:
     assert not (tmp_path / "b.json").exists()
 
 
-def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_path: Path) -> None:
+def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_path):
     (tmp_path / "old").write_bytes(b"old")
     with staging(tmp_path) as hidden:
         assert hidden.parent == tmp_path
@@ -102,7 +99,7 @@ def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_pa
         pass
 
 
-def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_path: Path) -> None:
+def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_path):
     code = (
         "import os, pathlib, signal, sys\n"
         "from sketchterrain.export import staging\n"
@@ -123,7 +120,7 @@ def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_pat
     assert [*tmp_path.iterdir()] == []
 
 
-def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_path: Path) -> None:
+def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_path):
     for name in ("a", "b", "c"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / "inner").mkdir()
@@ -131,7 +128,7 @@ def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_pat
     before = ["a", "b", "gone", "inner", "inner/d", "../" + tmp_path.name + "/c", "", "."]
     assert files_without_successor(tmp_path, before, ["b", "new"]) == [tmp_path / "a"]
 
-    def sidecar(*names: str, target: str = "raw") -> dict[str, object]:
+    def sidecar(*names, target="raw"):
         files = [{"file": name} for name in names]
         return {"format": 1, "target": target, "sketch": "a", "files": files}
 
@@ -146,7 +143,7 @@ def test_only_files_of_an_earlier_export_of_the_same_sketch_are_replaced(tmp_pat
     assert replaced_files(tmp_path, told) == [tmp_path / "old"]
 
 
-def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short() -> None:
+def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short():
     settings = {"Resolution": 65, "Flip": False, "scale": 1 / 3, "crs": None, "bands": [1, 2]}
     shown = [(row.name, row.value) for row in typed_rows(settings)]
     values = ("65", "no", "0.3333333333", "none", "1, 2")
@@ -166,7 +163,7 @@ def test_settings_become_rows_with_headings_and_many_tiles_are_cut_short() -> No
     ]
 
 
-def test_rows_of_numbers_are_formatted_as_python_does() -> None:
+def test_rows_of_numbers_are_formatted_as_python_does():
     for places in [1, 3, 4, 7]:
         for size in [1e-6, 1.0, 12.0, 9999.0, 123456.0, 1e8]:
             values = np.random.default_rng(places).normal(0.0, size, 2000)
@@ -189,7 +186,7 @@ def test_rows_of_numbers_are_formatted_as_python_does() -> None:
             text_rows("%.3f\n", np.array([1.0, broken, 2.0]))
 
 
-def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path: Path) -> None:
+def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path):
     pieces = [b"[1.0,1.0],\n[-22.25,-22.2]", b"", b"[0.0,0.0]"]
     told = json.loads(write_listing(tmp_path / "a.json", {"format": 1, "é": "ü"}, "rows", pieces).read_text())
     assert told == {"format": 1, "é": "ü", "rows": [[1.0, 1.0], [-22.25, -22.2], [0.0, 0.0]]}
@@ -197,16 +194,16 @@ def test_long_lists_are_json_and_a_failed_one_leaves_no_file(tmp_path: Path) -> 
     with pytest.raises(SketchterrainError, match="cannot be written"):
         write_listing(tmp_path / "gone" / "a.json", {}, "rows", [])
 
-    def failing() -> object:
+    def failing():
         yield b"[1]"
         raise InputError("no more")
 
     with pytest.raises(InputError, match="no more"):
-        write_listing(tmp_path / "c.json", {"format": 1}, "rows", failing())  # type: ignore[arg-type]
+        write_listing(tmp_path / "c.json", {"format": 1}, "rows", failing())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.json"]
 
 
-def test_pillow_and_gdal_read_the_values_of_a_png_back(tmp_path: Path) -> None:
+def test_pillow_and_gdal_read_the_values_of_a_png_back(tmp_path):
     random, path = np.random.default_rng(1), tmp_path / "a.png"
     whole = np.arange(60 * 80, dtype=np.uint16).reshape(60, 80)
     cases = [

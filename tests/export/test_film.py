@@ -1,7 +1,6 @@
 """Films: frames, order, speed and colours as given, and no partial files after a failure."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from sketchterrain.export.film import ANIMATED, VIDEO, check_film, film
 SIZE = (64, 48)
 
 
-def frames(count: int) -> list[np.ndarray]:
+def frames(count):
     """A bright bar that goes from left to right over a slope of colours."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     made = []
@@ -24,7 +23,7 @@ def frames(count: int) -> list[np.ndarray]:
     return made
 
 
-def write(path: Path, count: int, *, fps: int = 30, failure: BaseException | None = None) -> None:
+def write(path, count, *, fps=30, failure=None):
     with film(path, size=SIZE, fps=fps, frames=count) as add:
         for frame in frames(count):
             add(frame)
@@ -32,11 +31,11 @@ def write(path: Path, count: int, *, fps: int = 30, failure: BaseException | Non
             raise failure
 
 
-def entries(folder: Path) -> list[str]:
+def entries(folder):
     return sorted(each.name for each in folder.iterdir())
 
 
-def test_a_folder_of_frames_is_numbered_and_exact(tmp_path: Path) -> None:
+def test_a_folder_of_frames_is_numbered_and_exact(tmp_path):
     write(tmp_path / "made" / "frames", 12)
     assert entries(tmp_path / "made" / "frames") == [f"{number:04d}.png" for number in range(12)]
     for number, frame in enumerate(frames(12)):
@@ -49,7 +48,7 @@ def test_a_folder_of_frames_is_numbered_and_exact(tmp_path: Path) -> None:
     assert _name(9999, 10_000) == "9999.png"
 
 
-def test_animated_pictures_have_all_frames_and_their_length(tmp_path: Path) -> None:
+def test_animated_pictures_have_all_frames_and_their_length(tmp_path):
     for ending, near in [(".webp", 12), (".gif", 30)]:
         path = tmp_path / ending[1:] / f"a{ending}"
         write(path, 12, fps=30)
@@ -68,7 +67,7 @@ def test_animated_pictures_have_all_frames_and_their_length(tmp_path: Path) -> N
     assert entries(tmp_path / "one") == ["a.gif", "a.webp", "frames"]
 
 
-def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path: Path) -> None:
+def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path):
     av = pytest.importorskip("av")
     path = tmp_path / "a.mp4"
     write(path, 12, fps=25)
@@ -83,7 +82,7 @@ def test_a_video_has_all_frames_its_length_and_its_colours(tmp_path: Path) -> No
             assert np.abs(difference.mean(axis=(0, 1))).max() < 2  # no colour is off as a whole
 
 
-def test_an_interrupted_film_leaves_nothing(tmp_path: Path) -> None:
+def test_an_interrupted_film_leaves_nothing(tmp_path):
     for name in ["frames", "a.webp", "a.gif", "a.mp4"]:
         for failure in [KeyboardInterrupt(), SketchterrainError("it broke")]:
             if name.endswith(VIDEO):
@@ -99,9 +98,7 @@ def test_an_interrupted_film_leaves_nothing(tmp_path: Path) -> None:
             assert not list((folder / "frames").iterdir()) if name == "frames" else True, (name, failure)
 
 
-def test_longer_films_odd_sides_missing_libraries_and_files_in_the_way_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_longer_films_odd_sides_missing_libraries_and_files_in_the_way_are_refused(tmp_path, monkeypatch):
     write(tmp_path, 5)
     check_film(tmp_path, size=SIZE, frames=5)
     (tmp_path / "notes.png").write_text("mine")

@@ -2,7 +2,6 @@
 
 import io
 import itertools
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -15,14 +14,7 @@ from sketchterrain.errors import InputError
 from sketchterrain.export import write_map, write_sheet
 from sketchterrain.export.map import map_sheet
 from sketchterrain.export.map.contours import INDEX, PENS, WIDTHS, choose_interval, trace_contours
-from sketchterrain.export.map.drawing import (
-    Label,
-    LabelSpace,
-    MapSheet,
-    Polygons,
-    Polylines,
-    sheet_png,
-)
+from sketchterrain.export.map.drawing import Label, LabelSpace, MapSheet, Polygons, Polylines, sheet_png
 from sketchterrain.export.map.features import BANK, FOREST, WATER, prominences, rings_above
 from sketchterrain.export.map.ground import (
     SCALES,
@@ -39,7 +31,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def terrain() -> st.Terrain:
+def terrain():
     """A mountain, a river from the west, a lake and a wood, on a sketch wider than high."""
     mountain, river, forest, lake = (np.zeros((48, 64), np.uint8) for _ in range(4))
     mountain[4:18, 44:60] = 1
@@ -60,30 +52,30 @@ def terrain() -> st.Terrain:
 
 
 @pytest.fixture(scope="module")
-def ground(terrain: st.Terrain) -> MapGround:
+def ground(terrain):
     return sample_ground(terrain, fit_frame(terrain.size))
 
 
 @pytest.fixture(scope="module")
-def sheet(terrain: st.Terrain) -> MapSheet:
+def sheet(terrain):
     return map_sheet(terrain)
 
 
-def labels(sheet: MapSheet, *layers: str) -> list[Label]:
+def labels(sheet, *layers):
     chosen = layers or tuple(sheet.layers)
     return [shape for name in chosen for shape in sheet.layers[name] if isinstance(shape, Label)]
 
 
-def paths(sheet: MapSheet, layer: str, kind: type[Polylines | Polygons]) -> list[Polylines]:
+def paths(sheet, layer, kind):
     return [shape for shape in sheet.layers[layer] if isinstance(shape, kind)]
 
 
-def metres(frame: MapFrame, path: np.ndarray) -> np.ndarray:
+def metres(frame, path):
     x = (path[:, 0] - frame.left) / frame.mm_per_metre
     return np.stack([x, frame.north - (path[:, 1] - frame.top) / frame.mm_per_metre], axis=-1)
 
 
-def around(terrain: st.Terrain, ground: MapGround, points: np.ndarray, reach: float) -> np.ndarray:
+def around(terrain, ground, points, reach):
     """Return the lowest and the highest ground (m) within a distance (mm of the sheet) of points (m)."""
     angle = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     circle = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(angle), np.sin(angle)], axis=-1)])
@@ -92,7 +84,7 @@ def around(terrain: st.Terrain, ground: MapGround, points: np.ndarray, reach: fl
     return np.stack([heights.min(axis=1), heights.max(axis=1)])
 
 
-def level_ground(height: np.ndarray, scale: float = 5000.0) -> MapGround:
+def level_ground(height, scale=5000.0):
     """Return dry grassland of some heights (m) over a square of 1000 m."""
     height = np.asarray(height, np.float32)
     spacing = 1000.0 / (len(height) - 1)
@@ -102,12 +94,12 @@ def level_ground(height: np.ndarray, scale: float = 5000.0) -> MapGround:
     return MapGround(frame, (spacing, spacing), height, height, spacing, dry, cover)
 
 
-def places(side: int = 201) -> tuple[np.ndarray, np.ndarray]:
+def places(side=201):
     x = np.linspace(0.0, 1000.0, side)
     return x[None, :], x[::-1, None]
 
 
-def test_a_frame_has_a_round_scale_and_north_up() -> None:
+def test_a_frame_has_a_round_scale_and_north_up():
     for size in ((6144.0, 6144.0), (16384.0, 8192.0), (1.0, 1.0), (200.0, 1e6), (1e6, 17.0)):
         fitted = fit_frame(size)
         assert 180.0 < max(fitted.box[2:]) <= 275.0 + 1e-6
@@ -124,7 +116,7 @@ def test_a_frame_has_a_round_scale_and_north_up() -> None:
         assert nearest_round(number, up=True) == pytest.approx(above), number
 
 
-def test_contours_run_where_the_ground_has_their_height(terrain: st.Terrain, ground: MapGround) -> None:
+def test_contours_run_where_the_ground_has_their_height(terrain, ground):
     interval = choose_interval(ground)
     contours = trace_contours(ground, interval)
     levels = np.unique([contour.height for contour in contours])
@@ -155,9 +147,7 @@ def test_contours_run_where_the_ground_has_their_height(terrain: st.Terrain, gro
         assert choose_interval(level_ground(slope * x + 0.0 * y, scale)) == expected
 
 
-def test_drawn_contours_keep_their_height_and_avoid_lakes_and_labels(
-    terrain: st.Terrain, ground: MapGround, sheet: MapSheet
-) -> None:
+def test_drawn_contours_keep_their_height_and_avoid_lakes_and_labels(terrain, ground, sheet):
     interval = choose_interval(ground)
     lines = paths(sheet, "contours", Polylines)
     assert {line.colour for line in lines} <= set(PENS.values())
@@ -176,9 +166,7 @@ def test_drawn_contours_keep_their_height_and_avoid_lakes_and_labels(
     assert not standing_water(terrain.recipe, "lake", x, y, terrain.heights(x, y)).any()
 
 
-def test_rivers_and_lakes_are_drawn_where_they_are(
-    terrain: st.Terrain, ground: MapGround, sheet: MapSheet
-) -> None:
+def test_rivers_and_lakes_are_drawn_where_they_are(terrain, ground, sheet):
     rivers = [line for line in paths(sheet, "rivers", Polylines) if line.colour in (BANK, WATER)]
     along = np.linspace(0.0, 1.0, 400)[:, None]
     pieces = [pair for line in rivers for path in line.paths for pair in itertools.pairwise(path)]
@@ -200,9 +188,7 @@ def test_rivers_and_lakes_are_drawn_where_they_are(
     assert f"{lake.level:.0f}" in [label.text for label in labels(sheet, "labels")]
 
 
-def test_labels_do_not_collide_and_are_not_clipped(
-    terrain: st.Terrain, ground: MapGround, sheet: MapSheet
-) -> None:
+def test_labels_do_not_collide_and_are_not_clipped(terrain, ground, sheet):
     left, top, width, height = ground.frame.box
     on_map = [label.outline(air=0.0) for label in labels(sheet, "labels")]
     everywhere = [label.outline(air=0.0) for label in labels(sheet)]
@@ -220,7 +206,7 @@ def test_labels_do_not_collide_and_are_not_clipped(
 
 
 @pytest.mark.slow
-def test_the_legend_lists_what_is_on_the_sheet(terrain: st.Terrain, sheet: MapSheet, tmp_path: Path) -> None:
+def test_the_legend_lists_what_is_on_the_sheet(terrain, sheet, tmp_path):
     entries = {"River, flow", "Forest", "Lake, water level (m)", "Summit, height (m)"}
     scale = f"1 : {fit_frame(terrain.size).scale:,.0f}".replace(",", " ")
     assert {*entries, "N", scale} <= {label.text for label in labels(sheet)}
@@ -234,7 +220,7 @@ def test_the_legend_lists_what_is_on_the_sheet(terrain: st.Terrain, sheet: MapSh
     assert not {*entries, "Snow"} & plain
 
 
-def test_files_have_the_size_asked_for_vectors_and_text(sheet: MapSheet, tmp_path: Path) -> None:
+def test_files_have_the_size_asked_for_vectors_and_text(sheet, tmp_path):
     (svg,) = write_sheet(tmp_path / "a.svg", sheet)
     root = ET.fromstring(svg.read_text())  # noqa: S314 - written here
     assert svg.stat().st_size < 4_000_000
@@ -253,7 +239,7 @@ def test_files_have_the_size_asked_for_vectors_and_text(sheet: MapSheet, tmp_pat
 
 
 @pytest.mark.slow
-def test_the_same_terrain_gives_the_same_map(terrain: st.Terrain, sheet: MapSheet, tmp_path: Path) -> None:
+def test_the_same_terrain_gives_the_same_map(terrain, sheet, tmp_path):
     for suffix in ("png", "svg"):
         (first,) = write_sheet(tmp_path / f"a.{suffix}", sheet, size=(500, 5000))
         (second,) = write_map(tmp_path / f"b.{suffix}", terrain, size=(500, 5000))
@@ -262,7 +248,7 @@ def test_the_same_terrain_gives_the_same_map(terrain: st.Terrain, sheet: MapShee
         write_map(tmp_path / "a.pdf", terrain)
 
 
-def test_the_relief_covers_the_frame(ground: MapGround, sheet: MapSheet) -> None:
+def test_the_relief_covers_the_frame(ground, sheet):
     (relief,) = sheet.layers["relief"]
     left, _, width, _ = relief.box
     columns = relief.pixels.shape[1]
@@ -271,16 +257,16 @@ def test_the_relief_covers_the_frame(ground: MapGround, sheet: MapSheet) -> None
     assert width * (columns - 1) / columns == pytest.approx(ground.frame.box[2])
 
 
-def pixels(sheet: MapSheet) -> np.ndarray:
+def pixels(sheet):
     return np.asarray(Image.open(io.BytesIO(sheet_png(sheet, width=200))).convert("RGB")).astype(int)
 
 
-def test_prominence_is_the_way_down_to_a_higher_summit() -> None:
+def test_prominence_is_the_way_down_to_a_higher_summit():
     found = prominences(np.array([[0.0, 5.0, 2.0, 9.0, 4.0, 7.0, 1.0]]))
     assert [(p, c) for p, _, c in found] == [(9.0, 3), (3.0, 1), (3.0, 5)]
 
 
-def test_label_space_is_given_once_and_only_on_the_map() -> None:
+def test_label_space_is_given_once_and_only_on_the_map():
     space = LabelSpace((0.0, 0.0, 100.0, 50.0))
     text = Label("123", 50.0, 25.0, 2.0, (0, 0, 0), "middle", 30.0)
     outline = text.outline(air=0.0)
@@ -292,14 +278,14 @@ def test_label_space_is_given_once_and_only_on_the_map() -> None:
     assert Label("123123", 0, 0, 2.0, (0, 0, 0)).width == pytest.approx(2.0 * text.width, rel=0.1)
 
 
-def test_shores_close_at_the_maps_border() -> None:
+def test_shores_close_at_the_maps_border():
     x, y = places()
     depth = (100.0 - np.hypot(x, y - 500.0)).astype(np.float32)  # half a disc at the western border
     ((ring,),) = rings_above(depth, [0.0], level_ground(0.0 * depth))
     assert shapely.Polygon(ring).area == pytest.approx(0.5 * np.pi * 20.0**2, rel=0.05)
 
 
-def test_slopes_to_the_north_west_are_lighter_and_flat_ground_is_even() -> None:
+def test_slopes_to_the_north_west_are_lighter_and_flat_ground_is_even():
     x, y = places(101)
     flat = shaded_relief(level_ground(0.0 * x + 0.0 * y)).astype(int)
     assert np.ptp(flat.reshape(-1, 3), axis=0).max() == 0
@@ -307,7 +293,7 @@ def test_slopes_to_the_north_west_are_lighter_and_flat_ground_is_even() -> None:
     assert cone[25, 25] > cone[75, 75] + 60
 
 
-def test_a_sheet_is_drawn_where_its_shapes_lie() -> None:
+def test_a_sheet_is_drawn_where_its_shapes_lie():
     ring = np.array([[2.0, 2.0], [8.0, 2.0], [8.0, 8.0], [2.0, 8.0]])
     hole = 0.5 * (ring - 5.0) + 5.0
     layers = {

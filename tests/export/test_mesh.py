@@ -6,8 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pydelatin
 import pytest
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import Delaunay
 
 from sketchterrain.errors import InputError
 from sketchterrain.export.mesh import Mesh, adaptive_mesh, grid_mesh, mesh_error
@@ -16,7 +14,7 @@ from sketchterrain.export.mesh_vertices import waters
 from sketchterrain.export.sampled import Grid
 
 
-def rough(rows: int, columns: int, seed: int = 3) -> np.ndarray:
+def rough(rows, columns, seed=3):
     rng = np.random.default_rng(seed)
     return np.cumsum(np.cumsum(rng.normal(0.0, 1.0, (rows, columns)), axis=0), axis=1)
 
@@ -129,7 +127,7 @@ def _areas(place, mesh):
     return 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
 
 
-def two_triangles(columns: int, rows: int) -> Mesh:
+def two_triangles(columns, rows):
     column = np.array([0, columns - 1, 0, columns - 1], np.int32)
     row = np.array([rows - 1, rows - 1, 0, 0], np.int32)
     return Mesh(column, row, np.array([[0, 1, 3], [0, 3, 2]], np.uint32))
@@ -161,25 +159,6 @@ def test_errors_of_two_triangles_are_analytic():
 
     half = Mesh(mesh.column, mesh.row, mesh.triangles[:1])
     assert mesh_error(half, np.zeros((9, 9))) == np.inf
-
-
-@pytest.mark.slow
-def test_any_triangles_against_another_interpolation():
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        rows, columns = 41, 57
-        height = rng.normal(0.0, 50.0, (rows, columns))
-        ends = [(0, 0), (columns - 1, 0), (0, rows - 1), (columns - 1, rows - 1)]
-        inner = np.stack([rng.integers(0, columns, 60), rng.integers(0, rows, 60)], axis=-1)
-        places = np.unique(np.concatenate([ends, inner]), axis=0)
-        made = Delaunay(places)
-        mesh = Mesh(
-            places[:, 0].astype(np.int32), places[:, 1].astype(np.int32), made.simplices.astype(np.uint32)
-        )
-        surface = LinearNDInterpolator(made, height[places[:, 1], places[:, 0]])
-        row, column = np.indices(height.shape)
-        off = np.abs(surface(column.ravel(), row.ravel()) - height.ravel())
-        assert mesh_error(mesh, height) == pytest.approx(np.nanmax(off), rel=1e-9), seed
 
 
 GRID = Grid(0.0, 0.0, 400.0, 400.0, 41, 41)

@@ -12,13 +12,13 @@ DENSITY = {"mountain": 0.05, "hill": 0.6, "dune": 0.1, "forest": 3.0}
 EMPTY = np.zeros((64, 64), np.uint8)
 
 
-def fill(density: dict[str, float] | None = None, *, seed: int = 5, **layers: np.ndarray) -> Fill:
+def fill(density=None, *, seed=5, **layers):
     sketch = Sketch(extent=4096.0, density=density or DENSITY, layers=layers or {"hill": EMPTY})
     return Fill(sketch, place(sketch, seed=seed), seed=seed)
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0), (-1e9 - 0.3, 1e9 + 0.7)])
-def test_a_rectangle_and_its_pieces_hold_the_same_features(origin: tuple[float, float]) -> None:
+def test_a_rectangle_and_its_pieces_hold_the_same_features(origin):
     west, south = origin
     ground = fill()
     whole = ground.within(west, south, west + 6000, south + 6000)
@@ -39,7 +39,7 @@ def test_a_rectangle_and_its_pieces_hold_the_same_features(origin: tuple[float, 
     assert not whole["painted"].any()
 
 
-def test_the_density_and_the_spacing_of_the_rules_are_kept() -> None:
+def test_the_density_and_the_spacing_of_the_rules_are_kept():
     for name, density in (
         ("mountain", 0.02),
         ("hill", 0.2),
@@ -66,7 +66,7 @@ def test_the_density_and_the_spacing_of_the_rules_are_kept() -> None:
         assert np.all(distance[pair] >= factor * radii[pair] * (1 - 1e-9)), (first, second)
 
 
-def test_the_fill_keeps_clear_of_painted_shapes_and_rivers() -> None:
+def test_the_fill_keeps_clear_of_painted_shapes_and_rivers():
     row, column = np.mgrid[:64, :64]
     layers = {
         "mountain": (np.hypot(row - 20, column - 20) < 10).astype(np.uint8),
@@ -86,7 +86,7 @@ def test_the_fill_keeps_clear_of_painted_shapes_and_rivers() -> None:
     assert np.all(np.abs(found["x"] - 9000.0) > 0.9 * found["radius"])
 
 
-def test_small_features_can_be_left_out_and_no_density_gives_none() -> None:
+def test_small_features_can_be_left_out_and_no_density_gives_none():
     sketch = Sketch()
     nothing = Fill(sketch, place(sketch, seed=1), seed=1)
     assert nothing.max_radius == 0.0
@@ -105,6 +105,6 @@ def test_small_features_can_be_left_out_and_no_density_gives_none() -> None:
     assert everything["radius"].max() <= ground.max_radius
 
 
-def test_the_seed_changes_every_feature() -> None:
+def test_the_seed_changes_every_feature():
     first, second = (fill(seed=seed).within(0, 0, 20_000, 20_000) for seed in (1, 2))
     assert not np.isin(first["x"], second["x"]).any()

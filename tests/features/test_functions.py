@@ -1,9 +1,12 @@
-"""Functions that placement rests on: hashes, profiles, densities, distances, crests, rounding, caches."""
+"""Functions that placement rests on: hashes, profiles, densities, distances, splines, rounding, caches."""
+
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from sketchterrain.errors import InputError
 from sketchterrain.features import PaintedDistance
 from sketchterrain.features.catalogue import FEATURE, FEATURE_TYPES
 from sketchterrain.features.crests import crests
@@ -12,11 +15,12 @@ from sketchterrain.features.hashing import hashed, smooth_noise, unit
 from sketchterrain.features.profiles import SHOWN, flank, hill_profile, mountain_profile, shown_at
 from sketchterrain.features.recent import Recent, Same
 from sketchterrain.features.rounding import STEP, gaussian_filter, rounded
+from sketchterrain.features.splines import catmull_rom, sample_catmull_rom, without_repeats
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import make_recipe
 
 
-def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth() -> None:
+def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth():
     keys = np.arange(1000)
     first = hashed(7, "a", keys, 3)
     np.testing.assert_array_equal(first, hashed(7, "a", keys, 3))
@@ -45,7 +49,7 @@ def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth() -> No
 T = np.linspace(0.0, 1.0, 2001)
 
 
-def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_they_say() -> None:
+def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_they_say():
     for fidelity in (0.0, 0.8, 0.9, 1.0):
         for profile in (hill_profile(T, flank(fidelity)), mountain_profile(T, 0.5, flank(fidelity))):
             assert profile[0] == pytest.approx(1.0)
@@ -68,7 +72,7 @@ def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_th
     )
 
 
-def test_density_is_the_plain_sum_also_of_groups_and_of_nothing() -> None:
+def test_density_is_the_plain_sum_also_of_groups_and_of_nothing():
     rng = np.random.default_rng(2)
     points, sizes, values = rng.random((200, 2)) * 100, rng.random(200) + 0.5, rng.random(200)
     at, radius = rng.random((50, 2)) * 100, rng.random(50) * 30 + 1
@@ -94,7 +98,7 @@ def test_density_is_the_plain_sum_also_of_groups_and_of_nothing() -> None:
     np.testing.assert_array_equal(field.around(places, radius), each)
 
 
-def test_few_places_and_many_get_the_bits_of_a_distance_map() -> None:
+def test_few_places_and_many_get_the_bits_of_a_distance_map():
     for share in (0.0, 0.002, 0.1, 0.9, 1.0):
         rng = np.random.default_rng(3)
         mask = rng.random((40, 70)) < share
@@ -112,7 +116,7 @@ def test_few_places_and_many_get_the_bits_of_a_distance_map() -> None:
         np.testing.assert_allclose(few[inside], 7.3 * exact[row, column], rtol=1e-6)
 
 
-def test_distances_outside_the_map_are_bounded_by_the_true_ones() -> None:
+def test_distances_outside_the_map_are_bounded_by_the_true_ones():
     painted = np.zeros((10, 20), bool)
     painted[2, 3] = True
     distance = PaintedDistance(painted, 10.0)
@@ -124,14 +128,14 @@ def test_distances_outside_the_map_are_bounded_by_the_true_ones() -> None:
     assert np.isinf(PaintedDistance(~np.ones((4, 4), bool), 1.0)(x, y)).all()
 
 
-def points(kind: str, *, painted: bool, count: int = 2000) -> np.ndarray:
+def points(kind, *, painted, count=2000):
     rows = np.zeros(count, FEATURE)
     rows["id"] = (1 << 63) + np.arange(count, dtype=np.uint64)
     rows["type"], rows["painted"] = FEATURE_TYPES.index(kind), painted
     return rows
 
 
-def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that_they_keep() -> None:
+def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that_they_keep():
     for kind in FEATURE_TYPES:
         assert not crests(points(kind, painted=True)).any()
         assert crests(points(kind, painted=False)).any() == (kind == "mountain")
@@ -150,7 +154,7 @@ def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that
     np.testing.assert_array_equal(crests(moved), crests(all_of_them)[700:701])
 
 
-def test_rounding_keeps_multiples_and_takes_halves_one_way() -> None:
+def test_rounding_keeps_multiples_and_takes_halves_one_way():
     number = np.arange(-5000, 5000)
     multiples, halves = number * STEP, (number + 0.5) * STEP
     np.testing.assert_array_equal(rounded(multiples), multiples)
@@ -160,7 +164,7 @@ def test_rounding_keeps_multiples_and_takes_halves_one_way() -> None:
     assert np.abs(rounded(values) - values).max() < 0.54 * STEP
 
 
-def test_the_blur_is_scipys() -> None:
+def test_the_blur_is_scipys():
     values = np.random.default_rng(2).normal(size=(40, 60))
     for sigma in (0.001, 0.7, 3.0, 50.0):
         expected = ndimage.gaussian_filter(values, sigma, mode="nearest")
@@ -170,7 +174,7 @@ def test_the_blur_is_scipys() -> None:
         np.testing.assert_allclose(blurred, expected, atol=1e-10)
 
 
-def test_control_points_are_multiples_of_the_step() -> None:
+def test_control_points_are_multiples_of_the_step():
     recipe = make_recipe(load_sketch("valley_river"))
     assert recipe.rivers
     ends = {river.centreline[-1, :2].tobytes() for river in recipe.rivers}
@@ -179,28 +183,80 @@ def test_control_points_are_multiples_of_the_step() -> None:
         np.testing.assert_array_equal(rounded(own), own)
 
 
-def test_recent_values_are_cached_by_identity_and_failures_are_not() -> None:
-    recent, made = Recent(2), []
-
-    def make(value: int) -> int:
-        made.append(value)
-        return value
-
-    for value in (1, 2, 1, 3, 1, 2):
-        assert recent.of(value, lambda value=value: make(value)) == value
-    assert made == [1, 2, 3, 2]  # 2 was the least recent when 3 came
-
-    def fail() -> None:
-        raise KeyError("no")
-
+def test_recent_values_are_cached_by_identity_and_failures_are_not():
+    recent, make = Recent(2), Mock(side_effect=[1, 2, 3, 4])
+    # 2 was the least recent when 3 came.
+    assert [recent.of(key, make) for key in (1, 2, 1, 3, 1, 2)] == [1, 2, 1, 3, 1, 4]
     with pytest.raises(KeyError):
-        recent.of("a", fail)
+        recent.of("a", Mock(side_effect=KeyError))
     assert recent.of("a", lambda: 5) == 5
 
     one, other = [1], [1]
-    assert Same(one) == Same(one)
-    assert hash(Same(one)) == hash(Same(one))
-    assert Same(one) != Same(other)
+    assert Same(one) == Same(one) != Same(other)
     recent = Recent(0)
     assert recent.of(Same(one), lambda: 1) == 1
     assert recent.of(Same(one), lambda: 2) == 2
+
+
+WILD = np.array([[0, 0], [10, 0], [10.5, 0.2], [10.4, 5], [-40, 5], [-40, 5.3], [-39, 60]], float)
+
+
+def test_the_curve_goes_through_its_control_points_and_along_lines():
+    np.testing.assert_array_equal(catmull_rom(WILD, np.arange(7.0)), WILD)
+    curve, u = sample_catmull_rom(WILD, 0.7)
+    np.testing.assert_array_equal(curve[u == np.floor(u)], WILD)
+
+    x = np.array([0.0, 1.0, 1.1, 9.0, 30.0, 30.5])
+    curve, _ = sample_catmull_rom(np.column_stack([x, 2 * x]), 0.05)
+    np.testing.assert_allclose(curve[:, 1], 2 * curve[:, 0], atol=1e-9)
+    assert np.all(np.diff(curve[:, 0]) > 0)
+    two, _ = sample_catmull_rom(np.array([[0.0, 0.0], [6.0, 8.0]]), 1.0)
+    np.testing.assert_allclose(two[:, 0] * 8, two[:, 1] * 6, atol=1e-12)
+    assert np.all(np.diff(two[:, 0]) > 0)
+
+
+def test_the_curve_is_smooth_at_control_points_without_cusp_loop_or_overshoot():
+    # C1 in the centripetal parameter: directions on both sides of a control point agree.
+    step = 1e-6
+    for knot in range(1, len(WILD) - 1):
+        before, after = catmull_rom(WILD, np.array([knot - step, knot + step])) - WILD[knot]
+        cosine = -(before @ after) / np.hypot(*before) / np.hypot(*after)
+        assert cosine > 1 - 1e-6
+
+    # Yuksel et al. 2011: inside a segment the curve never turns back on its chord by a right angle or more
+    # so as to cross itself; sampled finely, no two samples far apart along it come close together.
+    u = np.linspace(0, 1, 400)
+    for segment in range(len(WILD) - 1):
+        curve = catmull_rom(WILD, segment + u)
+        steps = np.hypot(*np.diff(curve, axis=0).T)
+        assert steps.min() > 0
+        arc = np.concatenate([[0], np.cumsum(steps)])
+        gap = np.hypot(*(curve[:, None] - curve).transpose(2, 0, 1))
+        assert np.all(gap >= 0.2 * np.abs(arc[:, None] - arc) - 1e-9)
+
+    # Where the uniform parameterisation overshoots by several times the segment's length.
+    points = np.array([[-30.0, -40.0], [0.0, 0.0], [1.0, 0.0], [31.0, -40.0]])
+    assert np.abs(catmull_rom(points, np.linspace(1, 2, 101))[:, 1]).max() < 1.0
+
+
+def test_repeated_points_are_refused_and_can_be_dropped():
+    repeated = WILD[[0, 0, 1, 2, 2, 2, 3]]
+    with pytest.raises(InputError, match="no two neighbours equal"):
+        catmull_rom(repeated, np.array([0.5]))
+    with pytest.raises(InputError, match="two or more points"):
+        catmull_rom(WILD[:1], np.array([0.0]))
+    np.testing.assert_array_equal(without_repeats(repeated), WILD[:4])
+    assert np.isfinite(sample_catmull_rom(without_repeats(repeated), 1.0)[0]).all()
+
+
+def test_samples_keep_to_the_spacing_and_to_the_sagitta():
+    curve, _ = sample_catmull_rom(WILD, 0.5)
+    assert np.hypot(*np.diff(curve, axis=0).T).max() < 0.5 * 1.6
+    controls = WILD[[0, 1, 3, 4, 6]]
+    for sagitta in (1.0, 0.1, 0.01):
+        curve, u = sample_catmull_rom(controls, 1000.0, sagitta=sagitta)
+        middle = catmull_rom(controls, 0.5 * (u[1:] + u[:-1]))
+        off = np.hypot(*(middle - 0.5 * (curve[1:] + curve[:-1])).T)
+        assert off.max() <= sagitta
+        few, _ = sample_catmull_rom(controls, 1000.0, sagitta=sagitta, most=7)
+        assert len(few) <= 4 * 7 + 1

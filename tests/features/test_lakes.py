@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.features.catalogue import Lake, River, ShapeField
-from sketchterrain.features.contradictions import Resolution, crossings, mountain_numbers, resolutions
+from sketchterrain.features.contradictions import crossings, mountain_numbers, resolutions
 from sketchterrain.features.lakes import (
     lake_centre,
     lake_pixels,
@@ -19,7 +19,7 @@ SIZE = 64
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE]
 
 
-def disc(x: float, y: float, radius: float, *, margin: float = 50.0) -> Lake:
+def disc(x, y, radius, *, margin=50.0):
     spacing = 2.0
     count = int((radius + margin) / spacing) + 1
     step = spacing * np.arange(-count, count + 1)
@@ -27,13 +27,13 @@ def disc(x: float, y: float, radius: float, *, margin: float = 50.0) -> Lake:
     return Lake(1, 1, ShapeField(x - count * spacing, y - count * spacing, spacing, inside), 5.0, 2.0)
 
 
-def test_the_distance_inside_a_disc_is_that_to_its_circle() -> None:
+def test_the_distance_inside_a_disc_is_that_to_its_circle():
     at = np.array([[100.0, 100.0], [110.0, 100.0], [100.0, 65.0], [100.0, 160.0]])
     np.testing.assert_allclose(within(disc(100, 100, 40).shape, at), [40, 30, 5, -20], atol=0.6)
     np.testing.assert_allclose(lake_centre(disc(130, 70, 20)), [130, 70])
 
 
-def test_runs_of_a_line_in_lakes_begin_before_the_shore_and_include_the_rim() -> None:
+def test_runs_of_a_line_in_lakes_begin_before_the_shore_and_include_the_rim():
     line = np.column_stack([np.arange(0.0, 400.0, 1.0), np.full(400, 100.0)])
     runs = runs_inside([disc(300, 100, 30), disc(100, 100, 40)], line)
     assert [lake for _, _, lake in runs] == [1, 0]
@@ -51,7 +51,7 @@ def test_runs_of_a_line_in_lakes_begin_before_the_shore_and_include_the_rim() ->
     assert still_runs([lake], np.column_stack([x, np.full(400, 155.0)])) == []
 
 
-def test_lakes_are_those_painted_and_stand_below_the_low_parts_of_their_shores() -> None:
+def test_lakes_are_those_painted_and_stand_below_the_low_parts_of_their_shores():
     layer = (np.hypot(COLUMN - 32, ROW - 32) < 12).astype(np.uint8)
     sketch = Sketch(extent=640.0, layers={"lake": layer}, labels={("lake", 1): {"depth": 9.0}})
     (flat,) = painted_lakes(sketch, lambda x, _: 0 * x + 20.0)
@@ -72,7 +72,7 @@ WIDE = 40
 X = np.arange(0.0, 400.0, 5.0)
 
 
-def sketch(*columns: tuple[int, int]) -> Sketch:
+def sketch(*columns):
     """Mountains from top to bottom between columns of 10 m."""
     layer = np.zeros((WIDE, WIDE), np.uint8)
     for first, end in columns:
@@ -80,21 +80,21 @@ def sketch(*columns: tuple[int, int]) -> Sketch:
     return Sketch(extent=10.0 * WIDE, layers={"mountain": layer})
 
 
-def river(x: np.ndarray = X) -> River:
+def river(x=X):
     line = np.column_stack([x, np.full(len(x), 200.0), 10 - 0.01 * x])
     ones = np.ones(len(x), np.float32)
     return River(1, 1, line[::10], ones[::10], ones[::10], line, ones, ones)
 
 
-def told(plan: Sketch, line: np.ndarray = X, ground: float = 60.0) -> tuple[str, ...]:
+def told(plan, line=X, ground=60.0):
     return tuple(each.line for each in resolved(plan, line, ground))
 
 
-def resolved(plan: Sketch, line: np.ndarray = X, ground: float = 60.0) -> tuple[Resolution, ...]:
+def resolved(plan, line=X, ground=60.0):
     return resolutions(plan, mountain_numbers(plan), [river(line)], [np.full(len(line), ground)], [])
 
 
-def test_crossings_are_the_runs_inside_mountains_numbered_in_reading_order() -> None:
+def test_crossings_are_the_runs_inside_mountains_numbered_in_reading_order():
     numbers = mountain_numbers(sketch((5, 10), (20, 30)))
     assert numbers[0, [0, 5, 9, 10, 20, 29, 30]].tolist() == [0, 1, 1, 0, 2, 2, 0]
 
@@ -105,7 +105,7 @@ def test_crossings_are_the_runs_inside_mountains_numbered_in_reading_order() -> 
     assert crossings(plan, mountain_numbers(plan), outside) == []
 
 
-def test_a_river_crosses_springs_or_ends_in_a_mountain_at_a_position() -> None:
+def test_a_river_crosses_springs_or_ends_in_a_mountain_at_a_position():
     assert told(sketch((10, 20))) == ("river 1 crosses mountain 1: valley cut 52 m",)
     assert told(sketch((0, 10))) == ("river 1 begins in mountain 1: springs there at 10 m",)
     assert told(sketch((30, 40))) == ("river 1 ends in mountain 1: valley cut 54 m",)

@@ -1,6 +1,7 @@
 """What is remembered is what would be worked out, and no more is worked out than a stroke asks for."""
 
 from concurrent.futures import ThreadPoolExecutor
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,10 +12,9 @@ from sketchterrain.features.density import DensityField
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.sketch.document import Sketch
 from sketchterrain.terrain import make_recipe
-from sketchterrain.terrain.recipe import TerrainRecipe
 
 
-def squares(count: int = 4) -> Sketch:
+def squares(count=4):
     layers = {name: np.zeros((64, 96), np.uint8) for name in ("mountain", "hill")}
     for number in range(count):
         layers["mountain"][4:20, 4 + 22 * number : 18 + 22 * number] = 1
@@ -22,40 +22,27 @@ def squares(count: int = 4) -> Sketch:
     return Sketch(layers=layers)
 
 
-def dabbed(sketch: Sketch, row: int, column: int) -> Sketch:
+def dabbed(sketch, row, column):
     mountain = sketch.layers["mountain"].copy()
     mountain[row : row + 3, column : column + 3] = 1
     return sketch.replace(layers={**sketch.layers, "mountain": mountain})
 
 
-@pytest.fixture
-def broken_up(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """First pixels of the shapes that are really broken up."""
-    seen: list[int] = []
-    real = memory_module.user_features
-
-    def counted(shape, **options):
-        seen.append(shape.id)
-        return real(shape, **options)
-
-    monkeypatch.setattr(memory_module, "user_features", counted)
-    return seen
-
-
-def test_only_the_shapes_of_a_stroke_are_broken_up(broken_up: list[int]) -> None:
+def test_only_the_shapes_of_a_stroke_are_broken_up(monkeypatch):
+    broken_up = Mock(side_effect=memory_module.user_features)
+    monkeypatch.setattr(memory_module, "user_features", broken_up)
     sketch, memory = squares(), ShapeMemory()
-    place(sketch, seed=1, memory=memory)
-    assert len(broken_up) == 5
-    place(sketch, seed=1, memory=memory)
-    assert len(broken_up) == 5
+    for _ in range(2):
+        place(sketch, seed=1, memory=memory)
+        assert broken_up.call_count == 5
     place(dabbed(sketch, 19, 30), seed=1, memory=memory)  # at the edge of the second square
     place(dabbed(sketch, 30, 30), seed=1, memory=memory)  # a shape of its own
-    assert broken_up[5:] == [4 * 96 + 26, 30 * 96 + 30]
+    assert [call.args[0].id for call in broken_up.call_args_list[5:]] == [4 * 96 + 26, 30 * 96 + 30]
 
 
-def test_placing_with_a_memory_is_placing_without() -> None:
+def test_placing_with_a_memory_is_placing_without():
     rolled = {name: np.roll(image, 1, 1) for name, image in squares().layers.items()}
-    changes: list[dict[str, object]] = [
+    changes = [
         {"fidelity": 0.3},
         {"labels": {("mountain", 1): {"multitude": 9}}},
         {"labels": {("hill", 2): {"multitude": 1}}},
@@ -74,7 +61,7 @@ def test_placing_with_a_memory_is_placing_without() -> None:
             assert np.array_equal(with_memory, place(after, seed=seed)), (changed, seed)
 
 
-def test_the_oldest_shapes_are_evicted() -> None:
+def test_the_oldest_shapes_are_evicted():
     memory = ShapeMemory(most=3)
     for shift in range(4):
         sketch = squares()
@@ -83,7 +70,7 @@ def test_the_oldest_shapes_are_evicted() -> None:
         assert len(memory) == 3
 
 
-def painted(sketch: Sketch, rng: np.random.Generator) -> Sketch:
+def painted(sketch, rng):
     """Paint or erase a dab, or a short line of a river, on any layer."""
     name = str(rng.choice(["mountain", "hill", "dune", "forest", "river", "lake", "material"]))
     image = np.array(sketch.layers[name])
@@ -96,8 +83,8 @@ def painted(sketch: Sketch, rng: np.random.Generator) -> Sketch:
     return sketch.replace(layers={**sketch.layers, name: image})
 
 
-def test_only_densities_near_a_stroke_are_summed_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
+def test_only_densities_near_a_stroke_are_summed_again(monkeypatch):
+    asked = []
     real = DensityField.around
 
     def counted(field, places, radius):
@@ -118,7 +105,7 @@ def test_only_densities_near_a_stroke_are_summed_again(monkeypatch: pytest.Monke
     assert 0 < sum(asked) < 0.1 * whole
 
 
-def recipe_bits(recipe: TerrainRecipe) -> list[bytes]:
+def recipe_bits(recipe):
     """Every number of a recipe but the world's settings."""
     bits = [recipe.painted.tobytes(), recipe.fill.within(-2000, -2000, 10_000, 9000).tobytes()]
     for river in recipe.rivers:
@@ -128,7 +115,7 @@ def recipe_bits(recipe: TerrainRecipe) -> list[bytes]:
     return [*bits, repr((recipe.resolutions, recipe.orphans)).encode()]
 
 
-def world(**changes: object) -> Sketch:
+def world(**changes):
     density = {"mountain": 0.01, "hill": 0.2, "forest": 0.1, "dune": 0.01}
     labels = {("mountain", 1): {"multitude": 4}, ("river", 2): {"width": 0.0}, ("hill", 1): {"multitude": 5}}
     bare = Sketch(
@@ -137,14 +124,13 @@ def world(**changes: object) -> Sketch:
     return bare.replace(**changes)
 
 
+LATER = [(1, 0.0), (2, 0.4), (3, 0.8), (5, 1.0)]
+
+
 @pytest.mark.parametrize(
-    ("seed", "fidelity"),
-    [
-        (0, 0.8),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((1, 0.0), (2, 0.4), (3, 0.8), (5, 1.0))),
-    ],
+    ("seed", "fidelity"), [(0, 0.8), *(pytest.param(*case, marks=pytest.mark.slow) for case in LATER)]
 )
-def test_random_strokes_give_the_bits_of_fresh_placings_and_recipes(seed: int, fidelity: float) -> None:
+def test_random_strokes_give_the_bits_of_fresh_placings_and_recipes(seed, fidelity):
     rng, memory, features = np.random.default_rng(seed), ShapeMemory(), ShapeMemory()
     sketch = world(fidelity=fidelity)
     for _ in range(20):
@@ -167,7 +153,7 @@ class AbandonedError(Exception):
 
 
 @pytest.mark.slow
-def test_an_abandoned_recipe_leaves_a_good_memory() -> None:
+def test_an_abandoned_recipe_leaves_a_good_memory():
     rng, memory = np.random.default_rng(9), ShapeMemory()
     sketch = world()
     for _ in range(16):
@@ -176,16 +162,8 @@ def test_an_abandoned_recipe_leaves_a_good_memory() -> None:
     turn = 0
     while True:
         sketch = painted(sketch, rng)
-        left = turn
-
-        def checkpoint() -> None:
-            nonlocal left
-            left -= 1
-            if left < 0:
-                raise AbandonedError
-
         try:
-            make_recipe(sketch, memory=memory, checkpoint=checkpoint)
+            make_recipe(sketch, memory=memory, checkpoint=Mock(side_effect=[None] * turn + [AbandonedError]))
         except AbandonedError:
             turn += 1
         else:
@@ -197,7 +175,7 @@ def test_an_abandoned_recipe_leaves_a_good_memory() -> None:
 
 
 @pytest.mark.slow
-def test_threads_share_a_memory() -> None:
+def test_threads_share_a_memory():
     rng, memory = np.random.default_rng(12), ShapeMemory()
     sketches = [world()]
     for _ in range(18):

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.errors import InputError
-from sketchterrain.features import River, trace_rivers
+from sketchterrain.features import trace_rivers
 from sketchterrain.features.river_profile import LEAST_FALL
 from sketchterrain.features.skeleton import skeletons
 from sketchterrain.sketch.document import Sketch
@@ -14,7 +14,7 @@ SIZE = 160
 ROW, COLUMN = np.mgrid[:SIZE, :SIZE]
 
 
-def painted(*lines: list[tuple[float, float]], half: float = 2.5, label: int = 1) -> np.ndarray:
+def painted(*lines, half=2.5, label=1):
     """Strokes through points of (column, row)."""
     picture = np.zeros((SIZE, SIZE), np.uint8)
     for line in lines:
@@ -25,26 +25,26 @@ def painted(*lines: list[tuple[float, float]], half: float = 2.5, label: int = 1
     return picture
 
 
-def sketch(picture: np.ndarray, fidelity: float = 0.8, **changes) -> Sketch:
+def sketch(picture, fidelity=0.8, **changes):
     return Sketch(extent=10.0 * SIZE, fidelity=fidelity, layers={"river": picture}, **changes)
 
 
-def hilly(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def hilly(x, y):
     return 60 * np.sin(x / 170) * np.cos(y / 130) + 0.08 * y
 
 
-def southward(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def southward(x, y):
     return 0.1 * y + 0.0 * x
 
 
-def trace(picture: np.ndarray, ground=hilly, fidelity: float = 0.8, **changes) -> tuple[River, ...]:
+def trace(picture, ground=hilly, fidelity=0.8, **changes):
     rivers = trace_rivers(sketch(picture, fidelity, **changes), seed=3, ground=ground)
     for river in rivers:
         check(river)
     return rivers
 
 
-def check(river: River) -> None:
+def check(river):
     line = river.centreline
     steps = np.hypot(*np.diff(line[:, :2], axis=0).T)
     assert np.isfinite(line).all()
@@ -59,16 +59,16 @@ def check(river: River) -> None:
     assert 4 << 48 <= river.id < 5 << 48
 
 
-def ends_on(river: River, other: River) -> bool:
+def ends_on(river, other):
     return bool((other.centreline == river.centreline[-1]).all(axis=1).any())
 
 
-def joined(rivers: tuple[River, ...]) -> int:
+def joined(rivers):
     """Count the rivers that end on another one."""
     return sum(any(ends_on(river, other) for other in rivers if other is not river) for river in rivers)
 
 
-def test_a_river_runs_downhill_or_as_its_label_says_and_keeps_its_sizes() -> None:
+def test_a_river_runs_downhill_or_as_its_label_says_and_keeps_its_sizes():
     picture = painted([(80, 30), (70, 80), (90, 130)], label=4)
     (river,) = trace(picture, southward, labels={("river", 4): {"width": 20.0, "depth": 3.0}})
     assert river.label == 4
@@ -86,7 +86,7 @@ def test_a_river_runs_downhill_or_as_its_label_says_and_keeps_its_sizes() -> Non
         assert run @ [np.sin(np.deg2rad(flow)), np.cos(np.deg2rad(flow))] > 0, flow
 
 
-def test_the_centreline_follows_the_painted_skeleton_below_the_ground() -> None:
+def test_the_centreline_follows_the_painted_skeleton_below_the_ground():
     picture = painted([(30, 40), (60, 60), (70, 110), (120, 120), (140, 60)])
     (skeleton,) = skeletons(picture > 0)
     at = np.column_stack([(skeleton.columns + 0.5) * 10, (SIZE - skeleton.rows - 0.5) * 10])
@@ -102,7 +102,7 @@ def test_the_centreline_follows_the_painted_skeleton_below_the_ground() -> None:
     assert falls.min() >= LEAST_FALL * 0.999
 
 
-def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end() -> None:
+def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end():
     rivers = trace(painted([(80, 20), (80, 140)], [(20, 40), (80, 90)]), southward)
     stem, tributary = sorted(rivers, key=lambda river: -len(river.centreline))
     at = np.flatnonzero((stem.centreline == tributary.centreline[-1]).all(axis=1))
@@ -131,11 +131,11 @@ def test_rivers_join_over_small_gaps_and_not_apart_beside_or_end_to_end() -> Non
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
 )
-def test_confluences_meet_on_any_ground(seed: int) -> None:
+def test_confluences_meet_on_any_ground(seed):
     rng = np.random.default_rng(seed)
     phase = rng.random(4) * 6
 
-    def ground(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def ground(x, y):
         return 80 * np.sin(x / 150 + phase[0]) * np.sin(y / 110 + phase[1]) + 30 * np.sin(
             (x + y) / 70 + phase[2]
         )
@@ -147,7 +147,7 @@ def test_confluences_meet_on_any_ground(seed: int) -> None:
 
 
 @pytest.mark.parametrize("half", [1.0, 2.5, 4.0])
-def test_rivers_that_cross_themselves_fall_all_the_way(half: float) -> None:
+def test_rivers_that_cross_themselves_fall_all_the_way(half):
     turn, bow = np.linspace(0, 2 * np.pi, 160), np.linspace(-1.3, 1.3, 100)
     eight = [(80 + 50 * np.sin(2 * a), 80 + 60 * np.sin(a)) for a in turn]
     alpha = [(80 + 60 * (t * t - 0.6), 80 + 80 * t * (t * t - 0.9)) for t in bow]
@@ -157,7 +157,7 @@ def test_rivers_that_cross_themselves_fall_all_the_way(half: float) -> None:
         assert joined(rivers) >= len(rivers) - 1
 
 
-def test_a_narrow_label_joins_a_wide_one() -> None:
+def test_a_narrow_label_joins_a_wide_one():
     picture = painted([(20, 40), (80, 90)], half=1.5, label=2)
     stem = painted([(80, 20), (80, 140)])
     picture[stem > 0] = 1
@@ -170,7 +170,7 @@ def test_a_narrow_label_joins_a_wide_one() -> None:
     assert ends_on(narrow, wide)
 
 
-def test_a_river_has_the_width_of_its_wedge_and_keeps_it_where_others_join() -> None:
+def test_a_river_has_the_width_of_its_wedge_and_keeps_it_where_others_join():
     half = 1.0 + (ROW - 20) / 20  # px: from 20 m wide to 140 m, by 1 m in a metre
     wedge = ((np.abs(COLUMN - 80.2) <= half) & (ROW >= 20) & (ROW < 140)).astype(np.uint8)
     (river,) = trace(wedge, southward, labels={("river", 1): {"width": 0.0, "depth": 2.0}})
@@ -191,7 +191,7 @@ def test_a_river_has_the_width_of_its_wedge_and_keeps_it_where_others_join() -> 
 
 @pytest.mark.parametrize("thick", [1, 2, 3, 4, 7])
 @pytest.mark.parametrize("turn", [0.0, 0.4, np.pi / 4])
-def test_a_painted_width_is_that_of_the_stroke(thick: int, turn: float) -> None:
+def test_a_painted_width_is_that_of_the_stroke(thick, turn):
     u = (COLUMN - 79.5) * np.cos(turn) + (ROW - 79.5) * np.sin(turn)
     v = (ROW - 79.5) * np.cos(turn) - (COLUMN - 79.5) * np.sin(turn) + 0.25
     stroke = ((np.abs(u) < 60) & (v > -thick / 2) & (v <= thick / 2)).astype(np.uint8)
@@ -201,7 +201,7 @@ def test_a_painted_width_is_that_of_the_stroke(thick: int, turn: float) -> None:
     assert middle.mean() == pytest.approx(share, rel=0.15)
 
 
-def test_a_river_runs_on_beyond_the_edge() -> None:
+def test_a_river_runs_on_beyond_the_edge():
     picture = painted([(80, 60), (70, 159)])
     (river,) = trace(picture, southward)
     beyond = river.centreline[:, 1] < 0
@@ -224,7 +224,7 @@ def test_a_river_runs_on_beyond_the_edge() -> None:
     assert river.centreline[:, 1].min() > 0
 
 
-def test_dabs_loops_and_thick_brushes() -> None:
+def test_dabs_loops_and_thick_brushes():
     for size in ((1, 1), (2, 2), (1, 2), (9, 9), (3, 3)):
         picture = np.zeros((SIZE, SIZE), np.uint8)
         assert trace(picture) == ()
@@ -251,7 +251,7 @@ def test_dabs_loops_and_thick_brushes() -> None:
     assert len(trace(picture)) == 1
 
 
-def test_two_rivers_do_not_change_each_other() -> None:
+def test_two_rivers_do_not_change_each_other():
     one = painted([(30, 20), (40, 140)])
     (alone,) = trace(one)
     pair = trace(one | painted([(120, 20), (110, 140)]))
@@ -259,7 +259,7 @@ def test_two_rivers_do_not_change_each_other() -> None:
     np.testing.assert_array_equal(same.centreline, alone.centreline)
 
 
-def test_non_finite_ground_is_refused() -> None:
+def test_non_finite_ground_is_refused():
     picture = painted([(80, 20), (80, 140)])
     for ground in (lambda x, _: x * np.nan, lambda x, _: x[:1]):
         with pytest.raises(InputError, match="finite ground heights"):

@@ -1,23 +1,22 @@
 import dataclasses
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.strategies import SearchStrategy
 
 from sketchterrain.errors import InputError
-from sketchterrain.sketch import ACTIONS, ADDED_BIT, Edit, Parameter, Sketch, load_sketch, save_sketch
+from sketchterrain.sketch import ACTIONS, ADDED_BIT, Edit, Sketch, load_sketch, save_sketch
 from sketchterrain.sketch.contents import SETTINGS, file_limit
 from sketchterrain.sketch.edits import MOST_EDITS
 from sketchterrain.sketch.toml_text import parse_settings, settings_text
 
+from .conftest import same
+
 HILL = Edit("add", type="hill", x=10.0, y=20.0, radius=30.0, strength=5.0)
 
 
-def _value(parameter: Parameter) -> SearchStrategy[object]:
+def _value(parameter):
     if parameter.choices:
         return st.sampled_from(parameter.choices)
     if parameter.name == "strength":
@@ -27,7 +26,7 @@ def _value(parameter: Parameter) -> SearchStrategy[object]:
     return st.floats(parameter.low, parameter.high)
 
 
-def _edits(action: str) -> SearchStrategy[Edit]:
+def _edits(action):
     declared = ACTIONS[action]
     values = st.fixed_dictionaries(
         {name: _value(parameter) for name, parameter in declared.needs.items()},
@@ -37,14 +36,14 @@ def _edits(action: str) -> SearchStrategy[Edit]:
 
 
 @given(st.lists(st.sampled_from(list(ACTIONS)).flatmap(_edits), max_size=6))
-def test_edits_round_trip_through_the_settings(edits: list[Edit]) -> None:
+def test_edits_round_trip_through_the_settings(edits):
     sketch = Sketch(edits=tuple(edits))
     again = parse_settings(settings_text(sketch).encode())
     assert again.edits == sketch.edits
     assert settings_text(again) == settings_text(sketch)
 
 
-def test_edits_are_saved_with_the_sketch_as_they_look(tmp_path: Path, same: Callable[..., None]) -> None:
+def test_edits_are_saved_with_the_sketch_as_they_look(tmp_path):
     sketch = Sketch(edits=(HILL, Edit("move", 7, x=1.0, y=2.0), Edit("delete", 2**63 + 5)))
     for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
         save_sketch(sketch, path)
@@ -54,56 +53,21 @@ def test_edits_are_saved_with_the_sketch_as_they_look(tmp_path: Path, same: Call
     assert parse_settings(text).edits == (Edit("move_point", 12, index=3, x=5.0, y=-2.5),)
 
 
-_REFUSED = [
-    ("edit = 3", "edit = 3: expected tables, each with"),
-    ("edit = [3]", "expected tables"),
-    ("[edit]\nx = 1", "expected tables"),
-    ("[[edit]]", "number 1: no action: expected move, resize"),
-    ("[[edit]]\naction = 'mov'", "number 1: action = 'mov': expected .*did you mean 'move'"),
-    ("[[edit]]\naction = 3", "action = 3: expected move"),
-    ("[[edit]]\naction = ['move']", "action = ..move..: expected move"),
-    ("[[edit]]\naction = 'delete'", "no feature: expected action, feature"),
-    ("[[edit]]\naction = 'delete'\nfeature = -1", "feature = -1: expected a whole number from 0"),
-    ("[[edit]]\naction = 'delete'\nfeature = 1.5", "feature = 1.5: expected a whole number"),
-    ("[[edit]]\naction = 'move'\nfeature = 1\nx = 2", "edit move: expected x, y, no y given"),
-    ("[[edit]]\naction = 'move'\nfeature = 1\nx = nan\ny = 0", "edit move.x = nan: expected a number"),
-    ("[[edit]]\naction = 'move'\nfeature = 1\nx = '2'\ny = 0", "edit move.x = '2': expected a number"),
-    ("[[edit]]\naction = 'move'\nfeature = 1\nwidht = 2", "unknown key 'widht' = 2: expected action"),
-    ("[[edit]]\naction = 'resize'\nfeature = 1\nradius = 0", "resize.radius = 0: expected a number"),
-    ("[[edit]]\naction = 'add'\nfeature = 1", "unknown key 'feature' = 1: expected action, type"),
-    (
-        "[[edit]]\naction='add'\ntype='lake'\nx=0\ny=0\nradius=1\nstrength=1",
-        "add.type = 'lake': expected 'mountain'",
-    ),
-    (
-        "[[edit]]\naction='add'\ntype='forest'\nx=0\ny=0\nradius=1\nstrength=5",
-        "add.strength = 5.0: expected a share",
-    ),
-    ("[[edit]]\naction='delete'\nfeature=1\n[[edit]]\naction='x'", "number 2: action = 'x'"),
-]
-
-
-def test_refused_edits_name_number_and_key_and_the_most_fit_the_file() -> None:
-    for text, message in _REFUSED:
-        with pytest.raises(InputError, match=message) as caught:
-            parse_settings(f"format = 1\n{text}\n".encode())
-        assert "\n" not in str(caught.value), text
-        assert len(str(caught.value)) < 300, text
-
+def test_refused_edits_and_the_most_fit_the_file():
     with pytest.raises(InputError, match="edits: expected Edit values, got 'move'"):
-        Sketch(edits=("move",))  # type: ignore[arg-type]
+        Sketch(edits=("move",))
     with pytest.raises(InputError, match=f"expected at most {MOST_EDITS}"):
         Sketch(edits=(HILL,) * (MOST_EDITS + 1))
     with pytest.raises(InputError, match="from_x and from_y"):
         Edit("move_point", 4, index=0, x=0.0, y=0.0, from_x=3.0)
 
     third = {name: parameter.high / 3 for name, parameter in ACTIONS["lock"].values.items()}
-    lock = Edit("lock", 2**64 - 1, **(third | {"type": "mountain"}))  # type: ignore[arg-type]
+    lock = Edit("lock", 2**64 - 1, **(third | {"type": "mountain"}))
     text = settings_text(Sketch(edits=(lock,) * MOST_EDITS)).encode()
     assert len(text) < 0.6 * file_limit(SETTINGS)
 
 
-def test_added_features_have_an_id_hashed_from_their_values() -> None:
+def test_added_features_have_an_id_hashed_from_their_values():
     again = Edit("add", type="hill", x=10, y=20, radius=30, strength=5)
     assert again == HILL
     assert HILL.feature == 8863291655238906495  # for ever
@@ -112,7 +76,7 @@ def test_added_features_have_an_id_hashed_from_their_values() -> None:
     assert dataclasses.replace(HILL, x=11.0).feature != HILL.feature
 
 
-def test_a_later_edit_replaces_an_earlier_one_and_deleting_drops_them() -> None:
+def test_a_later_edit_replaces_an_earlier_one_and_deleting_drops_them():
     sketch = Sketch().with_edit(Edit("move", 1, x=0.0, y=0.0)).with_edit(Edit("resize", 1, radius=5.0))
     sketch = sketch.with_edit(Edit("move", 1, x=9.0, y=9.0)).with_edit(Edit("move", 2, x=1.0, y=1.0))
     assert [(e.action, e.feature) for e in sketch.edits] == [("resize", 1), ("move", 1), ("move", 2)]

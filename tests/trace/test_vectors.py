@@ -1,7 +1,8 @@
-"""Vector maps as sketches: place, width, labels and CRS of features; painting against brute force."""
+"""Vector maps as sketches, painting against brute force, and hostile files refused in one line."""
 
 import json
 import math
+import sqlite3
 
 import numpy as np
 import pyogrio
@@ -53,13 +54,12 @@ def written(tmp_path):
     return write
 
 
-def pack(path, crs: str | None, layer: str, shapes: list, **fields: list) -> None:
-    """Append a layer to a GeoPackage."""
+def pack(path, crs, layer, shapes, *, driver="GPKG", geometry_type="Unknown", options=None, **fields) -> None:
+    """Append a layer to a GeoPackage, or write another format."""
     values = [np.array(each, object if isinstance(each[0], str) else float) for each in fields.values()]
-    pyogrio.raw.write(
-        path, shapely.to_wkb(np.array(shapes, object)), values, list(fields), layer=layer, driver="GPKG",
-        geometry_type="Unknown", crs=crs, append=path.exists(),
-    )  # fmt: skip
+    given = {"layer": layer, "driver": driver, "geometry_type": geometry_type, "crs": crs} | (options or {})
+    shapes = shapely.to_wkb(np.array(shapes, object))
+    pyogrio.raw.write(path, shapes, values, list(fields), append=path.exists(), **given)
 
 
 def test_each_feature_lies_on_its_layer_at_its_place(written) -> None:
@@ -67,7 +67,7 @@ def test_each_feature_lies_on_its_layer_at_its_place(written) -> None:
         line([1000, 3000], [1000, 1000], waterway="river"),
         feature("Polygon", [box(2000, 1000, 3000, 2000), box(2400, 1400, 2600, 1600)], natural="water"),
         feature(
-            "MultiPolygon", [[box(3000, 2500, 4000, 3000)], [box(4500, 2500, 5000, 3000)]], landuse="forest"
+            "MultiPolygon", [[box(3000, 2500, 4000, 3000)], [box(4500, 2500, 5000, 3000)]], natural="wood"
         ),
         area(1200, 2600, 1400, 2800, natural="scree"),
         area(4000, 1000, 5000, 1500, layer="hill", height=55),
@@ -114,9 +114,8 @@ def test_rivers_are_painted_by_width_and_tributaries_do_not_cut_the_stem(written
 
 def test_a_river_drawn_as_an_area_is_as_wide_as_painted(written) -> None:
     slim = [[0, 500], [1000, 505], [1000, 507], [0, 502], [0, 500]]
-    sketch = sketch_from_vectors(
-        written(feature("Polygon", [slim], natural="water", water="river")), **SQUARE
-    ).sketch
+    path = written(feature("Polygon", [slim], natural="water", water="river"))
+    sketch = sketch_from_vectors(path, **SQUARE).sketch
     assert sketch.layers["river"].any(axis=0).all()
     assert sketch.properties("river", 1)["width"] == 0.0
     assert not sketch.layers["lake"].any()
@@ -155,6 +154,10 @@ def test_at_most_sixteen_labels_approximate_the_properties(written) -> None:
     flows = (line([0, i], [100, i], waterway="river", flow=-i / 40) for i in range(40))
     assert len({label for _, label in sketch_from_vectors(written(*flows)).sketch.labels}) <= 16
 
+    wanted = [{"width": 3.0}, {"width": 1.0}, {"width": 3.0}, {}]
+    assert classed(wanted, 16) == ([0, 1, 0, 2], [{"width": 3.0}, {"width": 1.0}, {}], 0.0)
+    assert classed([{"kind": str(index)} for index in range(20)], 16) == ([0] * 20, [{}], np.inf)
+
 
 def test_degrees_become_metres_of_the_utm_zone_also_over_the_antimeridian(written) -> None:
     path = written(line([LON, LAT + 0.1], [LON + 0.1, LAT], waterway="river"), crs=None)
@@ -188,16 +191,14 @@ def test_bounds_cut_what_is_far_away_also_over_the_antimeridian(written) -> None
         ([[179.9, -17], [-179.9, -17]],),
     ):
         rivers = [line(*each, waterway="river") for each in (*places, [[10, 50], [11, 50]])]
-        traced = sketch_from_vectors(
-            written(*rivers, crs=None), bounds=(179.9, -17.05, 180.1, -16.95), size_px=100
-        )
+        path = written(*rivers, crs=None)
+        traced = sketch_from_vectors(path, bounds=(179.9, -17.05, 180.1, -16.95), size_px=100)
         assert traced.sketch.layers["river"].any(axis=0).all(), places
         assert any("1 outside" in note for note in traced.notes), places
 
     world = area(-179, -89, 11.05, 89, natural="water")
-    sketch = sketch_from_vectors(
-        written(world, crs=None), bounds=(11.0, 47.0, 11.1, 47.1), size_px=100
-    ).sketch
+    path = written(world, crs=None)
+    sketch = sketch_from_vectors(path, bounds=(11.0, 47.0, 11.1, 47.1), size_px=100).sketch
     middle = sketch.width_px // 2
     assert sketch.layers["lake"][:, : middle - 3].all()
     assert not sketch.layers["lake"][:, middle + 3 :].any()
@@ -298,11 +299,8 @@ def test_geometries_in_collections_and_closed_lines_are_read(tmp_path, written) 
 def test_layers_of_a_geopackage_are_brought_together(tmp_path) -> None:
     path = tmp_path / "map.gpkg"
     pack(path, "EPSG:25832", "rivers", [shapely.LineString([(0, 0), (1000, 1000)])], width=[80.0])
-    shapes = [
-        shapely.box(0, 0, 300, 1000),
-        shapely.Point(5, 5),
-        shapely.MultiPolygon([shapely.box(700, 0, 1000, 300)]),
-    ]
+    lake = shapely.MultiPolygon([shapely.box(700, 0, 1000, 300)])
+    shapes = [shapely.box(0, 0, 300, 1000), shapely.Point(5, 5), lake]
     pack(path, "EPSG:25832", "ground", shapes, natural=["wood", "tree", "water"], width=[math.nan] * 3)
     degrees = shapely.transform(
         shapely.box(600, 600, 800, 800),
@@ -365,12 +363,6 @@ def test_areas_with_holes_are_painted_by_middles_or_by_touch() -> None:
     assert not paint_areas((10, 10), np.array([]), touched=True).any()
 
 
-def test_equal_properties_share_a_label_in_order_of_appearance() -> None:
-    wanted = [{"width": 3.0}, {"width": 1.0}, {"width": 3.0}, {}]
-    assert classed(wanted, 16) == ([0, 1, 0, 2], [{"width": 3.0}, {"width": 1.0}, {}], 0.0)
-    assert classed([{"kind": str(index)} for index in range(20)], 16) == ([0] * 20, [{}], np.inf)
-
-
 @given(st.lists(st.floats(0.1, 2000), min_size=1, max_size=80), st.integers(1, 16))
 def test_labels_and_their_error_are_bounded(values, most) -> None:
     of, classes, error = classed([{"width": value, "kind": "a"} for value in values], most)
@@ -390,7 +382,7 @@ def test_areas_are_of_whole_pixels() -> None:
     assert (slim.columns, slim.rows, slim.west) == (25, 100, -125)
 
 
-def test_metres_of_the_zone_are_metres_on_the_ground() -> None:
+def test_metres_of_the_zone_are_metres_on_the_ground_and_a_crs_is_a_code_a_urn_or_wkt() -> None:
     degrees = named_crs("OGC:CRS84")
     for lon in [-179.5, -60.0, 0.1, 11.0, 179.5]:
         for lat in [-79.0, -33.0, 0.1, 47.0, 83.0]:
@@ -403,14 +395,228 @@ def test_metres_of_the_zone_are_metres_on_the_ground() -> None:
         off = middle_longitude(np.array(longitudes)) - middle
         assert np.cos(np.radians(off)) == pytest.approx(1.0), longitudes
 
-
-def test_a_crs_is_a_code_a_urn_or_wkt() -> None:
     crs = metric_crs("EPSG:25832")
-    for text in (
-        "epsg:25832 ",
-        "urn:ogc:def:crs:EPSG::25832",
-        crs.to_wkt(),
-        "+proj=utm +zone=32 +ellps=GRS80",
-    ):
+    for text in ("epsg:25832 ", "urn:ogc:def:crs:EPSG::25832", "+proj=utm +zone=32 +ellps=GRS80"):
         assert metric_crs(text).is_projected
     assert metric_crs(crs.to_wkt()) == crs
+
+
+LINE = '{"type":"LineString","coordinates":%s}'
+FEATURE = '{"type":"Feature","properties":{"waterway":"river"},"geometry":%s}'
+
+
+def refused(path, **options) -> str:
+    with pytest.raises(InputError) as told:
+        sketch_from_vectors(path, **options)
+    line = str(told.value)
+    assert "\n" not in line
+    assert len(line) < 320
+    return line
+
+
+def write(path, **options) -> None:
+    shapes = [shapely.box(0, 0, 1000, 500), shapely.box(0, 500, 400, 1000)]
+    fields = {"natural": ["wood", "water"], "density": [0.25, math.nan]}
+    pack(path, "EPSG:25832", "lakes", shapes, geometry_type="Polygon", **fields, **options)
+
+
+@pytest.fixture
+def package(tmp_path):
+    write(tmp_path / "map.gpkg")
+    return tmp_path / "map.gpkg"
+
+
+def sql(path, *statements: str) -> None:
+    with sqlite3.connect(path) as connection:
+        for statement in statements:
+            connection.execute(statement)
+    connection.close()
+
+
+def test_each_format_gives_the_same_sketch(tmp_path) -> None:
+    sketches = {}
+    for name, driver, options in (
+        *(("map.gpkg", "GPKG", {}), ("map.geojson", "GeoJSON", {"RFC7946": "NO"})),
+        *(("map.fgb", "FlatGeobuf", {}), ("map.shp", "ESRI Shapefile", {})),
+    ):
+        write(tmp_path / name, driver=driver, options=options)
+        assert kind_of(tmp_path / name) == "vectors", name
+        sketches[name] = sketch_from_vectors(tmp_path / name, size_px=50).sketch
+    for name, sketch in sketches.items():
+        assert sketch.extent == 1000, name
+        assert sketch.layers["forest"][25:].all(), name
+        assert sketch.properties("forest", 1)["density"] == 0.25, name
+        assert np.argwhere(sketch.layers["lake"]).max(axis=0).tolist() == [24, 19], name
+
+
+def test_malformed_geojson_is_refused_in_one_line(tmp_path) -> None:
+    collection = '{"type":"FeatureCollection","features":%s}'
+    for content, told in [
+        ("", "begins with b''"),
+        ("   ", "expected a vector file"),
+        ("[1, 2]", "expected a vector file"),
+        ("<OGRVRTDataSource><OGRVRTLayer/></OGRVRTDataSource>", "expected a vector file"),
+        ('<VRTDataset rasterXSize="1" rasterYSize="1"/>', "expected a vector file"),
+        ("{", "cannot be read as GeoJSON"),
+        (collection % "[}", "cannot be read as GeoJSON"),
+        ("{}", "cannot be read as GeoJSON"),
+        ('{"type": "Topology", "objects": {}}', "cannot be read as GeoJSON"),
+        ('{"type": "gdal_streamed_alg", "command_line": "gdal vector read x"}', "cannot be read as GeoJSON"),
+        ('{"type": "FeatureCollection"}', "Missing 'features' member"),
+        (collection % "[]", "it has none"),
+        (collection % "[3]", "it has none"),
+        (FEATURE % "null", "nothing in it says what it is"),
+        (FEATURE % '{"type":"Curve"}', "nothing in it says what it is"),
+        (FEATURE % (LINE % "[[1],[2]]"), "nothing in it says what it is"),
+        (FEATURE % (LINE % '[["1","2"],["3","4"]]'), "nothing in it says what it is"),
+        (FEATURE % (LINE % "[[1,2],[3,NaN]]"), "nothing in it says what it is"),
+        (FEATURE % (LINE % "[[1,2],[3,1e999]]"), "nothing in it says what it is"),
+        (FEATURE % (LINE % f"[[1,2],[3,1{'0' * 5000}]]"), "no longitude and latitude"),
+        (FEATURE % (LINE % "[[452000,5403000],[453000,5404000]]"), "no longitude and latitude"),
+        (FEATURE % (LINE % "[[11,47],[11,95]]"), "11, 95 is no longitude and latitude"),
+        (FEATURE % (LINE % "[[11,47],[11,47]]"), "the area is 0 m long"),
+        (FEATURE % (LINE % "[[11,47],[60,47]]"), "expected 1 to 1e+06 m"),
+        (FEATURE.replace("water", "high") % (LINE % "[[11,47],[11,48]]"), "nothing in it says what"),
+        ('{"a":' * 200_000, "cannot be read as GeoJSON"),
+        (LINE % ("[" * 200_000 + "]" * 200_000), "nesting too deep"),
+        ('{"type":"GeometryCollection","geometries":[' * 50_000 + "]}" * 50_000, "nesting too deep"),
+        (b'{"type": "\xff\xfe"}', "cannot be read as GeoJSON"),
+        (b"fgb\x03fgb\x01\xff\xff\xff\xff" + b"\xff" * 99, "it has none"),
+        (b"\0\0\x27\x0a" + b"\xff" * 99, "cannot be read as ESRI Shapefile"),
+        (b"\0\0\0\x0d\n\tOSMHeader\x18\x05" + b"\xff" * 99, "cannot be read as OSM"),
+    ]:
+        path = tmp_path / "map.geojson"
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        line = refused(path)
+        assert told in line, content[:120]
+        assert line.startswith(str(path)), content[:120]
+
+    assert "cannot be read (No such file" in refused(tmp_path / "none.geojson")
+    assert "cannot be read" in refused(tmp_path)
+
+
+def test_too_large_files_are_refused(tmp_path, package, monkeypatch) -> None:
+    path = tmp_path / "map.geojson"
+    path.write_bytes(b'{"type":"LineString","coordinates":[' + b"[1,2]," * 10_000_000 + b"[1,2]]}")
+    assert "about 5e+06 vertices: expected at most 4 million" in refused(path)
+    path.write_bytes(b'{"type":"LineString","coordinates":[' + b"1," * 40_000_000 + b"1]}")
+    assert "expected at most 4 million" in refused(path)
+    with path.open("wb") as stream:
+        stream.write(b"{")
+        stream.truncate(600 << 20)
+    assert "600 MiB: expected at most 512 MiB" in refused(path)
+    monkeypatch.setattr("sketchterrain.trace.vector_files.MOST_VERTICES", 9)
+    assert "vertices: expected at most" in refused(package)
+
+
+def test_unusable_options_are_refused(tmp_path, capfd) -> None:
+    for options, told in [
+        ({"layer": "rivers"}, "unknown layer 'rivers': expected mountain"),
+        ({"width": float("nan")}, "width: expected metres"),
+        ({"width": -1.0}, "width: expected metres"),
+        ({"bounds": (1, 0, 0, 1)}, "bounds: expected west < east"),
+        ({"bounds": (0, 0, float("inf"), 1)}, "bounds: expected west < east"),
+        ({"bounds": (20, 47, 21, 48)}, "nothing that belongs to a sketch lies in these bounds"),
+        ({"bounds": (-89, -89, 89, 89)}, "give smaller bounds"),
+        ({"size_px": 0}, "size: expected 1 to 16384 px"),
+        ({"size_px": 20000}, "size: expected 1 to 16384 px"),
+        ({"crs": "EPSG:0"}, "no coordinate reference system"),
+        ({"crs": "EPSG:4326"}, "in degrees"),
+        ({"crs": "EPSG:27200", "bounds": (10, 46, 12, 48)}, ""),
+    ]:
+        path = tmp_path / "map.geojson"
+        path.write_text(FEATURE % (LINE % "[[11,47],[11.1,47.1]]"))
+        assert told in refused(path, **options), options
+        assert capfd.readouterr().err == "", options
+
+
+def test_a_file_may_have_any_name(package, tmp_path) -> None:
+    for name in ["a!b.gpkg", "zip:a.gpkg", "b.zip", "x!y.zip", "späť ?#%20.gpkg", "plain"]:
+        package = package.rename(package.with_name(name))
+        assert sketch_from_vectors(package, size_px=20).sketch.layers["lake"].any(), name
+        assert [each.name for each in package.parent.iterdir()] == [name], name
+    for name in ["a!b.json", "späť ?#%20.json", "http:plain"]:
+        path = tmp_path / name
+        path.write_text(json.dumps({"type": "LineString", "coordinates": [[11, 47], [11.1, 47.1]]}))
+        assert sketch_from_vectors(path, size_px=20, layer="river").sketch.layers["river"].any(), name
+
+
+def test_views_of_a_geopackage_are_not_queried_and_triggers_not_run(package) -> None:
+    sql(package, "CREATE TRIGGER bad AFTER INSERT ON lakes BEGIN DELETE FROM lakes; END")
+    whole = package.read_bytes()
+    assert sketch_from_vectors(package, size_px=20).sketch.layers["lake"].any()
+    assert package.read_bytes() == whole
+    endless = "WITH RECURSIVE n(fid) AS (SELECT 1 UNION ALL SELECT fid + 1 FROM n)"
+    for statements in [
+        [
+            f"CREATE VIEW endless AS {endless} SELECT fid, NULL AS geom FROM n",  # noqa: S608
+            "INSERT INTO gpkg_contents (table_name, data_type, identifier, srs_id) VALUES "
+            "('endless', 'features', 'endless', 25832)",
+            "INSERT INTO gpkg_geometry_columns VALUES ('endless', 'geom', 'POLYGON', 25832, 0, 0)",
+        ],
+        [
+            "ALTER TABLE lakes RENAME TO other",
+            "CREATE VIEW lakes AS SELECT * FROM other",
+            "UPDATE gpkg_contents SET table_name = 'lakes'",
+            "UPDATE gpkg_geometry_columns SET table_name = 'lakes'",
+        ],
+    ]:
+        package.write_bytes(whole)
+        sql(package, *statements)
+        assert "expected a table, not a view" in refused(package)
+    package.write_bytes(whole)
+    sql(
+        package,
+        "DROP TABLE gpkg_geometry_columns",
+        f"CREATE VIEW gpkg_geometry_columns AS {endless} SELECT fid AS table_name, fid AS srs_id FROM n",  # noqa: S608
+    )
+    assert "another SQLite database" in refused(package)
+
+
+def test_damaged_geopackages_are_refused(package, tmp_path) -> None:
+    content = package.read_bytes()
+    for keep in [16, 100, 4096, 0.5, 0.9]:
+        package.write_bytes(content[: int(keep if keep > 1 else keep * len(content))])
+        refused(package)
+    package.write_bytes(content[:100] + np.random.default_rng(1).bytes(len(content) - 100))
+    refused(package)
+    broken = content.replace(b"TABLE gpkg_ogr_contents", b"TABLX gpkg_ogr_contents")
+    package.write_bytes(broken.replace(b"gpkg_ogr_contents", b"gpkg_ogr_con\xf5\xf5\xf5\xf5\xf5"))
+    assert "expected a whole GeoPackage" in refused(package)
+
+    package.write_bytes(content)
+    sql(package, "DELETE FROM gpkg_spatial_ref_sys WHERE srs_id = 25832")
+    assert "layer 'lakes': its CRS 25832 is not in the file" in refused(package)
+    sql(tmp_path / "another.gpkg", "CREATE TABLE lakes (geom BLOB)")
+    assert "another SQLite database" in refused(tmp_path / "another.gpkg")
+
+
+def test_unreadable_shapes_are_left_out_and_broken_ones_repaired(package, tmp_path) -> None:
+    sql(
+        package,
+        "DROP TRIGGER IF EXISTS rtree_lakes_geom_insert",
+        "INSERT INTO lakes (geom) VALUES (x'4750'), (NULL), (x'47500001000000000103')",
+    )
+    notes = sketch_from_vectors(package, size_px=20).notes
+    assert any("3 without a shape that can be read" in note for note in notes)
+
+    bow = [(0, 0), (100, 100), (100, 0), (0, 100), (0, 0)]
+    overlapping = [(200, 0), (300, 0), (300, 80), (200, 80), (200, 20), (300, 20), (300, 100), (200, 100)]
+    flat = [(0, 0), (50, 50), (0, 0), (0, 0)]
+    with np.errstate(invalid="ignore"):
+        endless = shapely.from_wkt(["LINESTRING (0 0, nan 5)", "LINESTRING (0 0, inf 5)"])
+    shapes = [
+        *(shapely.Polygon(each) for each in (bow, overlapping, flat)),
+        *endless,
+        shapely.GeometryCollection([shapely.box(0, 200, 100, 300), shapely.Point(5, 5)]),
+    ]
+    pack(tmp_path / "odd.gpkg", "EPSG:25832", "lakes", shapes)
+    traced = sketch_from_vectors(tmp_path / "odd.gpkg", bounds=(0, 0, 300, 300), size_px=300)
+    lake = traced.sketch.layers["lake"] > 0
+    assert lake[:100, :100].all()
+    assert lake[200:, 200:].all()
+    assert lake[200:, :100].sum() == pytest.approx(5000, abs=200)
+    (left,) = (note for note in traced.notes if note.startswith("left out"))
+    assert "2 with coordinates that are not finite" in left
+    assert "1 with areas of less than three corners" in left
+    assert "1 that are points" in left

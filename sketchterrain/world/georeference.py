@@ -10,18 +10,18 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
+from rasterio import Affine
+from rasterio.crs import CRS
+from rasterio.enums import WktVersion
 
+from sketchterrain.export.geotiff import local_metres
+from sketchterrain.metric_crs import metric_crs
 from sketchterrain.world.grid import SHARD, Level, Shard
-
-if TYPE_CHECKING:  # rasterio is loaded when it is needed
-    import numpy.typing as npt
-    from rasterio import Affine
-    from rasterio.crs import CRS
-
-    from sketchterrain.world.job import Job
+from sketchterrain.world.job import Job
 
 GRID_MAPPING: Final = "spatial_ref"
 """The array of each level that carries the coordinate reference system."""
@@ -44,9 +44,6 @@ class Georeference:
     @cached_property
     def crs(self) -> CRS:
         """The job's coordinate reference system, or local metres that lie nowhere on Earth."""
-        from sketchterrain.export.geotiff import local_metres
-        from sketchterrain.metric_crs import metric_crs
-
         return local_metres() if self.job.crs is None else metric_crs(self.job.crs)
 
     def transform(self, level: Level, shard: Shard | None = None) -> Affine:
@@ -55,27 +52,24 @@ class Georeference:
         Pixels are centred at vertices, and a transform maps corners of pixels: it begins half a cell
         north-west of the first vertex.
         """
-        from rasterio import Affine
-
         row, column = (0, 0) if shard is None else (shard.row * SHARD, shard.column * SHARD)
         (east, north), world, cell = self.job.origin, self.job.world, level.cell
         west = east + world.west + (column - 0.5) * cell
         return Affine(cell, 0.0, west, 0.0, -cell, north + world.north - (row - 0.5) * cell)
 
-    def coordinates(self, axis: str, level: Level, first: int, count: int) -> npt.NDArray[np.float64]:
-        """Return coordinates of some columns along ``x``, eastward, or rows along ``y``, southward."""
+    def coordinates(self, axis: str, level: Level) -> npt.NDArray[np.float64]:
+        """Return coordinates of columns along ``x``, eastward, or of rows along ``y``, southward."""
         (east, north), world = self.job.origin, self.job.world
-        steps = np.arange(first, first + count, dtype=np.float64) * level.cell
+        steps = np.arange(level.columns if axis == "x" else level.rows, dtype=np.float64) * level.cell
         return east + (world.west + steps) if axis == "x" else north + (world.north - steps)
 
     def root_attributes(self) -> dict[str, Any]:
         """Return the attributes of the root group: the pyramid."""
         levels = self.job.world.levels
-        layout = []
-        for level in levels:
-            scale = {"transform": {"scale": [2.0 if level.number else 1.0] * 2}}
-            source = {"derived_from": str(level.number - 1)} if level.number else {}
-            layout.append({"asset": str(level.number)} | source | scale | self._grid(level))
+        layout = [{"asset": "0", "transform": {"scale": [1.0, 1.0]}} | self._grid(levels[0])]
+        for level in levels[1:]:
+            source = {"asset": str(level.number), "derived_from": str(level.number - 1)}
+            layout.append(source | {"transform": {"scale": [2.0, 2.0]}} | self._grid(level))
         return {
             "zarr_conventions": _conventions("multiscales", "proj", "spatial"),
             "multiscales": {"layout": layout},
@@ -102,10 +96,8 @@ class Georeference:
         return {"crs_wkt": wkt, "spatial_ref": wkt, "GeoTransform": gdal}
 
     def _grid(self, level: Level) -> dict[str, Any]:
-        return {
-            "spatial:shape": [level.rows, level.columns],
-            "spatial:transform": list(self.transform(level))[:6],
-        }
+        transform = list(self.transform(level))[:6]
+        return {"spatial:shape": [level.rows, level.columns], "spatial:transform": transform}
 
     def _bounds(self, level: Level) -> list[float]:
         cell, _, west, _, _, north = list(self.transform(level))[:6]
@@ -113,8 +105,6 @@ class Georeference:
 
     @cached_property
     def _projection(self) -> dict[str, Any]:
-        from rasterio.enums import WktVersion
-
         code = ":".join(self.crs.to_authority() or ())
         # The convention wants exactly one of them.
         if _CODE.fullmatch(code):
@@ -124,12 +114,9 @@ class Georeference:
 
 def axis_attributes(name: str) -> dict[str, Any]:
     """Return the attributes of the coordinates along ``x`` or ``y``."""
-    return {
-        "standard_name": f"projection_{name}_coordinate",
-        "long_name": {"x": "easting", "y": "northing"}[name] + " of the vertices",
-        "units": "m",
-        "axis": name.upper(),
-    }
+    long_name = {"x": "easting", "y": "northing"}[name] + " of the vertices"
+    standard_name = f"projection_{name}_coordinate"
+    return {"standard_name": standard_name, "long_name": long_name, "units": "m", "axis": name.upper()}
 
 
 def _conventions(*names: str) -> list[dict[str, str]]:

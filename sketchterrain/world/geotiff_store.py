@@ -31,23 +31,11 @@ from sketchterrain.export.files import prepare_folder
 from sketchterrain.sketch import packed_sketch
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.whole_files import telling_failure, whole_path, write_whole
+from sketchterrain.world import store
 from sketchterrain.world.georeference import Georeference
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
 from sketchterrain.world.ground import LAYER_SPECS, Ground
 from sketchterrain.world.job import Job
-from sketchterrain.world.store import (
-    JOURNAL,
-    LEDGER,
-    SKETCH,
-    TAGS,
-    layer_file,
-    ledger_file,
-    parts_folder,
-    text_of,
-    tile_name,
-    vrt_name,
-    write_if_changed,
-)
 
 # Of a tile. What is smaller needs none; one of half the size would take a quarter more of the disk.
 _OVERVIEWS: Final = (4, 8)
@@ -61,8 +49,8 @@ _COG: Final = {
     "BIGTIFF": "IF_SAFER",
     "COPY_SRC_MDD": "YES",
 }
-_SMALL_CACHE: Final = {"GDAL_CACHEMAX": "128"}  # MB
 _COLOURS: Final = ("Red", "Green", "Blue")
+_TILE: Final = {"driver": "GTiff", "tiled": True, "blockxsize": CHUNK, "blockysize": CHUNK}
 # Until they are joined, shards are packed for speed.
 _PART: Final = {"compress": "zstd", "zstd_level": 1, "interleave": "pixel"}
 _COPY: Final = "import json, sys, rasterio.shutil as s; s.copy(*sys.argv[1:3], **json.loads(sys.argv[3]))"
@@ -80,22 +68,22 @@ class TileStore:
     def __init__(self, job: Job) -> None:
         self._job, self._place = job, Georeference(job)
         self.folder, self._tiles, self._ledger = self._paths(job.output)
-        self.journal, self.mark = self._tiles / JOURNAL, self._tiles / SKETCH
+        self.journal, self.mark = self._tiles / store.JOURNAL, self._tiles / store.SKETCH
 
     @staticmethod
     def _paths(output: Path) -> tuple[Path, Path, Path]:
         """Return the folder that names of files begin in, that of the tiles, and the ledger."""
-        return output, output, output / LEDGER
+        return output, output, output / store.LEDGER
 
     def create(self) -> tuple[str, ...]:
         """Make the folder of the tiles and write the sketch; see `Store.create`."""
         prepare_folder(self._tiles)
-        write_if_changed(self.mark, packed_sketch(self._job.sketch))
-        return (SKETCH,) if self.keeps_shards else ()
+        store.write_if_changed(self.mark, packed_sketch(self._job.sketch))
+        return (store.SKETCH,) if self.keeps_shards else ()
 
     def write(self, ground: Ground) -> tuple[str, ...]:
         """Write the tiles of a shard; see `Store.write`."""
-        paths = {layer: self._tiles / tile_name(layer, ground.shard) for layer in self._job.layers}
+        paths = {layer: self._tiles / store.tile_name(layer, ground.shard) for layer in self._job.layers}
         for layer, path in paths.items():
             _write_tile(path, layer, ground, self._place, optimised=self.keeps_shards)
         return tuple(path.relative_to(self.folder).as_posix() for path in paths.values())
@@ -116,7 +104,7 @@ class TileStore:
 
     def ledger_text(self) -> str | None:
         """Return the ledger of a finished world; see `Store.ledger_text`."""
-        return text_of(self._ledger)
+        return store.text_of(self._ledger)
 
 
 class TiffStore(TileStore):
@@ -130,43 +118,41 @@ class TiffStore(TileStore):
 
     @staticmethod
     def _paths(output: Path) -> tuple[Path, Path, Path]:
-        return output.parent, parts_folder(output), ledger_file(output)
+        return output.parent, store.parts_folder(output), store.ledger_file(output)
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
         """Write the files; see `Store.join`."""
-        paths = [layer_file(self._job.output, layer) for layer in self._job.layers]
+        paths = [store.layer_file(self._job.output, layer) for layer in self._job.layers]
         sketch = b64encode(self.mark.read_bytes()).decode()
         _write_vrts(self._tiles, self._place, sketch)
         for done, (layer, path) in enumerate(zip(self._job.layers, paths, strict=True)):
-
-            def part(share: float, done: int = done) -> None:
-                progress((done + share) / len(paths))
-
-            self._join(layer, path, part)
+            self._join(layer, path, done / len(paths), progress)
+        progress(1.0)
         return tuple(path.name for path in paths)
 
-    def _join(self, layer: str, path: Path, progress: Callable[[float], None]) -> None:
+    def _join(self, layer: str, path: Path, begun: float, progress: Callable[[float], None]) -> None:
         """Copy a layer's VRT in a process of its own, which ends at once if `progress` raises."""
         options = _COG | {"OVERVIEWS": "FORCE_USE_EXISTING", "NUM_THREADS": "ALL_CPUS"}
         options["PREDICTOR"] = LAYER_SPECS[layer].predictor
         expected = sum(file.stat().st_size for file in (self._tiles / layer).rglob("*.tif"))
-        source = self._tiles / vrt_name(layer, 0)
+        source = self._tiles / store.vrt_name(layer, 0)
         with whole_path(path) as temporary:
             command = [sys.executable, "-c", _COPY, str(source), str(temporary), json.dumps(options)]
+            environment = os.environ | {"GDAL_CACHEMAX": "128"}  # MB
             pipe: dict[str, Any] = {"stderr": subprocess.PIPE, "text": True, "errors": "replace"}
-            with subprocess.Popen(command, env=os.environ | _SMALL_CACHE, **pipe) as process:  # noqa: S603
+            with subprocess.Popen(command, env=environment, **pipe) as process:  # noqa: S603
                 try:
                     while process.poll() is None:
                         time.sleep(0.05)
                         written = temporary.stat().st_size if temporary.exists() else 0
-                        progress(min(written / max(expected, 1), 0.99))
+                        share = min(written / max(expected, 1), 0.99)
+                        progress(begun + share / len(self._job.layers))
                 finally:
                     process.kill()
                 _, told = process.communicate()
             if process.returncode != 0:
                 reason = (told.strip().splitlines() or ["GDAL ended early"])[-1].rpartition("Error: ")[2]
                 raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(reason)})")
-        progress(1.0)
 
 
 def _write_tile(path: Path, layer: str, ground: Ground, place: Georeference, *, optimised: bool) -> None:
@@ -174,20 +160,11 @@ def _write_tile(path: Path, layer: str, ground: Ground, place: Georeference, *, 
     spec, values = LAYER_SPECS[layer], getattr(ground, layer)
     values = values[None] if values.ndim == 2 else values
     level = place.job.world.levels[ground.shard.level]
-    profile = {
-        "driver": "GTiff",
-        "count": len(values),
-        "height": values.shape[1],
-        "width": values.shape[2],
-        "dtype": spec.dtype,
-        "crs": place.crs,
-        "transform": place.transform(level, ground.shard),
-        "tiled": True,
-        "blockxsize": CHUNK,
-        "blockysize": CHUNK,
-        "photometric": "rgb" if layer == "normal" else "minisblack",
-        **({} if optimised else _PART),
-    }
+    count, height, width = values.shape
+    profile = _TILE | {"dtype": spec.dtype, "count": count, "height": height, "width": width}
+    profile |= {"crs": place.crs, "transform": place.transform(level, ground.shard)}
+    profile |= {"photometric": "rgb" if layer == "normal" else "minisblack"}
+    profile |= {} if optimised else _PART
     try:
         with rasterio.Env(), MemoryFile() as plain, MemoryFile() as packed:
             with plain.open(**profile) as file:
@@ -205,16 +182,16 @@ def _write_tile(path: Path, layer: str, ground: Ground, place: Georeference, *, 
             content = bytes((packed if optimised else plain).getbuffer())
     except RasterioError as error:
         raise SketchterrainError(f"{one_line(path)}: cannot be written ({one_line(error)})") from None
-    write_if_changed(path, content)
+    store.write_if_changed(path, content)
 
 
 def _write_vrts(folder: Path, place: Georeference, sketch: str | None = None) -> tuple[str, ...]:
     """Write the VRT of each layer and level, the coarsest first; return their names."""
     names = []
     for layer, level in product(place.job.layers, reversed(place.job.world.levels)):
-        names.append(vrt_name(layer, level.number))
-        lines = _vrt(layer, level, place, sketch if names[-1] == vrt_name("height", 0) else None)
-        write_if_changed(folder / names[-1], "".join(f"{line}\n" for line in lines).encode())
+        names.append(store.vrt_name(layer, level.number))
+        lines = _vrt(layer, level, place, sketch if names[-1] == store.vrt_name("height", 0) else None)
+        store.write_if_changed(folder / names[-1], "".join(f"{line}\n" for line in lines).encode())
     return tuple(names)
 
 
@@ -227,7 +204,7 @@ def _vrt(layer: str, level: Level, place: Georeference, sketch: str | None) -> I
     corners = ", ".join(repr(float(number)) for number in place.transform(level).to_gdal())
     yield f"  <GeoTransform>{corners}</GeoTransform>"
     yield '  <Metadata><MDI key="AREA_OR_POINT">Point</MDI></Metadata>'
-    yield f"  <Metadata domain={quoteattr(TAGS)}>"
+    yield f"  <Metadata domain={quoteattr(store.TAGS)}>"
     world = place.job.world
     facts = {name: repr(float(getattr(world, name))) for name in ("west", "south", "east", "north", "cell")}
     facts |= {"layers": ",".join(place.job.layers), "materials": ",".join(MATERIALS)}
@@ -244,7 +221,7 @@ def _vrt(layer: str, level: Level, place: Georeference, sketch: str | None) -> I
         yield f"    <ColorInterp>{colour}</ColorInterp>"
         yield from _sources(layer, level, index + 1, kind)
         for other in place.job.world.levels[1:] if level.number == 0 else ():
-            name = _file(vrt_name(layer, other.number))
+            name = _file(store.vrt_name(layer, other.number))
             yield f"    <Overview>{name}<SourceBand>{index + 1}</SourceBand></Overview>"
         yield "  </VRTRasterBand>"
     yield "</VRTDataset>"
@@ -254,14 +231,12 @@ def _sources(layer: str, level: Level, band: int, kind: str) -> Iterator[str]:
     for row, column in product(*map(range, level.shards)):
         shard = Shard(level.number, row, column)
         rows, columns = level.size_of(shard)
-        size, name = f'xSize="{columns}" ySize="{rows}"', tile_name(layer, shard)
+        size, name = f'xSize="{columns}" ySize="{rows}"', store.tile_name(layer, shard)
+        raster = f'RasterXSize="{columns}" RasterYSize="{rows}" DataType="{kind}"'
         yield "    <SimpleSource>"
         yield f"      {_file(name if level.number == 0 else name.partition('/')[2])}"
         yield f"      <SourceBand>{band}</SourceBand>"
-        yield (
-            f'      <SourceProperties RasterXSize="{columns}" RasterYSize="{rows}" DataType="{kind}" '
-            f'BlockXSize="{CHUNK}" BlockYSize="{CHUNK}"/>'
-        )
+        yield f'      <SourceProperties {raster} BlockXSize="{CHUNK}" BlockYSize="{CHUNK}"/>'
         yield f'      <SrcRect xOff="0" yOff="0" {size}/>'
         yield f'      <DstRect xOff="{column * SHARD}" yOff="{row * SHARD}" {size}/>'
         yield "    </SimpleSource>"

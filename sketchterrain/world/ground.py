@@ -34,46 +34,25 @@ class LayerSpec:
         return (len(self.bands), rows, columns) if self.dimension else (rows, columns)
 
 
+_HEIGHT: Final = {"long_name": "height of the ground", "units": "m"}
+_NORMAL: Final = {
+    "long_name": "unit vector up from the ground: east, north, up",
+    "axes": ["east", "north", "up"],
+    "units": "1",
+    "scale_factor": 1 / 127.5,
+    "add_offset": -1.0,
+}
+_MATERIALS: Final = {
+    "long_name": "share of each material, of 1 in all",
+    "materials": list(MATERIALS),
+    "units": "1",
+    "scale_factor": 1 / 255,
+}
 LAYER_SPECS: Final = {
-    "height": LayerSpec(
-        ("height",),
-        "float32",
-        "",
-        "shuffle",
-        3,
-        "FLOATING_POINT",
-        {"long_name": "height of the ground", "units": "m"},
-    ),
-    "normal": LayerSpec(
-        ("east", "north", "up"),
-        "uint8",
-        "axis",
-        "bitshuffle",
-        1,
-        "STANDARD",
-        {
-            "long_name": "unit vector up from the ground: east, north, up",
-            "axes": ["east", "north", "up"],
-            "units": "1",
-            "scale_factor": 1 / 127.5,
-            "add_offset": -1.0,
-        },
-    ),
+    "height": LayerSpec(("height",), "float32", "", "shuffle", 3, "FLOATING_POINT", _HEIGHT),
+    "normal": LayerSpec(("east", "north", "up"), "uint8", "axis", "bitshuffle", 1, "STANDARD", _NORMAL),
     # Weights are mostly 0 or 255: differences only cost.
-    "materials": LayerSpec(
-        MATERIALS,
-        "uint8",
-        "material",
-        "noshuffle",
-        1,
-        "NO",
-        {
-            "long_name": "share of each material, of 1 in all",
-            "materials": list(MATERIALS),
-            "units": "1",
-            "scale_factor": 1 / 255,
-        },
-    ),
+    "materials": LayerSpec(MATERIALS, "uint8", "material", "noshuffle", 1, "NO", _MATERIALS),
 }
 """By name; `Ground` tells what the values mean."""
 LAYERS: Final = tuple(LAYER_SPECS)

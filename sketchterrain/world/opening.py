@@ -27,12 +27,15 @@ from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard, World
 from sketchterrain.world.ground import LAYER_SPECS
 from sketchterrain.world.libraries import require
 from sketchterrain.world.store import SKETCH, TAGS, layer_file, tile_name, vrt_name
-from sketchterrain.world.zarr_store import BYTES, FORMAT, METADATA, OURS, ZARR_LIBRARIES, shard_file
+from sketchterrain.world.zarr_store import BYTES, FORMAT, METADATA, OURS, shard_file
 from sketchterrain.world.zarr_store import SKETCH as ZARR_SKETCH
 
 _CHUNKS: Final = 384  # kept decompressed: 192 MiB of the largest ones
 _FILES: Final = 16  # GeoTIFFs that a thread keeps open
+# What zarr-python and GDAL raise of broken files.
+_FAILURES: Final = (OSError, ValueError, TypeError, LookupError, AttributeError, RuntimeError, RasterioError)
 _REMEDY: Final = "writing the world again with --resume mends it"
+_Array = npt.NDArray[Any]
 
 
 class StoredWorld(ABC):
@@ -57,18 +60,13 @@ class StoredWorld(ABC):
         """Return the sketch that the world was made from, None if it holds none; InputError if broken."""
 
     @abstractmethod
-    def _load(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:
+    def _load(self, layer: str, level: int, row: int, column: int) -> _Array:
         """Read a chunk by its row and column in the level's grid of chunks: (bands or nothing, …, …)."""
 
-    def read(
-        self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int
-    ) -> npt.NDArray[Any]:
-        """Return a window of a layer, inside a level, with what `Ground` has of it.
+    def read(self, layer: str, level: int, *, top: int, left: int, rows: int, columns: int) -> _Array:
+        """Return a window of a layer, inside a level, as `Ground` has it.
 
-        Raises
-        ------
-        InputError
-            If some of it is missing or broken: its file is named.
+        Raise InputError that names the file if some of it is missing or broken.
         """
         if layer not in self.layers:
             raise InputError(f"expected a layer among {', '.join(self.layers)}, got {one_line(layer)!r}")
@@ -88,8 +86,8 @@ class StoredWorld(ABC):
             down, across = row * CHUNK, column * CHUNK  # of the chunk's first vertex
             first, last = max(top, down), min(bottom, down + CHUNK)
             begin, end = max(left, across), min(right, across + CHUNK)
-            part = self._chunk(layer, level, row, column)
-            part = part[..., first - down : last - down, begin - across : end - across]
+            chunk = self._chunk(layer, level, row, column)
+            part = chunk[..., first - down : last - down, begin - across : end - across]
             window[..., first - top : last - top, begin - left : end - left] = part
         return window
 
@@ -98,7 +96,7 @@ class _ZarrWorld(StoredWorld):
     """A Zarr store; each chunk carries a checksum, so that no broken one is taken for ground."""
 
     def __init__(self, folder: Path) -> None:
-        require("A world in a Zarr store", ZARR_LIBRARIES)
+        require("A world in a Zarr store", ["zarr"])
         self.folder, path = folder, folder / METADATA
         with _reading(path):
             import zarr
@@ -107,15 +105,14 @@ class _ZarrWorld(StoredWorld):
             facts: Any = group.attrs.get(OURS)
             if not isinstance(facts, dict):
                 raise InputError(f"{one_line(folder)}: a Zarr store, but no world of {OURS}'s")
-            if facts.get("format") != FORMAT:
-                found = one_line(facts.get("format"))
-                raise InputError(f"{one_line(path)}: expected a world of format {FORMAT}, got {found}")
+            if (found := facts.get("format")) != FORMAT:
+                raise InputError(
+                    f"{one_line(path)}: expected a world of format {FORMAT}, got {one_line(found)}"
+                )
             world, layers = World(**facts["world"]), tuple(map(str, facts["layers"]))
             super().__init__(world, layers, tuple(map(str, facts["materials"])))
-        self._arrays = {
-            (layer, level.number): self._array(group, layer, level)
-            for level, layer in product(self.levels, self.layers)
-        }
+        places = product(self.levels, self.layers)
+        self._arrays = {(name, level.number): self._array(group, name, level) for level, name in places}
 
     def _array(self, group: Any, layer: str, level: Level) -> Any:
         """Return an array, which must have the shape and the shards that the root promises."""
@@ -123,8 +120,7 @@ class _ZarrWorld(StoredWorld):
         expected = (spec.shape(level.rows, level.columns), spec.shape(SHARD, SHARD), spec.dtype)
         with _reading(self.folder / name / METADATA):
             array = group[name]
-            found = (array.shape, array.shards, str(array.dtype))
-            if found != expected:
+            if (found := (array.shape, array.shards, str(array.dtype))) != expected:
                 raise ValueError(f"expected shape, shards and type {expected}, got {found}")
         return array
 
@@ -135,15 +131,14 @@ class _ZarrWorld(StoredWorld):
             raise _broken(path)
         return load_sketch(path)
 
-    def _load(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:
+    def _load(self, layer: str, level: int, row: int, column: int) -> _Array:
         side = SHARD // CHUNK
         path = self.folder / shard_file(layer, Shard(level, row // side, column // side))
         if not path.is_file():  # zarr-python would return the fill value
             raise _broken(path, "no file")
-        rows = slice(row * CHUNK, (row + 1) * CHUNK)
-        columns = slice(column * CHUNK, (column + 1) * CHUNK)
+        top, left = row * CHUNK, column * CHUNK
         with _reading(path):
-            return np.asarray(self._arrays[layer, level][..., rows, columns])
+            return np.asarray(self._arrays[layer, level][..., top : top + CHUNK, left : left + CHUNK])
 
 
 class _OpenFiles(threading.local):
@@ -179,14 +174,14 @@ class _TiffWorld(StoredWorld):
         if self._tiled:
             path = self._path / SKETCH
             return load_sketch(path) if path.exists() else None
-        if (packed := self._facts.get("sketch")) is None:
+        if "sketch" not in self._facts:
             return None
         with tempfile.TemporaryDirectory(prefix="sketchterrain-") as folder, _reading(self._path):
             path = Path(folder) / SKETCH
-            path.write_bytes(b64decode(packed, validate=True))
+            path.write_bytes(b64decode(self._facts["sketch"], validate=True))
             return load_sketch(path)
 
-    def _load(self, layer: str, level: int, row: int, column: int) -> npt.NDArray[Any]:
+    def _load(self, layer: str, level: int, row: int, column: int) -> _Array:
         grid, side, overview = self.levels[level], SHARD // CHUNK, level
         path, shape = layer_file(self._path, layer), (grid.rows, grid.columns)
         if self._tiled:
@@ -199,27 +194,21 @@ class _TiffWorld(StoredWorld):
             if (file.count, *file.shape) != expected:
                 raise ValueError(f"expected {expected} bands, rows, columns, got {file.count, *file.shape}")
             with path.open("rb") as stream:  # the checksum of a block, which GDAL does not look at
-                place, size = (
-                    int(file.get_tag_item(f"BLOCK_{item}_{column}_{row}", "TIFF", bidx=1))
-                    for item in ("OFFSET", "SIZE")
-                )
+                names = (f"BLOCK_{item}_{column}_{row}" for item in ("OFFSET", "SIZE"))
+                place, size = (int(file.get_tag_item(name, "TIFF", bidx=1)) for name in names)
                 stream.seek(place)
                 zlib.decompress(stream.read(size))
             top, left = row * CHUNK, column * CHUNK
             window = Window(left, top, min(CHUNK, shape[1] - left), min(CHUNK, shape[0] - top))
-            values: npt.NDArray[Any] = file.read(window=window)
+            values: _Array = file.read(window=window)
         return values[0] if layer == "height" else values
 
 
 def open_world(path: str | Path) -> StoredWorld:
     """Open a Zarr store, a folder of GeoTIFF tiles, or the GeoTIFF of the heights.
 
-    Raises
-    ------
-    InputError
-        If there is no world, or its description is broken.
-    SketchterrainError
-        If a library that reads it is missing.
+    Raise InputError if there is no world or its description is broken, SketchterrainError if a library that
+    reads it is missing.
     """
     place, vrt = Path(path), vrt_name("height", 0)
     try:
@@ -241,22 +230,12 @@ def _reading(path: Path) -> Iterator[None]:
     """Let a failure to read name the file, in one line."""
     try:
         yield
-    except (
-        OSError,
-        ValueError,
-        TypeError,
-        LookupError,
-        AttributeError,
-        RuntimeError,
-        RasterioError,
-        zlib.error,
-    ) as error:
+    except (*_FAILURES, zlib.error) as error:
         raise _broken(path, error.__cause__ or error) from None
 
 
 def _broken(path: Path, reason: object = None) -> InputError:
+    found = f"broken ({one_line(reason)})"
     if not path.exists():
-        return InputError(
-            f"{one_line(path)}: is missing: the world is not finished, or a file of it is lost; {_REMEDY}"
-        )
-    return InputError(f"{one_line(path)}: broken ({one_line(reason)}); {_REMEDY}")
+        found = "is missing: the world is not finished, or a file of it is lost"
+    return InputError(f"{one_line(path)}: {found}; {_REMEDY}")

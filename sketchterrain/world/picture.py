@@ -7,7 +7,7 @@ from pathlib import Path
 from sketchterrain.compute import ComputeContext
 from sketchterrain.export import prepare_folder, write_picture
 from sketchterrain.jobs import run_job
-from sketchterrain.picture_arguments import Point, camera_at
+from sketchterrain.picture_arguments import camera_at
 from sketchterrain.progress import Stages
 from sketchterrain.render import Quality, check_overlays, check_view, render_picture
 from sketchterrain.render.overlays import Legend
@@ -39,7 +39,8 @@ def draw_world(
         legend: list[Legend] = []
         with stages.stage("picture", "Rendering"):
             prepare_folder(path.parent)
-            eye, look_at = (_seen(place, world.corner) for place in (still.eye, still.look_at))
+            (x, y), places = world.corner, (still.eye, still.look_at)
+            eye, look_at = (place and (place[0] - x, place[1] - y, place[2]) for place in places)
             picture = render_picture(
                 world,
                 size=still.size or (1280, 720),
@@ -55,8 +56,3 @@ def draw_world(
         return legend, world.lacks
 
     return run_job(work, device=device, stages=stages)
-
-
-def _seen(place: Point | None, corner: tuple[float, float]) -> Point | None:
-    """Return a place in viewing coordinates."""
-    return None if place is None else (place[0] - corner[0], place[1] - corner[1], place[2])

@@ -34,7 +34,7 @@ _ROWS = 1 << 17  # in a row group, which a reader skips or reads as a whole
 
 
 class PlantStore:
-    """The :class:`~sketchterrain.world.store.Plants` of a job, beside the world in ``world-plants``.
+    """Plants of a job; names of their files begin in `folder`, beside the world in ``world-plants``.
 
     Parquet is a data set in partitions, ``tile_row=3/tile_column=12/plants.parquet``; FlatGeobuf is a file a
     square, ``r0003_c0012.fgb``. A square without plants has a file without rows, so none is missing.

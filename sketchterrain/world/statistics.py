@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -99,14 +100,14 @@ def statistics_of(
     """
     if not 0 <= level < len(stored.levels):
         raise InputError(f"no level {level}: expected 0 to {len(stored.levels) - 1}")
-    chosen, bounds = stored.levels[level], _range(stored, stored.levels[-1])
+    chosen, coarsest = stored.levels[level], stored.levels[-1]  # which fits into a chunk
+    whole = {"top": 0, "left": 0, "rows": coarsest.rows, "columns": coarsest.columns}
+    height = stored.read("height", coarsest.number, **whole)
     names = stored.material_names if "materials" in stored.layers else ()
-
-    def new_sums() -> _Sums:
-        return _Sums(bounds, chosen.cell, len(names))
-
-    total, stripes = new_sums(), range(0, chosen.columns, _STRIPE)
+    new_sums = partial(_Sums, float(height.min()), float(height.max()), chosen.cell, len(names))
+    total = new_sums()
     with ThreadPoolExecutor(min(_THREADS, os.cpu_count() or 1), thread_name_prefix="statistics") as pool:
+        stripes = range(0, chosen.columns, _STRIPE)
         parts = [pool.submit(_stripe, stored, chosen, left, new_sums()) for left in stripes]
         try:
             for number, part in enumerate(parts, start=1):
@@ -116,29 +117,11 @@ def statistics_of(
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
     shares = total.weights / max(int(total.weights.sum()), 1)
-    relief = total.relief()
-    return Statistics(
-        chosen.number,
-        chosen.cell,
-        chosen.columns,
-        chosen.rows,
-        (chosen.columns - 1) * (chosen.rows - 1) * chosen.cell**2,
-        relief,
-        total.slopes(),
-        total.hypsometry(relief.mean),
-        {name: float(share) for name, share in zip(names, shares, strict=True)},
-    )
-
-
-def _range(stored: StoredWorld, level: Level) -> tuple[float, float]:
-    """Return the lowest and highest height of a level."""
-    lows, highs = [], []
-    for top in range(0, level.rows, CHUNK):
-        rows = min(CHUNK, level.rows - top)
-        height = stored.read("height", level.number, top=top, left=0, rows=rows, columns=level.columns)
-        lows.append(float(height.min()))
-        highs.append(float(height.max()))
-    return min(lows), max(highs)
+    materials = {name: float(share) for name, share in zip(names, shares, strict=True)}
+    columns, rows, cell = chosen.columns, chosen.rows, chosen.cell
+    area, relief = (columns - 1) * (rows - 1) * cell**2, total.relief()
+    slopes, hypsometry = total.slopes(), total.hypsometry(relief.mean)
+    return Statistics(level, cell, columns, rows, area, relief, slopes, hypsometry, materials)
 
 
 def _stripe(stored: StoredWorld, level: Level, left: int, sums: _Sums) -> _Sums:
@@ -166,10 +149,10 @@ class _Sums:
     beyond those are counted in the outermost bins.
     """
 
-    def __init__(self, bounds: tuple[float, float], cell: float, materials: int) -> None:
-        span = max(bounds[1] - bounds[0], 1.0)
-        self._cell, self._start, self._width = cell, bounds[0] - span, span / _BINS
-        self._centre = (bounds[0] + bounds[1]) / 2
+    def __init__(self, low: float, high: float, cell: float, materials: int) -> None:
+        span = max(high - low, 1.0)
+        self._cell, self._start, self._width = cell, low - span, span / _BINS
+        self._centre = (low + high) / 2
         self.lowest, self.highest, self.steepest = np.inf, -np.inf, 0.0
         self._sums = np.zeros(4)  # of heights from the centre, their squares, slopes, surfaces
         self._heights = np.zeros(3 * _BINS, np.int64)
@@ -190,7 +173,7 @@ class _Sums:
     def add_slopes(self, height: npt.NDArray[np.float32]) -> None:
         """Count the slopes of a grid of heights (m), of the vertices inside."""
         for top in range(0, len(height) - 2 if height.shape[1] > 2 else 0, _AT_ONCE):
-            tangent = horn_slopes(height[top : top + _AT_ONCE + 2], self._cell)
+            tangent = _horn_slopes(height[top : top + _AT_ONCE + 2], self._cell)
             degrees = np.degrees(np.arctan(tangent))
             self.steepest = max(self.steepest, float(degrees.max()))
             self._sums[2:] += degrees.sum(), np.sqrt(1.0 + np.square(tangent)).sum()
@@ -209,15 +192,9 @@ class _Sums:
     def relief(self) -> Relief:
         """Return the statistics of the heights."""
         mean, square = self._sums[:2] / self._heights.sum()
-        edges, below = self._curve()
-        return Relief(
-            self.lowest,
-            self.highest,
-            self.highest - self.lowest,
-            float(self._centre + mean),
-            float(np.sqrt(max(square - mean * mean, 0.0))),
-            _quantiles(below, edges),
-        )
+        deviation = float(np.sqrt(max(square - mean * mean, 0.0)))
+        low, high, quantiles = self.lowest, self.highest, _quantiles(*self._curve())
+        return Relief(low, high, high - low, float(self._centre + mean), deviation, quantiles)
 
     def slopes(self) -> Slopes | None:
         """Return the statistics of the slopes."""
@@ -227,7 +204,7 @@ class _Sums:
         mean, surface = (float(each) for each in self._sums[2:] / count)
         classes = self._slopes.reshape(-1, _SLOPE_CLASS * _SLOPE_BINS).sum(axis=1) / count
         below = np.concatenate([[0], np.cumsum(self._slopes)]) / count
-        quantiles = _quantiles(below, np.arange(len(below)) / _SLOPE_BINS)
+        quantiles = _quantiles(np.arange(len(below)) / _SLOPE_BINS, below)
         return Slopes(mean, self.steepest, quantiles, tuple(map(float, classes)), surface)
 
     def hypsometry(self, mean: float) -> Hypsometry:
@@ -249,7 +226,7 @@ class _Sums:
         return np.asarray(edges, np.float64), np.asarray(counts / counts[-1])
 
 
-def horn_slopes(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.float64]:
+def _horn_slopes(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.float64]:
     """Return the tangents of a grid's slopes, by differences over eight neighbours: (rows − 2, columns − 2).
 
     Horn (1981), "Hill shading and the reflectance map", as `gdaldem slope` has it by default: exact on a
@@ -263,7 +240,7 @@ def horn_slopes(height: npt.NDArray[np.float32], cell: float) -> npt.NDArray[np.
     return np.asarray(np.sqrt(np.square(east) + np.square(north)) / (8.0 * cell))
 
 
-def _quantiles(below: npt.NDArray[np.float64], edges: npt.NDArray[np.float64]) -> dict[str, float]:
+def _quantiles(edges: npt.NDArray[np.float64], below: npt.NDArray[np.float64]) -> dict[str, float]:
     """Return where a rising curve reaches each of `QUANTILES`; on a level stretch, where that begins."""
     first = np.searchsorted(below, QUANTILES, side="left").clip(1, len(below) - 1)
     low, high = below[first - 1], below[first]

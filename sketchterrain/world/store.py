@@ -11,10 +11,9 @@ from sketchterrain.whole_files import telling_failure, write_whole
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
-from sketchterrain.world.tasks import Task
 
 if TYPE_CHECKING:  # it loads OpenCL
-    from sketchterrain.terrain.terrain import Terrain
+    from sketchterrain.world.plants import PlantStore
 
 SKETCH: Final = "sketch.sketch"
 """The sketch that a world of GeoTIFFs was made from."""
@@ -46,33 +45,18 @@ class Store(Protocol):
 
         Again does no harm: a file that is missing or has other bytes is written, whole; no other one is.
         """
-        ...
 
     def write(self, ground: Ground) -> tuple[str, ...]:
         """Write one shard, its files whole or not there, and return their names; any number at once."""
-        ...
 
     def join(self, *, progress: Callable[[float], None]) -> tuple[str, ...]:
         """Write what joins all shards, once they are there; return the names of its files, if any."""
-        ...
 
     def close(self, ledger: str) -> None:
         """Write the ledger's text where it stays, then delete the journal and what is needed no more."""
-        ...
 
     def ledger_text(self) -> str | None:
         """Return the ledger of a finished world; None where there is none."""
-        ...
-
-
-class Plants(Protocol):
-    """Output of the plants of a `Job`; names of files begin in `folder`."""
-
-    folder: Path
-
-    def write(self, task: Task, terrain: Terrain) -> tuple[str, ...]:
-        """Write the plants of a task, its files whole or not there, and return their names."""
-        ...
 
 
 def store_of(job: Job) -> Store:
@@ -86,7 +70,7 @@ def store_of(job: Job) -> Store:
     return TileStore(job) if job.form == "tiles" else TiffStore(job)
 
 
-def plants_of(job: Job) -> Plants | None:
+def plants_of(job: Job) -> PlantStore | None:
     """Return the store of a job's plants, None where it has none; see `store_of`."""
     if job.plants == "none":
         return None

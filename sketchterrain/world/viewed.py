@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
-from types import MappingProxyType
-from typing import Any, Final
+from functools import cache, cached_property
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,30 +14,250 @@ import numpy.typing as npt
 from sketchterrain.compute import ComputeContext
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE, Lake, River, ShapeField
-from sketchterrain.render.scene import Sketch
+from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import Terrain
 from sketchterrain.terrain.answers import TerrainFeatures
 from sketchterrain.terrain.lattice import LATTICE_BITS, QUADS, finest_level
+from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.plant import PLANT
-from sketchterrain.terrain.vertices import FACTS, VertexMemory, VertexStore
+from sketchterrain.terrain.stepped import finished
+from sketchterrain.terrain.vertex_writer import geometric_error
+from sketchterrain.terrain.vertices import FACTS, VERTEX, VertexMemory, VertexStore
 from sketchterrain.tiles.bounds import meets
 from sketchterrain.tiles.codes import code_of
+from sketchterrain.world.grid import CHUNK, Level
+from sketchterrain.world.ground import LAYER_SPECS
 from sketchterrain.world.opening import StoredWorld
-from sketchterrain.world.stored_pyramid import BARE, StoredPyramid
 
 Bounds = tuple[float, float, float, float]
 
 _LEAST_BITS: Final = 8
 _MOST_BITS: Final = LATTICE_BITS - 1
 """Cells along the longer side of a world that is viewed: powers of two."""
+BARE: Final = "rock"
+"""Material of ground whose materials are not stored."""
+
+_UNIT: Final = np.float32(32767)  # a unit normal's component, as a slope
+_HALF_STEP: Final = np.float32(1.0 / 255)  # accuracy of a stored normal's components
+_Array = npt.NDArray[Any]
+_Floats = npt.NDArray[np.float32]
+_Doubles = npt.NDArray[np.float64]
 
 
-class _NoSketch:
-    """Stands for a sketch that is not there: all as it is by default."""
+class StoredPyramid:
+    """Windows of a stored world's levels; beyond its ends their outermost vertices go on.
 
-    climate: Mapping[str, float] = MappingProxyType({})
-    look: Mapping[str, Mapping[str, Any]] = MappingProxyType({})
-    weather: Mapping[str, float] = MappingProxyType({})
+    Levels that are coarser than the coarsest stored one have every second, fourth … vertex of it. Where
+    `told` is given, it is called with a line for each part that cannot be read, and the next coarser level
+    stands in for that part; else that is an error.
+    """
+
+    def __init__(self, world: StoredWorld, *, told: Callable[[str], None] | None = None) -> None:
+        self.world, self._told = world, told
+        self._lines: set[str] = set()
+        unknown = [name for name in world.material_names if name not in MATERIALS]
+        if "materials" in world.layers and unknown:
+            raise InputError(f"expected materials among {', '.join(MATERIALS)}, got {', '.join(unknown)}")
+
+    def level(self, number: int) -> Level:
+        """Return a level, also one that is coarser than any stored one."""
+        levels = self.world.levels
+        if number < len(levels):
+            return levels[number]
+        last, step = levels[-1], 1 << (number - len(levels) + 1)
+        columns, rows = (-(-(side - 1) // step) + 1 for side in (last.columns, last.rows))
+        return Level(number, last.cell * step, columns, rows)
+
+    def window(self, layer: str, number: int, *, top: int, left: int, rows: int, columns: int) -> _Array:
+        """Return a window of a layer that may go beyond the level's ends; see `StoredWorld.read`."""
+        grid = self.world.levels[min(number, len(self.world.levels) - 1)]
+        step = 1 << (number - grid.number)
+        down = np.clip(np.arange(top, top + rows) * step, 0, grid.rows - 1)
+        across = np.clip(np.arange(left, left + columns) * step, 0, grid.columns - 1)
+        north, south, west, east = int(down[0]), int(down[-1]), int(across[0]), int(across[-1])
+        found = self._read(layer, grid.number, north, west, south - north + 1, east - west + 1)
+        if step == 1 and found.shape[-2:] == (rows, columns):
+            return found
+        return np.asarray(found[..., (down - north)[:, None], (across - west)[None, :]])
+
+    def _read(self, layer: str, number: int, top: int, left: int, rows: int, columns: int) -> _Array:
+        """Read a window that lies inside; where nothing can be read, what is known more coarsely."""
+        if self._told is None:
+            return self.world.read(layer, number, top=top, left=left, rows=rows, columns=columns)
+        found = self._empty(layer, rows, columns)
+        # By chunks, so that a vertex is the same in whatever window it comes: else the ground would tear.
+        for low, high in _chunk_parts(top, top + rows):
+            for west, east in _chunk_parts(left, left + columns):
+                part = self._part(layer, number, low, west, high - low, east - west)
+                found[..., low - top : high - top, west - left : east - left] = part
+        return found
+
+    def _part(self, layer: str, number: int, top: int, left: int, rows: int, columns: int) -> _Array:
+        try:
+            return self.world.read(layer, number, top=top, left=left, rows=rows, columns=columns)
+        except InputError as error:
+            line = str(error)
+            if self._told is not None and line not in self._lines:
+                self._lines.add(line)
+                self._told(line)
+        if number + 1 >= len(self.world.levels):
+            return self._empty(layer, rows, columns)
+        north, west = top // 2, left // 2
+        size = (top + rows) // 2 - north + 1, (left + columns) // 2 - west + 1
+        above = self._read(layer, number + 1, north, west, *size).astype(np.float32)
+        down, across = np.arange(top, top + rows), np.arange(left, left + columns)
+        low, first = (down // 2 - north)[:, None], across // 2 - west
+        middle = 0.5 * (above[..., low, first] + above[..., low + (down & 1)[:, None], first + (across & 1)])
+        return middle.astype(LAYER_SPECS[layer].dtype)
+
+    def _empty(self, layer: str, rows: int, columns: int) -> _Array:
+        bands = {"height": (), "normal": (3,), "materials": (len(self.world.material_names),)}[layer]
+        return np.zeros((*bands, rows, columns), LAYER_SPECS[layer].dtype)
+
+    def heights(self, x: npt.ArrayLike, y: npt.ArrayLike, *, cell_size: float = 0.0) -> _Floats:
+        """Return heights (m) at places that are m east and north (negative) of the north-west corner.
+
+        Of the levels no coarser than `cell_size` (m), the coarsest is read. Beyond the world's ends the
+        ground is low, so that nothing there hides the sun: no higher than the border, and than all but a
+        twentieth of the world.
+        """
+        levels = self.world.levels
+        finer = int(np.floor(np.log2(max(cell_size, levels[0].cell) / levels[0].cell) + 1e-9))
+        level = levels[min(finer, len(levels) - 1)]
+        east, south = np.broadcast_arrays(np.asarray(x, np.float64), -np.asarray(y, np.float64))
+        finest = levels[0]
+        inside_x = np.clip(east, 0.0, (finest.columns - 1) * finest.cell)
+        inside_y = np.clip(south, 0.0, (finest.rows - 1) * finest.cell)
+        column, row = inside_x.ravel() / level.cell, inside_y.ravel() / level.cell
+        # Chunk by chunk: places may lie far apart.
+        chunk = (row // CHUNK).astype(np.int64) * (1 << 32) + (column // CHUNK).astype(np.int64)
+        order = np.argsort(chunk, kind="stable")
+        flat = np.empty(column.size)
+        for some in np.split(order, np.flatnonzero(np.diff(chunk[order])) + 1) if column.size else ():
+            flat[some] = self._bilinear(level.number, column[some], row[some])
+        found = flat.reshape(east.shape)
+        outside = (inside_x != east) | (inside_y != south)
+        if outside.any():
+            found[outside] = np.minimum(found[outside], self._low)
+        return found.astype(np.float32)
+
+    @cached_property
+    def _low(self) -> float:
+        last = self.world.levels[-1]
+        whole = self._read("height", last.number, 0, 0, last.rows, last.columns)
+        return float(np.percentile(whole, 5))
+
+    def _bilinear(self, number: int, column: _Doubles, row: _Doubles) -> _Doubles:
+        i, j = column.astype(np.int64), row.astype(np.int64)
+        left, top = int(i.min()), int(j.min())
+        size = {"rows": int(j.max()) - top + 2, "columns": int(i.max()) - left + 2}
+        h = self.window("height", number, top=top, left=left, **size).astype(np.float64)
+        u, v = column - i, row - j
+        i, j = i - left, j - top
+        north = h[j, i] * (1 - u) + h[j, i + 1] * u
+        south = h[j + 1, i] * (1 - u) + h[j + 1, i + 1] * u
+        return np.asarray(north * (1 - v) + south * v)
+
+    def tile(
+        self, number: int, column: int, row: int, *, quads: int, root: bool
+    ) -> tuple[npt.NDArray[np.void], tuple[float, float, float]]:
+        """Return a tile of `VERTEX`, and its lowest and highest height and its geometric error (m).
+
+        Vertex (0, 0) of every level lies at one place; a tile of `quads` quads in column c and row −1 − r,
+        rows northward, begins at the level's vertex (r·quads, c·quads). A parent's values between its
+        vertices are half the sum along its edges, or its diagonals from north-west to south-east, as in a
+        terrain's own tiles (kernels/vertices.clh). A root is its own parent.
+        """
+        top, left = -(row + 1) * quads, column * quads
+        own = self._samples(number, top, left, quads + 1)
+        parent = own
+        if not root:
+            parent = _refined(self._samples(number + 1, top // 2, left // 2, quads // 2 + 1))
+        tile = np.empty((quads + 1, quads + 1), VERTEX)
+        tile["height"], tile["slope"], tile["weights"] = own
+        tile["parent_height"], tile["parent_slope"], tile["parent_weights"] = parent
+        low = min(float(own.height.min()), float(parent.height.min()))
+        high = max(float(own.height.max()), float(parent.height.max()))
+        return tile, (low, high, self._error(number, top, left, own.height))
+
+    def _samples(self, number: int, top: int, left: int, side: int) -> _Samples:
+        height = self.window("height", number, top=top - 1, left=left - 1, rows=side + 2, columns=side + 2)
+        level = self.level(number)
+        cell = np.float32(level.cell)
+        dx = (height[1:-1, 2:] - height[1:-1, :-2]) / (cell * _apart(left, side, level.columns))
+        dy = (height[:-2, 1:-1] - height[2:, 1:-1]) / (cell * _apart(top, side, level.rows))[:, None]
+        length = 1.0 / np.sqrt(1.0 + (dx * dx + dy * dy))
+        normal = np.stack([-dx * length, -dy * length], axis=-1)
+        inside = {"top": top, "left": left, "rows": side, "columns": side}
+        if "normal" in self.world.layers:
+            # Heights tell slopes more finely than eight bits, but for heights that are rounded.
+            coded = self.window("normal", number, **inside)[:2].transpose(1, 2, 0)
+            stored = coded * np.float32(1 / 127.5) - 1
+            normal = np.clip(normal, stored - _HALF_STEP, stored + _HALF_STEP)
+        slope = np.rint(np.clip(normal, -1, 1) * _UNIT).astype(np.int16)
+        weights = np.zeros((side, side, len(MATERIALS)), np.uint8)
+        if "materials" in self.world.layers:
+            bands = [MATERIALS.index(name) for name in self.world.material_names]
+            weights[..., bands] = self.window("materials", number, **inside).transpose(1, 2, 0)
+        else:
+            weights[..., MATERIALS.index(BARE)] = 255
+        return _Samples(np.ascontiguousarray(height[1:-1, 1:-1]), slope, weights)
+
+    def _error(self, number: int, top: int, left: int, height: _Floats) -> float:
+        """Return δ of a tile (m): how far the finest level is from its triangles.
+
+        Only the next finer level is looked at. From level to level the steps become smaller, by half where
+        the ground is as rough as most is: all together they come to no more than twice the first.
+        """
+        if number == 0:
+            return 0.0
+        side = 2 * len(height) - 3
+        finer = self.window("height", number - 1, top=2 * top + 1, left=2 * left + 1, rows=side, columns=side)
+        apart = np.abs(finer[::2, ::2] - 0.5 * (height[:-1, :-1] + height[1:, 1:]))
+        grid = self.level(number - 1)
+        inside = apart[: max((grid.rows - 2 * top) // 2, 0), : max((grid.columns - 2 * left) // 2, 0)]
+        if not inside.size:
+            return 0.0
+        return 2.0 * (1.0 - 0.5**number) * float(geometric_error(inside.reshape(1, -1))[0])
+
+
+class _Samples(NamedTuple):
+    """What a level holds at a tile's vertices."""
+
+    height: _Floats
+    slope: npt.NDArray[np.int16]
+    weights: npt.NDArray[np.uint8]
+
+
+def _chunk_parts(first: int, last: int) -> Iterator[tuple[int, int]]:
+    """Return the parts that chunks cut a run of vertices into."""
+    for start in range(first // CHUNK * CHUNK, last, CHUNK):
+        yield max(start, first), min(start + CHUNK, last)
+
+
+def _apart(first: int, count: int, whole: int) -> _Floats:
+    """Return how many cells the two neighbours of each vertex are apart: fewer at an end, never none."""
+    at = np.arange(first - 1, first + count + 1).clip(0, whole - 1)
+    return np.asarray(np.maximum(at[2:] - at[:-2], 1), np.float32)
+
+
+def _refined(parent: _Samples) -> _Samples:
+    """Return a parent's values at its vertices and between them."""
+    first, second = _ends(2 * len(parent.height) - 1)
+
+    def mean(values: _Array) -> _Array:
+        total = values[first].astype(np.int32) + values[second].astype(np.int32) + 1
+        return np.asarray((total >> 1).astype(values.dtype))
+
+    height: _Floats = np.float32(0.5) * (parent.height[first] + parent.height[second])
+    return _Samples(height, mean(parent.slope), mean(parent.weights))
+
+
+@cache
+def _ends(side: int) -> tuple[tuple[npt.NDArray[np.intp], ...], tuple[npt.NDArray[np.intp], ...]]:
+    """Return rows and columns of the two of a parent's vertices whose mean each of a tile's is."""
+    row, column = np.indices((side, side))
+    return (row >> 1, column >> 1), ((row >> 1) + (row & 1), (column >> 1) + (column & 1))
 
 
 class StoredTerrain:
@@ -50,11 +270,7 @@ class StoredTerrain:
     `terrain` is that of the world's sketch; without it there are no plants and no water. `told` is called
     with a line for each part that cannot be read, and what is known more coarsely is shown there; without it
     that is an error. `lacks` has a line for each thing that the world does not hold.
-
-    Raises
-    ------
-    InputError
-        If the world has too many cells, or unknown materials.
+    Raise InputError if the world has too many cells, or unknown materials.
     """
 
     def __init__(
@@ -77,7 +293,7 @@ class StoredTerrain:
         self.extent = finest.cell * 2.0**self._bits
         self.size = across * finest.cell, down * finest.cell
         self.bounds: Bounds = (0.0, -self.size[1], self.size[0], 0.0)
-        self.sketch: Sketch = _NoSketch() if terrain is None else terrain.sketch
+        self.sketch = Sketch() if terrain is None else terrain.sketch
         self.features = TerrainFeatures(np.zeros(0, FEATURE), ())
         if terrain is not None:
             self.features = _moved_features(terrain.features, *self.corner, self.bounds)
@@ -125,13 +341,7 @@ class StoredTerrain:
 
     def foliage(self, west: float, south: float, east: float, north: float) -> npt.NDArray[np.void]:
         """Return the plants in a rectangle of viewing coordinates (m), on the stored ground."""
-        steps = self.foliage_steps(west, south, east, north)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                found: npt.NDArray[np.void] = end.value
-                return found
+        return finished(self.foliage_steps(west, south, east, north))
 
     def foliage_steps(
         self, west: float, south: float, east: float, north: float
@@ -148,9 +358,6 @@ class StoredTerrain:
         if len(plants):
             plants["z"] = self.heights(plants["x"], plants["y"])
         return plants
-
-
-ViewedWorld = StoredTerrain
 
 
 def _moved_features(features: TerrainFeatures, west: float, north: float, bounds: Bounds) -> TerrainFeatures:
@@ -190,5 +397,5 @@ def _cut_lake(lake: Lake, west: float, north: float, bounds: Bounds) -> Lake:
     return replace(lake, shape=ShapeField(float(x[0]), float(y[0]), field.spacing, inside))
 
 
-def _within(x: npt.NDArray[Any], y: npt.NDArray[Any], bounds: Bounds) -> npt.NDArray[np.bool_]:
+def _within(x: _Array, y: _Array, bounds: Bounds) -> npt.NDArray[np.bool_]:
     return np.asarray((x >= bounds[0]) & (y >= bounds[1]) & (x <= bounds[2]) & (y <= bounds[3]))

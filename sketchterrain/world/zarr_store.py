@@ -8,8 +8,10 @@ whole or broken.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import asdict
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -18,18 +20,13 @@ from sketchterrain.sketch import packed_sketch
 from sketchterrain.whole_files import telling_failure
 from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_attributes
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
-from sketchterrain.world.ground import LAYER_SPECS
+from sketchterrain.world.ground import LAYER_SPECS, Ground
+from sketchterrain.world.job import Job
 from sketchterrain.world.libraries import require
 from sketchterrain.world.store import JOURNAL, text_of, write_if_changed
 
-if TYPE_CHECKING:  # zarr is loaded when it is needed
-    from collections.abc import Callable
-    from pathlib import Path
-
+if TYPE_CHECKING:  # of the extra `world`
     import zarr
-
-    from sketchterrain.world.ground import Ground
-    from sketchterrain.world.job import Job
 
 FORMAT: Final = 1
 """Of the root group's attribute `OURS`."""
@@ -40,7 +37,6 @@ LEDGER: Final = "ledger"
 """Arrays of the bytes of a sketch's zip and of the ledger's text."""
 BYTES: Final = "c/0"
 """The only chunk of such an array: a file of just these bytes."""
-ZARR_LIBRARIES: Final = ("zarr",)
 
 _SKETCH_NAME: Final = "what the world was made from: the bytes of a .sketch file, a zip"
 _LEDGER_NAME: Final = "every file of the world with its SHA-256, as lines of JSON"
@@ -61,7 +57,7 @@ class ZarrStore:
     keeps_shards = True
 
     def __init__(self, job: Job) -> None:
-        require("A world as a Zarr store", ZARR_LIBRARIES)
+        require("A world as a Zarr store", ["zarr"])
         self._job = job
         self.folder: Path = job.output
         # Beside the ledger: a file in an array's folder is no object of its own to readers of Zarr.
@@ -83,9 +79,9 @@ class ZarrStore:
     def write(self, ground: Ground) -> tuple[str, ...]:
         """Write a shard of each layer; see `Store.write`."""
         names = []
+        at, level = ground.shard, self._job.world.levels[ground.shard.level]
         for layer in self._job.layers:
             content: dict[str, Any] = {}
-            at, level = ground.shard, self._job.world.levels[ground.shard.level]
             array = _create_layer(_root_group(content), f"{at.level}/{layer}", layer, level, {})
             rows, columns = ground.height.shape
             top, left = at.row * SHARD, at.column * SHARD
@@ -118,18 +114,16 @@ class ZarrStore:
         """
         job, place, content = self._job, Georeference(self._job), dict[str, Any]()
         root = _root_group(content)
-        root.attrs.update(self._root_attributes | place.root_attributes())
+        root.attrs.update(self._root_attributes() | place.root_attributes())
         for level in job.world.levels:
             group = root.create_group(str(level.number), attributes=place.group_attributes(level))
-            crs = place.mapping_attributes(level)
-            _create(group, GRID_MAPPING, (), (), "int32", crs, config=_ALL_CHUNKS)[...] = 0
+            options: dict[str, Any] = {"attributes": place.mapping_attributes(level), "config": _ALL_CHUNKS}
+            _create(group, GRID_MAPPING, "int32", shape=(), chunks=(), **options)[...] = 0
             for axis, count in (("x", level.columns), ("y", level.rows)):
-                size, options = min(count, _COORDINATES), {"dimension_names": (axis,)}
-                options["compressors"] = _codecs("shuffle", 5, 8)
-                array = _create(group, axis, (count,), (size,), "float64", axis_attributes(axis), **options)
-                for first in range(0, count, size):
-                    held = min(size, count - first)
-                    array[first : first + held] = place.coordinates(axis, level, first, held)
+                options = {"shape": (count,), "chunks": (min(count, _COORDINATES),)}
+                options |= {"attributes": axis_attributes(axis), "dimension_names": (axis,)}
+                array = _create(group, axis, "float64", compressors=_codecs("shuffle", 5, 8), **options)
+                array[:] = place.coordinates(axis, level)
             for layer in job.layers:
                 # A coordinate of xarray's stays with an array that is taken out of its level.
                 own = {"grid_mapping": GRID_MAPPING, "coordinates": GRID_MAPPING}
@@ -141,10 +135,8 @@ class ZarrStore:
             _consolidate(root)
         return {name: buffer.to_bytes() for name, buffer in content.items()}
 
-    @property
     def _root_attributes(self) -> dict[str, Any]:
-        job = self._job
-        program = f"{OURS} {version(OURS)}"
+        job, program = self._job, f"{OURS} {version(OURS)}"
         ours = {
             "format": FORMAT,
             "program": program,
@@ -178,17 +170,9 @@ def _consolidate(group: zarr.Group) -> None:
         zarr.consolidate_metadata(group.store, path=group.path)
 
 
-def _create(
-    group: zarr.Group,
-    name: str,
-    shape: tuple[int, ...],
-    chunks: tuple[int, ...],
-    dtype: str,
-    attributes: dict[str, Any],
-    **options: Any,
-) -> zarr.Array[Any]:
+def _create(group: zarr.Group, name: str, dtype: str, **options: Any) -> zarr.Array[Any]:
     options = {"compressors": None, "fill_value": float("nan") if dtype[0] == "f" else 0} | options
-    return group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, attributes=attributes, **options)
+    return group.create_array(name, dtype=dtype, **options)
 
 
 def _create_layer(
@@ -200,10 +184,10 @@ def _create_layer(
     return _create(
         group,
         name,
-        shape(level.rows, level.columns),
-        shape(CHUNK, CHUNK),
         spec.dtype,
-        attributes,
+        attributes=attributes,
+        shape=shape(level.rows, level.columns),
+        chunks=shape(CHUNK, CHUNK),
         shards=shape(SHARD, SHARD),
         compressors=_codecs(spec.shuffle, spec.clevel, size, block),
         dimension_names=(spec.dimension, "y", "x") if spec.dimension else ("y", "x"),
@@ -213,9 +197,9 @@ def _create_layer(
 
 def _write_bytes(group: zarr.Group, name: str, content: bytes, about: str) -> None:
     """Write an array whose only chunk is a file of just these bytes."""
-    count, dimension = len(content), (f"{name}_byte",)
-    about_it = {"long_name": about}
-    array = _create(group, name, (count,), (max(count, 1),), "uint8", about_it, dimension_names=dimension)
+    options: dict[str, Any] = {"shape": (len(content),), "chunks": (max(len(content), 1),)}
+    options |= {"attributes": {"long_name": about}, "dimension_names": (f"{name}_byte",)}
+    array = _create(group, name, "uint8", **options)
     if content:
         array[:] = np.frombuffer(content, np.uint8)
 
@@ -227,7 +211,5 @@ def _codecs(shuffle: str, clevel: int, size: int, block: int = 0) -> tuple[Any, 
 
     # Blosc's own threads would put blocks into a chunk in the order in which they are done.
     blosc.use_threads = False
-    return (
-        BloscCodec(typesize=size, cname="zstd", clevel=clevel, shuffle=shuffle, blocksize=block),
-        Crc32cCodec(),
-    )
+    packed = BloscCodec(typesize=size, cname="zstd", clevel=clevel, shuffle=shuffle, blocksize=block)
+    return packed, Crc32cCodec()

@@ -14,7 +14,7 @@ from sketchterrain.resources import preset_names
 from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.terrain import build
 from sketchterrain.tiles import ScreenError, TileStream
-from sketchterrain.world.viewed import ViewedWorld
+from sketchterrain.world.viewed import StoredTerrain
 
 from ..world.grown import Grown
 from .ground_model import QUADS, TILE_BYTES, open_edges, shaded
@@ -186,7 +186,7 @@ def stored(ending_terrain):
 
 @pytest.fixture(scope="module")
 def world(stored, ending_terrain):
-    return ViewedWorld(stored, ending_terrain.context, ending_terrain)
+    return StoredTerrain(stored, ending_terrain.context, ending_terrain)
 
 
 class Ending:

@@ -39,17 +39,6 @@ def test_a_picture_of_a_world(whole_world, tmp_path, capsys):
     assert not ground[-30:].any()
 
 
-def test_what_is_no_world_is_told_in_one_line(tmp_path, capsys):
-    file = tmp_path / "view.png"
-    assert main(["view", str(tmp_path / "nothing.zarr"), "-o", str(file)]) == 3
-    (line,) = said(capsys)
-    assert "nothing.zarr: no such file or folder" in line
-    assert main(["view", str(tmp_path), "-o", str(file)]) == 3
-    (line,) = said(capsys)
-    assert "no world" in line
-    assert not file.exists()
-
-
 def test_a_broken_chunk_ends_a_picture_with_its_file(whole_world, tmp_path, capsys):
     broken = tmp_path / "broken.zarr"
     shutil.copytree(whole_world, broken)

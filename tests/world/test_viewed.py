@@ -8,10 +8,8 @@ from sketchterrain.errors import InputError
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import build
 from sketchterrain.terrain.materials import MATERIALS
-from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.world.grid import CHUNK
-from sketchterrain.world.stored_pyramid import BARE, StoredPyramid
-from sketchterrain.world.viewed import StoredTerrain
+from sketchterrain.world.viewed import BARE, StoredPyramid, StoredTerrain
 
 from .grown import Grown
 
@@ -50,15 +48,6 @@ def written(view, keys, *, roots=(), quads=QUADS):
     store = view.vertex_store(len(keys), quads=quads)
     facts = view.write_tiles(keys, np.arange(len(keys)), parents, store)
     return dict(zip(keys, store.download(), strict=True)), dict(zip(keys, facts, strict=True))
-
-
-def _last(steps):
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 def chain(key, up):
@@ -267,7 +256,6 @@ def test_plants_and_water_come_from_the_sketch_and_end_with_the_world(terrain, o
     assert np.array_equal(np.sort(plants["x"] + view.corner[0])[:5], np.sort(live["x"])[:5])
     assert np.array_equal(plants["z"], view.heights(plants["x"], plants["y"]))
     assert (plants["x"].min(), plants["y"].min()) >= (west, south)
-    assert np.array_equal(_last(view.foliage_steps(west - 50, south - 50, west + 150, south + 100)), plants)
     assert view.features.lakes
     assert view.features.rivers
     for lake in view.features.lakes:
@@ -286,7 +274,3 @@ def test_foreign_materials_are_refused(terrain, odd):
 
     with pytest.raises(InputError, match="lava"):
         StoredPyramid(Foreign())
-
-
-def test_vertices_are_32_bytes_as_the_shader_reads_them():
-    assert VERTEX.itemsize == 32

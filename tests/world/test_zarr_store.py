@@ -1,31 +1,39 @@
+"""Worlds as Zarr stores: what is written, what other readers find in it, and how it is read back."""
+
 import json
 import os
+import random
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import rasterio
 import xarray
 import zarr
+from numcodecs import blosc
+from zarr.codecs import BloscCodec, Crc32cCodec
 
 import sketchterrain as st
 from sketchterrain.compute import ComputeContext
-from sketchterrain.errors import SketchterrainError
+from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.world.grid import World
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
+from sketchterrain.world.opening import open_world
 from sketchterrain.world.task_runner import TaskRunner
 from sketchterrain.world.zarr_store import ZarrStore
 
 ORIGIN = (500_000.0, 5_500_000.0)
 WEST, SOUTH, EAST, NORTH, CELL = -40.0, 400.0, 2120.0, 700.0, 1.0  # two shards wide, two chunks high
+SECOND = "0/height/c/0/1"
+WINDOW = {"top": 0, "left": 0, "rows": 5, "columns": 5}
 LEDGER = '{"file": "…"}\n'
 
 
 @pytest.fixture(scope="module")
-def terrain() -> st.Terrain:
+def terrain():
     mountain, river, forest = (np.zeros((48, 64), np.uint8) for _ in range(3))
     mountain[4:16, 48:60] = 1
     river[24:27, :40] = 1
@@ -42,7 +50,7 @@ def terrain() -> st.Terrain:
 
 
 @pytest.fixture(scope="module")
-def job(terrain: st.Terrain, tmp_path_factory: pytest.TempPathFactory) -> Job:
+def job(terrain, tmp_path_factory):
     output = tmp_path_factory.mktemp("zarr") / "world.zarr"
     world = World(WEST, SOUTH, EAST, NORTH, CELL)
     layers = ("height", "normal", "materials")
@@ -50,13 +58,13 @@ def job(terrain: st.Terrain, tmp_path_factory: pytest.TempPathFactory) -> Job:
 
 
 @pytest.fixture(scope="module")
-def grounds(job: Job) -> list[Ground]:
+def grounds(job):
     maker = TaskRunner(job, ComputeContext())
     return [maker.ground(shard) for shard in job.world.shards()]
 
 
 @pytest.fixture(scope="module")
-def written(job: Job, grounds: list[Ground]) -> Path:
+def written(job, grounds):
     """The whole world."""
     store = ZarrStore(job)
     store.create()
@@ -68,13 +76,11 @@ def written(job: Job, grounds: list[Ground]) -> Path:
     return job.output
 
 
-def contents(folder: Path) -> dict[str, bytes]:
+def contents(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_heights_are_the_terrains_to_the_bit_at_the_places_that_coordinates_tell(
-    written: Path, job: Job, terrain: st.Terrain
-) -> None:
+def test_heights_are_the_terrains_to_the_bit_at_the_places_that_coordinates_tell(written, job, terrain):
     group = zarr.open_group(written, mode="r")
     for level in job.world.levels:
         held = group[str(level.number)]
@@ -87,7 +93,7 @@ def test_heights_are_the_terrains_to_the_bit_at_the_places_that_coordinates_tell
         np.testing.assert_array_equal(height.view(np.int32), expected.view(np.int32))
 
 
-def test_every_layer_of_every_shard_is_what_was_given(written: Path, grounds: list[Ground]) -> None:
+def test_every_layer_of_every_shard_is_what_was_given(written, grounds):
     group = zarr.open_group(written, mode="r")
     assert {ground.shard.column for ground in grounds} == {0, 1}
     for ground in grounds:
@@ -98,19 +104,14 @@ def test_every_layer_of_every_shard_is_what_was_given(written: Path, grounds: li
             part = array[..., top : top + rows, left : left + columns]
             np.testing.assert_array_equal(part, getattr(ground, layer))
     assert (group["0/materials"][:].sum(0, dtype=np.int64) == 255).all()
-
-
-def test_arrays_are_sharded_in_chunks_of_256(written: Path) -> None:
-    group = zarr.open_group(written, mode="r")
     for layer, first in (("height", ()), ("normal", (3,)), ("materials", (8,))):
         array = group[f"0/{layer}"]
         assert array.metadata.zarr_format == 3
-        assert array.shards == (*first, 2048, 2048)
-        assert array.chunks == (*first, 256, 256)
+        assert (array.shards, array.chunks) == ((*first, 2048, 2048), (*first, 256, 256))
     assert np.isnan(group["0/height"].fill_value)  # what is lost is no sea level
 
 
-def test_xarray_opens_levels_and_the_whole_tree(written: Path, grounds: list[Ground]) -> None:
+def test_xarray_opens_levels_and_the_whole_tree(written, grounds):
     fine = grounds[-2]  # the last level's first shard
     with xarray.open_zarr(written, group="0") as level:
         assert set(level.coords) == {"x", "y", "spatial_ref"}
@@ -125,7 +126,7 @@ def test_xarray_opens_levels_and_the_whole_tree(written: Path, grounds: list[Gro
         assert tree["4/height"].dims == ("y", "x")
 
 
-def test_the_root_tells_all_readers_what_it_is(written: Path, job: Job) -> None:
+def test_the_root_tells_all_readers_what_it_is(written, job):
     group = zarr.open_group(written, mode="r")
     ours = group.attrs["sketchterrain"]
     bounds = {"west": WEST, "south": SOUTH, "east": EAST, "north": NORTH, "cell": CELL}
@@ -142,7 +143,7 @@ def test_the_root_tells_all_readers_what_it_is(written: Path, job: Job) -> None:
 
 
 @pytest.mark.parametrize("number", [0, 3])
-def test_every_way_of_georeferencing_says_the_same(written: Path, number: int) -> None:
+def test_every_way_of_georeferencing_says_the_same(written, number):
     group = zarr.open_group(written, mode="r")[str(number)]
     pixels = rasterio.Affine(*group.attrs["spatial:transform"])
     mapping = group[group["height"].attrs["grid_mapping"]].attrs
@@ -160,7 +161,7 @@ def test_every_way_of_georeferencing_says_the_same(written: Path, number: int) -
     assert group.attrs["proj:code"] == "EPSG:25832"
 
 
-def test_gdal_reads_it_from_3_13_on_and_says_what_it_lacks_before(written: Path) -> None:
+def test_gdal_reads_it_from_3_13_on_and_says_what_it_lacks_before(written):
     name = f'ZARR:"{written}":/0/height'
     version = tuple(int(part) for part in rasterio.__gdal_version__.split(".")[:2])
     if version < (3, 13):
@@ -172,7 +173,7 @@ def test_gdal_reads_it_from_3_13_on_and_says_what_it_lacks_before(written: Path)
         assert file.xy(0, 0) == (ORIGIN[0] + WEST, ORIGIN[1] + NORTH)
 
 
-def test_consolidated_metadata_are_those_of_each_group_and_array(written: Path) -> None:
+def test_consolidated_metadata_are_those_of_each_group_and_array(written):
     root = json.loads((written / "zarr.json").read_text())
     members = root["consolidated_metadata"]["metadata"]
     paths = {str(path.parent.relative_to(written)) for path in written.rglob("zarr.json")} - {"."}
@@ -186,7 +187,7 @@ def test_consolidated_metadata_are_those_of_each_group_and_array(written: Path) 
         assert member == own
 
 
-def test_it_carries_its_sketch_and_its_ledger(written: Path, job: Job, tmp_path: Path) -> None:
+def test_it_carries_its_sketch_and_its_ledger(written, job, tmp_path):
     group = zarr.open_group(written, mode="r")
     assert bytes(group["ledger"][:]).decode() == LEDGER == ZarrStore(job).ledger_text()
     (tmp_path / "a.sketch").write_bytes(bytes(group["sketch"][:]))
@@ -196,7 +197,7 @@ def test_it_carries_its_sketch_and_its_ledger(written: Path, job: Job, tmp_path:
     assert not ZarrStore(job).journal.exists()
 
 
-def test_nothing_is_left_over_and_nothing_is_unknown_to_zarr(written: Path, job: Job) -> None:
+def test_nothing_is_left_over_and_nothing_is_unknown_to_zarr(written, job):
     before = contents(written)
     named = {name for name in before if name.endswith("zarr.json") or "/c" in name}
     assert set(before) == named
@@ -208,7 +209,7 @@ def test_nothing_is_left_over_and_nothing_is_unknown_to_zarr(written: Path, job:
     assert {name for name, _ in group.members()} == {*"01234", "sketch", "ledger"}
 
 
-def test_creating_it_again_writes_nothing_but_what_is_lost_or_other(written: Path, job: Job) -> None:
+def test_creating_it_again_writes_nothing_but_what_is_lost_or_other(written, job):
     whole = contents(written)
     changed = {"zarr.json", "0/height/zarr.json", "0/x/c/0", "sketch/c/0", "3/spatial_ref/c"}
     lost = {"1/zarr.json", "2/y/c/0", "ledger/zarr.json"}
@@ -223,7 +224,7 @@ def test_creating_it_again_writes_nothing_but_what_is_lost_or_other(written: Pat
     assert {name for name in whole if after[name] != times[name]} == changed | lost
 
 
-def test_before_it_is_closed_it_opens_too(job: Job, grounds: list[Ground], tmp_path: Path) -> None:
+def test_before_it_is_closed_it_opens_too(job, grounds, tmp_path):
     store = ZarrStore(replace(job, output=tmp_path / "a.zarr"))
     names = store.create()
     assert store.mark.is_file()
@@ -238,30 +239,18 @@ def test_before_it_is_closed_it_opens_too(job: Job, grounds: list[Ground], tmp_p
     np.testing.assert_array_equal(group["4/height"][:], grounds[0].height)
 
 
-def test_whoever_writes_and_however_often_the_bytes_are_the_same(
-    written: Path, job: Job, grounds: list[Ground], tmp_path: Path
-) -> None:
+def test_whoever_writes_and_however_often_the_bytes_are_the_same(written, job, grounds, tmp_path):
     store = ZarrStore(replace(job, output=tmp_path / "a.zarr"))
     store.create()
+    (name, *_) = store.write(grounds[0])
+    (store.folder / name).write_bytes(b"a broken one")
     with ThreadPoolExecutor(3) as pool:  # each shard twice at once, from its end to its beginning
         list(pool.map(ZarrStore(store._job).write, [*grounds[::-1], *grounds]))
     store.close(LEDGER)
     assert contents(store.folder) == contents(written)
 
 
-def test_a_broken_shard_is_replaced_by_a_whole_one(job: Job, grounds: list[Ground], tmp_path: Path) -> None:
-    store = ZarrStore(replace(job, output=tmp_path / "a.zarr"))
-    store.create()
-    (name, *_) = store.write(grounds[0])
-    whole = (store.folder / name).read_bytes()
-    (store.folder / name).write_bytes(whole[:100] + b"?" * 300)
-    store.write(grounds[0])
-    assert (store.folder / name).read_bytes() == whole
-
-
-def test_layers_that_nobody_asked_for_are_not_written(
-    job: Job, grounds: list[Ground], tmp_path: Path
-) -> None:
+def test_layers_that_nobody_asked_for_are_not_written(job, grounds, tmp_path):
     store = ZarrStore(replace(job, output=tmp_path / "a.zarr", layers=("height",), crs=None, origin=(0, 0)))
     store.create()
     assert store.write(grounds[0]) == ("4/height/c/0/0",)
@@ -274,9 +263,7 @@ def test_layers_that_nobody_asked_for_are_not_written(
         assert not crs.is_geographic
 
 
-def test_what_the_system_refuses_is_one_line_and_leaves_no_file(
-    job: Job, grounds: list[Ground], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_the_system_refuses_is_one_line_and_leaves_no_file(job, grounds, tmp_path, monkeypatch):
     store = ZarrStore(replace(job, output=tmp_path / "a.zarr"))
     store.create()
     before = contents(store.folder)
@@ -290,10 +277,209 @@ def test_what_the_system_refuses_is_one_line_and_leaves_no_file(
     assert contents(store.folder) == before
 
 
-def test_long_axes_are_chunks_of_coordinates(tmp_path: Path, job: Job) -> None:
+def test_long_axes_are_chunks_of_coordinates(tmp_path, job):
     world = World(0.0, 0.0, 100_000.0, 10.0, 1.0)
     store = ZarrStore(replace(job, output=tmp_path / "a.zarr", world=world, origin=(0.0, 0.0)))
     names = store.create()
     assert {name for name in names if name.startswith("0/x/c")} == {"0/x/c/0", "0/x/c/1"}
     x = zarr.open_array(store.folder / "0/x", mode="r")[:]
     np.testing.assert_array_equal(x, np.arange(100_001))
+
+
+@pytest.fixture
+def copy(written, tmp_path):
+    """One that may be broken."""
+    return shutil.copytree(written, tmp_path / "copy.zarr")
+
+
+def whole(world, layer="height", level=0):
+    grid = world.levels[level]
+    return world.read(layer, level, top=0, left=0, rows=grid.rows, columns=grid.columns)
+
+
+def test_windows_are_what_zarr_reads(written, job):
+    world, group, rng = open_world(written), zarr.open_group(written, mode="r"), random.Random(1)
+    assert (world.west, world.north, world.levels) == (WEST, NORTH, job.world.levels)
+    assert world.layers == ("height", "normal", "materials")
+    assert world.material_names == st.MATERIALS
+    sketch = world.sketch()
+    assert (sketch.name, sketch.seed) == ("North-east", 5)
+    for level in world.levels:
+        for layer in world.layers:
+            array = group[f"{level.number}/{layer}"][:]
+            for _ in range(8):
+                top, left = rng.randrange(level.rows), rng.randrange(level.columns)
+                rows = rng.randint(1, level.rows - top)
+                columns = rng.randint(1, level.columns - left)
+                window = world.read(layer, level.number, top=top, left=left, rows=rows, columns=columns)
+                assert window.dtype == array.dtype
+                np.testing.assert_array_equal(window, array[..., top : top + rows, left : left + columns])
+
+
+def test_a_chunk_is_decompressed_once_and_a_window_may_be_changed(written, monkeypatch):
+    decoded, decode = [], blosc.decompress
+    monkeypatch.setattr(blosc, "decompress", lambda *content: decoded.append(1) or decode(*content))
+    world = open_world(written)
+    for place in range(0, 191, 10):
+        world.read("height", 0, top=place, left=place, rows=65, columns=65)[:] = 0
+    assert len(decoded) == 1
+    assert (world.read("height", 0, **WINDOW) != 0).any()
+
+
+def test_threads_may_read_at_once(written):
+    world, expected = open_world(written), whole(open_world(written))
+
+    def right(seed: int) -> bool:
+        rng = random.Random(seed)
+        top, left = rng.randrange(301 - 65), rng.randrange(2161 - 65)
+        window = world.read("height", 0, top=top, left=left, rows=65, columns=65)
+        return np.array_equal(window, expected[top : top + 65, left : left + 65])
+
+    with ThreadPoolExecutor(4) as pool:
+        assert all(pool.map(right, range(100)))
+
+
+def test_windows_that_are_not_there_are_refused(written):
+    world = open_world(written)
+    for asked, message in (
+        ({"top": -1}, "a window inside 301 rows and 2161 columns, got rows -1 to 4 and columns 0 to 5"),
+        ({"left": 2157}, "columns 2157 to 2162"),
+        ({"rows": 0}, "rows 0 to 0"),
+        ({"layer": "depth"}, "a layer among height, normal, materials, got 'depth'"),
+        ({"level": 9}, "a level from 0 to 4, got 9"),
+    ):
+        with pytest.raises(InputError, match=message):
+            world.read(**{"layer": "height", "level": 0} | WINDOW | asked)
+
+
+def test_a_missing_shard_is_named_and_not_read_as_fill_values(copy):
+    (copy / SECOND).unlink()
+    world = open_world(copy)
+    world.read("height", 0, top=0, left=0, rows=301, columns=2048)  # the other shard
+    with pytest.raises(InputError, match=rf"copy.zarr/{SECOND}: is missing: the world is not finished, or"):
+        whole(world)
+    (copy / SECOND).mkdir()
+    with pytest.raises(InputError, match=rf"copy.zarr/{SECOND}: broken"):
+        whole(world)
+
+
+def test_any_damaged_byte_of_a_shard_is_found(written, copy):
+    content, world, rng = (written / SECOND).read_bytes(), open_world(copy), random.Random(5)
+    index = range(len(content) - 1028, len(content))
+    for place in [0, *rng.sample(range(len(content)), 40), *rng.sample(index, 20), len(content) - 1]:
+        damaged = bytearray(content)
+        damaged[place] ^= 1 << rng.randrange(8)
+        (copy / SECOND).write_bytes(damaged)
+        with pytest.raises(InputError, match=rf"copy.zarr/{SECOND}: broken .*--resume") as caught:
+            whole(open_world(copy))
+        assert "\n" not in str(caught.value)
+    for size in (0, 1, 700, 1028, 3000, len(content) - 1):
+        (copy / SECOND).write_bytes(content[:size])
+        with pytest.raises(InputError, match=rf"copy.zarr/{SECOND}: broken"):
+            whole(world)
+    (copy / SECOND).write_bytes(content)  # mended while the world is open
+    np.testing.assert_array_equal(whole(world), whole(open_world(written)))
+
+
+def test_metadata_that_are_lost_or_broken_are_named(copy):
+    for name in ("zarr.json", "2/normal/zarr.json"):
+        content = (copy / name).read_bytes()
+        for damaged in (content[:300], b"[]", b""):
+            (copy / name).write_bytes(damaged)
+            with pytest.raises(InputError, match=f"copy.zarr/{name}: broken") as caught:
+                open_world(copy)
+            assert "\n" not in str(caught.value)
+        root = json.loads((copy / "zarr.json").read_text() if name != "zarr.json" else content)
+        root.pop("consolidated_metadata", None)  # as before the world is finished
+        (copy / name).write_bytes(content)
+        (copy / "zarr.json").write_text(json.dumps(root))
+    (copy / "2/normal/zarr.json").unlink()
+    with pytest.raises(InputError, match=r"copy.zarr/2/normal/zarr.json: is missing"):
+        open_world(copy)
+
+
+def test_an_array_that_another_program_wrote_anew_is_refused(copy):
+    group = zarr.open_group(copy, mode="a", use_consolidated=False)
+    heights = group["1/height"][:]
+    del group["1/height"]
+    group["1"].create_array("height", data=heights, chunks=(64, 64))
+    with pytest.warns(zarr.errors.ZarrUserWarning, match="not part in the Zarr format 3"):
+        zarr.consolidate_metadata(copy)
+    with pytest.raises(InputError, match=r"1/height/zarr.json: broken \(expected shape, shards and type"):
+        open_world(copy)
+
+
+def test_a_world_of_other_materials_and_another_compression_is_read(written, copy):
+    """As another version may write it."""
+    root = json.loads((copy / "zarr.json").read_text())
+    root["attributes"]["sketchterrain"]["materials"] = ["grass", "lava"]
+    del root["consolidated_metadata"]
+    (copy / "zarr.json").write_text(json.dumps(root))
+    world = open_world(written)
+    group = zarr.open_group(copy, mode="a", use_consolidated=False)
+    for level in world.levels:
+        few = whole(world, "materials", level.number)[:2]
+        del group[f"{level.number}/materials"]
+        group[str(level.number)].create_array(
+            "materials",
+            data=few,
+            chunks=(2, 256, 256),
+            shards=(2, 2048, 2048),
+            compressors=[BloscCodec(cname="lz4", clevel=9, shuffle="shuffle"), Crc32cCodec()],
+            config={"write_empty_chunks": True},
+        )
+    other = open_world(copy)
+    assert other.material_names == ("grass", "lava")
+    np.testing.assert_array_equal(whole(other, "materials"), whole(world, "materials")[:2])
+
+
+def test_a_root_that_describes_no_world_is_refused(copy):
+    text = (copy / "zarr.json").read_text()
+    bounds = ("west", "south", "east", "north", "cell")
+    for change, message in (
+        ({"format": 2}, "expected a world of format 1, got 2"),
+        ({"world": {"west": 0}}, r"zarr.json: broken \("),
+        ({"layers": ["depth"]}, r"zarr.json: broken \(layers depth\)"),
+        ({"world": dict(zip(bounds, (0, 0, -1, 1, 1), strict=True))}, "west < east"),
+        ({"world": dict.fromkeys(bounds, "?")}, r"zarr.json: broken \("),
+    ):
+        root = json.loads(text)
+        root["attributes"]["sketchterrain"] |= change
+        (copy / "zarr.json").write_text(json.dumps(root))
+        with pytest.raises(InputError, match=message):
+            open_world(copy)
+
+
+def test_a_sketch_that_is_lost_or_broken_is_named(copy):
+    world = open_world(copy)
+    chunk = copy / "sketch/c/0"
+    chunk.write_bytes(chunk.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"copy.zarr/sketch/c/0"):
+        world.sketch()
+    chunk.unlink()
+    with pytest.raises(InputError, match=r"copy.zarr/sketch/c/0: is missing"):
+        world.sketch()
+
+
+def test_the_smallest_world_is_one_shard_of_four_vertices(job, tmp_path):
+    world = World(0.0, 0.0, 0.5, 0.5, 1.0)
+    store = ZarrStore(replace(job, world=world, output=tmp_path / "a.zarr", layers=("height",)))
+    store.create()
+    (shard,) = world.shards()
+    height = np.array([[1, 2], [3, 4]], np.float32)
+    store.write(Ground(shard, height, *[np.empty((0, 2, 2), np.uint8)] * 2))
+    np.testing.assert_array_equal(whole(open_world(store.folder)), height)
+    np.testing.assert_array_equal(zarr.open_array(store.folder / "0/height", mode="r")[:], height)
+
+
+def test_what_is_no_world_is_one_line(tmp_path):
+    with pytest.raises(InputError, match=r"a.zarr: no such file or folder, expected a world"):
+        open_world(tmp_path / "a.zarr")
+    with pytest.raises(InputError, match="no world"):
+        open_world(tmp_path)
+    zarr.create_group(tmp_path / "a.zarr", zarr_format=3)
+    with pytest.raises(InputError, match=r"a.zarr: a Zarr store, but no world of sketchterrain's"):
+        open_world(tmp_path / "a.zarr")
+    zarr.create_array(tmp_path / "b.zarr", shape=(3,), dtype="u1", zarr_format=3)
+    with pytest.raises(InputError, match=r"b.zarr/zarr.json: broken"):
+        open_world(tmp_path / "b.zarr")

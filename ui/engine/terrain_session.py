@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Terrain, TerrainRecipe
     from sketchterrain.terrain.changes import Box
     from sketchterrain.ui.engine.protocol import Plan
-    from sketchterrain.world.viewed import ViewedWorld
+    from sketchterrain.world.viewed import StoredTerrain
 
 
 class TerrainSession:
@@ -119,7 +119,7 @@ class WorldSession(TerrainSession):
         from sketchterrain.world.opening import open_world
 
         self._stored, self._report = open_world(path), report
-        self.world: ViewedWorld | None = None
+        self.world: StoredTerrain | None = None
         super().__init__(open_device, device=device)
         self._rebuild()
 
@@ -130,10 +130,10 @@ class WorldSession(TerrainSession):
 
     def _rebuild(self) -> None:
         from sketchterrain.terrain import build
-        from sketchterrain.world.viewed import ViewedWorld
+        from sketchterrain.world.viewed import StoredTerrain
 
         if self._context is not None:
             sketch = self._stored.sketch()
             features = None if sketch is None else build(sketch, device=self._context)
-            self.world = ViewedWorld(self._stored, self._context, features, told=self._report)
+            self.world = StoredTerrain(self._stored, self._context, features, told=self._report)
             self.terrain = cast("Terrain", self.world)  # for the renderer they are the same

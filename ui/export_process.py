@@ -129,10 +129,6 @@ def _end(*_: object) -> None:
     raise KeyboardInterrupt
 
 
-if __name__ == "__main__":
-    sys.exit(main())
-
-
 Tell = Callable[[dict[str, Any]], None]
 
 
@@ -187,3 +183,7 @@ def _placed(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     OutputLayout.of(job)  # a missing library is reported before any work
     check_output_unused(job, resume=True)
     return job
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 
 _TRACED = (
-    "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg)"
+    "Maps, layers, vectors (*.png *.jpg *.jpeg *.tif *.tiff *.webp *.ora *.geojson *.json *.gpkg"
+    " *.fgb *.shp *.pbf)"
     ";;All files (*)"
 )
 

@@ -8,7 +8,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -55,8 +55,7 @@ def list_with_tests(environment):
     command = [sys.executable, "-m", "sketchterrain", "devices", "--json"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert done.returncode == 0, done.stderr
-    entries: list[dict[str, Any]] = json.loads(done.stdout)
-    return entries
+    return json.loads(done.stdout)
 
 
 def test_a_driver_that_aborts_is_one_line_and_the_next_device_is_used(with_aborting_gpu):
@@ -94,11 +93,7 @@ def test_pocl_without_a_linker_says_what_to_install(tmp_path):
 def test_a_check_is_cached_by_driver_version_and_linker(empty_cache, monkeypatch):
     runs = []
 
-    def result(*given, **_):
-        runs.append(given)
-        return b'["cubic"]'
-
-    monkeypatch.setattr(device_check, "module_result", result)
+    monkeypatch.setattr(device_check, "module_result", lambda *given, **_: runs.append(given) or b'["cubic"]')
     device = list_devices()[0]
 
     def check(driver):
@@ -146,9 +141,7 @@ def test_devices_that_fail_are_skipped(empty_cache, monkeypatch):
 
 
 def test_failures_of_a_child_are_one_line():
-    linker = (
-        "import os, sys; sys.stderr.write('Final\\nno \\'ld\\' found\\n'); sys.stderr.flush(); os.abort()"
-    )
+    linker = "import os; os.write(2, b'Final\\nno \\'ld\\' found\\n'); os.abort()"
     cases = {
         "import os; os.abort()": "it crashed (SIGABRT); update or reinstall the driver",
         linker: "it crashed (SIGABRT): no 'ld' found; install a linker: apt install gcc libc6-dev",
@@ -167,10 +160,8 @@ def test_failures_of_a_child_are_one_line():
 
 
 def test_a_check_that_timed_out_is_not_cached(empty_cache, monkeypatch):
-    def slow(*_, **__):
-        raise ChildTimedOutError("the self-test did not answer within 60 s")
-
-    monkeypatch.setattr(device_check, "module_result", slow)
+    slow = ChildTimedOutError("the self-test did not answer within 60 s")
+    monkeypatch.setattr(device_check, "module_result", Mock(side_effect=slow))
     device = list_devices()[0]
     assert check_device(device) == DeviceCheck("the self-test did not answer within 60 s")
     assert not list(empty_cache.glob("device-*.json"))

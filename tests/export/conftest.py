@@ -8,8 +8,6 @@ import pytest
 
 import sketchterrain as st
 
-SIDE = 129
-
 
 @pytest.fixture(scope="session")
 def terrain():
@@ -17,22 +15,15 @@ def terrain():
     mountain[4:16, 48:60] = 1
     river[24:27, :40] = 1
     forest[34:46, 6:30] = 1
-    return st.build(
-        st.Sketch(
-            name="North-east",
-            extent=1024.0,
-            seed=5,
-            ground={"relief": 5.0},
-            density={"hill": 4.0},
-            layers={"mountain": mountain, "river": river, "forest": forest},
-            labels={("mountain", 1): {"height": 500.0}},
-        )
-    )
+    layers = {"mountain": mountain, "river": river, "forest": forest}
+    labels = {("mountain", 1): {"height": 500.0}}
+    given = {"ground": {"relief": 5.0}, "density": {"hill": 4.0}, "layers": layers, "labels": labels}
+    return st.build(st.Sketch(name="North-east", extent=1024.0, seed=5, **given))
 
 
 @pytest.fixture(scope="session")
 def raster(terrain):
-    return terrain.raster(SIDE)
+    return terrain.raster(129)
 
 
 @contextmanager

@@ -19,19 +19,14 @@ from sketchterrain.whole_files import write_whole
 
 
 def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_path, monkeypatch):
-    path = tmp_path / "a.bin"
-    assert write_whole(path, b"old") == path
-    write_whole(path, b"new")
-    assert path.read_bytes() == b"new"
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
-
     with pytest.raises(SketchterrainError, match="cannot be written") as caught:
         write_whole(tmp_path / "no" / "a.bin", b"")
-    assert "\n" not in str(caught.value)
+    assert str(caught.value).isprintable()
     assert ".tmp" not in str(caught.value)
 
     path = tmp_path / "a.bin"
-    write_whole(path, b"old")
+    write_whole(path, b"new")
+    assert write_whole(path, b"old") == path
     for failure, told in [
         (OSError(28, "No space left on device"), r"a\.bin: cannot be written \(No space left on device\)$"),
         (KeyboardInterrupt(), "^$"),
@@ -47,17 +42,20 @@ def test_new_content_replaces_the_old_and_a_failed_write_leaves_it_whole(tmp_pat
         assert [entry.name for entry in tmp_path.iterdir()] == ["a.bin"]
 
 
+def run_killed(code, path):
+    command = [sys.executable, "-c", f"import os, pathlib, signal, sys\n{code}", str(path)]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+
+
 def test_a_killed_process_leaves_the_old_file_whole(tmp_path):
     path = tmp_path / "a.bin"
     write_whole(path, b"old")
     code = (
-        "import os, pathlib, signal, sys\n"
         "from sketchterrain.whole_files import write_whole\n"
         "os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
         "write_whole(pathlib.Path(sys.argv[1]), b'new')\n"
     )
-    killed = subprocess.run([sys.executable, "-c", code, str(path)], check=False)
-    assert killed.returncode == -signal.SIGKILL
+    run_killed(code, path)
     assert path.read_bytes() == b"old"
 
 
@@ -101,14 +99,12 @@ def test_staged_files_are_moved_together_and_errors_name_the_final_folder(tmp_pa
 
 def test_folders_of_killed_processes_are_removed_and_folders_in_use_kept(tmp_path):
     code = (
-        "import os, pathlib, signal, sys\n"
         "from sketchterrain.export import staging\n"
         "with staging(pathlib.Path(sys.argv[1])) as hidden:\n"
         "    (hidden / 'half').write_bytes(b'half')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    killed = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
-    assert killed.returncode == -signal.SIGKILL
+    run_killed(code, tmp_path)
     (left,) = tmp_path.iterdir()
     assert [path.name for path in left.iterdir()] == ["half"]
     with staging(tmp_path) as first:

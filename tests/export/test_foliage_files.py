@@ -6,7 +6,6 @@ import tracemalloc
 from collections import namedtuple
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import meshio
 import numpy as np
@@ -99,7 +98,7 @@ def test_every_bit_of_a_plant_is_in_the_cloud_for_independent_readers(tmp_path):
     np.testing.assert_array_equal(meshio.read(path).points, places)
 
     page = (ROOT / "docs/foliage_files.md").read_text(encoding="utf-8")
-    names: dict[str, Any] = {}
+    names = {}
     exec(page.split("```python\n")[1].split("```")[0], names)  # noqa: S102
     vertices, species = names["read_plants"](path)
     assert_same(vertices, some)

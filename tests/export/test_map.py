@@ -38,17 +38,10 @@ def terrain():
     river[24:27, :34] = 1
     forest[34:46, 6:26] = 1
     lake[33:42, 40:52] = 1
-    return st.build(
-        st.Sketch(
-            name="A & <B>",
-            extent=4096.0,
-            seed=5,
-            ground={"relief": 20.0},
-            density={"hill": 0.3},
-            layers={"mountain": mountain, "river": river, "forest": forest, "lake": lake},
-            labels={("mountain", 1): {"height": 500.0}, ("river", 1): {"width": 30.0}},
-        )
-    )
+    layers = {"mountain": mountain, "river": river, "forest": forest, "lake": lake}
+    labels = {("mountain", 1): {"height": 500.0}, ("river", 1): {"width": 30.0}}
+    given = {"ground": {"relief": 20.0}, "density": {"hill": 0.3}, "layers": layers, "labels": labels}
+    return st.build(st.Sketch(name="A & <B>", extent=4096.0, seed=5, **given))
 
 
 @pytest.fixture(scope="module")
@@ -257,10 +250,6 @@ def test_the_relief_covers_the_frame(ground, sheet):
     assert width * (columns - 1) / columns == pytest.approx(ground.frame.box[2])
 
 
-def pixels(sheet):
-    return np.asarray(Image.open(io.BytesIO(sheet_png(sheet, width=200))).convert("RGB")).astype(int)
-
-
 def test_prominence_is_the_way_down_to_a_higher_summit():
     found = prominences(np.array([[0.0, 5.0, 2.0, 9.0, 4.0, 7.0, 1.0]]))
     assert [(p, c) for p, _, c in found] == [(9.0, 3), (3.0, 1), (3.0, 5)]
@@ -304,7 +293,8 @@ def test_a_sheet_is_drawn_where_its_shapes_lie():
         "lines": [Polylines([np.array([[0.0, 15.0], [10.0, 15.0]])], (0, 0, 0), 2.0)],
         "text": [Label("III", 15.0, 13.0, 4.0, (0, 0, 0), "start", 90.0, halo=(0, 0, 255))],
     }
-    picture = pixels(MapSheet("x", 20.0, 20.0, layers))
+    png = io.BytesIO(sheet_png(MapSheet("x", 20.0, 20.0, layers), width=200))
+    picture = np.asarray(Image.open(png).convert("RGB")).astype(int)
     paper = picture[0, 0].tolist()
     assert picture.shape == (200, 200, 3)
     assert picture[30, 30].tolist() == [200, 0, 0]

@@ -8,7 +8,7 @@ import pydelatin
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.export.mesh import Mesh, adaptive_mesh, grid_mesh, mesh_error
+from sketchterrain.export.mesh import Mesh, adaptive_mesh, mesh_error
 from sketchterrain.export.mesh_files import border, solid
 from sketchterrain.export.mesh_vertices import waters
 from sketchterrain.export.sampled import Grid
@@ -131,17 +131,6 @@ def two_triangles(columns, rows):
     column = np.array([0, columns - 1, 0, columns - 1], np.int32)
     row = np.array([rows - 1, rows - 1, 0, 0], np.int32)
     return Mesh(column, row, np.array([[0, 1, 3], [0, 3, 2]], np.uint32))
-
-
-def test_a_mesh_of_all_vertices_is_exact_and_faces_up():
-    for shape in [(2, 2), (2, 9), (9, 2), (17, 12)]:
-        rows, columns = shape
-        height = np.random.default_rng(1).normal(0.0, 100.0, shape).astype(np.float32)
-        mesh = grid_mesh(columns, rows)
-        assert mesh_error(mesh, height) == 0.0, shape
-        area = doubled_areas(mesh)
-        assert (area == 1).all(), shape
-        assert len(area) == 2 * (rows - 1) * (columns - 1), shape
 
 
 def test_errors_of_two_triangles_are_analytic():

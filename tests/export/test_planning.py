@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -76,15 +75,9 @@ def test_square_tiles_cover_the_sketch_with_square_quads(columns, rows, sketch):
 
 
 def test_refusals_name_the_option_and_the_nearest_size():
-    for size, tiles, nearest in [
-        (64, (1, 1), "33 or 65"),
-        (130, (1, 1), "129 "),
-        (2, (1, 1), "33 "),
-        (100, (2, 2), "65 or 129"),
-    ]:
+    for size, tiles, nearest in [(2, (1, 1), "33 "), (100, (2, 2), "65 or 129")]:
         with pytest.raises(InputError, match=f"nearest: {nearest}"):
             grid_of(WIDE, SQUARE, size=size, tiles=tiles)
-
     with pytest.raises(InputError, match="cannot share 70 vertices"):
         grid_of(WIDE, SQUARE, tiles=(2, 2), overlap=70)
     with pytest.raises(InputError, match="size = 1: expected 2 or more vertices"):
@@ -245,7 +238,7 @@ def test_bands_change_no_bit(terrain, monkeypatch):
     grid = Grid(-100.0, 50.0, 800.0, 1100.0, columns=150, rows=201)
     whole = sample(terrain, grid)
     monkeypatch.setattr(raster_windows, "_PATCHES_PER_BAND", 1)
-    told: list[float] = []
+    told = []
     banded = sample(terrain, grid, progress=told.append)
     for one, other in zip(vars(whole).values(), vars(banded).values(), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -272,29 +265,18 @@ def test_vertices_and_parts_are_where_the_grid_says(terrain):
 
 
 def test_empty_and_non_finite_rectangles_are_refused(terrain):
-    for grid in [
-        Grid(0.0, 0.0, 1.0, 1.0, 1, 2),
-        Grid(0.0, 0.0, 0.0, 1.0, 2, 2),
-        Grid(0.0, 1.0, 1.0, 0.0, 2, 2),
-        Grid(0.0, 0.0, float("nan"), 1.0, 2, 2),
-        Grid(0.0, 0.0, float("inf"), 1.0, 2, 2),
-        Grid(0.0, 0.0, 1e300, 1.0, 2, 2),
-    ]:
+    areas = [(0, 0, end, 1) for end in (0.0, float("nan"), float("inf"), 1e300)]
+    for area, columns in [*((area, 2) for area in areas), ((0, 1, 1, 0), 2), ((0, 0, 1, 1), 1)]:
         with pytest.raises(InputError, match=r"expected|must be"):
-            list(terrain.grid(*grid.area, columns=grid.columns, rows=grid.rows))
+            list(terrain.grid(*area, columns=columns, rows=2))
 
 
 COMMON = {"id", "type", "x", "y", "radius", "strength", "painted"}
 
 
-@pytest.fixture
-def told(tmp_path, terrain):
+def test_points_rivers_and_types_are_written_exactly(tmp_path, terrain):
     (path,) = write_features(tmp_path, terrain.features)
-    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return result
-
-
-def test_points_rivers_and_types_are_written_exactly(told, terrain):
+    told = json.loads(path.read_text(encoding="utf-8"))
     assert list(told) == ["format", "features", "splines", "lakes"]
     assert told["format"] == 1
 

@@ -121,12 +121,8 @@ def test_the_fill_is_edited_and_keeps_clear_of_what_was_moved(sketch, painted):
     fill = Fill(sketch, painted, seed=sketch.seed)
     there = fill.within(0, 0, *sketch.size)
     first, second, third = (int(name) for name in there["id"][:3])
-    edits = [
-        Edit("delete", first),
-        Edit("move", second, x=10.0, y=10.0),
-        lock_of(there[2]),
-        Edit("delete", int(FILL_BIT) + 1),
-    ]
+    edits = [Edit("delete", first), Edit("move", second, x=10.0, y=10.0)]
+    edits += [lock_of(there[2]), Edit("delete", int(FILL_BIT) + 1)]
     edited = edited_fill(fill, edits, size=sketch.size)
     assert edited.points["id"].tolist() == [second, third]
     assert edited.points[1].tobytes() == there[2].tobytes()
@@ -213,10 +209,8 @@ def test_a_river_gets_the_width_that_it_is_given_and_its_tributary_lives_without
 def test_edits_without_their_river_or_lake_are_orphans(sketch):
     lost = (4 << 48) + 1
     edits = [Edit("width", lost, width=5.0), Edit("delete", lost), Edit("width", 7, width=5.0)]
-    orphans = make_recipe(sketch.replace(edits=tuple(edits))).orphans
-    assert set(orphans) == {
-        f"{edit.action} of river {edit.feature}: there is no such river any more" for edit in edits
-    }
+    expected = {f"{edit.action} of river {edit.feature}: there is no such river any more" for edit in edits}
+    assert {*make_recipe(sketch.replace(edits=tuple(edits))).orphans} == expected
     stem, _ = _stem_and_tributary(_rivers(sketch)[0])
     edited = sketch.with_edit(Edit("resize", stem.id, radius=5.0))
     edited = edited.with_edit(Edit("move_point", stem.id, index=99_999, x=0.0, y=0.0))

@@ -32,8 +32,7 @@ def test_hashes_depend_on_every_key_and_are_even_uncorrelated_and_smooth():
     assert hashed(0, "a", -1) == hashed(0, "a", np.array(-1))
 
     values = unit(1, "even", np.arange(100_000))
-    assert values.min() >= 0.0
-    assert values.max() < 1.0
+    assert 0.0 <= values.min() < values.max() < 1.0
     counts = np.bincount((values * 20).astype(int), minlength=20)
     assert np.abs(counts - 5000).max() < 5 * np.sqrt(5000)
     values = values - 0.5
@@ -66,10 +65,9 @@ def test_profiles_fall_from_one_to_zero_and_show_a_quarter_of_the_label_where_th
     share = np.array([0.36, 0.6, 1.0])
     at = shown_at("hill", share, np.zeros(3), 0.8)
     assert share * hill_profile(at, flank(0.8)) == pytest.approx(np.full(3, SHOWN), abs=1e-6)
-    sharp = shown_at("mountain", share, np.array([0.0, 0.5, 1.0]), 1.0)
-    assert share * mountain_profile(sharp, np.array([0.0, 0.5, 1.0]), flank(1.0)) == pytest.approx(
-        np.full(3, SHOWN), abs=1e-6
-    )
+    peaks = np.array([0.0, 0.5, 1.0])
+    shown = share * mountain_profile(shown_at("mountain", share, peaks, 1.0), peaks, flank(1.0))
+    assert shown == pytest.approx(np.full(3, SHOWN), abs=1e-6)
 
 
 def test_density_is_the_plain_sum_also_of_groups_and_of_nothing():
@@ -79,11 +77,8 @@ def test_density_is_the_plain_sum_also_of_groups_and_of_nothing():
     weight = cubic(np.linalg.norm(at[:, None] - points, axis=-1) / radius[:, None]) * sizes
     field = DensityField(points, sizes)
     np.testing.assert_allclose(field.total(at, radius), weight.sum(1), atol=1e-12)
-    np.testing.assert_allclose(
-        field.mean(values, at, radius),
-        (weight * values).sum(1) / np.maximum(weight.sum(1), 1e-300),
-        atol=1e-12,
-    )
+    mean = (weight * values).sum(1) / np.maximum(weight.sum(1), 1e-300)
+    np.testing.assert_allclose(field.mean(values, at, radius), mean, atol=1e-12)
     assert cubic(np.array([0.0, 0.5, 1.0, 2.0])).tolist() == [1.0, 0.5, 0.0, 0.0]
 
     field = DensityField(np.zeros((0, 2)), np.zeros(0))
@@ -142,8 +137,7 @@ def test_only_unpainted_mountains_have_crests_of_all_lengths_and_directions_that
 
     east, north = crests(points("mountain", painted=False)).T
     length = np.hypot(east, north)
-    assert length.min() >= 0.15
-    assert length.max() <= 0.45
+    assert 0.15 <= length.min() < length.max() <= 0.45
     assert abs(length.mean() - 0.3) < 0.01
     turn = np.arctan2(north, east) / np.pi
     assert np.histogram(turn, 8, (0, 1))[0].min() > 200

@@ -113,11 +113,11 @@ def test_a_river_crosses_springs_or_ends_in_a_mountain_at_a_position():
     # Above the ground it cuts nothing.
     assert told(sketch((10, 20)), ground=-5.0) == ("river 1 crosses mountain 1: valley cut 0 m",)
 
-    (crosses,) = resolved(sketch((10, 20)))
-    assert (crosses.x, crosses.y) == (145.0, 200.0)
-    (begins,) = resolved(sketch((0, 10)))
-    assert (begins.x, begins.y) == (X[0], 200.0)
-    (ends,) = resolved(sketch((30, 40)))
-    assert (ends.x, ends.y) == (X[-1], 200.0)
-    (all_of_it,) = resolved(sketch((0, 40)))
-    assert all_of_it.x == X[(len(X) - 1) // 2]
+    for columns, x in (
+        ((10, 20), 145.0),
+        ((0, 10), X[0]),
+        ((30, 40), X[-1]),
+        ((0, 40), X[(len(X) - 1) // 2]),
+    ):
+        (found,) = resolved(sketch(columns))
+        assert (found.x, found.y) == (x, 200.0), columns

@@ -23,12 +23,8 @@ def image(*rows):
 
 def test_diagonal_neighbours_are_one_shape_and_other_labels_are_others():
     shapes = label_shapes("hill", image("1..2", ".1.2", "..13", "1..."))
-    assert [(shape.label, shape.area, shape.id) for shape in shapes] == [
-        (1, 3, 0),
-        (2, 2, 3),
-        (3, 1, 11),
-        (1, 1, 12),
-    ]
+    found = [(shape.label, shape.area, shape.id) for shape in shapes]
+    assert found == [(1, 3, 0), (2, 2, 3), (3, 1, 11), (1, 1, 12)]
     picture = np.zeros((32, 40), np.uint8)
     picture[20, 30] = 5
     (shape,) = label_shapes("hill", picture)
@@ -258,8 +254,7 @@ def test_placed_features_are_sorted_painted_and_finite():
     assert np.all(np.diff(placed["id"].astype(object)) > 0)
     assert placed["painted"].all()
     assert set(placed["type"]) == {0, 1, 2, 3}
-    for field in ("x", "y", "radius", "strength"):
-        assert np.isfinite(placed[field]).all()
+    assert all(np.isfinite(placed[field]).all() for field in ("x", "y", "radius", "strength"))
     np.testing.assert_array_equal(placed, place(sketch(0.3, **layers), seed=3))
 
 

@@ -35,13 +35,9 @@ def _painted():
     image = np.zeros((20, 30), dtype=np.uint8)
     image[3:9, 4:20] = 1
     image[12:18, 4:20] = 200
-    return Sketch(
-        name='A "valley"',
-        extent=1234.5,
-        seed=2**63 - 1,
-        layers={"mountain": image, "river": image[::-1] // 200},
-        labels={("mountain", 1): {"height": 0.1 + 0.2 + 1}, ("mountain", 200): {}},
-    )
+    layers = {"mountain": image, "river": image[::-1] // 200}
+    labels = {("mountain", 1): {"height": 0.1 + 0.2 + 1}, ("mountain", 200): {}}
+    return Sketch(name='A "valley"', extent=1234.5, seed=2**63 - 1, layers=layers, labels=labels)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15, deadline=None)

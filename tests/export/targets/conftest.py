@@ -43,14 +43,9 @@ def corner():
     river[2:54, 8:10] = 1
     lake[50:58, 4:16] = 1
     forest[40:56, 34:52] = 1
-    return st.Sketch(
-        name="High corner",
-        extent=1024.0,
-        seed=5,
-        ground={"relief": 5.0},
-        layers={"mountain": mountain, "river": river, "lake": lake, "forest": forest},
-        labels={("mountain", 1): {"height": 500.0}},
-    )
+    layers = {"mountain": mountain, "river": river, "lake": lake, "forest": forest}
+    given = {"ground": {"relief": 5.0}, "layers": layers, "labels": {("mountain", 1): {"height": 500.0}}}
+    return st.Sketch(name="High corner", extent=1024.0, seed=5, **given)
 
 
 @pytest.fixture(scope="session")

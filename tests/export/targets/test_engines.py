@@ -148,12 +148,10 @@ def test_heights_are_those_of_the_terrain_where_the_engine_puts_them(terrain, ex
             assert off <= (tile.step / 2 + 1e-4 if tile.step else 0.0), (target, options)
 
 
-def test_the_mountain_is_in_the_north_east_and_normals_follow_the_slopes(exported):
+def test_normals_follow_the_slopes(exported):
     for target, options in ENGINES.items():
         outcome = exported(target, **options)
         (tile,) = IMPORT[target](outcome)
-        row, column = np.unravel_index(tile.height.argmax(), tile.height.shape)
-        assert tile.east[column] > 700.0 < tile.north[row], target
         northward, eastward = np.gradient(tile.height, tile.north, tile.east)
         with Image.open(outcome.folder / "high_corner_normal.png") as image:
             normal = np.asarray(image) / 127.5 - 1.0  # images show north at the top
@@ -312,8 +310,6 @@ def test_waters_are_the_terrains_along_the_engines_axes(terrain, exported):
         outline = world(told["axes"], np.array(area["outline"][0]))
         np.testing.assert_allclose(outline[:, 2], lake.level, atol=1e-3 * unit)
         assert unit * area["level"] == pytest.approx(lake.level, abs=1e-3 * unit), target
-        assert (outline[:, 1] < 300.0).all(), target
-    assert river.centreline[0, 1] > 700.0 > 300.0 > river.centreline[-1, 1]
 
 
 def test_unreal_components_and_the_z_scale_follow_the_guide(corner, exported, tmp_path):

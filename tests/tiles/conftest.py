@@ -125,6 +125,15 @@ def go(stream, view, *, elapsed=1 / 30, tiles=6):
     return stream.advance(view, elapsed=elapsed)
 
 
+def rested(stream, view, *, tiles):
+    """Frames until a still eye needs no more tiles."""
+    for _ in range(250):
+        draws = go(stream, view, tiles=tiles)
+        if stream.settled:
+            return draws
+    raise AssertionError("it never settled")
+
+
 def limited(stream, tiles):
     """Let a stream believe that just so many tiles fit into a second."""
     stream._cost.fitting = lambda levels, budget: min(tiles, len(levels))
@@ -136,6 +145,11 @@ def rim(edges, view):
     """Which open edges (n, 2, 3) lie where nothing needs to be drawn any more."""
     away = edges[:, :, :2] * (EXTENT / LATTICE) - np.array(view.eye[:2])
     return (np.linalg.norm(away, axis=-1) > view.draw_distance * 0.999).all(axis=1)
+
+
+def is_whole(draws, view):
+    """Nothing is open but the rim."""
+    return rim(open_edges(drawn_triangles(draws, QUADS)), view).all()
 
 
 @pytest.fixture(scope="session")

@@ -85,15 +85,9 @@ def test_no_cracks_and_no_pops_while_it_streams_and_flies(toy, eye):
             # Levels differ by what is rough, twice for both ends.
             most = 2 * toy.roughness(min(levels)) * (1 / 30) / MORPH_SECONDS[0]
             assert np.abs(now - before).max() <= most * 1.001
-            here = draws.levels.max()
-            assert here >= ROOT_LEVEL
         before = now
     assert len(levels) > 4
-    for _ in range(200):
-        draws = toy.go(stream, toy.view_from(eye), tiles=9)
-        if stream.settled:
-            break
-    assert stream.settled
+    draws = toy.rested(stream, toy.view_from(eye), tiles=9)
     settled = toy.new_stream(metric=ScreenError(6.0, quad=1e9)).settle(toy.view_from(eye), toy.generate)
     assert sorted(settled.keys) == sorted(draws.keys), "the way there must not matter"
     order, other = np.argsort(codes_of(settled.keys)), np.argsort(codes_of(draws.keys))
@@ -133,7 +127,7 @@ def test_a_pool_that_is_too_small_allows_more_error_and_never_a_hole(toy):
     draws = toy.go(stream, view)
     assert stream.relaxed > 1
     assert stream.pool.held <= 300
-    assert toy.rim(toy.open_edges(toy.drawn_triangles(draws, toy.QUADS)), view).all()
+    assert toy.is_whole(draws, view)
 
 
 @pytest.mark.slow
@@ -147,12 +141,8 @@ def test_walking_far_keeps_to_the_slots_and_forgets_what_is_behind(toy):
         view = toy.view_from(eye)
         draws = toy.go(stream, view, tiles=40)
     assert stream.pool.held <= 800
-    assert toy.rim(toy.open_edges(toy.drawn_triangles(draws, toy.QUADS)), view).all()
-    for _ in range(250):
-        toy.go(stream, toy.view_from(eye), tiles=40)
-        if stream.settled:
-            break
-    assert stream.settled
+    assert toy.is_whole(draws, view)
+    toy.rested(stream, toy.view_from(eye), tiles=40)
     assert 0.5 * at_first < len(stream._tree.codes) < 2 * at_first
 
 
@@ -174,31 +164,10 @@ def test_far_from_the_origin_the_same_ground_gives_the_same_tiles(toy):
     assert np.abs(here.morph - there.morph).max() < 1e-5
 
 
-def test_parents_come_before_children(toy):
-    stream = toy.new_stream()
-    view = toy.view_from(EYES[0])
-    known = set()
-    for _ in range(200):
-        batch = stream.plan(view, budget=np.inf)
-        if not batch:
-            break
-        for key, parent in zip(batch.keys, batch.parents, strict=True):
-            if key.level == ROOT_LEVEL:
-                assert parent == -1
-            else:
-                assert (key.level - 1, key.col >> 1, key.row >> 1) in known
-                assert parent >= 0
-        known |= set(batch.keys)
-        stream.arrived(batch, toy.generate(batch), seconds=0.01)
-    assert max(key.level for key in known) > 2
-
-
 def test_invalid_numbers_are_refused(toy):
     for options, expected in (
-        ({"quads": 48}, "power of two"),
-        ({"quads": 512}, "power of two"),
-        ({"finest_cell": 0.0}, "finest cell > 0"),
-        ({"slots": 0}, "1 tile"),
+        *(({"quads": 48}, "power of two"), ({"quads": 512}, "power of two")),
+        *(({"finest_cell": 0.0}, "finest cell > 0"), ({"slots": 0}, "1 tile")),
     ):
         with pytest.raises(InputError, match=expected):
             TileStream(toy.EXTENT, **{"quads": 4, **options})
@@ -216,7 +185,6 @@ def test_only_tiles_hidden_by_nearer_ground_are_left_out(toy):
     )
     assert set(seen.keys) < set(every.keys)
     gone = [i for i, key in enumerate(every.keys) if key not in set(seen.keys)]
-    triangles = toy.drawn_triangles(seen, toy.QUADS)
     lattice = toy.LATTICE / toy.EXTENT
     eye = np.array(view.eye) * [lattice, lattice, 1.0]
     hidden = toy.drawn_triangles(every, toy.QUADS)
@@ -228,17 +196,13 @@ def test_only_tiles_hidden_by_nearer_ground_are_left_out(toy):
         ray = eye + np.geomspace(1e-3, 0.999, 400)[:, None] * (np.array([col, row, top]) - eye)
         ground = toy.surface_at(hidden, ray[:, 0], ray[:, 1])
         assert (ground > ray[:, 2]).any(), "a ray from the eye reaches a tile that was left out"
-    assert len(triangles) < len(hidden)
+    assert len(toy.drawn_triangles(seen, toy.QUADS)) < len(hidden)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "steps"),
-    [
-        ((390.0, 0.0, 0.0), 60),
-        pytest.param((130.0, 0.0, 0.0), 260, marks=pytest.mark.slow),
-        pytest.param((-90.0, 140.0, 0.0), 260, marks=pytest.mark.slow),
-    ],
+    [((390.0, 0.0, 0.0), 60), ((130.0, 0.0, 0.0), 260), ((-90.0, 140.0, 0.0), 260)],
 )
 def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_eye(toy, way, steps):
     """Tiles out of view are not balanced, and must not keep those in view from refinement."""
@@ -253,12 +217,7 @@ def test_a_long_walk_with_a_short_view_ends_with_the_tiles_of_a_still_eye(toy, w
     for _ in range(steps):
         eye += np.array(way)
         toy.go(stream, short(eye), tiles=40)
-    for _ in range(200):
-        draws = toy.go(stream, short(eye), tiles=40)
-        if stream.settled:
-            break
-    assert stream.settled
+    draws = toy.rested(stream, short(eye), tiles=40)
     alone = toy.new_stream(metric=metric).settle(short(eye), toy.generate)
     assert sorted(alone.keys) == sorted(draws.keys)
-    triangles = toy.drawn_triangles(draws, toy.QUADS)
-    assert toy.rim(toy.open_edges(triangles), short(eye)).all()
+    assert toy.is_whole(draws, short(eye))

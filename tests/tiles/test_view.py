@@ -1,10 +1,11 @@
-"""Views, metrics of detail, codes of tiles, and what batches of them cost."""
+"""Views, borders, horizon, metrics of detail, codes of tiles, and what batches of them cost."""
 
 import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.tiles import QuadLength, ScreenError, View, inside_frustum
+from sketchterrain.tiles import QuadLength, ScreenError, View, inside_frustum, morph_weights, tile_indices
+from sketchterrain.tiles.borders import EAST, NORTH, PARENT, SOUTH, WEST
 from sketchterrain.tiles.codes import (
     AROUND,
     Boxes,
@@ -18,14 +19,17 @@ from sketchterrain.tiles.codes import (
     parent_of,
     parents_around,
 )
+from sketchterrain.tiles.horizon import behind_ground
 from sketchterrain.tiles.metrics import screen_errors
 from sketchterrain.tiles.schedule import CostModel
 
 KEYS = [TileKey(0, 0, 0), TileKey(-6, -3, 2), TileKey(9, 511, -512), TileKey(14, -(6 * 10**7), 6 * 10**7)]
 
 
-def box(west, east, south, north, bottom, top):
-    return Boxes(np.array([[west, south, bottom]], float), np.array([[east, north, top]], float))
+def boxes(*sides):
+    """Boxes from west, east, south, north, bottom and top."""
+    west, east, south, north, bottom, top = np.array(sides, np.float64).T
+    return Boxes(np.stack([west, south, bottom], -1), np.stack([east, north, top], -1))
 
 
 def test_frusta_hold_what_touches_them_and_move_with_their_view():
@@ -42,15 +46,14 @@ def test_frusta_hold_what_touches_them_and_move_with_their_view():
 
 def test_metrics_count_distance_and_slant_in_units_of_their_limits():
     view = View((0.0, 0.0, 0.0), np.zeros((0, 4)), 1000.0)
-    level = box(100, 100, 0, 0, 0, 0)
+    level = boxes((100, 100, 0, 0, 0, 0))
     assert screen_errors(view, level, np.array([2.0])) == pytest.approx(20.0)
-    below = box(0, 0, 0, 0, -100, -100)
+    below = boxes((0, 0, 0, 0, -100, -100))
     assert screen_errors(view, below, np.array([2.0])) == pytest.approx(0.0)
-    slanting = box(100, 100, 0, 0, -100, -100)
+    slanting = boxes((100, 100, 0, 0, -100, -100))
     assert screen_errors(view, slanting, np.array([2.0])) == pytest.approx(10.0)
 
-    view = View((0.0, 0.0, 0.0), np.zeros((0, 4)), 1000.0)
-    far = box(400, 400, 0, 0, 0, 0)
+    far = boxes((400, 400, 0, 0, 0, 0))
     errors, cells = np.array([1.0]), np.array([8.0])
     assert ScreenError(2.5, quad=1e9).excess(view, far, errors, cells) == pytest.approx(1.0)
     assert ScreenError(1e9, quad=20.0).excess(view, far, errors, cells) == pytest.approx(1.0)
@@ -58,13 +61,13 @@ def test_metrics_count_distance_and_slant_in_units_of_their_limits():
     for metric in (ScreenError(), QuadLength()):
         twice = metric.coarser(2.0).excess(view, far, errors, cells)
         assert twice == pytest.approx(metric.excess(view, far, errors, cells) / 2)
-    for metric, options in (
-        (ScreenError, {"tolerance": 0.0}),
-        (ScreenError, {"quad": -1.0}),
-        (QuadLength, {"factor": 0.0}),
+    for metric, option, value in (
+        (ScreenError, "tolerance", 0),
+        (ScreenError, "quad", -1),
+        (QuadLength, "factor", 0),
     ):
         with pytest.raises(InputError, match="expected"):
-            metric(**options)
+            metric(**{option: value})
 
 
 def test_codes_name_places_their_neighbours_and_shared_controls():
@@ -142,3 +145,129 @@ def test_old_and_wide_tiles_make_no_others_dear_and_one_is_always_made():
     assert model.expected(np.zeros(10)) == pytest.approx(0.005, rel=0.15)
     assert model.fitting(np.full(20, -4), 0.02) in (2, 3)
     assert model.fitting(np.zeros(64), 0.007) >= 10
+
+
+QUADS = (2, 4, 8, 64)
+
+
+def triangles_of(quads, case):
+    indices, first, count = tile_indices(quads)
+    return indices[first[case] : first[case] + count[case]].reshape(-1, 3).astype(np.int64)
+
+
+def places(triangles, quads):
+    """x east and y north of the corners, in quads."""
+    return triangles % (quads + 1), quads - triangles // (quads + 1)
+
+
+def doubled_areas(x, y):
+    return (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+
+
+def test_triangles_of_each_case_fill_the_tile_once_and_drop_vertices_on_coarser_borders():
+    for quads, case in ((quads, case) for quads in QUADS for case in range(16)):
+        name = f"{quads} quads, case {case}"
+        triangles = triangles_of(quads, case)
+        areas = doubled_areas(*places(triangles, quads))
+        assert (areas > 0).all(), name
+        assert areas.sum() == 2 * quads**2, name
+        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        forward, backward = edges @ [1 << 32, 1], edges @ [1, 1 << 32]
+        x, y = places(edges[~np.isin(forward, backward)], quads)
+        sides = (NORTH, y == quads), (SOUTH, y == 0), (WEST, x == 0), (EAST, x == quads)
+        on = {border: flags.all(1) for border, flags in sides}
+        assert sum(flags.sum() for flags in on.values()) == len(x), name
+        for border, flags in on.items():
+            length = np.abs(np.diff(x[flags], axis=1)) + np.abs(np.diff(y[flags], axis=1))
+            assert (length == (2 if case & border else 1)).all(), name
+
+
+def test_a_tile_that_shows_its_parent_has_its_parents_very_surface():
+    for quads in QUADS:
+        triangles = triangles_of(quads, PARENT)
+        assert len(triangles) == quads**2 // 2
+        x, y = places(triangles, quads)
+        assert not (x % 2).any()
+        assert not (y % 2).any()
+        assert (doubled_areas(x, y) == 4).all()
+
+    # So a tile that shows its parent's heights shows its parent's very surface.
+    quads = 8
+    for case in (0, NORTH | EAST, SOUTH | WEST, NORTH | WEST, SOUTH | EAST):
+        x, y = places(triangles_of(quads, case), quads)
+        # Twice the middle of each triangle, and its corners, from the north-west of the parent's quad.
+        column, row = (x.sum(axis=1) // 6, (3 * quads - y.sum(axis=1)) // 6)
+        east, south = x - 2 * column[:, None], quads - y - 2 * row[:, None]
+        assert (((east >= south).all(axis=1)) | ((east <= south).all(axis=1))).all(), case
+        assert (east.min() >= 0) & (south.min() >= 0) & (east.max() <= 2) & (south.max() <= 2), case
+    for quads in (0, 1, 7):
+        with pytest.raises(InputError, match="even number"):
+            tile_indices(quads)
+
+
+def test_morph_weights_equal_the_controls_at_their_places_and_agree_on_borders():
+    controls = np.random.default_rng(5).random((40, 3, 3)).astype(np.float32)
+    controls[:20, :, 0] = 1.0
+    weights = morph_weights(controls, 64)
+    assert (weights[:, ::32, ::32] == controls).all()
+    assert (weights[:20, :, 0] == 1.0).all()
+    other = morph_weights(controls[:, :, ::-1].copy(), 64)
+    assert (other[:, :, 64] == weights[:, :, 0]).all(), "both sides of a border compute the same bits"
+    assert ((weights >= 0) & (weights <= 1)).all()
+    assert np.abs(np.diff(weights, axis=2)).max() <= 1 / 16 + 1e-6
+
+
+HILL = (100, 200, -100, 100, 60, 80)
+CASES = {
+    "low ground behind a hill": (
+        10.0,
+        (HILL, (400, 500, -50, 50, 0, 30), (400, 500, -50, 50, 0, 400), (400, 500, 600, 700, 0, 30)),
+        [False, True, False, False],
+    ),
+    "ground before a hill": (10.0, (HILL, (20, 60, -10, 10, 0, 5)), [False, False]),
+    "ground partly beside a hill": (10.0, (HILL, (400, 500, 300, 460, 0, 30)), [False, False]),
+    "the ground under the eye": (10.0, ((-50, 50, -50, 50, 0, 9), (60, 70, 0, 10, 0, 5)), [False, False]),
+    "due west, where bearings go from +180° to -180°": (
+        10.0,
+        ((-200, -100, -100, 100, 60, 80), (-500, -400, -50, 50, 0, 30)),
+        [False, True],
+    ),
+    "a low hill seen from above": (
+        500.0,
+        ((1000, 1100, -800, 800, 300, 310), (1300, 1400, -50, 50, 0, 5), (5000, 5100, -50, 50, 0, 5)),
+        [False, False, False],
+    ),
+    "close behind a high hill seen from above": (
+        500.0,
+        ((900, 1000, -200, 200, 480, 490), (1300, 1350, -50, 50, 0, 5)),
+        [False, True],
+    ),
+}
+
+
+def test_only_ground_wholly_behind_nearer_ground_is_hidden():
+    for name, (height, ground, hidden) in CASES.items():
+        view = View((0.0, 0.0, height), np.zeros((0, 4)), 1000.0)
+        assert behind_ground(view, boxes(*ground)).tolist() == hidden, name
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
+def test_no_ray_reaches_a_hidden_box(seed):
+    """Columns of ground on a grid; rays from the eye to the tops of hidden ones all pass through another."""
+    rng = np.random.default_rng(seed)
+    width, n = 50.0, 24
+    col, row = np.meshgrid(np.arange(-n, n), np.arange(-n, n))
+    west, south = col.ravel() * width, row.ravel() * width
+    bottom = 40.0 * rng.random(west.size) ** 3
+    top = bottom + 10.0 * rng.random(west.size)
+    eye = np.array([rng.uniform(-20, 20), rng.uniform(-20, 20), 30.0])
+    ground = boxes(*zip(west, west + width, south, south + width, bottom, top, strict=True))
+    hidden = behind_ground(View(tuple(eye), np.zeros((0, 4)), 1000.0), ground)
+    assert hidden.sum() > 20
+    along = np.linspace(0.0, 1.0, 4000)[1:-1]
+    for index in rng.choice(np.flatnonzero(hidden), 20, replace=False):
+        x, y = west[index] + rng.random() * width, south[index] + rng.random() * width
+        target = np.array([x, y, top[index]])
+        ray = eye + along[:, None] * (target - eye)
+        i = ((ray[:, 1] // width + n) * 2 * n + ray[:, 0] // width + n).astype(int)
+        assert ((ray[:, 2] < bottom[i]) & (i != index)).any()

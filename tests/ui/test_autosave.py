@@ -1,7 +1,5 @@
 """What is kept in case of a crash, by whom, until when; saving beside the window; recent sketches."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
@@ -43,13 +41,11 @@ def left_by_a_crash(folder: Path, sketch: Sketch, original: Path | None = None) 
     return path
 
 
-def seed(document: Document, number: int) -> None:
+def seed(document: Document, number: int):
     document.do("Seed", document.sketch.replace(seed=number))
 
 
-def test_a_modified_document_is_kept_and_dropped_when_it_is_saved(
-    document, autosave, qtbot, tmp_path
-) -> None:
+def test_a_modified_document_is_kept_and_dropped_when_it_is_saved(document, autosave, qtbot, tmp_path):
     qtbot.wait(100)
     assert not autosave.path.exists()
     seed(document, 5)
@@ -63,7 +59,7 @@ def test_a_modified_document_is_kept_and_dropped_when_it_is_saved(
     qtbot.waitUntil(lambda: not autosave.path.exists())
 
 
-def test_steps_without_a_pause_are_kept_at_the_interval(document, autosave, qtbot) -> None:
+def test_steps_without_a_pause_are_kept_at_the_interval(document, autosave, qtbot):
     found = set()
     start = time.monotonic()
     for number in range(1, 10_000):
@@ -77,7 +73,7 @@ def test_steps_without_a_pause_are_kept_at_the_interval(document, autosave, qtbo
     assert time.monotonic() - start < 10
 
 
-def test_a_clean_end_leaves_nothing(document, folder) -> None:
+def test_a_clean_end_leaves_nothing(document, folder):
     autosave = Autosave(document, folder)
     seed(document, 5)
     autosave.keep()
@@ -91,7 +87,7 @@ def test_a_clean_end_leaves_nothing(document, folder) -> None:
     assert not (folder / "never").exists()
 
 
-def test_what_another_program_left_is_found_opened_and_discarded(document, autosave, folder, qtbot) -> None:
+def test_what_another_program_left_is_found_opened_and_discarded(document, autosave, folder, qtbot):
     sketch = document.sketch.replace(seed=77, name="Lost")
     old = left_by_a_crash(folder, document.sketch)
     path = left_by_a_crash(folder, sketch, Path("/home/valley.sketch"))
@@ -112,7 +108,7 @@ def test_what_another_program_left_is_found_opened_and_discarded(document, autos
 
 
 @pytest.mark.parametrize("name", ["valley", "valley.sketch"])
-def test_what_was_saved_after_it_was_kept_is_told(document, autosave, folder, tmp_path, name) -> None:
+def test_what_was_saved_after_it_was_kept_is_told(document, autosave, folder, tmp_path, name):
     original = tmp_path / name
     left_by_a_crash(folder, document.sketch, original)
     assert not autosave.recoverable()[0].was_saved_since
@@ -122,7 +118,7 @@ def test_what_was_saved_after_it_was_kept_is_told(document, autosave, folder, tm
     assert [each.was_saved_since for each in autosave.recoverable()] == [False, True]
 
 
-def test_what_was_not_discarded_is_left_to_the_next_program(document, folder) -> None:
+def test_what_was_not_discarded_is_left_to_the_next_program(document, folder):
     path = left_by_a_crash(folder, document.sketch)
     first = Autosave(document, folder)
     assert [each.path for each in first.recoverable()] == [path]
@@ -134,7 +130,7 @@ def test_what_was_not_discarded_is_left_to_the_next_program(document, folder) ->
     assert path.exists()
 
 
-def test_what_a_living_program_keeps_is_not_taken(document, folder) -> None:
+def test_what_a_living_program_keeps_is_not_taken(document, folder):
     program = (
         "import sys, time; from pathlib import Path\n"
         "from sketchterrain.sketch import Sketch\n"
@@ -155,7 +151,7 @@ def test_what_a_living_program_keeps_is_not_taken(document, folder) -> None:
     autosave.close()
 
 
-def test_stale_locks_are_removed_and_foreign_files_left_alone(document, autosave, folder, tmp_path) -> None:
+def test_stale_locks_are_removed_and_foreign_files_left_alone(document, autosave, folder, tmp_path):
     folder.mkdir()
     (folder / "1-dead.lock").touch()
     (folder / "2-strange.sketch").write_bytes(b"not a zip")
@@ -175,7 +171,7 @@ def test_stale_locks_are_removed_and_foreign_files_left_alone(document, autosave
     again.remove()
 
 
-def test_an_unwritable_folder_is_reported_once(document, tmp_path) -> None:
+def test_an_unwritable_folder_is_reported_once(document, tmp_path):
     (tmp_path / "recovery").write_text("a file")
     autosave = Autosave(document, tmp_path / "recovery")
     told: list[str] = []
@@ -210,10 +206,10 @@ def same(a: Sketch, b: Sketch) -> bool:
     return a.seed == b.seed and all((a.layers[name] == b.layers[name]).all() for name in LAYERS)
 
 
-def test_work_is_done_in_order_and_the_newest_of_a_purpose_wins(background, qtbot) -> None:
+def test_work_is_done_in_order_and_the_newest_of_a_purpose_wins(background, qtbot):
     begun, go, did, told = Event(), Event(), [], []
 
-    def first() -> None:
+    def first():
         begun.set()
         assert go.wait(10)
         did.append("first")
@@ -237,7 +233,7 @@ def test_work_is_done_in_order_and_the_newest_of_a_purpose_wins(background, qtbo
 
 def test_saving_returns_at_once_and_the_document_is_saved_beside_the_window(
     document, saving, qtbot, tmp_path
-) -> None:
+):
     document.do("Seed", document.sketch.replace(seed=4))
     path = tmp_path / "valley.sketch"
     with qtbot.waitSignal(saving.saved) as signal:
@@ -253,7 +249,7 @@ def test_saving_returns_at_once_and_the_document_is_saved_beside_the_window(
     assert time.process_time() - start < 0.02
 
 
-def test_the_newest_state_is_saved_and_every_place_that_was_asked_for(document, saving, tmp_path) -> None:
+def test_the_newest_state_is_saved_and_every_place_that_was_asked_for(document, saving, tmp_path):
     for path in (tmp_path / "folder", tmp_path / "zip.sketch"):
         for seed in range(20):
             document.do("Seed", document.sketch.replace(seed=seed))
@@ -271,7 +267,7 @@ def test_the_newest_state_is_saved_and_every_place_that_was_asked_for(document, 
     assert all(same(load_sketch(tmp_path / name), document.sketch) for name in ("a.sketch", "b.sketch", "c"))
 
 
-def test_steps_and_documents_that_come_meanwhile_stay_unsaved(document, saving, tmp_path) -> None:
+def test_steps_and_documents_that_come_meanwhile_stay_unsaved(document, saving, tmp_path):
     saving.save(tmp_path / "a.sketch")
     document.do("Seed", document.sketch.replace(seed=99))
     saving.wait()
@@ -287,7 +283,7 @@ def test_steps_and_documents_that_come_meanwhile_stay_unsaved(document, saving, 
     assert (tmp_path / "a.sketch").exists()
 
 
-def test_a_save_that_fails_is_told_in_a_line(document, saving, tmp_path) -> None:
+def test_a_save_that_fails_is_told_in_a_line(document, saving, tmp_path):
     told: list[str] = []
     saving.failed.connect(told.append)
     (tmp_path / "photo.png").write_bytes(b"mine")
@@ -302,7 +298,7 @@ def test_a_save_that_fails_is_told_in_a_line(document, saving, tmp_path) -> None
     assert saving.wait()
 
 
-def test_recent_files_are_newest_first_once_and_shared_by_programs(qapp, tmp_path) -> None:
+def test_recent_files_are_newest_first_once_and_shared_by_programs(qapp, tmp_path):
     file = tmp_path / "state" / "recent.json"
     recent = RecentFiles(file)
     changes = []
@@ -328,7 +324,7 @@ def test_recent_files_are_newest_first_once_and_shared_by_programs(qapp, tmp_pat
     assert RecentFiles(tmp_path / "recent.json").paths == (Path("/c"), Path("/b"), Path("/a"))
 
 
-def test_broken_and_unwritable_lists_of_recent_files_count_as_empty(qapp, tmp_path) -> None:
+def test_broken_and_unwritable_lists_of_recent_files_count_as_empty(qapp, tmp_path):
     for content in ["", "{}", "[1, null]", "\x00", json.dumps([["/a"]])]:
         file = tmp_path / "recent.json"
         file.write_text(content)

@@ -22,7 +22,7 @@ def folder(tmp_path):
     return tmp_path / "state" / "bookmarks"
 
 
-def test_they_are_kept_by_path(document, folder, tmp_path) -> None:
+def test_they_are_kept_by_path(document, folder, tmp_path):
     one, other = tmp_path / "one.sketch", tmp_path / "other.sketch"
     bookmarks = Bookmarks(document, folder)
     bookmarks.add(Bookmark("Summit", HERE, "walk", b"jpeg"))
@@ -50,7 +50,7 @@ def written(**changes) -> bytes:
     return json.dumps({"bookmarks": [good | changes]}).encode()
 
 
-def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path) -> None:
+def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path):
     wrong = (
         *({"target": [0, 0, 0]}, {"eye": [0, 0, float("nan")]}, {"eye": [0, 0]}),
         *({"mode": "swim"}, {"fov": 0}, {"picture": "?"}),
@@ -70,7 +70,7 @@ def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path) -> None:
         assert [each.name for each in bookmarks.all] == ["b"], content
 
 
-def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path) -> None:
+def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path):
     folder.parent.mkdir()
     folder.write_text("a file stands where the folder should")
     bookmarks = Bookmarks(document, folder)
@@ -91,7 +91,7 @@ def panel(qtbot, document, folder, link):
     return widget
 
 
-def picture(link, pose: Pose = HERE) -> None:
+def picture(link, pose: Pose = HERE):
     link.picture = QImage(320, 240, QImage.Format.Format_RGB32)
     link.picture.fill(QColor(200, 60, 20))
     link.frame = FrameFacts(320, 240, 1, pose, (0.0,) * 16, 0.1, 0.0, 1, 1, True, 1)
@@ -102,7 +102,7 @@ def buttons(panel) -> dict[str, QToolButton]:
     return {each.accessibleName().split()[0]: each for each in panel.findChildren(QToolButton)}
 
 
-def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link) -> None:
+def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link):
     assert not buttons(panel)["Keep"].isEnabled()
     panel.add()
     assert panel.findChildren(QListWidget)[0].count() == 0
@@ -128,7 +128,7 @@ def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link) -> None:
     assert link.view.mode == "walk"
 
 
-def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link) -> None:
+def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link):
     picture(link)
     panel.add()
     panel.add()

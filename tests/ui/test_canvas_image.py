@@ -21,7 +21,7 @@ from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period, la
 from sketchterrain.ui.models.document import Document
 
 
-def test_a_fitted_sheet_is_whole_and_in_the_middle() -> None:
+def test_a_fitted_sheet_is_whole_and_in_the_middle():
     for size, sides in (((800, 600), (512, 512)), ((300, 900), (4096, 1024)), ((900, 300), (7, 5))):
         viewport = Viewport(*size, *sides).fitted(margin=20)
         width, height = viewport.sheet_size
@@ -38,12 +38,12 @@ def test_a_fitted_sheet_is_whole_and_in_the_middle() -> None:
     x=st.floats(-100.0, 700.0),
     y=st.floats(-100.0, 700.0),
 )
-def test_places_go_there_and_back(scale: float, left: int, top: int, x: float, y: float) -> None:
+def test_places_go_there_and_back(scale: float, left: int, top: int, x: float, y: float):
     viewport = Viewport(1000, 800, 512, 512, scale, left, top)
     assert viewport.to_sketch(*viewport.to_screen(x, y)) == pytest.approx((x, y), abs=1e-6)
 
 
-def test_the_sheet_is_never_lost() -> None:
+def test_the_sheet_is_never_lost():
     rng = random.Random(4)
     for sides in ((512, 512), (2048, 700), (3, 9), (16384, 16384)):
         viewport = Viewport(700, 500, *sides).fitted(margin=20)
@@ -97,7 +97,7 @@ def parts(pixels: np.ndarray) -> np.ndarray:
     return np.stack([pixels >> shift & 255 for shift in (16, 8, 0, 24)], axis=-1).astype(float)
 
 
-def test_colours_and_codes_are_those_of_the_layers_over_one_another() -> None:
+def test_colours_and_codes_are_those_of_the_layers_over_one_another():
     for labels in [2, 200]:
         layers = sketch_layers(300, 530, labels)
         pixels, codes = Flattening(layers.__getitem__, PAINTS).window(0, (0, 0, 300, 530))
@@ -115,7 +115,7 @@ def test_colours_and_codes_are_those_of_the_layers_over_one_another() -> None:
     assert distinct >= 0.97 * len(np.unique(key))
 
 
-def test_a_window_is_a_part_of_the_whole() -> None:
+def test_a_window_is_a_part_of_the_whole():
     layers = sketch_layers(700, 530, 3)
     flattening = Flattening(layers.__getitem__, PAINTS)
     for level in (0, 1, 2):
@@ -126,7 +126,7 @@ def test_a_window_is_a_part_of_the_whole() -> None:
         assert np.array_equal(part[1], whole[1][31:97, 17:101])
 
 
-def test_what_changed_is_made_anew() -> None:
+def test_what_changed_is_made_anew():
     layers = sketch_layers(700, 530, 3)
     flattening = Flattening(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
@@ -140,7 +140,7 @@ def test_what_changed_is_made_anew() -> None:
             assert np.array_equal(kept, made)
 
 
-def test_paint_where_nothing_was_is_seen_at_every_level() -> None:
+def test_paint_where_nothing_was_is_seen_at_every_level():
     layers = {name: np.zeros((2100, 3000), np.uint8) for name in "abc"}
     flattening = Flattening(layers.__getitem__, PAINTS)
     for level in (4, 2, 0):
@@ -156,7 +156,7 @@ def test_paint_where_nothing_was_is_seen_at_every_level() -> None:
         assert (columns.min(), columns.max()) == (1020 >> level, 1029 >> level)
 
 
-def test_a_thin_line_stays_visible_from_afar() -> None:
+def test_a_thin_line_stays_visible_from_afar():
     layers = {name: np.zeros((1000, 900), np.uint8) for name in "abc"}
     layers["b"][:, 333] = 1
     for level in range(6):
@@ -165,11 +165,11 @@ def test_a_thin_line_stays_visible_from_afar() -> None:
         assert ((codes > 0).sum(axis=1) == 1).all()
 
 
-def test_levels_have_pixels_as_large_as_the_screens() -> None:
+def test_levels_have_pixels_as_large_as_the_screens():
     assert [level_for(scale) for scale in (8.0, 1.0, 0.99, 0.5, 0.49, 0.25)] == [0, 0, 1, 1, 2, 2]
 
 
-def test_hatches_have_no_seam_and_differ() -> None:
+def test_hatches_have_no_seam_and_differ():
     for ratio in [1.0, 1.5, 2.0]:
         for kind in HATCHES:
             period = hatch_period(ratio)
@@ -187,7 +187,7 @@ def test_hatches_have_no_seam_and_differ() -> None:
         assert max(shared) < 0.93 * max(one.sum(), other.sum())
 
 
-def test_lines_are_drawn_where_codes_change() -> None:
+def test_lines_are_drawn_where_codes_change():
     table = HatchTable([LayerHatch("dots", (0, 0, 0), 0.0)], 1.0)
     codes = np.zeros((12, 12), np.uint16)
     codes[4:8, 5:9] = 1
@@ -243,12 +243,12 @@ def rgb(colour: QColor) -> np.ndarray:
     return np.array([colour.red(), colour.green(), colour.blue()], float)
 
 
-def quiet(workspace) -> None:
+def quiet(workspace):
     for name in ("relief", "features", "eye", "contradictions", "adherence"):
         workspace.show_overlay(name, False)
 
 
-def test_paint_has_the_colour_of_its_label(canvas, workspace) -> None:
+def test_paint_has_the_colour_of_its_label(canvas, workspace):
     for layer, label, column in (("mountain", 1, 18.0), ("lake", 2, 46.0)):
         workspace.set_look(layer, opacity=1.0)
         seen = around(canvas, column, 32.0)
@@ -259,7 +259,7 @@ def test_paint_has_the_colour_of_its_label(canvas, workspace) -> None:
         assert own < min(np.abs(seen - rgb(other)).sum() for other in others)
 
 
-def test_visibility_and_opacity_mix_paint_with_paper(canvas, workspace) -> None:
+def test_visibility_and_opacity_mix_paint_with_paper(canvas, workspace):
     bare = around(canvas, 32.0, 32.0, reach=3)
     assert np.abs(around(canvas, 18.0, 32.0) - bare).max() > 40.0
     workspace.set_look("mountain", visible=False)
@@ -272,7 +272,7 @@ def test_visibility_and_opacity_mix_paint_with_paper(canvas, workspace) -> None:
     assert far[0] < far[1] < far[2]
 
 
-def test_layers_are_told_apart_without_colour(canvas, workspace) -> None:
+def test_layers_are_told_apart_without_colour(canvas, workspace):
     workspace.set_look("mountain", opacity=1.0)
     workspace.set_look("lake", opacity=1.0)
     patterns = []
@@ -285,7 +285,7 @@ def test_layers_are_told_apart_without_colour(canvas, workspace) -> None:
     assert max(shared) < 0.6
 
 
-def test_painting_repaints_what_changed_and_nothing_is_left_behind(canvas, plain, workspace) -> None:
+def test_painting_repaints_what_changed_and_nothing_is_left_behind(canvas, plain, workspace):
     rng = random.Random(2)
     for zoom in (1.0, 0.11, 1.7, 9.0):
         canvas.fit()
@@ -306,7 +306,7 @@ def test_painting_repaints_what_changed_and_nothing_is_left_behind(canvas, plain
         assert np.array_equal(canvas._desk.document.layer("mountain"), plain.sketch.layers["mountain"])
 
 
-def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed) -> None:
+def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed):
     link.placed = Placed(1, placed.points[:12], (), ())
     canvas.zoom(2.0, QPointF(100.0, 100.0))
     rng = random.Random(3)
@@ -319,7 +319,7 @@ def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed) 
         assert np.abs(moved - pixels(canvas)).max() <= 2
 
 
-def test_the_relief_lies_beneath_the_paint_and_is_redrawn_where_it_changed(canvas, link, workspace) -> None:
+def test_the_relief_lies_beneath_the_paint_and_is_redrawn_where_it_changed(canvas, link, workspace):
     before = pixels(canvas)
     link.relief = Relief(1, 1, np.zeros((9, 9), np.float32), np.zeros((9, 9), np.uint8))
     link.relief_changed.emit(link.relief)
@@ -348,7 +348,7 @@ def test_the_relief_lies_beneath_the_paint_and_is_redrawn_where_it_changed(canva
     assert np.abs(kept - pixels(canvas)).max() <= 2
 
 
-def test_adherence_has_the_colours_of_the_report(canvas, link, workspace) -> None:
+def test_adherence_has_the_colours_of_the_report(canvas, link, workspace):
     quiet(workspace)
     painted = np.zeros((SIDE, SIDE), bool)
     painted[:32] = True
@@ -370,7 +370,7 @@ def test_adherence_has_the_colours_of_the_report(canvas, link, workspace) -> Non
     assert np.array_equal(before, pixels(canvas))
 
 
-def test_everything_that_can_lie_over_the_sketch_is_drawn(canvas, link, placed, workspace) -> None:
+def test_everything_that_can_lie_over_the_sketch_is_drawn(canvas, link, placed, workspace):
     quiet(workspace)
     link.placed = Placed(1, placed.points, placed.rivers, placed.lakes, (("a river crosses", 320.0, 320.0),))
     pose = Pose((100.0, 100.0, 50.0), (300.0, 300.0, 0.0))
@@ -383,7 +383,7 @@ def test_everything_that_can_lie_over_the_sketch_is_drawn(canvas, link, placed, 
         assert np.array_equal(before, pixels(canvas)), name
 
 
-def test_another_document_is_shown_whole(canvas, plain) -> None:
+def test_another_document_is_shown_whole(canvas, plain):
     canvas.zoom(5.0, QPointF(10.0, 10.0))
     layers = {name: np.zeros((40, 90), np.uint8) for name in LAYERS}
     plain.open(Sketch(layers=layers))
@@ -394,7 +394,7 @@ def test_another_document_is_shown_whole(canvas, plain) -> None:
     pixels(canvas)
 
 
-def test_places_of_the_mouse_are_those_of_the_sketch(canvas, monkeypatch) -> None:
+def test_places_of_the_mouse_are_those_of_the_sketch(canvas, monkeypatch):
     for ratio in [1.0, 1.25, 2.0]:
         monkeypatch.setattr(type(canvas), "devicePixelRatioF", lambda _, ratio=ratio: ratio)
         canvas._resize(fits=True)

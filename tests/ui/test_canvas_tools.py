@@ -39,12 +39,12 @@ def at(canvas: Canvas, x: float, y: float) -> QPoint:
     return QPoint(round(place.x()), round(place.y()))
 
 
-def drag(canvas: Canvas, *points, button=LEFT) -> None:
+def drag(canvas: Canvas, *points, button=LEFT):
     places = [at(canvas, *point) for point in points]
     events.drag(canvas, *((place.x(), place.y()) for place in places), button=button)
 
 
-def move(canvas, place, buttons=events.NO_BUTTON) -> None:
+def move(canvas, place, buttons=events.NO_BUTTON):
     events.mouse(canvas, events.MOVE, place.x(), place.y(), buttons)
 
 
@@ -52,7 +52,7 @@ def steps(document: Document) -> tuple[str, ...]:
     return document.history.titles[1 : document.history.position + 1]
 
 
-def test_a_stroke_is_one_step_and_a_click_a_disc(canvas, blank, qtbot, workspace) -> None:
+def test_a_stroke_is_one_step_and_a_click_a_disc(canvas, blank, workspace):
     drag(canvas, (30.0, 30.0), (50.0, 34.0), (70.0, 30.0), (90.0, 60.0))
     assert steps(blank) == ("Paint mountains",)
     image = blank.sketch.layers["mountain"]
@@ -68,7 +68,7 @@ def test_a_stroke_is_one_step_and_a_click_a_disc(canvas, blank, qtbot, workspace
     assert (blank.sketch.layers["mountain"] > 0).sum() == pytest.approx(np.pi * 64, rel=0.08)
 
 
-def test_eraser_and_right_button_erase(canvas, blank, workspace, qtbot) -> None:
+def test_eraser_and_right_button_erase(canvas, blank, workspace):
     drag(canvas, (30.0, 60.0), (100.0, 60.0))
     drag(canvas, (50.0, 40.0), (50.0, 90.0), button=RIGHT)
     assert blank.sketch.layers["mountain"][60, 50] == 0
@@ -81,7 +81,7 @@ def test_eraser_and_right_button_erase(canvas, blank, workspace, qtbot) -> None:
 
 def test_escape_undo_another_tool_the_focus_and_another_document_end_a_stroke(
     canvas, blank, qtbot, workspace
-) -> None:
+):
     qtbot.mousePress(canvas, LEFT, pos=at(canvas, 30.0, 30.0))
     move(canvas, at(canvas, 60.0, 60.0), LEFT)
     assert blank.draft is not None
@@ -99,7 +99,7 @@ def test_escape_undo_another_tool_the_focus_and_another_document_end_a_stroke(
     qtbot.mouseRelease(canvas, LEFT, pos=at(canvas, 60.0, 80.0))
     assert not blank.layer("mountain").any()
 
-    def another_tool() -> None:
+    def another_tool():
         workspace.tool = "line"
 
     for number, end in enumerate((another_tool, canvas._hands.finish, canvas.hide), start=1):
@@ -115,7 +115,7 @@ def test_escape_undo_another_tool_the_focus_and_another_document_end_a_stroke(
     assert steps(blank) == ()
 
 
-def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace, qtbot) -> None:
+def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace):
     lines: list[str] = []
     canvas.message.connect(lines.append)
     for change in ({"locked": True}, {"locked": False, "visible": False}):
@@ -129,7 +129,7 @@ def test_a_locked_or_hidden_layer_says_so(canvas, blank, workspace, qtbot) -> No
     assert "Mountains are hidden" in lines[-1]
 
 
-def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtbot) -> None:
+def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtbot):
     workspace.tool = "line"
     workspace.use_label("river", 1)
     for x, y in ((20.0, 20.0), (60.0, 40.0), (110.0, 110.0), (100.0, 30.0)):
@@ -161,7 +161,7 @@ def test_a_line_by_clicks_double_click_or_freehand(canvas, blank, workspace, qtb
     assert blank.sketch.layers["river"][48:53, 87:93].any()
 
 
-def test_fill_and_clear(canvas, blank, workspace, qtbot) -> None:
+def test_fill_and_clear(canvas, blank, workspace, qtbot):
     workspace.tool = "fill"
     qtbot.mouseClick(canvas, LEFT, pos=at(canvas, 64.0, 64.0))
     assert (blank.sketch.layers["mountain"] == 1).all()
@@ -172,7 +172,7 @@ def test_fill_and_clear(canvas, blank, workspace, qtbot) -> None:
     assert len(steps(blank)) == 2
 
 
-def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qtbot) -> None:
+def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qtbot):
     layers = dict(blank.sketch.layers)
     layers["mountain"] = np.full((SIDE, SIDE), 3, np.uint8)
     layers["forest"] = np.full((SIDE, SIDE), 2, np.uint8)
@@ -191,7 +191,7 @@ def test_pick_takes_the_topmost_paint_that_is_shown(canvas, blank, workspace, qt
     assert lines[-1] == "Nothing is painted here."
 
 
-def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot) -> None:
+def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot):
     place = at(canvas, 40.0, 90.0)
     before = canvas._desk.on_sketch(QPointF(place))
     scale = canvas.viewport.scale
@@ -217,7 +217,7 @@ def test_wheel_and_keys_zoom_scroll_and_size_the_brush(canvas, workspace, qtbot)
     assert canvas.viewport.scale == pytest.approx(scale)
 
 
-def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtbot) -> None:
+def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtbot):
     assert events.keeps(canvas, Qt.Key.Key_BracketLeft)
     assert not events.keeps(canvas, Qt.Key.Key_B)
     assert not events.keeps(canvas, Qt.Key.Key_Escape)
@@ -228,7 +228,7 @@ def test_keys_that_mean_something_are_kept_from_shortcuts(canvas, workspace, qtb
     assert not events.keeps(canvas, Qt.Key.Key_Escape)
 
 
-def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qtbot) -> None:
+def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qtbot):
     def moved(button: Qt.MouseButton) -> tuple[int, int]:
         canvas.fit()
         left, top = canvas.viewport.left, canvas.viewport.top
@@ -247,10 +247,10 @@ def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qt
     assert steps(blank) == ("Paint mountains",)
 
 
-def test_a_pen_presses_and_erases(canvas, blank, workspace) -> None:
+def test_a_pen_presses_and_erases(canvas, blank, workspace):
     workspace.brush = 16.0
 
-    def pen(kind: QEvent.Type, x: float, y: float, pressure: float, *, erases: bool = False) -> None:
+    def pen(kind: QEvent.Type, x: float, y: float, pressure: float, *, erases: bool = False):
         place = at(canvas, x, y)
         assert events.pen(canvas, kind, place.x(), place.y(), pressure, erases=erases)
 
@@ -266,7 +266,7 @@ def test_a_pen_presses_and_erases(canvas, blank, workspace) -> None:
     assert blank.sketch.layers["mountain"][90, 90] == 0
 
 
-def test_the_place_and_height_under_the_mouse_are_told(canvas, link) -> None:
+def test_the_place_and_height_under_the_mouse_are_told(canvas, link):
     places: list[object] = []
     canvas.hovered.connect(places.append)
     move(canvas, at(canvas, 64.0, 32.0))
@@ -279,9 +279,6 @@ def test_the_place_and_height_under_the_mouse_are_told(canvas, link) -> None:
     assert places[-1][2] == pytest.approx(rise[32, 64])
     move(canvas, QPoint(2, 2))
     assert places[-1] is None
-
-
-# ── choosing and dragging what was placed ────────────────────────────────────────────────────────────────
 
 
 @pytest.fixture
@@ -309,9 +306,7 @@ def over(canvas: Canvas, x: float, y: float) -> QPoint:
     return QPoint(round(place.x()), round(place.y()))
 
 
-def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(
-    full, document, placed, qtbot, workspace
-) -> None:
+def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(full, document, placed, qtbot, workspace):
     peak = mountain(placed)
     start = over(full, peak["x"], peak["y"])
     qtbot.mousePress(full, LEFT, pos=start)
@@ -335,7 +330,7 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(
     assert document.sketch.edits == ()
 
 
-def test_handles_resize_widen_and_move_points(full, document, workspace, placed, qtbot) -> None:
+def test_handles_resize_widen_and_move_points(full, document, workspace, placed, qtbot):
     peak, river = mountain(placed), placed.rivers[0]
     workspace.chosen = Chosen("feature", int(peak["id"]))
     grab(full, qtbot, placed, "radius", QPoint(20, 0))
@@ -352,7 +347,7 @@ def test_handles_resize_widen_and_move_points(full, document, workspace, placed,
     assert len(steps(document)) == 3
 
 
-def grab(canvas: Canvas, qtbot, placed, role: str, off: QPoint) -> None:
+def grab(canvas: Canvas, qtbot, placed, role: str, off: QPoint):
     handles = [each for each in canvas._hands.tool._handles(placed) if each.role == role]
     handle = handles[len(handles) // 2]
     place = canvas._hands.tool._shown_at(handle)
@@ -363,7 +358,7 @@ def grab(canvas: Canvas, qtbot, placed, role: str, off: QPoint) -> None:
     qtbot.mouseRelease(canvas, LEFT, pos=start + off)
 
 
-def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, placed, qtbot) -> None:
+def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, placed, qtbot):
     peak = mountain(placed)
     workspace.chosen = Chosen("feature", int(peak["id"]))
     qtbot.keyClick(full, Qt.Key.Key_Escape)
@@ -377,7 +372,7 @@ def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, pl
 
 def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
     full, placed, workspace, qtbot, link
-) -> None:
+):
     peak = mountain(placed)
     before = full.grab().toImage()
     move(full, over(full, peak["x"], peak["y"]))
@@ -401,7 +396,7 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
         assert (told.x, told.y) == pytest.approx((2000.0, 1500.0), abs=12.0)
 
 
-def test_a_drag_from_nothing_moves_the_sheet(full, document, qtbot) -> None:
+def test_a_drag_from_nothing_moves_the_sheet(full, document, qtbot):
     full.zoom(1.0, QPointF(300.0, 300.0))
     left = full.viewport.left
     qtbot.mousePress(full, LEFT, pos=QPoint(3, 3))

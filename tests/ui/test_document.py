@@ -21,7 +21,7 @@ def told(document):
     return names, boxes
 
 
-def paint(document: Document, layer: str, box: tuple, label: int = 1, *, title: str | None = "Paint") -> None:
+def paint(document: Document, layer: str, box: tuple, label: int = 1, *, title: str | None = "Paint"):
     draft = document.begin_draft(layer)
     top, left, bottom, right = box
     draft.image[top:bottom, left:right] = label
@@ -30,7 +30,7 @@ def paint(document: Document, layer: str, box: tuple, label: int = 1, *, title: 
         draft.commit(title)
 
 
-def test_a_stroke_is_one_step_and_shows_while_it_goes_on(document, told) -> None:
+def test_a_stroke_is_one_step_and_shows_while_it_goes_on(document, told):
     names, boxes = told
     before = document.sketch
     draft = document.begin_draft("lake")
@@ -53,7 +53,7 @@ def test_a_stroke_is_one_step_and_shows_while_it_goes_on(document, told) -> None
     assert boxes[-1] == ("lake", (5, 0, 9, 10))
 
 
-def test_undo_and_redo_tell_the_box_that_changed(document, told) -> None:
+def test_undo_and_redo_tell_the_box_that_changed(document, told):
     names, boxes = told
     before = document.sketch.layers["lake"].copy()
     paint(document, "lake", (100, 200, 120, 260), 9)
@@ -68,7 +68,7 @@ def test_undo_and_redo_tell_the_box_that_changed(document, told) -> None:
     assert names == ["sketch_changed", "history_changed", "saved_changed", "live_changed"]
 
 
-def test_cancelled_and_ineffective_strokes_are_no_steps(document, told) -> None:
+def test_cancelled_and_ineffective_strokes_are_no_steps(document, told):
     _, boxes = told
     before = document.sketch
     paint(document, "lake", (0, 0, 9, 9), title=None)
@@ -87,7 +87,7 @@ def test_cancelled_and_ineffective_strokes_are_no_steps(document, told) -> None:
     assert document.history.titles == ("Open", "Paint")
 
 
-def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told) -> None:
+def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told):
     _, boxes = told
     document.open(Sketch())
     for label in range(1, 17):
@@ -103,7 +103,7 @@ def test_too_many_labels_are_refused_and_the_layer_is_as_before(document, told) 
     assert not document.sketch.layers["hill"].flags.writeable
 
 
-def test_modified_follows_undo_late_saves_and_recovery(document, told) -> None:
+def test_modified_follows_undo_late_saves_and_recovery(document, told):
     path = Path("valley.sketch")
     assert not document.is_modified
     paint(document, "lake", (0, 0, 9, 9))
@@ -133,7 +133,7 @@ def test_modified_follows_undo_late_saves_and_recovery(document, told) -> None:
     assert not document.is_modified
 
 
-def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told) -> None:
+def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told):
     names, boxes = told
     key = object()
     for seed in range(20, 30):
@@ -149,16 +149,16 @@ def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told)
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
 )
-def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, seed) -> None:
+def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, seed):
     rng = np.random.default_rng(seed)
     document.open(Sketch(layers={"hill": np.zeros((150, 210), dtype=np.uint8)}))
     mirror: dict[str, np.ndarray] = {}
     lives = []
 
-    def redraw_all() -> None:
+    def redraw_all():
         mirror.update({name: document.layer(name).copy() for name in LAYERS})
 
-    def redraw(layer: str, box: tuple) -> None:
+    def redraw(layer: str, box: tuple):
         image = document.layer(layer)
         if mirror[layer].shape != image.shape:
             mirror[layer] = np.full(image.shape, 255, dtype=np.uint8)

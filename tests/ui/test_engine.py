@@ -102,7 +102,7 @@ def running(qapp):
 
 
 @pytest.mark.slow
-def test_strokes_are_placed_drawn_picked_and_undone(running, qapp) -> None:
+def test_strokes_are_placed_drawn_picked_and_undone(running, qapp):
     document, link, listener = running
     assert all((link.facts.device, link.facts.platform, link.facts.renderer))
     assert link.facts.sharing in ("extension", "mapped", "copy")
@@ -192,7 +192,7 @@ def test_the_newest_of_many_quick_strokes_wins(running, qapp):
 
 
 @pytest.mark.slow
-def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp) -> None:
+def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
     _, link, listener = running
     before = link.frame.pose
     link.tell(Turn(30.0, 10.0))
@@ -224,7 +224,7 @@ def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp) -> None:
 
 
 @pytest.mark.slow
-def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn(running, qapp) -> None:
+def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn(running, qapp):
     document, link, listener = running
     link.show(replace(VIEW, width=200, height=140))
     wait(qapp, lambda: link.picture.width() == 200 and link.frame.settled)
@@ -249,7 +249,7 @@ def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn
 
 
 @pytest.mark.slow
-def test_hour_and_look_change_the_picture_and_no_heights(running, qapp) -> None:
+def test_hour_and_look_change_the_picture_and_no_heights(running, qapp):
     document, link, listener = running
     look(qapp, link)
     listener.followed.clear()

@@ -1,11 +1,9 @@
-"""The engine on a thread of the test, and the link to it: what is missing or fails is said."""
-
-from __future__ import annotations
+"""Engine and placer on threads of the test, and the link to them: what is missing or fails is said."""
 
 import socket
 import threading
+import time
 from types import SimpleNamespace
-from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -13,106 +11,68 @@ import pytest
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.sketch import LAYERS, Sketch
-from sketchterrain.terrain import make_recipe
+from sketchterrain.terrain import from_sketch, make_recipe
 from sketchterrain.terrain.changes import EVERYWHERE
 from sketchterrain.ui.engine import link as link_module
+from sketchterrain.ui.engine import placer as placer_module
+from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.background import JobQueue
-from sketchterrain.ui.engine.channel import Channel, pickled
+from sketchterrain.ui.engine.channel import Channel, pickled, unpickled
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.link import EngineLink, PictureSource
-from sketchterrain.ui.engine.protocol import (
-    Adherence,
-    Coming,
-    EngineFacts,
-    Followed,
-    FrameTaken,
-    FrameThere,
-    LayerPatch,
-    MeasureAdherence,
-    Pick,
-    Picked,
-    PictureWritten,
-    Plan,
-    Quit,
-    Relief,
-    SketchUpdate,
-    StillPlaced,
-    StillRelief,
-    TakePicture,
-    Trouble,
-    Turn,
-    ViewState,
-    Working,
-)
+from sketchterrain.ui.engine.placer import CancellationPolicy, Placer, Superseded
 from sketchterrain.ui.engine.sketch_updates import settings_of
 from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 
-class Source(PictureSource):
-    """Remembers its requests."""
-
-    def __init__(self) -> None:
-        super().__init__(ViewState())
-        self.told: list[Any] = []
-
-    def tell(self, message: Any) -> None:
-        self.told.append(message)
-
-
 def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
-    memory, source, shown = FrameMemory(), Source(), []
+    memory, source, shown, told = FrameMemory(), PictureSource(msg.ViewState()), [], []
+    source.tell = told.append
     source.frame_shown.connect(shown.append)
+    source._children = SimpleNamespace(frames=memory)
     colours = np.random.default_rng(3)
-    try:
-        for place, (width, height) in enumerate([(33, 20), (64, 48)]):
-            rgbx = colours.integers(0, 256, (height, width, 4), dtype=np.uint8)
-            start, capacity = memory.place(place, rgbx.nbytes)
-            with memory.view(start, rgbx.nbytes, capacity) as pixels:
-                pixels[:] = rgbx.tobytes()
-            facts = SimpleNamespace(width=width, height=height)
-            source._children = SimpleNamespace(frames=memory)
-            source._take(0, "engine", FrameThere(facts, start, capacity))
-            with memory.view(start, rgbx.nbytes, capacity) as pixels:
-                pixels[:] = bytes(rgbx.nbytes)  # the next frame: the picture is a copy
-            picture = source.picture
-            assert (picture.width(), picture.height()) == (width, height)
-            bgrx = np.frombuffer(picture.constBits().asarray(picture.sizeInBytes()), np.uint8)
-            bgrx = bgrx.reshape(height, picture.bytesPerLine())[:, : 4 * width].reshape(height, width, 4)
-            np.testing.assert_array_equal(bgrx[..., 2::-1], rgbx[..., :3])
-            assert shown[-1] is source.frame is facts
-        assert source.told == [FrameTaken(), FrameTaken()]
-    finally:
-        memory.close()
+    for place, (width, height) in enumerate([(33, 20), (64, 48)]):
+        rgbx = colours.integers(0, 256, (height, width, 4), dtype=np.uint8)
+        start, capacity = memory.place(place, rgbx.nbytes)
+        with memory.view(start, rgbx.nbytes, capacity) as pixels:
+            pixels[:] = rgbx.tobytes()
+        facts = SimpleNamespace(width=width, height=height)
+        source._take(0, "engine", msg.FrameThere(facts, start, capacity))
+        with memory.view(start, rgbx.nbytes, capacity) as pixels:
+            pixels[:] = bytes(rgbx.nbytes)  # the next frame: the picture is a copy
+        picture = source.picture
+        assert (picture.width(), picture.height()) == (width, height)
+        bgrx = np.frombuffer(picture.constBits().asarray(picture.sizeInBytes()), np.uint8)
+        bgrx = bgrx.reshape(height, picture.bytesPerLine())[:, : 4 * width].reshape(height, width, 4)
+        np.testing.assert_array_equal(bgrx[..., 2::-1], rgbx[..., :3])
+        assert shown[-1] is source.frame is facts
+    assert told == [msg.FrameTaken(), msg.FrameTaken()]
+    memory.close()
 
 
 class Around:
-    """An engine without OpenGL on a thread, and the other ends of its channels."""
+    """An engine without OpenGL or a placer on a thread, and the other ends of its two channels."""
 
-    def __init__(self, session, pacer=None):
-        mine, its_window = socket.socketpair()
-        other, its_placer = socket.socketpair()
-        self.window, self.placer = Channel(mine), Channel(other, patient=False)
-        self.its = Channel(its_window, patient=False), Channel(its_placer)
-        self.session = session
-        self.engine = Engine(
-            *self.its,
-            session=session,
-            pacer=pacer,
-            jobs=JobQueue(),
-            facts=EngineFacts(no_device=session.lacks),
-        )
-        self.thread = threading.Thread(target=self.engine.run, daemon=True)
-        self.thread.start()
+    def __init__(self, make, *, patient):
+        (mine, its), (my_other, its_other) = socket.socketpair(), socket.socketpair()
+        self.window, self.other = Channel(mine), Channel(my_other, patient=not patient)
+        self.its = Channel(its, patient=not patient), Channel(its_other, patient=patient)
+        self.made = make(*self.its)
+        self.thread = threading.Thread(target=self.made.run, daemon=True)
         self.version = 0
 
-    def plan(self, image):
+    def update(self, sketch, layers):
         self.version += 1
-        sketch = Sketch(extent=3000.0, layers={"hill": image})
-        update = SketchUpdate(
-            self.version, image.shape, settings_of(sketch), {"hill": LayerPatch(0, 0, image)}
-        )
-        self.placer.send(Plan(update, pickled(make_recipe(sketch), but=sketch), (EVERYWHERE,), 0.0, 0.0, 0.0))
+        patches = {name: msg.LayerPatch(0, 0, image) for name, image in layers.items()}
+        shape = next(iter(layers.values())).shape
+        return msg.SketchUpdate(self.version, shape, settings_of(sketch), patches)
+
+    def plan(self, column):
+        layers = {"hill": blob(column)}
+        sketch = Sketch(extent=3000.0, layers=layers)
+        recipe = pickled(make_recipe(sketch), but=sketch)
+        self.other.send(msg.Plan(self.update(sketch, layers), recipe, (EVERYWHERE,), 0.0, 0.0, 0.0))
 
     def answer(self, kind):
         """Return the next message of a kind, and those before it."""
@@ -121,12 +81,30 @@ class Around:
             before.append(message)
         return message, before
 
+    def placed(self, sketch, layers):
+        """Send a sketch to the placer and return its answer."""
+        self.window.send(self.update(sketch, layers))
+        return self.answer((msg.Placed, msg.StillPlaced, msg.Trouble))[0]
+
     def end(self):
-        self.window.send(Quit())
+        self.window.send(msg.Quit())
+        self.window_is_gone()
+
+    def window_is_gone(self):
         self.thread.join(20.0)
         assert not self.thread.is_alive()
-        for channel in (self.window, self.placer, *self.its):
+        for channel in (self.window, self.other, *self.its):
             channel.close()
+
+
+def around_engine(device=None, pacer=None):
+    session = TerrainSession(ComputeContext, device=device)
+    facts = msg.EngineFacts(no_device=session.lacks)
+    options = {"session": session, "pacer": pacer, "jobs": JobQueue(), "facts": facts}
+    around = Around(lambda *its: Engine(*its, **options), patient=True)
+    around.session = session
+    around.thread.start()
+    return around
 
 
 def failing(error):
@@ -136,67 +114,57 @@ def failing(error):
     return fail
 
 
-def blob(column):
+def blob(column, row=10):
     image = np.zeros((48, 48), np.uint8)
-    image[10:30, column : column + 15] = 1
+    image[row : row + 20, column : column + 15] = 1
     return image
 
 
 @pytest.fixture
 def around():
-    made = Around(TerrainSession(ComputeContext))
+    made = around_engine()
     yield made
     made.end()
 
 
-def test_without_opengl_there_is_a_relief_and_picks_are_answered(around):
-    around.plan(blob(20))
-    followed, _ = around.answer(Followed)
-    assert followed.version == 1
-    around.window.send(Turn(10.0, 0.0))
-    around.window.send(Pick(7, 0.5, 0.6))
-    picked, before = around.answer(Picked)
-    assert picked.token == 7
-    assert len(picked.place) == 3
-    relief = next((each for each in before if isinstance(each, Relief)), None) or around.answer(Relief)[0]
-    assert relief.height[15:25, 22:32].max() > 20.0
-
-
 def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkeypatch):
-    taken = []
-    take = around.session.take
-    gate = threading.Event()
+    taken, take, gate = [], around.session.take, threading.Event()
 
     def slow(plans):
         gate.wait(20.0)
-        taken.append([plan.update.version for plan in plans])
+        taken.extend(plan.update.version for plan in plans)
         return take(plans)
 
     monkeypatch.setattr(around.session, "take", slow)
-    around.plan(blob(5))
-    for column in (10, 15, 20):
-        around.plan(blob(column))
+    for column in (5, 10, 15, 20):
+        around.plan(column)
     gate.set()
-    versions = [around.answer(Followed)[0].version]
+    versions = [around.answer(msg.Followed)[0].version]
     while versions[-1] < 4:
-        versions.append(around.answer(Followed)[0].version)
-    assert [version for group in taken for version in group] == [1, 2, 3, 4]
+        versions.append(around.answer(msg.Followed)[0].version)
+    assert taken == [1, 2, 3, 4]
     assert versions == sorted(versions)
     assert around.session.version == 4
 
 
-def test_adherence_is_measured_aside_once_there_is_a_terrain_and_a_picture_needs_opengl(around):
-    around.window.send(MeasureAdherence())
-    assert "no terrain yet" in around.answer(Trouble)[0].line
-    around.window.send(Pick(1, 0.5, 0.5))
-    assert around.answer(Picked)[0].place is None
-    around.plan(blob(20))
-    around.answer(Followed)
-    around.window.send(TakePicture("nowhere.png", 100, 100))
-    trouble, _ = around.answer(Trouble)
-    assert trouble.what == "picture"
-    around.window.send(MeasureAdherence())
-    measured, _ = around.answer(Adherence)
+def test_without_opengl_there_are_a_relief_picks_and_adherence_once_there_is_a_terrain(around):
+    around.window.send(msg.MeasureAdherence())
+    assert "no terrain yet" in around.answer(msg.Trouble)[0].line
+    around.window.send(msg.Pick(1, 0.5, 0.5))
+    assert around.answer(msg.Picked)[0].place is None
+    around.plan(20)
+    assert around.answer(msg.Followed)[0].version == 1
+    around.window.send(msg.Turn(10.0, 0.0))
+    around.window.send(msg.Pick(7, 0.5, 0.6))
+    picked, before = around.answer(msg.Picked)
+    assert (picked.token, len(picked.place)) == (7, 3)
+    reliefs = [each for each in before if isinstance(each, msg.Relief)]
+    relief = reliefs[0] if reliefs else around.answer(msg.Relief)[0]
+    assert relief.height[15:25, 22:32].max() > 20.0
+    around.window.send(msg.TakePicture("nowhere.png", 100, 100))
+    assert around.answer(msg.Trouble)[0].what == "picture"
+    around.window.send(msg.MeasureAdherence())
+    measured, _ = around.answer(msg.Adherence)
     assert measured.version == 1
     assert measured.figures["layers"]["hill"]["shapes"] == 1
     painted, shown = measured.images["hill"]
@@ -206,48 +174,32 @@ def test_adherence_is_measured_aside_once_there_is_a_terrain_and_a_picture_needs
 
 
 def test_without_a_device_it_says_what_to_do_and_runs_on():
-    around = Around(TerrainSession(ComputeContext, device="no such device"))
-    facts, _ = around.answer(EngineFacts)
-    assert "no such device" in facts.no_device
-    around.plan(blob(20))
-    around.answer(Followed)
-    around.window.send(MeasureAdherence())
-    trouble, _ = around.answer(Trouble)
-    assert "no such device" in trouble.line
+    around = around_engine("no such device")
+    assert "no such device" in around.answer(msg.EngineFacts)[0].no_device
+    around.plan(20)
+    around.answer(msg.Followed)
+    around.window.send(msg.MeasureAdherence())
+    assert "no such device" in around.answer(msg.Trouble)[0].line
     around.end()
 
 
 def test_a_device_that_fails_is_left_for_another_one(around, monkeypatch):
     if sum(device.type == "CPU" for device in list_devices()) < 2:
         pytest.skip("there is no second device")
-    around.plan(blob(20))
-    first, _ = around.answer(Relief)
+    around.plan(20)
+    first, _ = around.answer(msg.Relief)
     failed = around.session.device
 
     monkeypatch.setattr(around.session.terrain, "heights", failing(DeviceFailedError("the device fell over")))
-    around.window.send(Pick(1, 0.5, 0.6))
-    trouble, _ = around.answer(Trouble)
+    around.window.send(msg.Pick(1, 0.5, 0.6))
+    trouble, _ = around.answer(msg.Trouble)
     assert "fell over" in trouble.line
     assert "goes on with" in trouble.line
-    again, _ = around.answer(Relief)
+    again, _ = around.answer(msg.Relief)
     assert around.session.device != failed
     assert np.array_equal(again.height, first.height)
-    around.window.send(Pick(2, 0.5, 0.6))
-    assert around.answer(Picked)[0].place is not None
-
-
-def test_a_defect_is_a_message(around, monkeypatch, capsys):
-    around.plan(blob(20))
-    around.answer(Followed)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(around.session, "take", failing(ZeroDivisionError("oops")))
-        around.plan(blob(10))
-        trouble, _ = around.answer(Trouble)
-    assert "oops" in trouble.line
-    assert "ZeroDivisionError" in capsys.readouterr().err
-    around.plan(blob(5))
-    assert around.answer(Followed)[0].version == 3
+    around.window.send(msg.Pick(2, 0.5, 0.6))
+    assert around.answer(msg.Picked)[0].place is not None
 
 
 class FailingPacer:
@@ -270,47 +222,40 @@ class FailingPacer:
         self.stops += 1
 
 
-def test_a_frame_that_fails_is_reported_and_drawing_stops(capsys):
+def test_defects_of_plans_and_frames_are_reported_and_it_ends_when_the_window_is_gone(monkeypatch, capsys):
     pacer = FailingPacer()
-    around = Around(TerrainSession(ComputeContext), pacer)
-    around.plan(blob(20))
-    around.answer(Followed)
+    around = around_engine(pacer=pacer)
+    around.plan(20)
+    around.answer(msg.Followed)
+    with monkeypatch.context() as patched:
+        patched.setattr(around.session, "take", failing(ZeroDivisionError("oops")))
+        around.plan(10)
+        assert "oops" in around.answer(msg.Trouble)[0].line
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    around.plan(5)
+    assert around.answer(msg.Followed)[0].version == 3
+    before = pacer.stops
     for error in (InputError("odd"), ZeroDivisionError("0")):
         pacer.error = error
-        around.window.send(Turn(1.0, 0.0))
-        trouble, _ = around.answer(Trouble)
+        around.window.send(msg.Turn(1.0, 0.0))
+        trouble, _ = around.answer(msg.Trouble)
         assert trouble.what == "view"
         assert str(error) in trouble.line
-    assert pacer.stops == 2
+    assert pacer.stops == before + 2
     assert "ZeroDivisionError" in capsys.readouterr().err
-    around.end()
-
-
-def test_it_ends_when_the_window_is_gone():
-    around = Around(TerrainSession(ComputeContext))
-    around.answer(EngineFacts)
     around.window.close()
-    around.thread.join(20.0)
-    assert not around.thread.is_alive()
-    for channel in (around.placer, *around.its):
-        channel.close()
+    around.window_is_gone()
 
 
 class FakeChildren:
     """Processes that do nothing, and end when they are told to."""
 
-    made: ClassVar[list[FakeChildren]] = []
-
-    def __init__(self, *, device, draws=True, world=None):
+    def __init__(self, made, *, device, draws=True, world=None):
         self.device, self.draws, self.frames = device, draws, FrameMemory()
-        mine, its = socket.socketpair()
-        my_placer, its_window = socket.socketpair()
-        self.channels = {
-            "engine": Channel(mine, patient=False),
-            "placer": Channel(my_placer, patient=False),
-        }
-        self.its = Channel(its, patient=False), Channel(its_window, patient=False)
-        self.made.append(self)
+        pairs = [[Channel(end, patient=False) for end in socket.socketpair()] for _ in range(2)]
+        self.channels = {"engine": pairs[0][0], "placer": pairs[1][0]}
+        self.its = pairs[0][1], pairs[1][1]
+        made.append(self)
 
     def ended(self):
         return "the engine crashed (signal 11)"
@@ -321,63 +266,163 @@ class FakeChildren:
         self.frames.close()
 
 
-def test_a_link_starts_crashed_processes_again_at_last_without_opengl(document, qtbot, monkeypatch):
-    monkeypatch.setattr(link_module, "Children", FakeChildren)
-    monkeypatch.setattr(FakeChildren, "made", [])
-    link = EngineLink(document)
+@pytest.fixture
+def children(monkeypatch):
+    made = []
+    monkeypatch.setattr(link_module, "Children", lambda **options: FakeChildren(made, **options))
+    return made
+
+
+def test_a_link_starts_crashed_processes_again_at_last_without_opengl(document, qtbot, children):
+    link, troubles = EngineLink(document), []
     link.device = "pocl"
-    troubles = []
     link.trouble.connect(lambda trouble: troubles.append(trouble.line))
     link.start()
-    made = FakeChildren.made
-    assert made[-1].its[0].receive() == link.view
-    assert made[-1].its[0].receive() == Coming(1, fresh=True)
-    assert set(made[-1].its[1].receive().layers) == set(LAYERS)
-    for count, line in (
-        (2, "it is started again."),
-        (3, "without the 3-D view."),
-        (3, "start the program again."),
-    ):
-        made[-1].its[0].close()
+    assert children[-1].its[0].receive() == link.view
+    assert children[-1].its[0].receive() == msg.Coming(1, fresh=True)
+    assert set(children[-1].its[1].receive().layers) == set(LAYERS)
+    ends = ((2, "it is started again."), (3, "without the 3-D view."), (3, "start the program again."))
+    for count, line in ends:
+        children[-1].its[0].close()
         qtbot.waitUntil(lambda line=line: bool(troubles) and troubles[-1].endswith(line))
         assert troubles[-1].startswith("The engine crashed (signal 11)")
-        assert len(made) == count
-    assert [(each.device, each.draws) for each in made] == [("pocl", True), ("pocl", True), ("pocl", False)]
+        assert len(children) == count
+    assert [(each.device, each.draws) for each in children] == [
+        *(("pocl", True), ("pocl", True), ("pocl", False))
+    ]
     link.start()
-    assert made[-1].draws
+    assert children[-1].draws
     link.stop()
-    link.tell(Turn(1.0, 0.0))
-    assert len(made) == 4
+    link.tell(msg.Turn(1.0, 0.0))
+    assert len(children) == 4
 
 
-def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, monkeypatch):
-    monkeypatch.setattr(link_module, "Children", FakeChildren)
-    monkeypatch.setattr(FakeChildren, "made", [])
-    link = EngineLink(document)
-    told = []
+def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, children):
+    link, told = EngineLink(document), []
     names = "placed_changed relief_changed adherence_changed picture_written picked facts_changed"
     for name in names.split():
         getattr(link, name).connect(lambda what, name=name: told.append((name, what)))
     link.start()
-    engine, placer = FakeChildren.made[-1].its
-    relief = Relief(1, 1, np.zeros((4, 4), np.float32), np.zeros((4, 4), np.uint8))
-    placer.send(Working("Placing features"))
-    qtbot.waitUntil(lambda: link.working == "Placing features")
-    engine.send(Working("Drawing"))
-    qtbot.waitUntil(lambda: link.working == "Drawing")
-    engine.send(Working(""))
-    qtbot.waitUntil(lambda: link.working == "Placing features")
+    engine, placer = children[-1].its
+    for process, work, shown in (
+        (placer, "Placing features", "Placing features"),
+        (engine, "Drawing", "Drawing"),
+        (engine, "", "Placing features"),
+    ):
+        process.send(msg.Working(work))
+        qtbot.waitUntil(lambda shown=shown: link.working == shown)
     placer.send(placed)
-    placer.send(StillPlaced(7))
+    placer.send(msg.StillPlaced(7))
     qtbot.waitUntil(lambda: link.placed is not None and link.placed.version == 7)
-    facts = EngineFacts(device="a")
-    for message in (relief, StillRelief(8), Picked(3, None), facts, PictureWritten("b.png")):
+    relief = msg.Relief(1, 1, np.zeros((4, 4), np.float32), np.zeros((4, 4), np.uint8))
+    facts = msg.EngineFacts(device="a")
+    for message in (relief, msg.StillRelief(8), msg.Picked(3, None), facts, msg.PictureWritten("b.png")):
         engine.send(message)
     qtbot.waitUntil(lambda: told[-1] == ("picture_written", "b.png"))
-    assert [name for name, _ in told] == [
-        *("placed_changed", "placed_changed", "relief_changed", "picked", "facts_changed", "picture_written")
-    ]
-    assert link.relief.version == 8
-    assert link.facts.device == "a"
+    wanted = "placed_changed placed_changed relief_changed picked facts_changed picture_written"
+    assert [name for name, _ in told] == wanted.split()
+    assert (link.relief.version, link.facts.device) == (8, "a")
     link.stop()
     assert link.working == ""
+
+
+class Clock:
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        monkeypatch.setattr(placer_module, "time", SimpleNamespace(monotonic=lambda: self.now))
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    return Clock(monkeypatch)
+
+
+def attempt(policy, clock, seconds) -> bool:
+    """Place for so long, with a checkpoint every 10 ms; return whether it was finished."""
+    policy.begin()
+    try:
+        for _ in range(round(seconds / 0.01)):
+            clock.now += 0.01
+            policy.checkpoint()
+    except Superseded:
+        return False
+    policy.end()
+    return True
+
+
+def test_superseded_work_is_abandoned_unless_short_or_half_done_and_never_twice_in_a_row(clock):
+    policy = CancellationPolicy(lambda: False)
+    assert all(attempt(policy, clock, 0.5) for _ in range(3))
+    policy = CancellationPolicy(lambda: True)
+    assert all(attempt(policy, clock, 0.09) for _ in range(5))
+    policy = CancellationPolicy(lambda: True)
+    done = [attempt(policy, clock, 0.5) for _ in range(9)]
+    assert done == [True, False, True, False, True, False, True, False, True]
+
+    newer = []
+    policy = CancellationPolicy(lambda: bool(newer))
+    assert attempt(policy, clock, 0.5)
+    policy.begin()
+    clock.now += 0.26
+    newer.append(1)
+    policy.checkpoint()
+    assert policy.end() == pytest.approx(0.26)
+
+
+@pytest.fixture
+def placer():
+    made = Around(Placer, patient=False)
+    yield made
+    made.end()
+
+
+def test_the_newest_of_many_is_placed_and_plans_add_up(placer):
+    sketch = Sketch(extent=4000.0)
+    for step in range(20):
+        placer.window.send(placer.update(sketch, {"mountain": blob(20, row=step)}))
+    placer.thread.start()
+    assert placer.answer(msg.Placed)[0].version == 20  # all of them waited when it looked first
+    plan = placer.other.receive()
+    whole = Sketch(extent=4000.0, layers={"mountain": blob(20, row=19)})
+    assert np.array_equal(unpickled(plan.recipe, but=whole).painted, make_recipe(whole).painted)
+    assert plan.update.version == 20
+    placed = placer.placed(sketch, {"mountain": blob(30, row=19)})
+    assert isinstance(placed, msg.Placed)
+    assert placed.version == 21
+    plan = placer.other.receive()
+    assert plan.areas
+    assert all(west < east for west, _, east, _ in plan.areas)
+    assert list(plan.update.layers) == ["mountain"]
+    assert plan.begun <= plan.ready <= time.monotonic()
+
+
+def test_looks_change_nothing_that_is_placed(placer):
+    placer.thread.start()
+    layers = {"mountain": blob(20)}
+    assert isinstance(placer.placed(Sketch(), layers), msg.Placed)
+    placer.other.receive()
+    answer = placer.placed(Sketch(weather={"clouds": 0.9}, name="other"), layers)
+    assert isinstance(answer, msg.StillPlaced)
+    assert answer.version == 2
+    plan = placer.other.receive()
+    assert (plan.recipe, plan.areas) == (None, ())
+    assert plan.update.settings["weather"]["clouds"] == 0.9
+    assert isinstance(placer.placed(Sketch(weather={"clouds": 0.9}, seed=5), layers), msg.Placed)
+
+
+def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_placed(
+    placer, monkeypatch, capsys
+):
+    placer.thread.start()
+    layers = {"mountain": blob(20)}
+    placer.window.send(msg.SketchUpdate(1, (48, 48), {**settings_of(Sketch()), "seed": -5}, {}))
+    trouble, _ = placer.answer(msg.Trouble)
+    assert trouble.what == "sketch"
+    assert "seed" in trouble.line
+    placer.version = 1
+    assert placer.placed(Sketch(), layers).version == 2
+    with monkeypatch.context() as patched:
+        patched.setattr(from_sketch, "make_recipe", failing(ZeroDivisionError("oops")))
+        assert "oops" in placer.placed(Sketch(), {"mountain": blob(21)}).line
+    assert "ZeroDivisionError" in capsys.readouterr().err
+    assert isinstance(placer.placed(Sketch(), {"mountain": blob(22)}), msg.Placed)

@@ -55,7 +55,7 @@ def distance(eye):
     return float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
 
 
-def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground) -> None:
+def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground):
     for aspect in [0.7, 1.0, 1.6, 2.4]:
         eye = Eye(ground, aspect=aspect)
         eye.advance(0.016)
@@ -68,7 +68,7 @@ def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground) -> None
             assert abs(clip[1]) < clip[3], aspect
 
 
-def test_the_eye_rests_without_motion_and_after_a_turn_at_equal_distance(eye) -> None:
+def test_the_eye_rests_without_motion_and_after_a_turn_at_equal_distance(eye):
     rest(eye)
     camera = eye.camera()
     assert not eye.advance(1.0)
@@ -107,7 +107,7 @@ def test_pan_and_keys_move_the_pivot_over_the_ground(eye):
     rest(eye)
 
 
-def test_another_mode_leaves_the_eye_where_it_is(ground) -> None:
+def test_another_mode_leaves_the_eye_where_it_is(ground):
     for modes in [("fly",), ("fly", "orbit"), ("fly", "orbit", "fly"), ("orbit", "fly", "orbit")]:
         eye = begun(ground)
         eye.take(Turn(35.0, -10.0), aspect=ASPECT)
@@ -133,7 +133,7 @@ def test_on_foot_it_comes_down_to_the_ground_and_stays_there(eye, ground):
         assert z > ground.heights(x, y) + 0.5
 
 
-def test_it_glides_to_a_place_and_looks_at_it(ground) -> None:
+def test_it_glides_to_a_place_and_looks_at_it(ground):
     for mode in ["orbit", "fly"]:
         eye = begun(ground)
         eye.use(mode)
@@ -166,7 +166,7 @@ def test_flying_goes_where_it_looks_and_a_wheel_towards_what_is_under_the_mouse(
     assert np.linalg.norm(place - eye.camera().eye) == pytest.approx(0.5 * before, rel=0.02)
 
 
-def test_it_is_at_once_where_one_puts_it(ground) -> None:
+def test_it_is_at_once_where_one_puts_it(ground):
     for mode in ["orbit", "fly"]:
         eye = begun(ground)
         eye.use(mode)
@@ -177,7 +177,7 @@ def test_it_is_at_once_where_one_puts_it(ground) -> None:
         assert np.allclose(eye.camera().forward, wanted.forward, atol=1e-3), mode
 
 
-def test_ground_that_rises_lifts_it_out(ground) -> None:
+def test_ground_that_rises_lifts_it_out(ground):
     for mode in ["orbit", "fly", "walk"]:
         eye = begun(ground)
         eye.use(mode)

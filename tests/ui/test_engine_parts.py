@@ -25,7 +25,7 @@ def ends():
         each.close()
 
 
-def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends) -> None:
+def test_messages_arrive_in_order_with_arrays_and_read_only_mappings(ends):
     one, other = ends
     one.send(Turn(1.0, 2.0))
     one.send(LayerPatch(3, 4, np.arange(12, dtype=np.uint8).reshape(3, 4)))
@@ -104,7 +104,7 @@ def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
     assert got["more"][1:] == [1, None]
 
 
-def test_frames_are_shared_grow_and_do_not_overlap() -> None:
+def test_frames_are_shared_grow_and_do_not_overlap():
     import os
 
     memory = FrameMemory()
@@ -154,7 +154,7 @@ def paint(small_document, layer, rng, *, commit=True):
         draft.commit("Paint")
 
 
-def test_the_first_update_holds_everything_and_a_stroke_its_box_only(small_document, maker) -> None:
+def test_the_first_update_holds_everything_and_a_stroke_its_box_only(small_document, maker):
     update, fresh = maker.next()
     assert fresh
     assert set(update.layers) == set(LAYERS)
@@ -253,7 +253,7 @@ def expected(ground):
     return ground.heights(x[None], y[:, None])
 
 
-def test_heights_stand_at_pixel_centres_and_another_size_restarts() -> None:
+def test_heights_stand_at_pixel_centres_and_another_size_restarts():
     maker, ground = ReliefMaker(), Bumpy()
     maker.follow(ground, 3, [EVERYWHERE])
     made = finish(maker)
@@ -313,7 +313,7 @@ def test_each_relief_is_of_one_version_even_if_others_come_meanwhile():
         assert np.array_equal(each.height, expected(grounds[each.version]))
 
 
-def test_large_sketches_are_sampled_less_often_and_one_row_is_a_relief() -> None:
+def test_large_sketches_are_sampled_less_often_and_one_row_is_a_relief():
     for shape, step in [((1024, 10), 1), ((10, 1025), 2), ((4096, 2048), 4)]:
         maker = ReliefMaker()
         maker.follow(Bumpy(shape=shape), 1, [EVERYWHERE])

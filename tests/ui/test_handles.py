@@ -34,7 +34,7 @@ def three() -> Placed:
     return Placed(1, np.concatenate(rows), (), ())
 
 
-def test_a_click_means_the_middle_that_it_nearly_hits_or_what_stands_there(three) -> None:
+def test_a_click_means_the_middle_that_it_nearly_hits_or_what_stands_there(three):
     def at(x: float, y: float, reach: float = 10.0) -> int | None:
         found = chosen_at(three, x, y, reach=reach)
         return None if found is None else found.id
@@ -49,7 +49,7 @@ def test_a_click_means_the_middle_that_it_nearly_hits_or_what_stands_there(three
     assert chosen_at(Placed(1, np.zeros(0, FEATURE), (), ()), 0.0, 0.0, reach=1e9) is None
 
 
-def test_a_click_in_water_means_the_river_or_the_lake(placed) -> None:
+def test_a_click_in_water_means_the_river_or_the_lake(placed):
     points = placed.points[:0]
     wet = Placed(1, points, placed.rivers, placed.lakes)
     for river in placed.rivers:
@@ -64,7 +64,7 @@ def test_a_click_in_water_means_the_river_or_the_lake(placed) -> None:
             assert chosen_at(alone, *at, reach=0.0) == Chosen("lake", lake.id)
 
 
-def test_handles_lie_on_what_they_change(placed) -> None:
+def test_handles_lie_on_what_they_change(placed):
     for point in placed.points[:: max(len(placed.points) // 20, 1)]:
         move, radius = handles_of(placed, Chosen("feature", int(point["id"])))
         assert (move.role, move.x, move.y) == ("move", point["x"], point["y"])
@@ -84,7 +84,7 @@ def middle(placed: Placed) -> Handle:
     return handles_of(placed, Chosen("feature", int(painted["id"][0])))[0]
 
 
-def test_drags_are_one_step_each_and_keep_the_distance_to_the_mouse(document, placed) -> None:
+def test_drags_are_one_step_each_and_keep_the_distance_to_the_mouse(document, placed):
     before, handle = document.sketch, middle(placed)
     drag = FeatureDrag(document, placed, handle, grab=(handle.x - 4.0, handle.y + 3.0))
     for step in range(1, 9):
@@ -105,7 +105,7 @@ def test_drags_are_one_step_each_and_keep_the_distance_to_the_mouse(document, pl
     assert len(document.history.titles) == 3, "the undone one is gone"
 
 
-def test_a_cancelled_drag_restores_and_one_overtaken_by_the_document_yields(document, placed) -> None:
+def test_a_cancelled_drag_restores_and_one_overtaken_by_the_document_yields(document, placed):
     before, handle = document.sketch, middle(placed)
     drag = FeatureDrag(document, placed, handle)
     drag.cancel()
@@ -129,7 +129,7 @@ def test_a_cancelled_drag_restores_and_one_overtaken_by_the_document_yields(docu
     assert document.sketch is now
 
 
-def test_what_cannot_be_done_is_said(document, placed) -> None:
+def test_what_cannot_be_done_is_said(document, placed):
     drag = FeatureDrag(document, placed, middle(placed))
     before = document.sketch
     drag.to(float("nan"), 0.0)

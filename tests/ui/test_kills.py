@@ -1,7 +1,5 @@
 """Killed at any moment, the program leaves files that open, and what was done a while ago is never lost."""
 
-from __future__ import annotations
-
 import importlib.util
 import random
 import subprocess
@@ -40,7 +38,7 @@ class Log:
     lines: tuple[tuple[str, float, str], ...]
 
     @classmethod
-    def read(cls, path: Path) -> Log:
+    def read(cls, path: Path) -> "Log":
         rows = path.read_text().splitlines() if path.exists() else []
         return cls(tuple((what, float(when), which) for what, when, which in map(str.split, rows)))
 
@@ -85,9 +83,7 @@ def paint_and_kill(target: Path, folder: Path, log: Path, rng: random.Random) ->
         pytest.param("valley.sketch", 100, marks=pytest.mark.soak),
     ],
 )
-def test_kills_at_random_moments_lose_at_most_what_was_just_done(
-    tmp_path: Path, name: str, kills: int
-) -> None:
+def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path, name: str, kills: int):
     fingerprint = program().fingerprint
     rng = random.Random(name)
     target, folder = tmp_path / name, tmp_path / "recovery"

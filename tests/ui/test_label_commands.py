@@ -37,7 +37,7 @@ def sketch():
     return Sketch(layers={"mountain": mountain}, labels={("mountain", 2): {"height": 900.0}})
 
 
-def test_areas_count_every_painted_pixel_and_labels_are_painted_or_declared(sketch) -> None:
+def test_areas_count_every_painted_pixel_and_labels_are_painted_or_declared(sketch):
     assert label_areas(sketch.layers["mountain"]) == {1: 6, 3: 9}
     assert label_areas(sketch.layers["hill"]) == {}
     image = np.random.default_rng(3).integers(
@@ -49,7 +49,7 @@ def test_areas_count_every_painted_pixel_and_labels_are_painted_or_declared(sket
     assert labels_of(sketch, "hill") == ()
 
 
-def test_a_new_label_is_the_smallest_free_one_and_survives_a_file(sketch, tmp_path) -> None:
+def test_a_new_label_is_the_smallest_free_one_and_survives_a_file(sketch, tmp_path):
     assert free_label(sketch, "hill") == 1
     label = free_label(sketch, "mountain")
     assert label == 4
@@ -68,7 +68,7 @@ def test_a_new_label_is_the_smallest_free_one_and_survives_a_file(sketch, tmp_pa
         free_label(sketch, "mountain")
 
 
-def test_a_copied_label_has_the_same_properties_which_are_set_and_reset(sketch) -> None:
+def test_a_copied_label_has_the_same_properties_which_are_set_and_reset(sketch):
     copied = copy_label(sketch, "mountain", 4, source=2)
     assert copied.properties("mountain", 4) == sketch.properties("mountain", 2)
     again = set_property(copied, "mountain", 4, "height", 10.0)
@@ -83,7 +83,7 @@ def test_a_copied_label_has_the_same_properties_which_are_set_and_reset(sketch) 
     assert reset_property(low, "mountain", 1, "height") is low
 
 
-def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(sketch) -> None:
+def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(sketch):
     before = sketch.layers["mountain"].copy()
     gone = delete_label(sketch, "mountain", 3)
     assert label_areas(gone.layers["mountain"]) == {1: 6}
@@ -99,7 +99,7 @@ def test_deleting_a_label_and_clearing_a_layer_keep_other_paint_and_properties(s
     assert clear_layer(clear, "mountain") is clear
 
 
-def test_every_setting_can_be_set_and_reset(sketch) -> None:
+def test_every_setting_can_be_set_and_reset(sketch):
     for table in [WORLD, *TABLES]:
         for name, parameter in declared(table).items():
             value = "other" if parameter.kind is str else parameter.kind(parameter.high)

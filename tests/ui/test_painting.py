@@ -58,7 +58,7 @@ def scribble(seed: int, *, radius: float | None = None, count: int = 12, reach: 
     return [(*map(float, place), float(r)) for place, r in zip(x, radii, strict=True)]
 
 
-def test_a_dab_is_the_disc() -> None:
+def test_a_dab_is_the_disc():
     for centre in [(48.5, 48.5), (48.0, 48.0), (31.25, 60.875), (0.0, 95.5), (-20.0, 110.0)]:
         for radius in [0.5, 0.75, 1.0, 1.5, 2.25, 5.0, 16.125, 40.0, 64.5]:
             image = drawn([(*centre, radius)])
@@ -69,7 +69,7 @@ def test_a_dab_is_the_disc() -> None:
             np.testing.assert_array_equal(image == 1, wanted, err_msg=f"{centre}, {radius}")
 
 
-def test_a_sweep_is_every_disc_on_its_way() -> None:
+def test_a_sweep_is_every_disc_on_its_way():
     for seed in range(60):
         rng = np.random.default_rng(seed)
         a, b = (
@@ -83,7 +83,7 @@ def test_a_sweep_is_every_disc_on_its_way() -> None:
         assert box == box_of(image), seed
 
 
-def test_edges_through_centres_of_pixels_are_painted() -> None:
+def test_edges_through_centres_of_pixels_are_painted():
     for radius in [0.5, 1.0, 5.0, 13.0]:
         for step in [(8.0, 0.0), (0.0, 8.0), (8.0, 8.0), (6.0, 8.0), (12.0, 5.0), (-8.0, 0.0)]:
             start = (40.5, 40.5, radius)
@@ -96,7 +96,7 @@ def test_edges_through_centres_of_pixels_are_painted() -> None:
             assert not image[beyond].any(), (radius, step)
 
 
-def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel() -> None:
+def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel():
     for seed in range(20):
         radius = [0.5, 1.0, 3.0, 8.5, 20.0][seed % 5]
         places = scribble(seed, radius=radius)
@@ -108,7 +108,7 @@ def test_a_stroke_is_every_disc_along_the_spline_within_half_a_pixel() -> None:
         assert not image[far > radius + 0.5].any(), seed
 
 
-def test_no_corner_shows_where_the_pen_was() -> None:
+def test_no_corner_shows_where_the_pen_was():
     for seed in range(12):
         """A circle told by twelve places is as round as its own spline: its edge turns evenly."""
         turn = seed / 12 * math.tau / 12
@@ -131,7 +131,7 @@ def test_no_corner_shows_where_the_pen_was() -> None:
         )  # a polygon would be 7 px nearer to the middle
 
 
-def test_more_places_on_a_straight_line_paint_the_same() -> None:
+def test_more_places_on_a_straight_line_paint_the_same():
     for end, radius in itertools.product([(80.5, 20.5), (64.25, 72.5), (20.5, 84.5)], [0.5, 3.0, 11.25]):
         few = drawn([(16.5, 20.5, radius), (*end, radius)])
         for count in (2, 4, 16, 64):
@@ -142,7 +142,7 @@ def test_more_places_on_a_straight_line_paint_the_same() -> None:
             np.testing.assert_array_equal(drawn(many), few, err_msg=f"{end}, {radius}, {count}")
 
 
-def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel() -> None:
+def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel():
     for grain in [0.25, 1.0, 4.0]:
         raw, calm = [], []
         for angle in np.linspace(0.05, 1.5, 20):
@@ -166,7 +166,7 @@ def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel() -> Non
     assert far.max() <= 1.0 + 1e-3
 
 
-def test_pressure_changes_the_width_and_zero_erases_beside_other_labels() -> None:
+def test_pressure_changes_the_width_and_zero_erases_beside_other_labels():
     image = drawn([(10.5, 48.5, 1.0), (80.5, 48.5, 15.0)])
     widths = image[:, 20:70].sum(axis=0).astype(float)
     assert (np.diff(widths) >= 0).all()
@@ -180,7 +180,7 @@ def test_pressure_changes_the_width_and_zero_erases_beside_other_labels() -> Non
     assert set(np.unique(image)) == {0, 4}
 
 
-def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture() -> None:
+def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture():
     for seed in range(8):
         places = scribble(seed)
         image = drawn(places)
@@ -193,7 +193,7 @@ def test_mirrored_and_turned_places_paint_a_mirrored_and_turned_picture() -> Non
             np.testing.assert_array_equal(drawn(moved), wanted, err_msg=f"seed {seed}")
 
 
-def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide() -> None:
+def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide():
     for seed in range(8):
         image = drawn(scribble(seed, radius=0.01, count=5))
         _, pieces = ndimage.label(image, np.ones((3, 3)))
@@ -203,7 +203,7 @@ def test_the_thinnest_stroke_has_no_gap_and_is_a_pixel_wide() -> None:
         assert (straight.sum(), straight[30, 10:71].sum()) == (61, 61), seed
 
 
-def test_what_crosses_the_edge_is_cut_and_beyond_it_nothing_is_painted() -> None:
+def test_what_crosses_the_edge_is_cut_and_beyond_it_nothing_is_painted():
     for seed in range(6):
         places = [(2 * x - 48, 2 * y - 48, r) for x, y, r in scribble(seed)]
         wide = drawn([(x + 100, y + 100, r) for x, y, r in places], image=empty(SIDE + 200, SIDE + 200))
@@ -221,7 +221,7 @@ def box_of(image: np.ndarray) -> tuple | None:
     return (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1) if len(rows) else None
 
 
-def test_each_box_holds_all_that_changed_and_together_they_are_tight() -> None:
+def test_each_box_holds_all_that_changed_and_together_they_are_tight():
     for seed in range(10):
         image = empty()
         stroke = Stroke(image, 1)
@@ -241,7 +241,7 @@ def test_each_box_holds_all_that_changed_and_together_they_are_tight() -> None:
         assert together == box_of(image), seed
 
 
-def test_a_fill_is_the_component() -> None:
+def test_a_fill_is_the_component():
     for seed in range(30):
         rng = np.random.default_rng(seed)
         shape = (int(rng.integers(1, 90)), int(rng.integers(1, 90)))
@@ -258,7 +258,7 @@ def test_a_fill_is_the_component() -> None:
         assert box == (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1), seed
 
 
-def test_empty_ground_is_filled_up_to_the_thinnest_ring_and_nothing_outside() -> None:
+def test_empty_ground_is_filled_up_to_the_thinnest_ring_and_nothing_outside():
     image = empty()
     stroke = Stroke(image, 2)
     for k in range(41):
@@ -277,7 +277,7 @@ def test_empty_ground_is_filled_up_to_the_thinnest_ring_and_nothing_outside() ->
     assert not image.any()
 
 
-def test_a_line_is_the_stroke_through_its_points_and_shown_where_it_is_painted() -> None:
+def test_a_line_is_the_stroke_through_its_points_and_shown_where_it_is_painted():
     points = [(10.5, 12.0), (40.0, 60.25), (80.0, 30.0), (85.5, 88.5)]
     image, stroked = empty(), empty()
     box = draw_line(image, points, 7.0, 3)
@@ -298,7 +298,7 @@ def test_a_line_is_the_stroke_through_its_points_and_shown_where_it_is_painted()
     assert line_path([]) == []
 
 
-def test_a_river_is_as_wide_as_its_label_says_and_never_thinner_than_a_pixel() -> None:
+def test_a_river_is_as_wide_as_its_label_says_and_never_thinner_than_a_pixel():
     sketch = Sketch(extent=1024.0, labels={("river", 2): {"width": 24.0}, ("river", 3): {"width": 0.5}})
     assert line_width(sketch, "river", 2, 99.0) == 12.0
     assert line_width(sketch, "river", 3, 99.0) == 1.0
@@ -308,7 +308,7 @@ def test_a_river_is_as_wide_as_its_label_says_and_never_thinner_than_a_pixel() -
     assert set(image[:, 48].nonzero()[0]) == set(range(43, 54)) | {54, 42}
 
 
-def test_the_topmost_paint_is_picked() -> None:
+def test_the_topmost_paint_is_picked():
     top, below = empty(), empty()
     top[10:20, 10:20] = 3
     below[5:40, 5:40] = 200

@@ -68,7 +68,7 @@ def by_role(placed: Placed, chosen: Chosen, role: str):
     return next(each for each in handles_of(placed, chosen) if each.role == role)
 
 
-def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, placed) -> None:
+def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, placed):
     for painted in [True, False]:
         chosen = first(placed, painted=painted)
         before = point_of(placed, chosen)
@@ -81,7 +81,7 @@ def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, place
             assert after[key] == before[key], painted
 
 
-def test_radius_height_and_width_follow_their_handles(sketch, placed) -> None:
+def test_radius_height_and_width_follow_their_handles(sketch, placed):
     chosen = first(placed)
     handle = by_role(placed, chosen, "radius")
     after = placed_of(edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0))
@@ -104,7 +104,7 @@ def test_radius_height_and_width_follow_their_handles(sketch, placed) -> None:
     assert [each.action for each in changed.edits] == ["width"]
 
 
-def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, placed) -> None:
+def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, placed):
     chosen = lone(placed)
     start = by_role(placed, chosen, "point")
     index = len(river_of(placed, chosen).points) // 2
@@ -127,7 +127,7 @@ def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, place
     assert start.role == "point"
 
 
-def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, placed) -> None:
+def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, placed):
     chosen = lone(placed)
     handle = next(each for each in handles_of(placed, chosen) if each.chosen.index == 5)
     once = edits.dragged(sketch, placed, handle, handle.x + 10.0, handle.y)
@@ -135,7 +135,7 @@ def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, p
     assert [(each.x, each.y) for each in twice.edits] == [(round(handle.x, 3), round(handle.y + 25.0, 3))]
 
 
-def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(sketch, placed) -> None:
+def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(sketch, placed):
     for painted in [True, False]:
         chosen = first(placed, painted=painted)
         lock = edits.locked(sketch, placed, chosen)
@@ -155,7 +155,7 @@ def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(
         assert edits.unlocked(free, chosen) is free, painted
 
 
-def test_deleted_things_are_gone_until_they_are_reset(sketch, placed) -> None:
+def test_deleted_things_are_gone_until_they_are_reset(sketch, placed):
     lake = Chosen("lake", next(each.id for each in placed.lakes if each.label))
     for chosen in (first(placed), first(placed, painted=False), lone(placed), lake):
         gone = edits.deleted(edits.reset(sketch, placed, chosen), chosen)
@@ -168,7 +168,7 @@ def test_deleted_things_are_gone_until_they_are_reset(sketch, placed) -> None:
         assert not edits.is_edited(back, placed, chosen)
 
 
-def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed) -> None:
+def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed):
     changed = edits.added(sketch, "mountain", 2400.0, 700.0, 400.0, 300.0)
     now = placed_of(changed)
     chosen = Chosen("feature", int(now.points["id"][now.points["id"] & ADDED_BIT > 0][0]))
@@ -182,7 +182,7 @@ def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed) -> None
         edits.added(sketch, "castle", 0.0, 0.0, 100.0, 300.0)
 
 
-def test_values_stay_in_their_ranges_and_confluences_stay_in_place(sketch, placed) -> None:
+def test_values_stay_in_their_ranges_and_confluences_stay_in_place(sketch, placed):
     chosen = first(placed)
     assert edits.resized(sketch, placed, chosen, 0.0).edits[0].radius == 0.1
     assert edits.strengthened(sketch, placed, chosen, 1e9).edits[0].strength == 9000.0
@@ -198,7 +198,7 @@ def test_values_stay_in_their_ranges_and_confluences_stay_in_place(sketch, place
     assert edits.point_moved(sketch, placed, Chosen("river", child.id, last), 0.0, 0.0) is sketch
 
 
-def test_names_are_those_of_contradictions_and_missing_things_change_nothing(placed, sketch) -> None:
+def test_names_are_those_of_contradictions_and_missing_things_change_nothing(placed, sketch):
     assert name_of(placed, first(placed)) == "mountain"
     assert name_of(placed, Chosen("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
     lake = Chosen("lake", placed.lakes[0].id)
@@ -223,7 +223,7 @@ def test_names_are_those_of_contradictions_and_missing_things_change_nothing(pla
 
 
 @pytest.mark.slow
-def test_a_hundred_random_drags_stay_valid() -> None:
+def test_a_hundred_random_drags_stay_valid():
     sketch = load_sketch("valley_river")
     now = placed_of(sketch)
     rng = np.random.default_rng(8)

@@ -41,13 +41,13 @@ UNTRIGGERED = ("quit", "restart", "full-screen")
 class Monkey:
     """Does one thing after another; another seed does other things."""
 
-    def __init__(self, window, document, workspace, *, seed: int) -> None:
+    def __init__(self, window, document, workspace, *, seed: int):
         self._window, self._document, self._workspace = window, document, workspace
         self._random = random.Random(seed)
         self._sketches = [load_sketch(name) for name in preset_names()]
         self.did: list[str] = []
 
-    def act(self) -> None:
+    def act(self):
         """Do one thing, and let the program answer."""
         often = {self.paint: 8, self.use_history: 4, self.turn_form: 4, self.trigger: 3, self.choose: 3}
         often |= {self.press: 2, self.scroll: 2}
@@ -57,20 +57,20 @@ class Monkey:
         deed()
         QApplication.processEvents()
 
-    def paint(self) -> None:
+    def paint(self):
         self._drag(self._window.canvas)
 
-    def look_around(self) -> None:
+    def look_around(self):
         self._drag(self._window.view)
 
-    def use_history(self) -> None:
+    def use_history(self):
         what = self._random.choice(("undo", "redo", "go"))
         if what == "go":
             self._document.go_to(self._random.randrange(len(self._document.history.titles)))
         else:
             self._window.actions_by_name[what].trigger()
 
-    def trigger(self) -> None:
+    def trigger(self):
         """Do something of the menus; dialogs are closed as they come."""
         actions = [each for each in self._window.actions_by_name if each.objectName() not in UNTRIGGERED]
         action = self._random.choice(actions)
@@ -81,7 +81,7 @@ class Monkey:
             QApplication.processEvents()
             closing.stop()
 
-    def turn_form(self) -> None:
+    def turn_form(self):
         """Press a key on one of the controls of the panels."""
         kinds = (QAbstractSlider, QAbstractSpinBox, QComboBox, QAbstractItemView)
         controls = [each for kind in kinds for each in self._window.findChildren(kind) if each.isVisible()]
@@ -102,17 +102,17 @@ class Monkey:
         QApplication.processEvents()
         closing.stop()
 
-    def press(self) -> None:
+    def press(self):
         target = self._random.choice((self._window.canvas, self._window.view))
         QTest.keyClick(target, self._random.choice(_KEYS))
 
-    def scroll(self) -> None:
+    def scroll(self):
         target = self._random.choice((self._window.canvas, self._window.view))
         place = self._place(target)
         keys = self._random.choice((Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ShiftModifier))
         wheel(target, place.x(), place.y(), self._random.choice((-2, -1, 1, 2)), keys)
 
-    def choose(self) -> None:
+    def choose(self):
         """Take another tool, label, brush or overlay, or hide or lock a layer."""
         dice, workspace = self._random, self._workspace
         layer = dice.choice(list(LAYERS))
@@ -128,10 +128,10 @@ class Monkey:
         else:
             workspace.show_overlay(dice.choice(list(OVERLAYS)), dice.random() < 0.6)
 
-    def resize(self) -> None:
+    def resize(self):
         self._window.resize(self._random.randrange(720, 1700), self._random.randrange(480, 1000))
 
-    def dock(self) -> None:
+    def dock(self):
         dock = self._random.choice(self._window.findChildren(QDockWidget))
         what = self._random.randrange(3)
         if what == 2:
@@ -139,12 +139,12 @@ class Monkey:
         else:
             dock.setVisible(what == 1)
 
-    def load(self) -> None:
+    def load(self):
         """Open another sketch; one in four times, for it takes its time."""
         if self._random.random() < 0.25:
             self._document.open(self._random.choice(self._sketches))
 
-    def _drag(self, widget) -> None:
+    def _drag(self, widget):
         if not widget.isVisible():
             return
         button = self._random.choice(_BUTTONS)
@@ -166,17 +166,17 @@ class Monkey:
 class DialogCloser:
     """Closes whatever waits for an answer, as long as it is not stopped."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._timer = QTimer()
         self._timer.timeout.connect(self._close)
         self._timer.start(0)
 
-    def stop(self) -> None:
+    def stop(self):
         self._close()
         self._timer.stop()
 
     @staticmethod
-    def _close() -> None:
+    def _close():
         for widget in (QApplication.activePopupWidget(), QApplication.activeModalWidget()):
             if widget is not None:
                 widget.close()
@@ -197,7 +197,7 @@ def window(window, link, placed):
     return window
 
 
-def settle() -> None:
+def settle():
     """Let all that was to be deleted be deleted."""
     for _ in range(3):
         QApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
@@ -223,7 +223,7 @@ def widgets() -> Counter[str]:
     return Counter(f"{name(each)} in {name(parent) if parent else 'nothing'}" for each, parent in kinds)
 
 
-def at_rest(window, document, workspace) -> None:
+def at_rest(window, document, workspace):
     """Bring the window into one state, whatever was done."""
     document.open(load_sketch("valley_river"))
     workspace.chosen = None

@@ -63,7 +63,7 @@ def frame_of(eye, target, *, settled: bool = True) -> FrameFacts:
     return FrameFacts(WIDTH, HEIGHT, 1, pose, tuple(clip.ravel()), 0.05, 0.01, 9, 900, settled, 1 << 20)
 
 
-def show_picture(link, document, placed, *, eye=None, target=None) -> None:
+def show_picture(link, document, placed, *, eye=None, target=None):
     """Let the engine have drawn a picture of flat ground from the south."""
     east, north = document.sketch.size
     eye = eye or (east / 2, -0.3 * north, 0.6 * north)
@@ -102,7 +102,7 @@ def motions(link, *, without=(Pick,)):
     return [each for each in link.told if not isinstance(each, without)]
 
 
-def test_drags_turn_move_and_look_around(view, link) -> None:
+def test_drags_turn_move_and_look_around(view, link):
     drag(view, (300, 200), (310, 200), (330, 230))
     turns = motions(link)
     assert all(isinstance(each, Turn) for each in turns)
@@ -119,7 +119,7 @@ def test_drags_turn_move_and_look_around(view, link) -> None:
     assert motions(link) == [Turn(15.0, 0.0), Turn(0.0, 6.0)]
 
 
-def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link) -> None:
+def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link):
     wheel(view, 160, 120, 1)
     wheel(view, 480, 360, -2)
     nearer, farther = link.told
@@ -143,9 +143,7 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link) 
     assert isinstance(link.told[-1], Pick), "there is no way into the sky"
 
 
-def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(
-    view, link, workspace, placed
-) -> None:
+def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, link, workspace, placed):
     point = placed.points[placed.points["painted"]][0]
     click(view, 320, 240)
     link.picked.emit(Picked(link.told[-1].token, (float(point["x"]), float(point["y"]), 0.0)))
@@ -168,7 +166,7 @@ def grips(view):
     return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).grips}
 
 
-def answer(link, place) -> None:
+def answer(link, place):
     """Let the engine answer the newest pick."""
     link.picked.emit(Picked(link.told[-1].token, place))
 
@@ -180,7 +178,7 @@ def chosen(view, workspace, placed):
     return workspace.chosen
 
 
-def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, chosen) -> None:
+def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, chosen):
     grip = grips(view)["move"]
     mouse(view, PRESS, grip.x, grip.y)
     mouse(view, MOVE, grip.x + 50, grip.y)
@@ -196,7 +194,7 @@ def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, 
     assert not keeps(view, Qt.Key.Key_Escape)
 
 
-def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, chosen, link) -> None:
+def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, chosen, link):
     grip = grips(view)["radius"]
     drag(view, (grip.x, grip.y), (grip.x + 30, grip.y))
     assert document.history.titles == ("Open", "Resize mountain")
@@ -215,9 +213,7 @@ def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, cho
     assert document.sketch.edits == ()
 
 
-def test_a_handle_is_where_it_was_left_until_it_was_placed_there(
-    view, link, document, chosen, placed
-) -> None:
+def test_a_handle_is_where_it_was_left_until_it_was_placed_there(view, link, document, chosen, placed):
     grip = grips(view)["move"]
     drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
     assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
@@ -230,7 +226,7 @@ def test_a_handle_is_where_it_was_left_until_it_was_placed_there(
     assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
 
 
-def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, placed) -> None:
+def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, placed):
     workspace.chosen = Chosen("river", placed.rivers[0].id)
     marks = view._scene.marks(view.width(), view.height())
     grip = next(each for each in marks.grips if each.handle.role == "point" and 100 < each.y < 400)
@@ -251,7 +247,7 @@ def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, p
         assert workspace.chosen is None
 
 
-def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspace, placed) -> None:
+def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspace, placed):
     point = placed.points[placed.points["painted"] & (placed.points["type"] == 0)][0]
     place = (float(point["x"]), float(point["y"]), 0.0)
     for text, action in (("Lock mountain", "lock"), ("Add hill here", "add"), ("Delete mountain", "delete")):
@@ -268,7 +264,7 @@ def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspa
     assert not [each for each in view.findChildren(DoingMenu) if each.isVisible()]
 
 
-def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed) -> None:
+def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed):
     assert view._scene.marks(WIDTH, HEIGHT).dots == ()
     workspace.tool = "select"
     dots = [each for each in view._scene.marks(WIDTH, HEIGHT).dots if 60 < each.y < 400]
@@ -279,7 +275,7 @@ def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed
     assert link.told == []
 
 
-def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link) -> None:
+def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link):
     key(view, Qt.Key.Key_W)
     key(view, Qt.Key.Key_W, repeat=True)
     key(view, Qt.Key.Key_D)
@@ -302,7 +298,7 @@ def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link)
     assert motions(link) == [Fly(right=-1.0), Fly()]
 
 
-def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view) -> None:
+def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view):
     for code in (Qt.Key.Key_W, Qt.Key.Key_E, Qt.Key.Key_F, Qt.Key.Key_1, Qt.Key.Key_Delete, Qt.Key.Key_R):
         assert keeps(view, code)
         assert not keeps(view, code, Qt.KeyboardModifier.ControlModifier)
@@ -311,7 +307,7 @@ def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view) -> Non
     assert not keeps(view, Qt.Key.Key_V)
 
 
-def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, chosen, placed) -> None:
+def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, chosen, placed):
     key(view, Qt.Key.Key_Home)
     key(view, Qt.Key.Key_F)
     point = placed.points[placed.points["id"] == chosen.id][0]
@@ -327,7 +323,7 @@ def test_home_sees_everything_and_f_the_selection(view, link, document, workspac
     assert link.told[3:] == [link.told[0], Look(None)]
 
 
-def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document, placed) -> None:
+def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document, placed):
     compass = view.findChildren(Compass)[0]
     show_picture(link, document, placed, eye=(0.0, 0.0, 100.0), target=(500.0, 500.0, 0.0))
     assert compass.heading == pytest.approx(45.0)
@@ -349,10 +345,7 @@ def test_the_compass_and_the_modes_follow_keys_and_buttons(view, link, document,
     assert buttons["Fly"].isChecked()
 
 
-# ── sizes, pictures, cards ───────────────────────────────────────────────────────────────────────────────
-
-
-def test_a_picture_is_asked_for_once_the_size_rests_and_none_while_hidden(qtbot, view, link) -> None:
+def test_a_picture_is_asked_for_once_the_size_rests_and_none_while_hidden(qtbot, view, link):
     for width in range(500, 600, 10):
         view.resize(width, 400)
         qtbot.wait(5)
@@ -369,7 +362,7 @@ def test_a_picture_is_asked_for_once_the_size_rests_and_none_while_hidden(qtbot,
     qtbot.waitUntil(lambda: link.view.width == 590)
 
 
-def test_pictures_fill_the_view_sharp_and_undistorted(qtbot, view, link) -> None:
+def test_pictures_fill_the_view_sharp_and_undistorted(view, link):
     pixels = np.zeros((HEIGHT, WIDTH, 4), np.uint8)
     pixels[::2, ::2, :3] = 255
     link.picture = QImage(pixels.tobytes(), WIDTH, HEIGHT, QImage.Format.Format_RGB32).copy()
@@ -392,7 +385,7 @@ def texts(view) -> str:
     return "" if card.isHidden() else "\n".join(each.text() for each in card.findChildren(QLabel))
 
 
-def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, document, placed) -> None:
+def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, document, placed):
     assert "Preparing" in texts(bare)
     link.working = "Placing features"
     link.working_changed.emit(link.working)
@@ -402,7 +395,7 @@ def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, docum
     assert not bare.findChildren(Card)[0]._clock.isActive()
 
 
-def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link) -> None:
+def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link):
     def say(**facts: str) -> str:
         link.facts = EngineFacts(**facts)
         link.facts_changed.emit(link.facts)
@@ -423,7 +416,7 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
         assert bare.rect().contains(card)
 
 
-def test_a_stopped_engine_can_be_started_again(view, link, document, placed) -> None:
+def test_a_stopped_engine_can_be_started_again(view, link, document, placed):
     link.trouble.emit(Trouble("engine", "it crashed (signal 11)"))
     assert "signal 11" in texts(view)
     view.grab()
@@ -437,10 +430,7 @@ def test_a_stopped_engine_can_be_started_again(view, link, document, placed) -> 
     assert texts(view) == ""
 
 
-# ── what it costs ────────────────────────────────────────────────────────────────────────────────────────
-
-
-def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, document, workspace, placed) -> None:
+def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, document, workspace, placed):
     workspace.tool = "select"
     workspace.chosen = Chosen("river", placed.rivers[0].id)
     x, y, z = placed.rivers[0].centreline[40]
@@ -467,10 +457,8 @@ def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, documen
     assert not view.grab().isNull()
 
 
-def test_views_and_canvases_that_are_deleted_leave_nothing_behind(
-    qtbot, document, workspace, link, placed
-) -> None:
-    def made(kind) -> None:
+def test_views_and_canvases_that_are_deleted_leave_nothing_behind(document, workspace, link, placed):
+    def made(kind):
         view = kind(document, workspace, link)
         view.resize(200, 150)
         view.show()

@@ -35,7 +35,7 @@ def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> Ground:
     return Ground(Relief(1, 1, heights, heights.astype(np.uint8)), spacing)
 
 
-def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale() -> None:
+def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale():
     projection = projection_of()
     assert projection.see([TARGET]).at[0] == pytest.approx([330.0, 260.0], abs=1e-6)
     above = np.add(TARGET, (0.0, 0.0, 50.0))
@@ -59,7 +59,7 @@ def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale() -> None:
     assert projection.metres_per_px(np.subtract(EYE, np.subtract(TARGET, EYE))) == 0.0
 
 
-def test_a_level_is_met_where_it_is_seen_and_not_over_the_horizon() -> None:
+def test_a_level_is_met_where_it_is_seen_and_not_over_the_horizon():
     projection = projection_of()
     rng = np.random.default_rng(2)
     for x, y in rng.uniform(-500.0, 3000.0, (100, 2)):
@@ -78,7 +78,7 @@ def test_a_level_is_met_where_it_is_seen_and_not_over_the_horizon() -> None:
     assert projection.on_level(330.0, 450.0, 0.0) is not None
 
 
-def test_lines_are_cut_where_they_pass_the_eye() -> None:
+def test_lines_are_cut_where_they_pass_the_eye():
     projection = projection_of((0.0, 0.0, 100.0), (0.0, 100.0, 100.0))
     line = np.array([(-50.0, y, 0.0) for y in np.linspace(-500.0, 500.0, 21)])
     ((first, at),) = projection.runs(line)
@@ -90,7 +90,7 @@ def test_lines_are_cut_where_they_pass_the_eye() -> None:
     assert len(projection.runs(np.concatenate([line[15:], line[:5], line[15:]]))) == 2
 
 
-def test_heights_lie_between_the_samples_that_they_stand_among() -> None:
+def test_heights_lie_between_the_samples_that_they_stand_among():
     heights = np.arange(12, dtype=np.float32).reshape(3, 4)
     ground = Ground(Relief(1, 1, heights, heights.astype(np.uint8)), 10.0)
     assert ground.height(5.0, 25.0) == 0.0, "row 0 is the north"
@@ -101,7 +101,7 @@ def test_heights_lie_between_the_samples_that_they_stand_among() -> None:
     assert ground.covers([0.0, 40.0, 41.0], [0.0, 30.0, 5.0]).tolist() == [True, True, False]
 
 
-def test_a_ridge_hides_what_lies_behind_it_and_nothing_else() -> None:
+def test_a_ridge_hides_what_lies_behind_it_and_nothing_else():
     heights = np.zeros((64, 64), np.float32)
     heights[30:34] = 400.0
     ground = Ground(Relief(1, 1, heights, heights.astype(np.uint8)), 50.0)
@@ -121,7 +121,7 @@ def placed_with(*places: tuple[float, float]) -> Placed:
     return Placed(1, points, (), ())
 
 
-def test_marks_lie_where_features_are_seen_and_are_thinned_out() -> None:
+def test_marks_lie_where_features_are_seen_and_are_thinned_out():
     projection, ground = projection_of(), flat()
     placed = placed_with((1200.0, 900.0), (1900.0, 1500.0), (1000.0, -9e4))
     marks = marks_of(projection, ground, placed, None, all_features=True)
@@ -143,7 +143,7 @@ def test_marks_lie_where_features_are_seen_and_are_thinned_out() -> None:
     assert len(marks_of(projection_of(), flat(), crowd, None, all_features=True).dots) <= 2
 
 
-def test_a_rivers_grips_keep_apart(placed) -> None:
+def test_a_rivers_grips_keep_apart(placed):
     river = placed.rivers[0]
     x, y, z = river.centreline[len(river.centreline) // 2]
     projection = projection_of((x, y - 6e3, z + 4e3), (x, y, z))
@@ -160,7 +160,7 @@ def test_a_rivers_grips_keep_apart(placed) -> None:
     assert hidden in [each.handle.chosen.index for each in taken.grips], "the one that is selected is there"
 
 
-def test_lengths_are_round_and_worded() -> None:
+def test_lengths_are_round_and_worded():
     for metres, rounded in ((0.7, 0.5), (1.0, 1.0), (3.9, 2.0), (49.0, 20.0), (120.0, 100.0), (5e3, 5e3)):
         assert round_length(metres) == rounded
     words = {0.5: "0.5 m", 27.3: "27 m", 999.6: "1.0 km", 2449.0: "2.4 km", 123456.0: "123 km"}
@@ -177,7 +177,7 @@ def test_lengths_are_round_and_worded() -> None:
         assert heading_of((0.0, 0.0, 0.0), target) == pytest.approx(heading)
 
 
-def test_an_overview_shows_every_corner_and_wastes_no_room() -> None:
+def test_an_overview_shows_every_corner_and_wastes_no_room():
     for aspect in [0.4, 4 / 3, 3.0]:
         for size in [(6144.0, 6144.0), (3000.0, 9000.0), (9000.0, 1000.0)]:
             pose = overview((0.0, 0.0, *size), 120.0, aspect=aspect)

@@ -24,11 +24,11 @@ from .test_random_actions import UNTRIGGERED, DialogCloser
 BUTTON = QMessageBox.StandardButton
 
 
-def do(window, name: str) -> None:
+def do(window, name: str):
     window.actions_by_name[name].trigger()
 
 
-def paint(document, label: int = 1) -> None:
+def paint(document, label: int = 1):
     image = document.sketch.layers["mountain"].copy()
     image[:40, :40] = label
     layers = {**document.sketch.layers, "mountain": image}
@@ -46,7 +46,7 @@ def answer(monkeypatch, button) -> list[str]:
     return asked
 
 
-def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window) -> None:
+def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window):
     for action in window.actions_by_name:
         assert action.text(), action.objectName()
         assert action.statusTip(), action.objectName()
@@ -72,7 +72,7 @@ def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window) -> 
         assert not twice, f"{bar_action.text()}: {twice}"
 
 
-def test_undo_redo_and_a_new_seed_are_steps(window, document) -> None:
+def test_undo_redo_and_a_new_seed_are_steps(window, document):
     before = document.sketch
     paint(document)
     assert "paint mountains" in window.actions_by_name["undo"].text()
@@ -91,7 +91,7 @@ def test_undo_redo_and_a_new_seed_are_steps(window, document) -> None:
 
 def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_can_be_triggered(
     window, document, workspace, link, placed, monkeypatch, tmp_path
-) -> None:
+):
     monkeypatch.chdir(tmp_path)
     scale, brush = window.canvas.viewport.scale, workspace.brush
     do(window, "zoom-in")
@@ -125,7 +125,7 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
     assert window.banner.message is None or window.banner.message.kind != "error"
 
 
-def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, workspace, qtbot, link) -> None:
+def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, workspace, link):
     window.activateWindow()
     for tool, key in TOOL_KEYS.items():
         do(window, f"tool-{tool}")
@@ -153,7 +153,7 @@ def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, works
     assert link.running
 
 
-def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypatch, qtbot) -> None:
+def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypatch, qtbot):
     monkeypatch.setattr(
         QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "mine"), _[4].split(";;")[0])
     )
@@ -176,9 +176,7 @@ def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypa
     assert document.sketch.layers["mountain"][:40, :40].all()
 
 
-def test_missing_and_broken_sketches_are_one_line_and_change_nothing(
-    window, tmp_path, qtbot, document
-) -> None:
+def test_missing_and_broken_sketches_are_one_line_and_change_nothing(window, tmp_path, qtbot, document):
     gone = tmp_path / "gone.sketch"
     window.files.recent.add(gone)
     window.files.open(gone)
@@ -196,9 +194,7 @@ def test_missing_and_broken_sketches_are_one_line_and_change_nothing(
     assert document.sketch is before
 
 
-def test_the_newest_of_two_sketches_is_opened_and_reading_can_be_cancelled(
-    window, document, tmp_path, qtbot
-) -> None:
+def test_the_newest_of_two_sketches_is_opened_and_reading_can_be_cancelled(window, document, tmp_path, qtbot):
     for name in ("one", "two"):
         save_sketch(Sketch(name=name), tmp_path / f"{name}.sketch")
         window.files.open(tmp_path / f"{name}.sketch")
@@ -218,7 +214,7 @@ def test_the_newest_of_two_sketches_is_opened_and_reading_can_be_cancelled(
     assert document.sketch is before
 
 
-def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
+def test_exporting_goes_on_beside_the_window_and_ends_with_it(window):
     from sketchterrain.ui.dialogs.export import ExportDialog
 
     do(window, "export")
@@ -231,14 +227,12 @@ def test_exporting_goes_on_beside_the_window_and_ends_with_it(window) -> None:
     assert dialog.isHidden()
 
 
-def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
-    window, link, tmp_path, monkeypatch, qtbot
-) -> None:
+def test_pictures_are_saved_as_shown_or_asked_of_the_engine(window, link, tmp_path, monkeypatch, qtbot):
     from sketchterrain.ui.dialogs.new_sketch import PictureDialog
 
     monkeypatch.setattr(PictureDialog, "exec", lambda dialog: dialog._ask() or 1)
 
-    def save_as(path) -> None:
+    def save_as(path):
         monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (str(path), ""))
         do(window, "save-picture")
 
@@ -259,7 +253,7 @@ def test_pictures_are_saved_as_shown_or_asked_of_the_engine(
 
 def test_changes_are_not_lost_by_closing_and_without_any_nothing_is_asked(
     window, document, tmp_path, monkeypatch
-) -> None:
+):
     path = tmp_path / "a.sketch"
     for button, leaves, saves in (
         (BUTTON.Cancel, False, False),
@@ -280,7 +274,7 @@ def test_changes_are_not_lost_by_closing_and_without_any_nothing_is_asked(
     assert len(asked) == 1
 
 
-def drop(window, *paths: Path) -> None:
+def drop(window, *paths: Path):
     data = QMimeData()
     data.setUrls([QUrl.fromLocalFile(str(path)) for path in paths])
     copy = Qt.DropAction.CopyAction
@@ -288,9 +282,7 @@ def drop(window, *paths: Path) -> None:
     window.dropEvent(QDropEvent(QPointF(5, 5), copy, data, left, none))
 
 
-def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(
-    window, document, tmp_path, qtbot
-) -> None:
+def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(window, document, tmp_path, qtbot):
     save_sketch(Sketch(name="Dropped"), tmp_path / "dropped")
     drop(window, tmp_path / "dropped" / "sketch.toml")
     qtbot.waitUntil(lambda: document.sketch.name == "Dropped")
@@ -313,7 +305,7 @@ def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(
     assert "9×8 px: expected 512×512 px" in window.banner.message.line
 
 
-def test_one_part_alone_and_back(window) -> None:
+def test_one_part_alone_and_back(window):
     layout = window.layout_of_parts
     shown = {name for name, dock in layout.docks.items() if not dock.isHidden()}
     do(window, "view-only")
@@ -329,7 +321,7 @@ def test_one_part_alone_and_back(window) -> None:
     assert not window.actions_by_name["leave"].isEnabled()
 
 
-def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path) -> None:
+def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path):
     window.layout_of_parts.docks["history"].close()
     window.layout_of_parts.docks["view"].setFloating(True)
     assert window.close()
@@ -348,7 +340,7 @@ def test_the_layout_is_remembered_and_can_be_reset(window, open_window, tmp_path
     assert not docks["view"].isHidden()
 
 
-def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, link, capsys) -> None:
+def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, link, capsys):
     banner = window.banner
     banner.tell(Message("error", "one", "a"))
     banner.tell(Message("warning", "two", "b"))
@@ -378,7 +370,7 @@ def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, li
     assert window.banner.message.buttons[0][0] == "Details…"
 
 
-def test_the_window_and_its_dialogs_load_no_driver() -> None:
+def test_the_window_and_its_dialogs_load_no_driver():
     drivers = {
         *("pyopencl", "moderngl", "matplotlib", "OpenEXR", "pyogrio", "zarr", "distributed"),
         *("sketchterrain.render", "sketchterrain.compute"),

@@ -61,7 +61,7 @@ def window(qtbot, tmp_path, monkeypatch):
     return shown
 
 
-def test_it_flies_walks_goes_to_places_and_selects_nothing(window) -> None:
+def test_it_flies_walks_goes_to_places_and_selects_nothing(window):
     view, link = window.view, window.link
     assert link.view.mode == "fly"
     key(view, Qt.Key.Key_W)
@@ -86,7 +86,7 @@ def test_it_flies_walks_goes_to_places_and_selects_nothing(window) -> None:
     assert not view.grab().isNull()
 
 
-def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypatch) -> None:
+def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypatch):
     there = [each.objectName() for menu in window.menuBar().actions() for each in menu.menu().actions()]
     assert {"save-picture", "quit", "full-screen", "mode-fly", "look-all", "play", "bookmark", "keys"} <= set(
         there
@@ -104,7 +104,7 @@ def test_its_actions_are_those_that_make_sense_without_a_sketch(window, monkeypa
     assert "Erase" not in pages[0]
 
 
-def test_the_window_tells_what_it_shows_and_what_is_lost(window) -> None:
+def test_the_window_tells_what_it_shows_and_what_is_lost(window):
     card = window.view._hud.card
     assert window.windowTitle() == "island.zarr"
     assert "4.0 km × 2.0 km, 2 m between vertices" in window._what.text()
@@ -121,7 +121,7 @@ def test_the_window_tells_what_it_shows_and_what_is_lost(window) -> None:
     assert window.link.starts == 2
 
 
-def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot) -> None:
+def test_a_picture_is_saved(window, tmp_path, monkeypatch, qtbot):
     file = tmp_path / "seen"
     monkeypatch.setattr(worlds.QFileDialog, "getSaveFileName", lambda *_: (str(file), ""))
     window.view.picture_wanted.emit()
@@ -157,7 +157,7 @@ def world(tmp_path_factory):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_the_process_draws_tells_and_ends(world, qapp) -> None:
+def test_the_process_draws_tells_and_ends(world, qapp):
     link, troubles = WorldLink(world), []
     link.view = replace(link.view, width=160, height=100, quality=0.0, plays=False)
     link.trouble.connect(troubles.append)
@@ -189,7 +189,7 @@ def test_the_process_draws_tells_and_ends(world, qapp) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp) -> None:
+def test_what_is_no_world_is_told_by_the_process(tmp_path, qapp):
     link, troubles = WorldLink(tmp_path), []
     link.trouble.connect(troubles.append)
     link.start()

@@ -2,7 +2,6 @@
 
 import gc
 import os
-from typing import Any
 
 os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
 
@@ -10,7 +9,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.sketch import Sketch, load_sketch
+from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.engine.link import EngineLink
+from sketchterrain.ui.engine.protocol import Placed
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Workspace
@@ -19,19 +20,16 @@ from sketchterrain.ui.models.workspace import Workspace
 class FakeLink(EngineLink):
     """An engine that works out nothing; tests set its values and emit its signals."""
 
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document):
         super().__init__(document)
-        self.told: list[Any] = []
-        self.running = False
+        self.told, self.running = [], False
+        self.tell = self.told.append
 
-    def start(self) -> None:
+    def start(self):
         self.running = True
 
-    def stop(self) -> None:
+    def stop(self):
         self.running = False
-
-    def tell(self, message: Any) -> None:
-        self.told.append(message)
 
 
 @pytest.fixture(autouse=True)
@@ -61,16 +59,27 @@ def link(document):
 @pytest.fixture(scope="session")
 def placed():
     """What is placed of the preset valley_river."""
-    import numpy as np
-
-    from sketchterrain.terrain import make_recipe
-    from sketchterrain.ui.engine.protocol import Placed
-
     sketch = load_sketch("valley_river")
     recipe = make_recipe(sketch)
     fill = recipe.fill.within(0.0, 0.0, *sketch.size)
     points = np.sort(np.concatenate([recipe.painted, fill]), order="id")
     return Placed(1, points, tuple(recipe.rivers), tuple(recipe.lakes))
+
+
+@pytest.fixture
+def shown(qtbot):
+    """Show a widget, and hold it until the test has ended: Qt may still draw it."""
+    held = []
+
+    def show(widget, width=300, height=600):
+        held.append(widget)
+        qtbot.addWidget(widget)
+        widget.resize(width, height)
+        widget.show()
+        return widget
+
+    yield show
+    held.clear()
 
 
 @pytest.fixture

@@ -1,15 +1,10 @@
 """Events of mouse, wheel, pen and keys, sent to a widget as Qt sends them."""
 
-from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
-from PyQt6.QtGui import (
-    QInputDevice,
-    QKeyEvent,
-    QMouseEvent,
-    QPointingDevice,
-    QPointingDeviceUniqueId,
-    QTabletEvent,
-    QWheelEvent,
-)
+import time
+
+from PyQt6 import QtGui
+from PyQt6.QtCore import QEvent, QEventLoop, QPoint, QPointF, Qt
+from PyQt6.QtGui import QInputDevice, QKeyEvent, QMouseEvent, QPointingDevice, QTabletEvent, QWheelEvent
 from PyQt6.QtWidgets import QApplication
 
 LEFT, RIGHT, MIDDLE = Qt.MouseButton.LeftButton, Qt.MouseButton.RightButton, Qt.MouseButton.MiddleButton
@@ -59,9 +54,18 @@ def pen(widget, kind: QEvent.Type, x: float, y: float, pressure: float, *, erase
     """Send a pen's event; return whether it was accepted."""
     tip = QPointingDevice.PointerType.Eraser if erases else QPointingDevice.PointerType.Pen
     stylus, feels = QInputDevice.DeviceType.Stylus, QInputDevice.Capability.Pressure
-    device = QPointingDevice("pen", 1, stylus, tip, feels, 1, 2, "", QPointingDeviceUniqueId())
+    device = QPointingDevice("pen", 1, stylus, tip, feels, 1, 2, "", QtGui.QPointingDeviceUniqueId())
     at, held = QPointF(x, y), NO_BUTTON if kind == QEvent.Type.TabletRelease else LEFT
     where, tilt = widget.mapToGlobal(at), [0.0] * 5
     event = QTabletEvent(kind, device, at, where, pressure, *tilt, NO_KEYS, LEFT, held)
     QApplication.sendEvent(widget, event)
     return event.isAccepted()
+
+
+def wait(until, seconds=300.0):
+    """Let the program go on until something holds; machines are shared."""
+    end = time.monotonic() + seconds
+    while not until():
+        assert time.monotonic() < end, "nothing came of it"
+        QApplication.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, 20)
+        time.sleep(0.002)

@@ -91,11 +91,5 @@ class Painter:
 
 if __name__ == "__main__":
     application = QCoreApplication([])
-    painter = Painter(
-        Path(sys.argv[1]),
-        Path(sys.argv[2]),
-        Path(sys.argv[3]),
-        interval_s=float(sys.argv[4]),
-        seed=int(sys.argv[5]),
-    )
+    painter = Painter(*map(Path, sys.argv[1:4]), interval_s=float(sys.argv[4]), seed=int(sys.argv[5]))
     sys.exit(application.exec())

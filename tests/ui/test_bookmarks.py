@@ -51,10 +51,8 @@ def written(**changes) -> bytes:
 
 
 def test_an_unreadable_file_counts_as_empty(document, folder, tmp_path):
-    wrong = (
-        *({"target": [0, 0, 0]}, {"eye": [0, 0, float("nan")]}, {"eye": [0, 0]}),
-        *({"mode": "swim"}, {"fov": 0}, {"picture": "?"}),
-    )
+    wrong = [{"target": [0, 0, 0]}, {"eye": [0, 0, float("nan")]}, {"eye": [0, 0]}]
+    wrong += [{"mode": "swim"}, {"fov": 0}, {"picture": "?"}]
     broken = (b"", b"{", b"[]", b"\xff\xfe", b'{"bookmarks": [{}]}')
     for content in (*broken, *(written(**changes) for changes in wrong)):
         path = tmp_path / "one.sketch"
@@ -83,12 +81,8 @@ def test_a_folder_that_cannot_be_written_is_told(document, folder, tmp_path):
 
 
 @pytest.fixture
-def panel(qtbot, document, folder, link):
-    widget = BookmarksPanel(link, Bookmarks(document, folder))
-    qtbot.addWidget(widget)
-    widget.resize(300, 300)
-    widget.show()
-    return widget
+def panel(shown, document, folder, link):
+    return shown(BookmarksPanel(link, Bookmarks(document, folder)))
 
 
 def picture(link, pose: Pose = HERE):
@@ -102,16 +96,24 @@ def buttons(panel) -> dict[str, QToolButton]:
     return {each.accessibleName().split()[0]: each for each in panel.findChildren(QToolButton)}
 
 
+def rows_of(panel):
+    return panel.findChildren(QListWidget)[0]
+
+
+def titles(panel) -> list[str]:
+    return [rows_of(panel).item(row).text() for row in range(rows_of(panel).count())]
+
+
 def test_a_view_is_kept_with_its_picture_and_gone_to(panel, link):
     assert not buttons(panel)["Keep"].isEnabled()
     panel.add()
-    assert panel.findChildren(QListWidget)[0].count() == 0
+    assert titles(panel) == []
     picture(link)
     buttons(panel)["Keep"].click()
     picture(link, THERE)
     panel.add()
-    rows = panel.findChildren(QListWidget)[0]
-    assert [rows.item(row).text() for row in range(2)] == ["View 1", "View 2"]
+    rows = rows_of(panel)
+    assert titles(panel) == ["View 1", "View 2"]
     shown = rows.item(0).icon().pixmap(96, 60).toImage()
     assert shown.pixelColor(shown.width() // 2, shown.height() // 2).red() > 180
     panel.go_to(0)
@@ -132,9 +134,9 @@ def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link):
     picture(link)
     panel.add()
     panel.add()
-    rows = panel.findChildren(QListWidget)[0]
+    rows = rows_of(panel)
     rows.item(0).setText("Gorge")
-    assert [rows.item(row).text() for row in range(2)] == ["Gorge", "View 2"]
+    assert titles(panel) == ["Gorge", "View 2"]
     rows.setCurrentRow(0)
     picture(link, THERE)
     buttons(panel)["Let"].click()
@@ -142,7 +144,7 @@ def test_they_are_renamed_and_deleted_in_the_list(qtbot, panel, link):
     assert link.told[-1] == Look(THERE)
     rows.setFocus()
     qtbot.keyClick(rows, Qt.Key.Key_Delete)
-    assert [rows.item(row).text() for row in range(rows.count())] == ["View 2"]
+    assert titles(panel) == ["View 2"]
     buttons(panel)["Delete"].click()
     assert rows.count() == 0
     assert not buttons(panel)["Delete"].isEnabled()

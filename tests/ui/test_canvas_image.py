@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PyQt6.QtCore import QPointF, QRect
-from PyQt6.QtGui import QColor
+from PyQt6.QtGui import QColor, QImage
 
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.sketch.label_colours import DRAW_ORDER
@@ -24,8 +24,8 @@ from sketchterrain.ui.models.document import Document
 def test_a_fitted_sheet_is_whole_and_in_the_middle():
     for size, sides in (((800, 600), (512, 512)), ((300, 900), (4096, 1024)), ((900, 300), (7, 5))):
         viewport = Viewport(*size, *sides).fitted(margin=20)
-        width, height = viewport.sheet_size
-        for low, side, room in ((viewport.left, width, size[0]), (viewport.top, height, size[1])):
+        lows = (viewport.left, viewport.top)
+        for low, side, room in zip(lows, viewport.sheet_size, size, strict=True):
             assert 19 <= low <= room - 19 - side
             assert abs(low - (room - low - side)) <= 2
 
@@ -55,12 +55,9 @@ def test_the_sheet_is_never_lost():
                 viewport = viewport.zoomed(rng.uniform(0.3, 3.0), rng.uniform(0, 700), rng.uniform(0, 500))
             else:
                 viewport = viewport.resized(rng.randint(60, 1500), rng.randint(60, 1500))
-            width, height = viewport.sheet_size
             assert 0.0 < viewport.scale <= LARGEST
-            for low, side, room in (
-                (viewport.left, width, viewport.width),
-                (viewport.top, height, viewport.height),
-            ):
+            lows, rooms = (viewport.left, viewport.top), (viewport.width, viewport.height)
+            for low, side, room in zip(lows, viewport.sheet_size, rooms, strict=True):
                 assert min(low + side, room) - max(low, 0) >= min(40, side - 1)
 
 
@@ -115,27 +112,31 @@ def test_colours_and_codes_are_those_of_the_layers_over_one_another():
     assert distinct >= 0.97 * len(np.unique(key))
 
 
+def whole(rows: int, columns: int, level: int) -> tuple:
+    """Return the box of all that a level shows."""
+    return 0, 0, -(-rows >> level), -(-columns >> level)
+
+
 def test_a_window_is_a_part_of_the_whole():
     layers = sketch_layers(700, 530, 3)
     flattening = Flattening(layers.__getitem__, PAINTS)
     for level in (0, 1, 2):
-        sides = -(-700 >> level), -(-530 >> level)
-        whole = flattening.window(level, (0, 0, *sides))
+        everything = flattening.window(level, whole(700, 530, level))
         part = flattening.window(level, (31, 17, 97, 101))
-        assert np.array_equal(part[0], whole[0][31:97, 17:101])
-        assert np.array_equal(part[1], whole[1][31:97, 17:101])
+        for cut, image in zip(part, everything, strict=True):
+            assert np.array_equal(cut, image[31:97, 17:101])
 
 
 def test_what_changed_is_made_anew():
     layers = sketch_layers(700, 530, 3)
     flattening = Flattening(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
-        flattening.window(level, (0, 0, -(-700 >> level), -(-530 >> level)))
+        flattening.window(level, whole(700, 530, level))
     layers["b"][201:333, 250:301] = 2
     flattening.forget((201, 250, 333, 301))
     fresh = Flattening(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
-        box = (0, 0, -(-700 >> level), -(-530 >> level))
+        box = whole(700, 530, level)
         for kept, made in zip(flattening.window(level, box), fresh.window(level, box), strict=True):
             assert np.array_equal(kept, made)
 
@@ -144,13 +145,11 @@ def test_paint_where_nothing_was_is_seen_at_every_level():
     layers = {name: np.zeros((2100, 3000), np.uint8) for name in "abc"}
     flattening = Flattening(layers.__getitem__, PAINTS)
     for level in (4, 2, 0):
-        sides = -(-2100 >> level), -(-3000 >> level)
-        assert not flattening.window(level, (0, 0, *sides))[1].any()
+        assert not flattening.window(level, whole(2100, 3000, level))[1].any()
     layers["c"][2050:2060, 1020:1030] = 1
     flattening.forget((2050, 1020, 2060, 1030))
     for level in (0, 2, 3, 4, 5):
-        sides = -(-2100 >> level), -(-3000 >> level)
-        codes = flattening.window(level, (0, 0, *sides))[1]
+        codes = flattening.window(level, whole(2100, 3000, level))[1]
         rows, columns = np.nonzero(codes)
         assert (rows.min(), rows.max()) == (2050 >> level, 2059 >> level)
         assert (columns.min(), columns.max()) == (1020 >> level, 1029 >> level)
@@ -160,12 +159,9 @@ def test_a_thin_line_stays_visible_from_afar():
     layers = {name: np.zeros((1000, 900), np.uint8) for name in "abc"}
     layers["b"][:, 333] = 1
     for level in range(6):
-        sides = -(-1000 >> level), -(-900 >> level)
-        _, codes = Flattening(layers.__getitem__, PAINTS).window(level, (0, 0, *sides))
+        _, codes = Flattening(layers.__getitem__, PAINTS).window(level, whole(1000, 900, level))
         assert ((codes > 0).sum(axis=1) == 1).all()
 
-
-def test_levels_have_pixels_as_large_as_the_screens():
     assert [level_for(scale) for scale in (8.0, 1.0, 0.99, 0.5, 0.49, 0.25)] == [0, 0, 1, 1, 2, 2]
 
 
@@ -215,21 +211,15 @@ def plain(qapp):
 
 
 @pytest.fixture
-def canvas(plain, workspace, link, qtbot):
+def canvas(plain, workspace, link, shown):
     link._document = plain
-    widget = Canvas(plain, workspace, link)
-    qtbot.addWidget(widget)
-    widget.resize(400, 360)
-    widget.show()
-    return widget
+    return shown(Canvas(plain, workspace, link), 400, 360)
 
 
 def pixels(canvas: Canvas) -> np.ndarray:
-    image = canvas.grab().toImage().convertToFormat(canvas.grab().toImage().Format.Format_RGB32)
-    bits = image.constBits()
-    assert bits is not None
-    bits.setsize(image.sizeInBytes())
-    flat = np.frombuffer(bytes(bits), np.uint8).reshape(image.height(), image.bytesPerLine() // 4, 4)
+    image = canvas.grab().toImage().convertToFormat(QImage.Format.Format_RGB32)
+    bits = image.constBits().asstring(image.sizeInBytes())
+    flat = np.frombuffer(bits, np.uint8).reshape(image.height(), image.bytesPerLine() // 4, 4)
     return flat[:, : image.width(), 2::-1].astype(int)
 
 
@@ -273,8 +263,8 @@ def test_visibility_and_opacity_mix_paint_with_paper(canvas, workspace):
 
 
 def test_layers_are_told_apart_without_colour(canvas, workspace):
-    workspace.set_look("mountain", opacity=1.0)
-    workspace.set_look("lake", opacity=1.0)
+    for layer in ("mountain", "lake"):
+        workspace.set_look(layer, opacity=1.0)
     patterns = []
     for column in (18.0, 46.0):
         x, y = canvas.viewport.to_screen(column, 32.0)
@@ -320,40 +310,33 @@ def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed):
 
 
 def test_the_relief_lies_beneath_the_paint_and_is_redrawn_where_it_changed(canvas, link, workspace):
-    before = pixels(canvas)
-    link.relief = Relief(1, 1, np.zeros((9, 9), np.float32), np.zeros((9, 9), np.uint8))
-    link.relief_changed.emit(link.relief)
-    assert np.array_equal(before, pixels(canvas))
+    def show(version, shade):
+        link.relief = Relief(version, 1, np.zeros(shade.shape, np.float32), shade)
+        link.relief_changed.emit(link.relief)
+        return pixels(canvas)
 
-    shade = np.full((SIDE, SIDE), 190, np.uint8)
-    shade[:, 28:34] = 20
-    height = np.zeros((SIDE, SIDE), np.float32)
+    before = pixels(canvas)
+    assert np.array_equal(before, show(1, np.zeros((9, 9), np.uint8)))  # of another sketch
+
+    light = np.full((SIDE, SIDE), 190, np.uint8)
+    dark, spot = light.copy(), light.copy()
+    dark[:, 28:34], spot[20:30, 29:35] = 20, 60
     before = around(canvas, 31.0, 32.0, reach=3)
-    link.relief = Relief(1, 1, height, shade)
-    link.relief_changed.emit(link.relief)
+    show(1, dark)
     assert around(canvas, 31.0, 32.0, reach=3).mean() < before.mean() - 60.0
     workspace.show_overlay("relief", False)
     assert np.abs(around(canvas, 31.0, 32.0, reach=3) - before).max() < 1.0
     workspace.show_overlay("relief", True)
-    shade = np.full((SIDE, SIDE), 190, np.uint8)
-    link.relief = Relief(1, 1, height, shade)
-    link.relief_changed.emit(link.relief)
-    pixels(canvas)
-    shade = shade.copy()
-    shade[20:30, 29:35] = 60
-    link.relief = Relief(2, 1, height, shade)
-    link.relief_changed.emit(link.relief)
-    kept = pixels(canvas)
+    show(1, light)
+    kept = show(2, spot)
     canvas._shown.refresh()
     assert np.abs(kept - pixels(canvas)).max() <= 2
 
 
 def test_adherence_has_the_colours_of_the_report(canvas, link, workspace):
     quiet(workspace)
-    painted = np.zeros((SIDE, SIDE), bool)
-    painted[:32] = True
-    shown = np.zeros((SIDE, SIDE), bool)
-    shown[16:48] = True
+    painted, shown = np.zeros((2, SIDE, SIDE), bool)
+    painted[:32] = shown[16:48] = True
     figures = {"layers": {"mountain": {"iou_mean": 0.5, "spill": 0.5}}}
     workspace.set_look("mountain", visible=False)
     workspace.set_look("lake", visible=False)

@@ -1,10 +1,12 @@
 """What mouse, pen and keys do on the canvas."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
 
-from sketchterrain.sketch import LAYERS, Sketch
+from sketchterrain.sketch import Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.engine.protocol import GoTo, Placed, Relief
 from sketchterrain.ui.models.document import Document
@@ -18,16 +20,12 @@ SIDE = 128
 
 @pytest.fixture
 def blank(qapp):
-    layers = {name: np.zeros((SIDE, SIDE), np.uint8) for name in LAYERS}
-    return Document(Sketch(layers=layers, extent=1280.0))
+    return Document(Sketch(layers={"mountain": np.zeros((SIDE, SIDE), np.uint8)}, extent=1280.0))
 
 
 @pytest.fixture
-def canvas(blank, workspace, link, qtbot):
-    widget = Canvas(blank, workspace, link)
-    qtbot.addWidget(widget)
-    widget.resize(500, 500)
-    widget.show()
+def canvas(blank, workspace, link, shown):
+    widget = shown(Canvas(blank, workspace, link), 500, 500)
     widget.setFocus()
     workspace.brush = 5.0
     return widget
@@ -46,6 +44,15 @@ def drag(canvas: Canvas, *points, button=LEFT):
 
 def move(canvas, place, buttons=events.NO_BUTTON):
     events.mouse(canvas, events.MOVE, place.x(), place.y(), buttons)
+
+
+def drag_by(canvas, qtbot, start, *offs, button=LEFT):
+    """Press at a place of the widget, move by offsets from it, and let go."""
+    qtbot.mousePress(canvas, button, pos=start)
+    for off in offs:
+        move(canvas, start + QPoint(*off), button)
+    canvas.grab()
+    qtbot.mouseRelease(canvas, button, pos=start + QPoint(*offs[-1]))
 
 
 def steps(document: Document) -> tuple[str, ...]:
@@ -232,9 +239,7 @@ def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qt
     def moved(button: Qt.MouseButton) -> tuple[int, int]:
         canvas.fit()
         left, top = canvas.viewport.left, canvas.viewport.top
-        qtbot.mousePress(canvas, button, pos=QPoint(200, 200))
-        move(canvas, QPoint(230, 180), button)
-        qtbot.mouseRelease(canvas, button, pos=QPoint(230, 180))
+        drag_by(canvas, qtbot, QPoint(200, 200), (30, -20), button=button)
         return canvas.viewport.left - left, canvas.viewport.top - top
 
     assert moved(MIDDLE) == (30, -20)
@@ -250,19 +255,15 @@ def test_middle_button_space_and_pan_move_the_sheet(canvas, blank, workspace, qt
 def test_a_pen_presses_and_erases(canvas, blank, workspace):
     workspace.brush = 16.0
 
-    def pen(kind: QEvent.Type, x: float, y: float, pressure: float, *, erases: bool = False):
+    def dab(x: float, y: float, pressure: float, *, erases: bool = False) -> int:
         place = at(canvas, x, y)
-        assert events.pen(canvas, kind, place.x(), place.y(), pressure, erases=erases)
+        for kind in (QEvent.Type.TabletPress, QEvent.Type.TabletRelease):
+            assert events.pen(canvas, kind, place.x(), place.y(), pressure, erases=erases)
+        return int((blank.sketch.layers["mountain"] > 0).sum())
 
-    pen(QEvent.Type.TabletPress, 30.0, 30.0, 0.0)
-    pen(QEvent.Type.TabletRelease, 30.0, 30.0, 0.0)
-    light = int((blank.sketch.layers["mountain"] > 0).sum())
-    pen(QEvent.Type.TabletPress, 90.0, 90.0, 1.0)
-    pen(QEvent.Type.TabletRelease, 90.0, 90.0, 1.0)
-    both = int((blank.sketch.layers["mountain"] > 0).sum())
-    assert both - light > 5 * light > 0
-    pen(QEvent.Type.TabletPress, 90.0, 90.0, 0.6, erases=True)
-    pen(QEvent.Type.TabletRelease, 90.0, 90.0, 0.6, erases=True)
+    light = dab(30.0, 30.0, 0.0)
+    assert dab(90.0, 90.0, 1.0) - light > 5 * light > 0
+    dab(90.0, 90.0, 0.6, erases=True)
     assert blank.sketch.layers["mountain"][90, 90] == 0
 
 
@@ -282,15 +283,10 @@ def test_the_place_and_height_under_the_mouse_are_told(canvas, link):
 
 
 @pytest.fixture
-def full(workspace, document, link, placed, qtbot):
+def full(workspace, document, link, placed, shown):
     """A canvas over the preset valley_river and what was placed of it."""
-    link.placed = Placed(
-        1, placed.points, placed.rivers, placed.lakes, (("what was decided", 3000.0, 3000.0),)
-    )
-    widget = Canvas(document, workspace, link)
-    qtbot.addWidget(widget)
-    widget.resize(600, 600)
-    widget.show()
+    link.placed = replace(placed, resolutions=(("what was decided", 3000.0, 3000.0),))
+    widget = shown(Canvas(document, workspace, link), 600, 600)
     widget.setFocus()
     workspace.tool = "select"
     return widget
@@ -317,11 +313,7 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(full, docume
     qtbot.mouseRelease(full, LEFT, pos=start + QPoint(40, 20))
     assert document.sketch.edits == ()
 
-    qtbot.mousePress(full, LEFT, pos=start)
-    for k in range(1, 11):
-        move(full, start + QPoint(4 * k, 2 * k), LEFT)
-    full.grab()
-    qtbot.mouseRelease(full, LEFT, pos=start + QPoint(40, 20))
+    drag_by(full, qtbot, start, *((4 * k, 2 * k) for k in range(1, 11)))
     assert steps(document) == ("Move mountain",)
     (edit,) = document.sketch.edits
     assert edit.x == pytest.approx(peak["x"] + 40 / full._desk.per_metre, abs=1.5 / full._desk.per_metre)
@@ -333,29 +325,25 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(full, docume
 def test_handles_resize_widen_and_move_points(full, document, workspace, placed, qtbot):
     peak, river = mountain(placed), placed.rivers[0]
     workspace.chosen = Chosen("feature", int(peak["id"]))
-    grab(full, qtbot, placed, "radius", QPoint(20, 0))
+    grab(full, qtbot, placed, "radius", (20, 0))
     assert steps(document)[-1] == "Resize mountain"
     workspace.chosen = Chosen("river", river.id)
     full.grab()
-    grab(full, qtbot, placed, "width", QPoint(6, 6))
+    grab(full, qtbot, placed, "width", (6, 6))
     assert steps(document)[-1].startswith("Set the width of river")
     workspace.chosen = Chosen("river", river.id)
-    grab(full, qtbot, placed, "point", QPoint(15, 9))
+    grab(full, qtbot, placed, "point", (15, 9))
     assert steps(document)[-1].startswith("Move a point of river")
     assert workspace.chosen is not None
     assert workspace.chosen.index is not None
     assert len(steps(document)) == 3
 
 
-def grab(canvas: Canvas, qtbot, placed, role: str, off: QPoint):
+def grab(canvas: Canvas, qtbot, placed, role, off):
     handles = [each for each in canvas._hands.tool._handles(placed) if each.role == role]
     handle = handles[len(handles) // 2]
     place = canvas._hands.tool._shown_at(handle)
-    start = QPoint(round(place.x()), round(place.y()))
-    qtbot.mousePress(canvas, LEFT, pos=start)
-    move(canvas, start + off, LEFT)
-    canvas.grab()
-    qtbot.mouseRelease(canvas, LEFT, pos=start + off)
+    drag_by(canvas, qtbot, QPoint(round(place.x()), round(place.y())), off)
 
 
 def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, placed, qtbot):
@@ -399,8 +387,6 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
 def test_a_drag_from_nothing_moves_the_sheet(full, document, qtbot):
     full.zoom(1.0, QPointF(300.0, 300.0))
     left = full.viewport.left
-    qtbot.mousePress(full, LEFT, pos=QPoint(3, 3))
-    move(full, QPoint(33, 3), LEFT)
-    qtbot.mouseRelease(full, LEFT, pos=QPoint(33, 3))
+    drag_by(full, qtbot, QPoint(3, 3), (30, 0))
     assert full.viewport.left == left + 30
     assert steps(document) == ()

@@ -21,7 +21,6 @@ from sketchterrain.ui.models.preferences import Preferences
 
 @pytest.fixture
 def made(qtbot, tmp_path, small, exporting_into):
-    """One of each."""
     window = QMainWindow()
     kept = Recovery(tmp_path / "a.sketch", "Mine", datetime.now(UTC), None)
     dialogs = {
@@ -41,7 +40,7 @@ def made(qtbot, tmp_path, small, exporting_into):
     assert window is not None  # it holds the actions that are found
 
 
-def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(made, qtbot) -> None:
+def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(made, qtbot):
     for name, dialog in made.items():
         assert dialog.windowTitle(), name
         for control in dialog.findChildren((QComboBox, QAbstractSpinBox, QLineEdit, QAbstractButton)):
@@ -55,7 +54,7 @@ def test_every_dialog_has_a_title_named_controls_and_closes_on_escape(made, qtbo
         assert dialog.isHidden()
 
 
-def test_a_new_sketch_is_as_it_was_asked_for(made) -> None:
+def test_a_new_sketch_is_as_it_was_asked_for(made):
     dialog = made["new"]
     dialog.form["name"].setText("Far north")
     dialog.form["sheet"].setCurrentText("768 × 512")
@@ -74,19 +73,17 @@ def test_a_new_sketch_is_as_it_was_asked_for(made) -> None:
     assert dialog.sketch().name == "Far north"
 
 
-def test_the_gallery_shows_every_preset_with_its_picture(made) -> None:
+def test_the_gallery_shows_every_preset_with_its_picture(made):
     gallery = made["presets"].list
-    assert [gallery.item(row).data(Qt.ItemDataRole.UserRole) for row in range(gallery.count())] == list(
-        preset_names()
-    )
-    for row in range(gallery.count()):
+    assert gallery.count() == len(preset_names())
+    for row, name in enumerate(preset_names()):
         gallery.setCurrentRow(row)
-        assert made["presets"].name == preset_names()[row]
+        assert made["presets"].name == gallery.item(row).data(Qt.ItemDataRole.UserRole) == name
         assert gallery.item(row).icon().pixmap(320, 180).toImage().pixelColor(160, 90).alpha() == 255
         assert gallery.item(row).toolTip()
 
 
-def test_find_matches_words_and_recovery_discards(made, qtbot) -> None:
+def test_find_matches_words_and_recovery_discards(made, qtbot):
     dialog = made["find"]
     qtbot.keyClicks(dialog.text, "export")
     assert dialog.chosen.objectName() == "export"
@@ -104,7 +101,7 @@ def test_find_matches_words_and_recovery_discards(made, qtbot) -> None:
     assert dialog.discarded
 
 
-def test_preferences_are_set_only_when_they_are_applied(qtbot, tmp_path) -> None:
+def test_preferences_are_set_only_when_they_are_applied(qtbot, tmp_path):
     preferences = Preferences(tmp_path / "desktop.ini")
     dialog = PreferencesDialog(preferences)
     qtbot.addWidget(dialog)
@@ -122,7 +119,7 @@ def test_preferences_are_set_only_when_they_are_applied(qtbot, tmp_path) -> None
     assert (again.theme, again.device) == ("dark", dialog.form["device"].itemData(1))
 
 
-def test_preferences_that_make_no_sense_count_as_never_chosen(tmp_path, qapp) -> None:
+def test_preferences_that_make_no_sense_count_as_never_chosen(tmp_path, qapp):
     (tmp_path / "desktop.ini").write_text("theme=pink\nlast_folder=/nowhere/at/all\n[window]\nstate=5\n")
     preferences = Preferences(tmp_path / "desktop.ini")
     assert preferences.theme == "system"

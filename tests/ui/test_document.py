@@ -146,9 +146,10 @@ def test_a_drag_of_settings_is_one_step_and_an_equal_sketch_none(document, told)
     assert names == []
 
 
-@pytest.mark.parametrize(
-    "seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
-)
+SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, seed):
     rng = np.random.default_rng(seed)
     document.open(Sketch(layers={"hill": np.zeros((150, 210), dtype=np.uint8)}))
@@ -194,9 +195,8 @@ def test_whoever_redraws_only_what_is_told_sees_every_layer_as_it_is(document, s
                 layers = {name: rng.integers(0, 2, shape).astype(np.uint8) for name in LAYERS}
                 document.do("Resize", document.sketch.replace(layers=layers), merge="a")
             case _:
-                document.do(
-                    "Clear", document.sketch.replace(layers={**document.sketch.layers, layer: 0 * image})
-                )
+                layers = {**document.sketch.layers, layer: 0 * image}
+                document.do("Clear", document.sketch.replace(layers=layers))
         changed = False
         for name in LAYERS:
             np.testing.assert_array_equal(mirror[name], document.layer(name))

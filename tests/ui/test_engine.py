@@ -10,41 +10,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PyQt6.QtCore import QEventLoop
 
 from sketchterrain.sketch import Sketch
+from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import (
-    Fly,
-    GoTo,
-    Look,
-    MeasureAdherence,
-    Pose,
-    TakePicture,
-    Turn,
-    ViewState,
-    Zoom,
-)
 from sketchterrain.ui.models.document import Document
+
+from .events import wait
 
 pytestmark = pytest.mark.gl
 
 SIDE = 96
-VIEW = ViewState(width=160, height=100, quality=0.0, plays=False)
+VIEW = msg.ViewState(width=160, height=100, quality=0.0, plays=False)
 
 
 def sketch() -> Sketch:
     image = np.zeros((SIDE, SIDE), np.uint8)
     image[20:40, 20:40] = 1
     return Sketch(extent=4000.0, layers={"mountain": image})
-
-
-def wait(qapp, until, seconds=300.0):
-    end = time.monotonic() + seconds
-    while not until():
-        assert time.monotonic() < end, "nothing came of it"
-        qapp.processEvents(QEventLoop.ProcessEventsFlag.WaitForMoreEvents, 20)
-        time.sleep(0.002)
 
 
 def pixels(link) -> np.ndarray:
@@ -61,8 +44,6 @@ def stroke(document, row, column, layer="mountain", label=1):
 
 
 class Listener:
-    """Remembers what a link told."""
-
     def __init__(self, link):
         self.troubles, self.followed, self.frames, self.picked, self.written = [], [], [], [], []
         link.trouble.connect(self.troubles.append)
@@ -94,7 +75,7 @@ def running(qapp):
     listener = Listener(link)
     link.show(VIEW)
     link.start()
-    wait(qapp, lambda: listener.troubles or settled(link)())
+    wait(lambda: listener.troubles or settled(link)())
     assert listener.troubles == []
     yield document, link, listener
     link.stop()
@@ -102,7 +83,7 @@ def running(qapp):
 
 
 @pytest.mark.slow
-def test_strokes_are_placed_drawn_picked_and_undone(running, qapp):
+def test_strokes_are_placed_drawn_picked_and_undone(running):
     document, link, listener = running
     assert all((link.facts.device, link.facts.platform, link.facts.renderer))
     assert link.facts.sharing in ("extension", "mapped", "copy")
@@ -114,27 +95,27 @@ def test_strokes_are_placed_drawn_picked_and_undone(running, qapp):
     assert link.relief.height[22:38, 22:38].max() > link.relief.height[60:].max()
     assert min(link.frame.tiles, link.frame.triangles, link.frame.memory >> 20) > 0
 
-    look(qapp, link, elevation=0.15)
+    look(link, elevation=0.15)
     image = pixels(link)
     top, bottom = image[:10].reshape(-1, 3).mean(axis=0), image[-10:].reshape(-1, 3).mean(axis=0)
     assert top[0] > bottom[0]  # bytes of RGB32 are blue, green, red: the sky is the bluer one
 
-    look(qapp, link)
+    look(link)
     before, heights = pixels(link), link.relief.height
     draft = stroke(document, 60, 60)
-    wait(qapp, settled(link, newest(link) + 1))
+    wait(settled(link, newest(link) + 1))
     assert link.relief.height[62:70, 62:70].max() > heights[62:70, 62:70].max() + 50.0
     assert np.array_equal(link.relief.height[:10, :10], heights[:10, :10])
     assert np.abs(pixels(link).astype(int) - before).max() > 30
     draft.commit("Paint mountains")
     document.undo()
-    wait(qapp, lambda: settled(link, newest(link))() and not link._timer.isActive())
+    wait(lambda: settled(link, newest(link))() and not link._timer.isActive())
     assert np.array_equal(link.relief.height, heights)
     assert np.abs(pixels(link).astype(int) - before).mean() < 1.0
 
     listener.picked.clear()
     tokens = [link.pick(x, y) for x, y in ((0.5, 0.5), (0.3, 0.7), (0.5, 0.001))]
-    wait(qapp, lambda: len(listener.picked) == 3)
+    wait(lambda: len(listener.picked) == 3)
     assert [each.token for each in listener.picked] == tokens
     frame = link.frame
     to_clip = np.array(frame.to_clip).reshape(4, 4)
@@ -144,26 +125,26 @@ def test_strokes_are_placed_drawn_picked_and_undone(running, qapp):
         assert np.allclose(at, (x, y), atol=2e-3)
 
 
-def look(qapp, link, *, elevation=0.7):
+def look(link, *, elevation=0.7):
     """Be south of the sketch at an elevation (tangent), and wait for the whole picture."""
     target = np.array([2000.0, 2000.0, 300.0])
     eye = target + 3000.0 * np.array([0.0, -1.0, elevation])
-    link.tell(Look(Pose(tuple(eye.tolist()), tuple(target.tolist()))))
-    wait(qapp, lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.settled)
+    link.tell(msg.Look(msg.Pose(tuple(eye.tolist()), tuple(target.tolist()))))
+    wait(lambda: np.allclose(link.frame.pose.eye, eye, atol=1.0) and link.frame.settled)
 
 
 @pytest.mark.slow
-def test_a_step_that_changes_nothing_more_is_followed_too(running, qapp):
+def test_a_step_that_changes_nothing_more_is_followed_too(running):
     """A slow hand: the whole stroke is on the ground when the button is let go."""
     document, link, _ = running
     draft = stroke(document, 60, 60)
-    wait(qapp, settled(link, newest(link) + 1))
+    wait(settled(link, newest(link) + 1))
     heights, version = link.relief.height, newest(link)
     draft.commit("Paint mountains")
-    wait(qapp, settled(link, version + 1))
+    wait(settled(link, version + 1))
     assert link.relief.height is heights
     document.undo()
-    wait(qapp, settled(link, version + 2))
+    wait(settled(link, version + 2))
     assert link.relief.height is not heights
 
 
@@ -180,7 +161,7 @@ def test_the_newest_of_many_quick_strokes_wins(running, qapp):
         time.sleep(0.016)
     draft.commit("Paint hills")
     qapp.processEvents()
-    wait(qapp, lambda: settled(link, newest(link))() and not link._timer.isActive())
+    wait(lambda: settled(link, newest(link))() and not link._timer.isActive())
     versions = [each.version for each in listener.followed]
     assert versions == sorted(set(versions))
     assert versions[-1] == newest(link)
@@ -188,17 +169,17 @@ def test_the_newest_of_many_quick_strokes_wins(running, qapp):
     assert shown <= {*versions, versions[0] - 1} | set(range(versions[0]))
     assert link.placed.version == newest(link)
     document.undo()
-    wait(qapp, settled(link, newest(link) + 1))
+    wait(settled(link, newest(link) + 1))
 
 
 @pytest.mark.slow
 def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
     _, link, listener = running
     before = link.frame.pose
-    link.tell(Turn(30.0, 10.0))
-    link.tell(Zoom(0.5, 0.4, 0.6))
+    link.tell(msg.Turn(30.0, 10.0))
+    link.tell(msg.Zoom(0.5, 0.4, 0.6))
     listener.frames.clear()
-    wait(qapp, lambda: len(listener.frames) > 3 and link.frame.settled)
+    wait(lambda: len(listener.frames) > 3 and link.frame.settled)
     after = link.frame.pose
     distances = [np.linalg.norm(np.subtract(pose.target, pose.eye)) for pose in (before, after)]
     assert distances[1] == pytest.approx(0.5 * distances[0], rel=0.02)
@@ -211,78 +192,78 @@ def test_the_eye_moves_in_every_mode_and_comes_to_rest(running, qapp):
     for mode in ("fly", "orbit"):
         listener.frames.clear()
         link.show(replace(link.view, mode=mode))
-        wait(qapp, lambda: listener.frames)
+        wait(lambda: listener.frames)
         assert np.linalg.norm(np.array(link.frame.pose.eye) - start) < 2.0
     link.show(replace(link.view, mode="fly"))
-    link.tell(Fly(forward=1.0))
-    wait(qapp, lambda: np.linalg.norm(np.array(link.frame.pose.eye) - start) > 100.0)
-    link.tell(Fly())
+    link.tell(msg.Fly(forward=1.0))
+    wait(lambda: np.linalg.norm(np.array(link.frame.pose.eye) - start) > 100.0)
+    link.tell(msg.Fly())
     link.show(replace(link.view, mode="orbit"))
-    link.tell(GoTo(1000.0, 1000.0, 1500.0))
-    wait(qapp, lambda: np.allclose(link.frame.pose.target[:2], 1000.0, atol=5.0))
-    look(qapp, link)
+    link.tell(msg.GoTo(1000.0, 1000.0, 1500.0))
+    wait(lambda: np.allclose(link.frame.pose.target[:2], 1000.0, atol=5.0))
+    look(link)
 
 
 @pytest.mark.slow
 def test_size_quality_and_overlays_change_the_picture_and_hidden_it_is_not_drawn(running, qapp):
     document, link, listener = running
     link.show(replace(VIEW, width=200, height=140))
-    wait(qapp, lambda: link.picture.width() == 200 and link.frame.settled)
+    wait(lambda: link.picture.width() == 200 and link.frame.settled)
     plain = pixels(link)
     link.show(replace(link.view, overlays=("features",)))
-    wait(qapp, lambda: not np.array_equal(pixels(link), plain))
+    wait(lambda: not np.array_equal(pixels(link), plain))
     link.show(replace(VIEW, quality=0.25))
-    wait(qapp, lambda: link.picture.width() == 160 and link.frame.settled)
+    wait(lambda: link.picture.width() == 160 and link.frame.settled)
     link.show(VIEW)
-    wait(qapp, lambda: link.frame.settled)
+    wait(lambda: link.frame.settled)
 
     link.show(replace(VIEW, width=0, height=0))
     time.sleep(0.5)
     qapp.processEvents()
     listener.frames.clear()
     draft = stroke(document, 70, 20)
-    wait(qapp, lambda: link.relief.version > 0 and link.relief.height[72:80, 22:30].max() > 100.0)
+    wait(lambda: link.relief.version > 0 and link.relief.height[72:80, 22:30].max() > 100.0)
     assert listener.frames == []
     draft.cancel()
     link.show(VIEW)
-    wait(qapp, lambda: link.frame.version >= newest(link) and link.frame.settled)
+    wait(lambda: link.frame.version >= newest(link) and link.frame.settled)
 
 
 @pytest.mark.slow
-def test_hour_and_look_change_the_picture_and_no_heights(running, qapp):
+def test_hour_and_look_change_the_picture_and_no_heights(running):
     document, link, listener = running
-    look(qapp, link)
+    look(link)
     listener.followed.clear()
     before, heights = pixels(link), link.relief.height
     document.do("Set hour", document.sketch.replace(weather={"hour": 16.5, "clouds": 0.0}))
-    wait(qapp, lambda: link.frame.version == newest(link) and link.frame.settled and listener.followed)
+    wait(lambda: link.frame.version == newest(link) and link.frame.settled and listener.followed)
     assert np.abs(pixels(link).astype(int) - before).mean() > 1.0
     assert link.relief.height is heights
     document.undo()
-    wait(qapp, lambda: link.frame.version == newest(link) and not link._timer.isActive())
+    wait(lambda: link.frame.version == newest(link) and not link._timer.isActive())
 
-    look(qapp, link)
+    look(link)
     before, heights = pixels(link), link.relief.height
     document.do("Set look", document.sketch.replace(look={"grass": {"colour": "#c04040"}}))
     version = newest(link)
-    wait(qapp, lambda: link.frame.version > version and link.frame.settled)
+    wait(lambda: link.frame.version > version and link.frame.settled)
     assert np.abs(pixels(link).astype(int) - before).mean() > 0.5
     assert link.relief.height is heights
     document.undo()
-    wait(qapp, lambda: link.frame.version > version + 1)
+    wait(lambda: link.frame.version > version + 1)
 
 
 @pytest.mark.slow
-def test_adherence_and_a_picture_come_while_frames_go_on(running, qapp, tmp_path):
+def test_adherence_and_a_picture_come_while_frames_go_on(running, tmp_path):
     from PIL import Image
 
     _, link, listener = running
     path = tmp_path / "view.png"
     link.show(replace(VIEW, plays=True))
-    link.tell(MeasureAdherence())
-    link.tell(TakePicture(str(path), 320, 200))
+    link.tell(msg.MeasureAdherence())
+    link.tell(msg.TakePicture(str(path), 320, 200))
     listener.frames.clear()
-    wait(qapp, lambda: listener.written)
+    wait(lambda: listener.written)
     assert listener.written == [str(path)]
     with Image.open(path) as picture:
         assert picture.size == (320, 200)
@@ -294,49 +275,49 @@ def test_adherence_and_a_picture_come_while_frames_go_on(running, qapp, tmp_path
 
 
 @pytest.mark.slow
-def test_another_document_is_shown_from_the_start(running, qapp):
+def test_another_document_is_shown_from_the_start(running):
     document, link, _ = running
-    link.tell(Zoom(0.2))
-    wait(qapp, lambda: link.frame.settled)
+    link.tell(msg.Zoom(0.2))
+    wait(lambda: link.frame.settled)
     other = Sketch(extent=9000.0, layers={"hill": np.ones((64, SIDE), np.uint8)})
     document.open(other)
-    wait(qapp, lambda: link.relief.height.shape == (64, SIDE) and link.frame.version >= newest(link))
-    wait(qapp, lambda: link.frame.settled)
+    wait(lambda: link.relief.height.shape == (64, SIDE) and link.frame.version >= newest(link))
+    wait(lambda: link.frame.settled)
     assert link.frame.pose.target[0] == pytest.approx(4500.0, abs=50.0)
     document.open(sketch())
-    wait(qapp, settled(link, newest(link) + 1))
+    wait(settled(link, newest(link) + 1))
 
 
 @pytest.mark.slow
-def test_a_killed_engine_is_told_and_comes_back(running, qapp):
+def test_a_killed_engine_is_told_and_comes_back(running):
     document, link, listener = running
     os.kill(link._children._processes["engine"].pid, signal.SIGKILL)
-    wait(qapp, lambda: listener.troubles)
+    wait(lambda: listener.troubles)
     assert listener.troubles[0].what == "engine"
     assert "signal 9" in listener.troubles[0].line
     listener.troubles.clear()
     listener.frames.clear()
-    wait(qapp, lambda: listener.frames and link.frame.settled)
+    wait(lambda: listener.frames and link.frame.settled)
     stroke(document, 60, 60).commit("Paint mountains")
-    wait(qapp, settled(link, newest(link) + 1))
+    wait(settled(link, newest(link) + 1))
     assert link.relief.height[62:70, 62:70].max() > 100.0
 
 
 @pytest.mark.soak
-def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running, qapp):
+def test_after_a_second_crash_in_a_row_it_goes_on_without_opengl(running):
     document, link, listener = running
     link.start()  # crashes before do not count
     for _ in range(2):
         os.kill(link._children._processes["placer"].pid, signal.SIGKILL)
-        wait(qapp, lambda: listener.troubles)
+        wait(lambda: listener.troubles)
         listener.troubles.clear()
-    wait(qapp, lambda: link.facts.no_picture)
+    wait(lambda: link.facts.no_picture)
     placed = newest(link)
     stroke(document, 10, 70).commit("Paint mountains")
-    wait(qapp, lambda: link.relief.version > placed and link.placed.version > placed)
+    wait(lambda: link.relief.version > placed and link.placed.version > placed)
     assert link.relief.height[12:20, 72:80].max() > 100.0
     link.start()
-    wait(qapp, lambda: link.facts.renderer and not link.facts.no_picture)
+    wait(lambda: link.facts.renderer and not link.facts.no_picture)
 
 
 @pytest.mark.slow

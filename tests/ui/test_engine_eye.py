@@ -17,8 +17,7 @@ class Hills:
     extent = EXTENT
     size = (EXTENT, 3000.0)
 
-    def __init__(self, lift=0.0):
-        self.lift = lift
+    lift = 0.0
 
     def heights(self, x, y, *, cell_size=0.0):
         x, y = np.broadcast_arrays(np.asarray(x, np.float64), np.asarray(y, np.float64))
@@ -30,8 +29,8 @@ def ground():
     return Hills()
 
 
-def begun(ground):
-    eye = Eye(ground, aspect=ASPECT)
+def begun(ground, aspect=ASPECT):
+    eye = Eye(ground, aspect=aspect)
     eye.advance(0.016)
     return eye
 
@@ -39,6 +38,11 @@ def begun(ground):
 @pytest.fixture
 def eye(ground):
     return begun(ground)
+
+
+def advance(eye, steps):
+    for _ in range(steps):
+        eye.advance(0.016)
 
 
 def rest(eye, seconds=20.0):
@@ -57,8 +61,7 @@ def distance(eye):
 
 def test_the_first_view_shows_most_of_the_sketch_and_the_horizon(ground):
     for aspect in [0.7, 1.0, 1.6, 2.4]:
-        eye = Eye(ground, aspect=aspect)
-        eye.advance(0.016)
+        eye = begun(ground, aspect)
         camera = eye.camera()
         to_clip = camera.to_clip(aspect)
         assert eye.seen(0.5, 0.01, aspect=aspect) is None, aspect
@@ -99,8 +102,7 @@ def test_pan_and_keys_move_the_pivot_over_the_ground(eye):
     north = np.array(eye.camera().target)
     assert north[1] > before[1] + 100.0
     eye.take(Fly(right=1.0), aspect=ASPECT)
-    for _ in range(30):
-        eye.advance(0.016)
+    advance(eye, 30)
     assert eye.restless  # as long as the key is down
     assert eye.camera().target[0] > north[0] + 100.0
     eye.take(Fly(), aspect=ASPECT)
@@ -153,8 +155,7 @@ def test_flying_goes_where_it_looks_and_a_wheel_towards_what_is_under_the_mouse(
     eye.use("fly")
     start, forward = np.array(eye.camera().eye), eye.camera().forward
     eye.take(Fly(forward=1.0), aspect=ASPECT)
-    for _ in range(20):
-        eye.advance(0.016)
+    advance(eye, 20)
     way = np.array(eye.camera().eye) - start
     assert way @ forward > 0.99 * np.linalg.norm(way) > 1.0
     eye.take(Fly(), aspect=ASPECT)
@@ -182,8 +183,9 @@ def test_ground_that_rises_lifts_it_out(ground):
         eye = begun(ground)
         eye.use(mode)
         rest(eye)
-        x, y, z = eye.camera().eye
-        higher = Hills(lift=z + 500.0)
+        z = eye.camera().eye[2]
+        higher = Hills()
+        higher.lift = z + 500.0
         eye.follow(higher)
         rest(eye)
         x, y, z = eye.camera().eye

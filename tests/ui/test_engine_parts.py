@@ -1,5 +1,6 @@
 """Parts of the engine's processes: channels, shared frames, updates of the sketch, the relief."""
 
+import os
 import socket
 import threading
 import time
@@ -73,14 +74,12 @@ def test_an_impatient_channel_never_waits_and_still_sends_all_in_order():
 
 def test_closing_ends_a_thread_that_reads_and_one_that_writes():
     mine, its = socket.socketpair()
-    channel, other = Channel(mine, patient=False), Channel(its)
-    ended = []
+    channel, other, ended = Channel(mine, patient=False), Channel(its), []
 
     def read():
-        try:
+        with pytest.raises(EOFError):
             channel.receive()
-        except EOFError:
-            ended.append(True)
+        ended.append(True)
 
     thread = threading.Thread(target=read)
     thread.start()
@@ -94,19 +93,15 @@ def test_closing_ends_a_thread_that_reads_and_one_that_writes():
 
 
 def test_a_part_may_be_left_out_and_is_put_back_as_another_process_has_it():
-    part = np.zeros(100_000)
+    part, mine = np.zeros(100_000), np.ones(3)
     data = pickled({"part": part, "more": [part, 1, None]}, but=part)
     assert len(data) < 1000
-    mine = np.ones(3)
     got = unpickled(data, but=mine)
-    assert got["part"] is mine
-    assert got["more"][0] is mine
+    assert got["part"] is got["more"][0] is mine
     assert got["more"][1:] == [1, None]
 
 
 def test_frames_are_shared_grow_and_do_not_overlap():
-    import os
-
     memory = FrameMemory()
     other = FrameMemory(os.dup(memory.number))
     for index, size in ((0, 1000), (1, 1000), (1, 5_000_000), (0, 5_000_000)):
@@ -118,8 +113,7 @@ def test_frames_are_shared_grow_and_do_not_overlap():
     memory.close()
     other.close()
 
-    memory = FrameMemory()
-    size = 3_333_333
+    memory, size = FrameMemory(), 3_333_333
     first, second = memory.place(0, size)[0], memory.place(1, size)[0]
     assert second >= first + size
     assert memory.place(1, size)[1] >= second + size
@@ -144,14 +138,14 @@ def same(sketch: Sketch, small_document: Document) -> bool:
     return layers and settings_of(sketch) == settings_of(small_document.sketch)
 
 
-def paint(small_document, layer, rng, *, commit=True):
-    draft = small_document.begin_draft(layer)
-    top, left = int(rng.integers(0, 30)), int(rng.integers(0, 50))
-    bottom, right = top + int(rng.integers(1, 10)), left + int(rng.integers(1, 10))
-    draft.image[top:bottom, left:right] = rng.integers(0, 4)
-    draft.touch((top, left, bottom, right))
+def paint(document, layer, box, label, *, commit=False):
+    draft = document.begin_draft(layer)
+    top, left, bottom, right = box
+    draft.image[top:bottom, left:right] = label
+    draft.touch(box)
     if commit:
         draft.commit("Paint")
+    return draft
 
 
 def test_the_first_update_holds_everything_and_a_stroke_its_box_only(small_document, maker):
@@ -161,9 +155,7 @@ def test_the_first_update_holds_everything_and_a_stroke_its_box_only(small_docum
     assert update.shape == (40, 60)
 
     maker.next()
-    draft = small_document.begin_draft("mountain")
-    draft.image[10:12, 20:25] = 1
-    draft.touch((10, 20, 12, 25))
+    draft = paint(small_document, "mountain", (10, 20, 12, 25), 1)
     update, fresh = maker.next()
     assert not fresh
     assert list(update.layers) == ["mountain"]
@@ -180,7 +172,9 @@ def test_a_mirror_follows_strokes_undo_settings_and_other_documents(small_docume
     for turn in range(60):
         choice = int(rng.integers(0, 7))
         if choice <= 2:
-            paint(small_document, str(rng.choice(list(LAYERS))), rng, commit=choice > 0)
+            layer, (top, left) = str(rng.choice(list(LAYERS))), rng.integers(0, (30, 50)).tolist()
+            box = (top, left, top + int(rng.integers(1, 10)), left + int(rng.integers(1, 10)))
+            paint(small_document, layer, box, rng.integers(0, 4), commit=choice > 0)
         elif choice == 3:
             small_document.undo()
         elif choice == 4:
@@ -205,16 +199,13 @@ def test_what_stays_as_it_was_stays_the_same_array(small_document, maker):
     mirror = SketchMirror()
     mirror.apply(maker.next()[0])
     before = mirror.sketch()
-    draft = small_document.begin_draft("mountain")
-    draft.image[3:5, 3:5] = 1
-    draft.touch((3, 3, 5, 5))
+    draft = paint(small_document, "mountain", (3, 3, 5, 5), 1)
     mirror.apply(maker.next()[0])
     stroke = mirror.sketch()
     assert stroke.layers["hill"] is before.layers["hill"]
     assert stroke.layers["mountain"] is not before.layers["mountain"]
     draft.commit("Paint mountains")
-    update, _ = maker.next()
-    mirror.apply(update)
+    mirror.apply(maker.next()[0])
     assert mirror.sketch().layers["mountain"] is stroke.layers["mountain"]
 
 
@@ -246,29 +237,29 @@ def finish(maker):
 
 
 def expected(ground):
-    rows, columns = ground.sketch.height_px, ground.sketch.width_px
-    size = ground.sketch.pixel_size
-    x = (np.arange(columns) + 0.5) * size
-    y = (rows - np.arange(rows) - 0.5) * size
+    rows, columns, size = ground.sketch.height_px, ground.sketch.width_px, ground.sketch.pixel_size
+    x, y = (np.arange(columns) + 0.5) * size, (rows - np.arange(rows) - 0.5) * size
     return ground.heights(x[None], y[:, None])
 
 
+def relief_of(ground, version=1):
+    """Return a maker, and the whole relief that it made of a ground."""
+    maker = ReliefMaker()
+    maker.follow(ground, version, [EVERYWHERE])
+    return maker, finish(maker)
+
+
 def test_heights_stand_at_pixel_centres_and_another_size_restarts():
-    maker, ground = ReliefMaker(), Bumpy()
-    maker.follow(ground, 3, [EVERYWHERE])
-    made = finish(maker)
+    ground, other = Bumpy(), Bumpy(shape=(30, 40))
+    maker, made = relief_of(ground, 3)
     assert (made.version, made.step) == (3, 1)
     assert np.array_equal(made.height, expected(ground))
     assert made.shade.shape == made.height.shape
-    assert not maker.busy
 
-    maker = ReliefMaker()
-    maker.follow(Bumpy(), 1, [EVERYWHERE])
+    maker.follow(ground, 4, [EVERYWHERE])
     maker.work(0.0)
-    other = Bumpy(shape=(30, 40))
-    maker.follow(other, 2, [EVERYWHERE])
-    made = finish(maker)
-    assert np.array_equal(made.height, expected(other))
+    maker.follow(other, 5, [EVERYWHERE])
+    assert np.array_equal(finish(maker).height, expected(other))
 
 
 def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
@@ -284,9 +275,7 @@ def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
 
 
 def test_only_what_changed_is_asked_again_and_the_shading_is_that_of_the_whole():
-    maker = ReliefMaker()
-    maker.follow(Bumpy(), 1, [EVERYWHERE])
-    first = finish(maker)
+    maker, first = relief_of(Bumpy())
     bumped = Bumpy(bump=40.0)
     maker.follow(bumped, 2, [BUMP])
     second = finish(maker)
@@ -314,17 +303,11 @@ def test_each_relief_is_of_one_version_even_if_others_come_meanwhile():
 
 
 def test_large_sketches_are_sampled_less_often_and_one_row_is_a_relief():
-    for shape, step in [((1024, 10), 1), ((10, 1025), 2), ((4096, 2048), 4)]:
-        maker = ReliefMaker()
-        maker.follow(Bumpy(shape=shape), 1, [EVERYWHERE])
-        made = finish(maker)
+    for shape, step in [((1024, 10), 1), ((10, 1025), 2), ((4096, 2048), 4), ((1, 8), 1)]:
+        _, made = relief_of(Bumpy(shape=shape))
         assert made.step == step, (shape, step)
         assert max(made.height.shape) <= LARGEST, (shape, step)
-        assert made.height.shape == tuple(-(-side // step) for side in shape), (shape, step)
-
-    maker = ReliefMaker()
-    maker.follow(Bumpy(shape=(1, 8)), 1, [EVERYWHERE])
-    assert finish(maker).shade.shape == (1, 8)
+        assert made.height.shape == made.shade.shape == tuple(-(-side // step) for side in shape), shape
 
 
 def test_light_comes_from_the_north_west():

@@ -23,39 +23,45 @@ def opened(qtbot, tmp_path, small):
     Preferences(path).export_folder = tmp_path / "out"
     kept = []  # qtbot does not hold them
 
-    def open_(target: str = "") -> ExportDialog:
+    def open_(target: str | None = None) -> ExportDialog:
         preferences = Preferences(path)
         dialog = ExportDialog(small, preferences)
         dialog.preferences = preferences  # they have no other owner
         qtbot.addWidget(dialog)
         kept.append(dialog)
         dialog.show()
-        if target:
-            dialog.targets.setCurrentIndex(dialog.targets.findData(target))
+        if target is not None:
+            choose(dialog, target)
         return dialog
 
     return open_
+
+
+def choose(dialog, target: str) -> None:
+    dialog.targets.setCurrentIndex(dialog.targets.findData(target))
+
+
+def visible(controls) -> set[str]:
+    return {option for option, row in controls._lines.items() if row.isVisible()}
 
 
 def told(dialog) -> str:
     return dialog.target.note.text()
 
 
-def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, small) -> None:
+def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, small):
     dialog = opened()
     assert [dialog.targets.itemData(row) for row in range(dialog.targets.count())] == ["", *TARGET_NAMES]
     assert dialog.everything.isVisible()
     for name in TARGET_NAMES:
-        dialog.targets.setCurrentIndex(dialog.targets.findData(name))
+        choose(dialog, name)
         target, controls = target_named(name), dialog.target
-        shown = {option for option, row in controls._lines.items() if row.isVisible()}
         tiles = {"overlap", "tile_name", "tile_first", "tiles_from_south"}
-        assert shown == set(option_names(target)) - tiles, name
+        assert visible(controls) == set(option_names(target)) - tiles, name
         assert not dialog.everything.isVisible()
-        if "tiles" in shown:
+        if "tiles" in visible(controls):
             controls["columns"].setValue(2)
-            shown = {option for option, row in controls._lines.items() if row.isVisible()}
-            assert shown == set(option_names(target)), name
+            assert visible(controls) == set(option_names(target)), name
             controls["columns"].setValue(1)
         assert dialog.target.problem == "", name
         assert dialog._go.isEnabled()
@@ -67,7 +73,7 @@ def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, s
     assert set(opened().target._lines) == {each.name for each in fields(ExportOptions)}
 
     for name in ("", *TARGET_NAMES):
-        dialog.targets.setCurrentIndex(dialog.targets.findData(name))
+        choose(dialog, name)
         dialog.target["columns"].setValue(2)
         texts = [each.text() for each in dialog.findChildren((QLabel, QAbstractButton)) if each.isVisible()]
         letters = [QKeySequence.mnemonic(text).toString() for text in texts]
@@ -75,7 +81,7 @@ def test_every_target_is_offered_with_its_options_and_distinct_letters(opened, s
         assert not twice, name
 
 
-def test_what_an_export_will_be_is_told_at_once(opened) -> None:
+def test_what_an_export_will_be_is_told_at_once(opened):
     dialog = opened("unreal")
     controls = dialog.target
     assert told(dialog).startswith("1009 × 1009 vertices, 0.5079 m apart.")
@@ -90,7 +96,7 @@ def test_what_an_export_will_be_is_told_at_once(opened) -> None:
     assert "MiB of memory" in told(dialog)
 
 
-def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begins(opened, tmp_path) -> None:
+def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begins(opened, tmp_path):
     dialog = opened("raw")
     controls = dialog.target
     controls["size"].setEditText("1024")
@@ -105,7 +111,7 @@ def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begin
     assert dialog._go.isEnabled()
     controls["tile_name"].setText("{name}")
     assert not dialog._go.isEnabled()
-    dialog.targets.setCurrentIndex(dialog.targets.findData("geotiff"))
+    choose(dialog, "geotiff")
     assert dialog._go.isEnabled()
     controls["crs"].setText("EPSG:4326")
     assert "EPSG:4326" in dialog._refused.text()
@@ -125,14 +131,13 @@ def test_impossible_sizes_ranges_and_folders_are_refused_before_the_export_begin
     dialog = opened()
     (tmp_path / "file").write_text("")
     assert dialog._go.isEnabled()
-    dialog.folder.setText(str(tmp_path / "file"))
-    assert not dialog._go.isEnabled()
-    assert "is a file: expected a folder" in dialog._refused.text()
-    dialog.folder.setText("")
-    assert not dialog._go.isEnabled()
+    for folder, refused in ((str(tmp_path / "file"), "is a file: expected a folder"), ("", "")):
+        dialog.folder.setText(folder)
+        assert not dialog._go.isEnabled()
+        assert refused in dialog._refused.text()
 
 
-def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened) -> None:
+def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened):
     dialog = opened("raw")
     controls = dialog.target
     assert controls["size"].currentText() == "1025"
@@ -145,21 +150,21 @@ def test_sizes_that_are_offered_can_be_cut_into_the_tiles(opened) -> None:
     controls["size"].setEditText("1000")
     controls["columns"].setValue(3)
     assert controls["size"].currentText() == "1000"
-    dialog.targets.setCurrentIndex(dialog.targets.findData("unreal"))
+    choose(dialog, "unreal")
     controls["columns"].setValue(2)
     controls["overlap"].setValue(2000)
     assert dialog._refused.text() == "tiles of 1009 vertices cannot share 2000"
 
 
-def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path) -> None:
+def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, tmp_path):
     usual = opened("unity").target.options()
     dialog = opened("unity")
     controls = dialog.target
     controls["size"].setCurrentIndex(controls["size"].findData(129))
     controls["rows"].setValue(3)
-    dialog.targets.setCurrentIndex(dialog.targets.findData("raw"))
+    choose(dialog, "raw")
     assert controls["rows"].value() == 1
-    dialog.targets.setCurrentIndex(dialog.targets.findData("unity"))
+    choose(dialog, "unity")
     assert controls["rows"].value() == 3
     dialog._remember()
     dialog.preferences.keep()
@@ -177,7 +182,7 @@ def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, 
     assert dialog.preferences.exported("unity") == {}
 
 
-def test_everything_is_asked_for_as_the_command_line_does(opened) -> None:
+def test_everything_is_asked_for_as_the_command_line_does(opened):
     form = opened().everything
     form.set_values({"plants": "ply", "grass": True, "map": "svg", "view": ""})
     request = form.request(Path("x"), None)
@@ -187,7 +192,7 @@ def test_everything_is_asked_for_as_the_command_line_does(opened) -> None:
     assert not form.request(Path("x"), None).grass, "a table holds none"
 
 
-def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path) -> None:
+def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened, tmp_path):
     dialog = opened("raw")
     controls = dialog.target
     controls["size"].setEditText("65")
@@ -198,9 +203,8 @@ def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened
         pass
     sidecar = json.loads((tmp_path / "out" / "terrain.json").read_text())
     assert sidecar["target"] == "raw"
-    assert {entry["file"] for entry in sidecar["files"]} == {
-        each.name for each in (tmp_path / "out").iterdir()
-    }
+    written = {each.name for each in (tmp_path / "out").iterdir()}
+    assert {entry["file"] for entry in sidecar["files"]} == written
     assert len(done.args[0]["files"]) == len(sidecar["files"])
     assert dialog.outcome.table.item(0, 0).text() == next(iter(sidecar["import"]))
     assert dialog.outcome.bar.value() == dialog.outcome.bar.maximum()
@@ -209,10 +213,8 @@ def test_an_export_to_a_target_writes_what_the_command_line_writes(qtbot, opened
 
 
 @pytest.mark.slow
-def test_an_export_writes_what_the_command_line_writes(qtbot, small, tmp_path, exporting_into) -> None:
-    dialog = ExportDialog(small, exporting_into(tmp_path / "out"))
-    qtbot.addWidget(dialog)
-    dialog.show()
+def test_an_export_writes_what_the_command_line_writes(qtbot, opened, tmp_path):
+    dialog = opened()
     dialog.everything["size"].setCurrentIndex(0)
     dialog.everything["view"].setCurrentIndex(dialog.everything["view"].count() - 1)
     seen = []
@@ -230,10 +232,8 @@ def test_an_export_writes_what_the_command_line_writes(qtbot, small, tmp_path, e
 
 
 @pytest.mark.slow
-def test_a_cancelled_export_leaves_nothing(qtbot, small, tmp_path, exporting_into) -> None:
-    dialog = ExportDialog(small, exporting_into(tmp_path / "out"))
-    qtbot.addWidget(dialog)
-    dialog.show()
+def test_a_cancelled_export_leaves_nothing(qtbot, opened, tmp_path):
+    dialog = opened()
     dialog._begin()
     with qtbot.waitSignal(dialog.job.share_changed, timeout=60_000):
         pass
@@ -246,10 +246,10 @@ def test_a_cancelled_export_leaves_nothing(qtbot, small, tmp_path, exporting_int
     assert dialog.isHidden()
 
 
-def test_an_export_that_cannot_be_written_says_why(qtbot, small, tmp_path, exporting_into) -> None:
+def test_an_export_that_cannot_be_written_says_why(qtbot, opened, tmp_path):
     (tmp_path / "file").write_text("")
-    dialog = ExportDialog(small, exporting_into(tmp_path / "file" / "out"))
-    qtbot.addWidget(dialog)
+    dialog = opened()
+    dialog.folder.setText(str(tmp_path / "file" / "out"))
     dialog._begin()
     with qtbot.waitSignal(dialog.job.failed, timeout=60_000) as told:
         pass

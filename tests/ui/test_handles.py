@@ -12,14 +12,7 @@ from sketchterrain.ui.models.workspace import Chosen
 
 def feature(number: int, x: float, y: float, radius: float, strength: float, kind: int = 0) -> np.ndarray:
     row = np.zeros(1, FEATURE)
-    row["id"], row["x"], row["y"], row["radius"], row["strength"], row["type"] = (
-        number,
-        x,
-        y,
-        radius,
-        strength,
-        kind,
-    )
+    row[["id", "x", "y", "radius", "strength", "type"]] = (number, x, y, radius, strength, kind)
     return row
 
 
@@ -39,13 +32,9 @@ def test_a_click_means_the_middle_that_it_nearly_hits_or_what_stands_there(three
         found = chosen_at(three, x, y, reach=reach)
         return None if found is None else found.id
 
-    assert at(508, 500) == 1
-    assert at(745, 500) == 2
-    assert at(720, 500, 40.0) == 2
+    assert [at(508, 500), at(745, 500), at(720, 500, 40.0)] == [1, 2, 2]
     assert at(450, 450) == 1, "on the mountain, far from its middle"
-    assert at(2100, 500) == 3
-    assert at(1500, 500) is None
-    assert at(2000, 1500) is None
+    assert [at(2100, 500), at(1500, 500), at(2000, 1500)] == [3, None, None]
     assert chosen_at(Placed(1, np.zeros(0, FEATURE), (), ()), 0.0, 0.0, reach=1e9) is None
 
 
@@ -130,8 +119,7 @@ def test_a_cancelled_drag_restores_and_one_overtaken_by_the_document_yields(docu
 
 
 def test_what_cannot_be_done_is_said(document, placed):
-    drag = FeatureDrag(document, placed, middle(placed))
-    before = document.sketch
+    drag, before = FeatureDrag(document, placed, middle(placed)), document.sketch
     drag.to(float("nan"), 0.0)
     assert "expected a number" in drag.problem
     assert document.sketch is before

@@ -7,7 +7,6 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -24,7 +23,7 @@ MOST_LOST = INTERVAL + 4.0
 """s: what none exceeds; writing, and waiting for a busy machine, take as long with 20 s between autosaves."""
 
 
-def program() -> ModuleType:
+def program():
     spec = importlib.util.spec_from_file_location("paint_until_killed", PROGRAM)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -75,14 +74,11 @@ def paint_and_kill(target: Path, folder: Path, log: Path, rng: random.Random) ->
         return time.monotonic()
 
 
-@pytest.mark.parametrize(
-    ("name", "kills"),
-    [
-        pytest.param("valley.sketch", 8, marks=pytest.mark.slow),
-        pytest.param("valley", 100, marks=pytest.mark.soak),
-        pytest.param("valley.sketch", 100, marks=pytest.mark.soak),
-    ],
-)
+SLOW = pytest.param("valley.sketch", 8, marks=pytest.mark.slow)
+SOAK = [pytest.param(name, 100, marks=pytest.mark.soak) for name in ("valley", "valley.sketch")]
+
+
+@pytest.mark.parametrize(("name", "kills"), [SLOW, *SOAK])
 def test_kills_at_random_moments_lose_at_most_what_was_just_done(tmp_path: Path, name: str, kills: int):
     fingerprint = program().fingerprint
     rng = random.Random(name)

@@ -24,7 +24,7 @@ def coverage(image: QImage) -> np.ndarray:
     return pixels.reshape(plain.height(), plain.bytesPerLine() // 4, 4)[:, : plain.width(), 3] / 255.0
 
 
-def test_every_icon_that_is_named_is_there_and_draws_inside_its_square(qapp) -> None:
+def test_every_icon_that_is_named_is_there_and_draws_inside_its_square(qapp):
     named = {command.icon for command in COMMANDS.values()} - {""}
     assert named <= {file.stem for file in ICONS.glob("*.svg")}
     for file in ICONS.glob("*.svg"):
@@ -37,7 +37,7 @@ def test_every_icon_that_is_named_is_there_and_draws_inside_its_square(qapp) -> 
         icon("nonsense")
 
 
-def test_an_icon_is_drawn_at_the_screens_own_pixels_in_the_palettes_colour(qapp) -> None:
+def test_an_icon_is_drawn_at_the_screens_own_pixels_in_the_palettes_colour(qapp):
     for size, dpr in [(16, 1.0), (20, 1.25), (20, 2.0), (32, 1.5)]:
         picture = icon("brush").pixmap(QSize(size, size), dpr)
         assert (picture.width(), picture.height()) == (round(size * dpr), round(size * dpr)), (size, dpr)
@@ -66,18 +66,16 @@ def contrast(one: QColor, other: QColor) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
-def test_text_has_the_contrast_that_wcag_asks_for() -> None:
+def test_text_has_the_contrast_that_wcag_asks_for():
     for each in [LIGHT, DARK]:
         for behind in (each.window, each.base, each.raised):
-            assert contrast(each.text, behind) >= 7.0, each
-            assert contrast(each.faint, behind) >= 4.5, each
-            assert contrast(each.warning, behind) >= 4.5, each
-            assert contrast(each.error, behind) >= 4.5, each
-            assert contrast(each.accent, behind) >= 3.0, each
+            floors = {"text": 7.0, "faint": 4.5, "warning": 4.5, "error": 4.5, "accent": 3.0}
+            for name, floor in floors.items():
+                assert contrast(getattr(each, name), behind) >= floor, (each, name)
         assert contrast(each.on_accent, each.accent) >= 4.5, each
 
 
-def test_choosing_a_theme_changes_the_palette_and_others_are_refused(qapp, qtbot) -> None:
+def test_choosing_a_theme_changes_the_palette_and_others_are_refused(qapp, qtbot):
     for choice, wanted in (("light", LIGHT), ("dark", DARK)):
         with qtbot.waitSignal(looks.changed):
             apply_theme(qapp, choice)
@@ -89,18 +87,16 @@ def test_choosing_a_theme_changes_the_palette_and_others_are_refused(qapp, qtbot
     assert set(CHOICES) == {"system", "light", "dark"}
 
 
-def test_boxes_are_drawn_in_the_themes_colours(qapp, qtbot) -> None:
+def test_boxes_are_drawn_in_the_themes_colours(qapp, shown):
     for choice in ["light", "dark"]:
         apply_theme(qapp, choice)
         holder = QWidget()
-        qtbot.addWidget(holder)
-        ticked, names, number = QCheckBox("On", holder), QComboBox(holder), QDoubleSpinBox(holder)
+        boxes = ticked, names, _ = QCheckBox("On", holder), QComboBox(holder), QDoubleSpinBox(holder)
         ticked.setChecked(True)
         names.addItem("one")
-        for place, widget in enumerate((ticked, names, number)):
+        for place, widget in enumerate(boxes):
             widget.setGeometry(10, 10 + 40 * place, 120, 30)
-        holder.resize(200, 140)
-        image = holder.grab().toImage()
+        image = shown(holder, 200, 140).grab().toImage()
         seen = {image.pixelColor(x, y).name() for x in range(200) for y in range(10, 40)}
         assert theme().accent.name() in seen, choice
         assert image.pixelColor(60, 65).name() == theme().base.name(), choice

@@ -1,18 +1,9 @@
 """What holds for every panel: names for all controls, nothing is changed by showing it, nothing leaks."""
 
 import pytest
+from PyQt6 import QtWidgets
 from PyQt6.QtCore import QCoreApplication, QEvent, Qt
-from PyQt6.QtWidgets import (
-    QAbstractButton,
-    QAbstractItemView,
-    QAbstractSlider,
-    QAbstractSpinBox,
-    QApplication,
-    QComboBox,
-    QLineEdit,
-    QScrollBar,
-    QWidget,
-)
+from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.sketch import load_sketch
 from sketchterrain.ui.models.workspace import Chosen
@@ -34,7 +25,8 @@ PANELS = {
     "contradictions": lambda _, workspace, link: ContradictionsPanel(workspace, link),
     "status": StatusLine,
 }
-CONTROLS = (QAbstractButton, QAbstractSlider, QAbstractSpinBox, QComboBox, QLineEdit, QAbstractItemView)
+COMPOUND = (QtWidgets.QAbstractSpinBox, QtWidgets.QComboBox, QtWidgets.QAbstractItemView)
+CONTROLS = (*COMPOUND, QtWidgets.QAbstractButton, QtWidgets.QAbstractSlider, QtWidgets.QLineEdit)
 
 
 @pytest.fixture(params=PANELS)
@@ -43,12 +35,8 @@ def make(request, document, workspace, link):
 
 
 @pytest.fixture
-def panel(qtbot, make):
-    panel = make()
-    qtbot.addWidget(panel)
-    panel.resize(300, 600)
-    panel.show()
-    return panel
+def panel(shown, make):
+    return shown(make())
 
 
 def shown_in_every_way(workspace, link, placed):
@@ -58,13 +46,8 @@ def shown_in_every_way(workspace, link, placed):
     for layer in ("mountain", "river", "forest", "material", "dune"):
         workspace.use_label(layer, 1)
         yield
-    for chosen in (
-        Chosen("feature", int(placed.points["id"][0])),
-        Chosen("river", placed.rivers[0].id, 1),
-        Chosen("lake", placed.lakes[0].id),
-        Chosen("lake", 12345),
-        None,
-    ):
+    feature, river = Chosen("feature", int(placed.points["id"][0])), Chosen("river", placed.rivers[0].id, 1)
+    for chosen in (feature, river, Chosen("lake", placed.lakes[0].id), Chosen("lake", 12345), None):
         workspace.chosen = chosen
         yield
 
@@ -72,14 +55,12 @@ def shown_in_every_way(workspace, link, placed):
 def parts(panel):
     """Controls of a panel that are the program's, not parts of Qt's own widgets."""
     for each in panel.findChildren(QWidget):
-        inner = isinstance(each.parent(), QAbstractSpinBox | QComboBox | QAbstractItemView)
-        if isinstance(each, CONTROLS) and not inner and not isinstance(each, QScrollBar):
-            popup = each.window() is not panel.window()
-            if not popup:
-                yield each
+        inner = isinstance(each.parent(), COMPOUND) or each.window() is not panel.window()
+        if isinstance(each, CONTROLS) and not inner and not isinstance(each, QtWidgets.QScrollBar):
+            yield each
 
 
-def test_every_control_has_a_name_a_tool_tip_and_keyboard_focus(panel, workspace, link, placed) -> None:
+def test_every_control_has_a_name_a_tool_tip_and_keyboard_focus(panel, workspace, link, placed):
     for _ in shown_in_every_way(workspace, link, placed):
         for control in parts(panel):
             assert control.accessibleName(), f"{control} has no name: {control.parent()}"
@@ -88,9 +69,7 @@ def test_every_control_has_a_name_a_tool_tip_and_keyboard_focus(panel, workspace
                 assert control.focusPolicy() & Qt.FocusPolicy.TabFocus, control.accessibleName()
 
 
-def test_showing_any_state_or_another_document_changes_nothing(
-    panel, document, workspace, link, placed
-) -> None:
+def test_showing_any_state_or_another_document_changes_nothing(panel, document, workspace, link, placed):
     before, looks = document.sketch, [workspace.look(name) for name in document.sketch.layers]
     tool, brush, overlays, view = workspace.tool, workspace.brush, workspace.overlays, link.view
     for _ in shown_in_every_way(workspace, link, placed):
@@ -124,7 +103,7 @@ def test_nothing_is_cut_in_a_narrow_dock(panel, workspace, link, placed):
                 assert 0 <= left <= right < 300, control.accessibleName()
 
 
-def test_closed_panels_leave_no_widget_and_no_listener(qtbot, make, document, workspace, link, placed):
+def test_closed_panels_leave_no_widget_and_no_listener(make, document, workspace, link, placed):
     def come_and_go():
         panel = make()
         panel.show()

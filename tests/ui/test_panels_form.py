@@ -1,26 +1,16 @@
 """What rows of a form are made of: scales, words, gestures; and rows for every declared parameter."""
 
 import pytest
-from PyQt6.QtCore import QPoint, QPointF, Qt
-from PyQt6.QtGui import QWheelEvent
+from PyQt6.QtCore import Qt
 from PyQt6.QtTest import QTest
-from PyQt6.QtWidgets import QApplication
 
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES
 from sketchterrain.ui.panels import numbers as gesture_module
+from sketchterrain.ui.panels import wording
 from sketchterrain.ui.panels.form import ChoiceRow, NumberRow, TextRow, row_of
 from sketchterrain.ui.panels.numbers import WAY, ClockBox, Gesture, Scale
-from sketchterrain.ui.panels.wording import (
-    comfortable_range,
-    help_of,
-    number,
-    size_text,
-    special_of,
-    suffix_of,
-    title_of,
-    tool_tip,
-    with_unit,
-)
+
+from .events import wheel
 
 HEIGHT = LAYERS["mountain"].parameters["height"]
 FLOW = LAYERS["river"].parameters["flow"]
@@ -33,7 +23,7 @@ NUMBERS = {name: each for name, each in EVERY.items() if each.kind is not str}
 SCALES = [Scale(0.0, 1.0), Scale(1.0, 9000.0, "ratio"), Scale(0.0, 2000.0, "cube"), Scale(-90.0, 90.0)]
 
 
-def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share() -> None:
+def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share():
     for scale in [*SCALES, Scale(1, 500, "ratio", whole=True)]:
         values = [scale.at(n / 500) for n in range(501)]
         assert values[0] == scale.low, scale
@@ -48,10 +38,9 @@ def test_a_scale_is_monotonic_from_end_to_end_and_inverted_by_its_share() -> Non
             assert scale.at(scale.share(value)) == pytest.approx(value, rel=1e-9, abs=1e-9), scale
 
 
-def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios() -> None:
-    for name in NUMBERS:
-        parameter = NUMBERS[name]
-        low, high = comfortable_range(parameter)
+def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios():
+    for name, parameter in NUMBERS.items():
+        low, high = wording.comfortable_range(parameter)
         assert parameter.low <= low < high <= parameter.high, name
         scale = Scale.of(parameter, low, high)
         for n in range(21):
@@ -66,25 +55,21 @@ def test_every_number_has_a_scale_within_its_range_and_wide_ranges_go_by_ratios(
     assert Scale(0.0, 1.0).at(0.3337) == 0.33
 
 
-def test_titles_units_numbers_and_special_values_are_worded() -> None:
-    assert title_of("snow_line") == "Snow line"
+def test_titles_units_numbers_and_special_values_are_worded():
+    assert wording.title_of("snow_line") == "Snow line"
     each_of_a_kind = (HEIGHT, FLOW, TABLES["density"]["hill"], SKETCH["name"])
-    assert [suffix_of(each) for each in each_of_a_kind] == [" m", "°", " /km²", ""]
-    assert (with_unit(HEIGHT, 600.0), with_unit(FLOW, -1.0)) == ("600 m", "downhill")
-    assert [number(each) for each in (12.250, -0.0, 100.0, -3.5)] == ["12.25", "0", "100", "−3.5"]
-    assert [size_text(each) for each in (900, 14_200, 812e6, 2.5e9)] == [
-        "0.9 kB",
-        "14 kB",
-        "812 MB",
-        "2.5 GB",
-    ]
-    assert "1 to 9000 m" in tool_tip(HEIGHT)
-    special = {name for name, each in EVERY.items() if special_of(each)}
+    assert [wording.suffix_of(each) for each in each_of_a_kind] == [" m", "°", " /km²", ""]
+    assert (wording.with_unit(HEIGHT, 600.0), wording.with_unit(FLOW, -1.0)) == ("600 m", "downhill")
+    assert [wording.number(each) for each in (12.250, -0.0, 100.0, -3.5)] == ["12.25", "0", "100", "−3.5"]
+    sizes = [wording.size_text(each) for each in (900, 14_200, 812e6, 2.5e9)]
+    assert sizes == ["0.9 kB", "14 kB", "812 MB", "2.5 GB"]
+    assert "1 to 9000 m" in wording.tool_tip(HEIGHT)
+    special = {name for name, each in EVERY.items() if wording.special_of(each)}
     expected = {"river.flow", "river.width", "forest.conifers", "weather.hour"}
     assert special == expected | {"climate.snow_line", "climate.tree_line"}
     for name, parameter in EVERY.items():
-        assert help_of(parameter)[0] == help_of(parameter)[0].upper(), name
-        assert "-1" not in help_of(parameter), name
+        assert wording.help_of(parameter)[0] == wording.help_of(parameter)[0].upper(), name
+        assert "-1" not in wording.help_of(parameter), name
 
 
 def test_a_drag_is_one_gesture_and_keys_in_a_row_are_one(monkeypatch):
@@ -111,43 +96,31 @@ def told():
 
 
 @pytest.fixture
-def listened(qtbot, told):
-    """Show a row, write down what it tells, and hold it until the test has ended: Qt may still draw it."""
-    held = []
+def listened(shown, told):
+    """Show a row, and write down what it tells."""
 
     def listen(row):
-        held.append(row)
-        qtbot.addWidget(row)
         row.edited.connect(lambda value, key: told.append((value, key)))
         row.show_value(row.parameter.default)
-        row.resize(280, 60)
-        row.show()
-        return row
+        return shown(row, 280, 60)
 
-    yield listen
-    held.clear()
+    return listen
 
 
-def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told) -> None:
-    for name in EVERY:
-        row = listened(row_of(EVERY[name]))
-        kind = EVERY[name].kind
-        value = (
-            EVERY[name].choices[-1]
-            if EVERY[name].choices
-            else "words"
-            if kind is str
-            else kind(EVERY[name].high)
-        )
+def test_every_parameter_has_a_row_that_shows_and_tells_nobody(listened, told):
+    for name, parameter in EVERY.items():
+        row = listened(row_of(parameter))
+        text = parameter.choices[-1] if parameter.choices else "words"
+        value = text if parameter.kind is str else parameter.kind(parameter.high)
         row.show_value(value)
         assert not told, name
-        assert row.reset.isVisible() == (value != EVERY[name].default), name
-        row.show_value(EVERY[name].default)
+        assert row.reset.isVisible() == (value != parameter.default), name
+        row.show_value(parameter.default)
         assert not row.reset.isVisible(), name
         assert not told, name
 
 
-def test_a_dragged_slider_tells_values_with_one_key_and_keeps_its_place(listened, told) -> None:
+def test_a_dragged_slider_tells_values_with_one_key_and_keeps_its_place(listened, told):
     row = listened(NumberRow(HEIGHT))
     row.slider.setSliderDown(True)
     for value in (500, 600, 700):
@@ -174,7 +147,7 @@ def test_a_dragged_slider_tells_values_with_one_key_and_keeps_its_place(listened
     assert row.slider.maximum() == WAY
 
 
-def test_a_number_is_told_once_typed_and_never_rounded_by_being_shown(listened, told) -> None:
+def test_a_number_is_told_once_typed_and_never_rounded_by_being_shown(listened, told):
     row = listened(NumberRow(TABLES["climate"]["snow_line"]))
     row.show_value(-250.0)
     assert row.box.value() == -250.0
@@ -216,25 +189,20 @@ def test_a_special_value_is_a_box_to_check(listened, told):
     assert told[-1][0] == 90.0, "the number that stood there comes back"
 
 
-def test_hours_are_typed_and_shown_as_a_clock_does(listened, told, qtbot) -> None:
-    for typed, hours, shown in [
-        ("18:30", 18.5, "18:30"),
-        ("6.25", 6.25, "6:15"),
-        ("24", 24.0, "24:00"),
-        ("7:", None, ""),
-        ("25:00", None, ""),
-    ]:
+def test_hours_are_typed_and_shown_as_a_clock_does(listened, told, qtbot):
+    accepted = (("18:30", 18.5, "18:30"), ("6.25", 6.25, "6:15"), ("24", 24.0, "24:00"))
+    for typed, hours, shown in (*accepted, ("7:", None, ""), ("25:00", None, "")):
         row = listened(NumberRow(TABLES["weather"]["hour"]))
         row.show_value(12.0)
-        assert row.box.text() == "12:00", (typed, hours, shown)
+        assert row.box.text() == "12:00", typed
         row.box.selectAll()
         QTest.keyClicks(row.box, typed)
         QTest.keyClick(row.box, Qt.Key.Key_Return)
         if hours is None:
-            assert not told or told[-1][0] <= 24.0, (typed, hours, shown)
+            assert not told or told[-1][0] <= 24.0, typed
         else:
-            assert told[-1][0] == hours, (typed, hours, shown)
-            assert row.box.text() == shown, (typed, hours, shown)
+            assert told[-1][0] == hours, typed
+            assert row.box.text() == shown, typed
 
     for minute in range(0, 60, 7):
         box = ClockBox(0.0, 24.0)
@@ -245,48 +213,32 @@ def test_hours_are_typed_and_shown_as_a_clock_does(listened, told, qtbot) -> Non
 
 
 def test_a_wheel_that_scrolls_past_changes_nothing(listened, told):
-    def turn(control):
-        event = QWheelEvent(
-            QPointF(5, 5),
-            QPointF(5, 5),
-            QPoint(),
-            QPoint(0, 120),
-            Qt.MouseButton.NoButton,
-            Qt.KeyboardModifier.NoModifier,
-            Qt.ScrollPhase.NoScrollPhase,
-            False,
-        )
-        QApplication.sendEvent(control, event)
-
     for widget in ("box", "slider"):
         row = listened(NumberRow(HEIGHT))
         control = getattr(row, widget)
         told.clear()
         row.setFocus()
-        turn(control)
+        wheel(control, 5, 5, 1)
         assert not told, widget
         row.activateWindow()
         control.setFocus()
         if control.hasFocus():
-            turn(control)
+            wheel(control, 5, 5, 1)
             assert told, widget
 
 
-def test_tab_goes_through_a_row_in_reading_order(listened) -> None:
+def test_tab_goes_through_a_row_in_reading_order(listened):
     for parameter in [HEIGHT, FLOW]:
         row = listened(NumberRow(parameter))
         row.show_value(100.0)
-        row.show()
         controls = [each for each in (row.box, row.slider, row.check, row.reset) if each is not None]
-        chain, each = [], row
+        chain = [row]
         for _ in range(40):
-            each = each.nextInFocusChain()
-            if each in controls and each not in chain:
-                chain.append(each)
-        assert chain == controls, parameter
+            chain.append(chain[-1].nextInFocusChain())
+        assert list(dict.fromkeys(each for each in chain if each in controls)) == controls, parameter
 
 
-def test_choices_and_texts_are_told_once_chosen_or_typed(listened, told) -> None:
+def test_choices_and_texts_are_told_once_chosen_or_typed(listened, told):
     parameter = LAYERS["material"].parameters["material"]
     row = listened(ChoiceRow(parameter))
     assert row.box.currentData() == "rock"

@@ -8,14 +8,7 @@ from PyQt6.QtCore import QPoint, Qt
 from PyQt6.QtTest import QTest
 
 from sketchterrain.ui.commands.settings import WORLD, set_setting
-from sketchterrain.ui.engine.protocol import (
-    Adherence,
-    EngineFacts,
-    FrameFacts,
-    MeasureAdherence,
-    Pose,
-    Trouble,
-)
+from sketchterrain.ui.engine import protocol as msg
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.lists import PALE, ContradictionsPanel, HistoryPanel
 from sketchterrain.ui.panels.status_line import StatusLine
@@ -25,27 +18,12 @@ PEAKS = {"measured": 2, "capped": 1, "least": 0.9, "mean": 1.0, "most": 1.04}
 FIGURES = {"lost": 1, "mean_iou": 0.877, "layers": {"mountain": LAYER, "hill": {**LAYER, "shapes": 0}}}
 
 
-@pytest.fixture
-def shown(qtbot):
-    held = []  # until the test has ended: Qt may still draw them
-
-    def show(panel, width=300):
-        held.append(panel)
-        qtbot.addWidget(panel)
-        panel.resize(width, 400)
-        panel.show()
-        return panel
-
-    yield show
-    held.clear()
-
-
 def texts(panel):
     model = panel.list.model()
     return [model.index(row, 0).data() for row in range(model.rowCount())]
 
 
-def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, document) -> None:
+def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, document):
     panel = shown(HistoryPanel(document))
     for seed in range(1, 6):
         document.do(f"Step {seed}", set_setting(document.sketch, WORLD, "seed", 1000 + seed))
@@ -63,24 +41,24 @@ def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, documen
     assert document.history.position == 5
 
 
-def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, workspace, link) -> None:
+def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, workspace, link):
     panel = shown(AdherencePanel(workspace, link))
     panel.measure.click()
-    link.trouble.emit(Trouble("engine", "it ended"))
+    link.trouble.emit(msg.Trouble("engine", "it ended"))
     panel.measure.click()
-    assert link.told == [MeasureAdherence()] * 2
-    link.adherence = Adherence(1, {**FIGURES, "peaks": PEAKS})
+    assert link.told == [msg.MeasureAdherence()] * 2
+    link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS})
     link.adherence_changed.emit(link.adherence)
     assert [name for name, bar in panel.bars.items() if bar.isVisible()] == ["mountain"]
     assert "91 % overlap. 3 shapes · 1 lost · spills over by 5 %" in panel.bars["mountain"].text
     thin = {**LAYER, "measured": 0, "iou_mean": None, "spill": None}
-    link.adherence = Adherence(1, {"mean_iou": None, "layers": {"hill": thin}, "peaks": None})
+    link.adherence = msg.Adherence(1, {"mean_iou": None, "layers": {"hill": thin}, "peaks": None})
     link.adherence_changed.emit(link.adherence)
     assert "too thin to measure" in panel.bars["hill"].text
     panel.grab()
 
 
-def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace, link, placed) -> None:
+def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace, link, placed):
     panel = shown(AdherencePanel(workspace, link))
     link.placed = placed
     link.placed_changed.emit(placed)
@@ -88,8 +66,8 @@ def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace
     assert link.told == [], "nobody asked"
     panel.overlay.click()
     assert "adherence" in workspace.overlays
-    qtbot.waitUntil(lambda: link.told == [MeasureAdherence()], timeout=3000)
-    link.adherence = Adherence(placed.version, FIGURES)
+    qtbot.waitUntil(lambda: link.told == [msg.MeasureAdherence()], timeout=3000)
+    link.adherence = msg.Adherence(placed.version, FIGURES)
     link.adherence_changed.emit(link.adherence)
     for version in (2, 3, 4):
         link.placed = dataclasses.replace(placed, version=version)
@@ -97,9 +75,7 @@ def test_adherence_follows_while_it_lies_over_the_sketch(qtbot, shown, workspace
     qtbot.waitUntil(lambda: len(link.told) == 2, timeout=3000)
 
 
-def test_contradictions_lead_to_their_places_and_their_marks_are_switched(
-    shown, workspace, link, placed
-) -> None:
+def test_contradictions_lead_to_their_places_and_their_marks_are_switched(shown, workspace, link, placed):
     panel = shown(ContradictionsPanel(workspace, link))
     panel.mark.click()
     assert panel.mark.isChecked() == ("contradictions" in workspace.overlays)
@@ -123,13 +99,13 @@ def line(shown, document, workspace, link):
     return shown(StatusLine(document, workspace, link), 1280)
 
 
-def test_the_status_line_reports_work_device_and_pointer(line, link, document, workspace) -> None:
+def test_the_status_line_reports_work_device_and_pointer(line, link, document, workspace):
     for working in ("Placing features", ""):
         link.working = working
         link.working_changed.emit(working)
         assert line.work.text() == line.work.accessibleName() == (working or "Ready")
         assert line.busy.isVisible() == bool(working)
-    link.facts = EngineFacts(device="EPYC", platform="PoCL", renderer="llvmpipe", sharing="mapped")
+    link.facts = msg.EngineFacts(device="EPYC", platform="PoCL", renderer="llvmpipe", sharing="mapped")
     link.facts_changed.emit(link.facts)
     assert line.device.text() == "EPYC · mapped memory"
     assert all(word in line.device.toolTip() for word in ("EPYC", "PoCL", "llvmpipe", "mapped memory"))
@@ -152,14 +128,14 @@ def test_the_status_line_reports_work_device_and_pointer(line, link, document, w
     assert line.paint.text() == ""
 
 
-def test_figures_keep_their_places(qtbot, line, link, placed) -> None:
+def test_figures_keep_their_places(qtbot, line, link, placed):
     def places():
         line.layout().activate()
         return [each.geometry() for each in (line.place, line.paint, line.frame, line.memory, line.device)]
 
-    before, pose = places(), Pose((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    before, pose = places(), msg.Pose((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
     link.placed = dataclasses.replace(placed, seconds=0.12)
-    link.frame = FrameFacts(800, 600, 1, pose, (0.0,) * 16, 0.08, 0.021, 120, 400_000, True, 500_000_000)
+    link.frame = msg.FrameFacts(800, 600, 1, pose, (0.0,) * 16, 0.08, 0.021, 120, 400_000, True, 500_000_000)
     link.frame_shown.emit(link.frame)
     link.working = "Measuring how far the terrain does what the sketch says"
     link.working_changed.emit(link.working)

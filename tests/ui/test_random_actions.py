@@ -9,20 +9,10 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from PyQt6 import QtWidgets
 from PyQt6.QtCore import QEvent, QPoint, Qt, QTimer
 from PyQt6.QtTest import QTest
-from PyQt6.QtWidgets import (
-    QAbstractButton,
-    QAbstractItemView,
-    QAbstractSlider,
-    QAbstractSpinBox,
-    QApplication,
-    QComboBox,
-    QDialog,
-    QDockWidget,
-    QMenu,
-    QWidget,
-)
+from PyQt6.QtWidgets import QAbstractItemView, QAbstractSlider, QAbstractSpinBox, QApplication, QComboBox
 
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import LAYERS, load_sketch
@@ -48,7 +38,6 @@ class Monkey:
         self.did: list[str] = []
 
     def act(self):
-        """Do one thing, and let the program answer."""
         often = {self.paint: 8, self.use_history: 4, self.turn_form: 4, self.trigger: 3, self.choose: 3}
         often |= {self.press: 2, self.scroll: 2}
         often |= dict.fromkeys((self.resize, self.dock, self.load, self.look_around), 1)
@@ -82,19 +71,18 @@ class Monkey:
             closing.stop()
 
     def turn_form(self):
-        """Press a key on one of the controls of the panels."""
         kinds = (QAbstractSlider, QAbstractSpinBox, QComboBox, QAbstractItemView)
         controls = [each for kind in kinds for each in self._window.findChildren(kind) if each.isVisible()]
         buttons = [
             each
-            for dock in self._window.findChildren(QDockWidget)
-            for each in dock.findChildren(QAbstractButton)
+            for dock in self._window.findChildren(QtWidgets.QDockWidget)
+            for each in dock.findChildren(QtWidgets.QAbstractButton)
             if each.isVisible() and each.isEnabled()
         ]
         control = self._random.choice([*controls, *buttons])
         self.did[-1] += f" {type(control).__name__} {control.accessibleName()}"
         closing = DialogCloser()
-        if isinstance(control, QAbstractButton):
+        if isinstance(control, QtWidgets.QAbstractButton):
             QTest.mouseClick(control, Qt.MouseButton.LeftButton)
         else:
             for _ in range(self._random.randrange(1, 4)):
@@ -132,7 +120,7 @@ class Monkey:
         self._window.resize(self._random.randrange(720, 1700), self._random.randrange(480, 1000))
 
     def dock(self):
-        dock = self._random.choice(self._window.findChildren(QDockWidget))
+        dock = self._random.choice(self._window.findChildren(QtWidgets.QDockWidget))
         what = self._random.randrange(3)
         if what == 2:
             dock.setFloating(not dock.isFloating())
@@ -181,7 +169,7 @@ class DialogCloser:
             if widget is not None:
                 widget.close()
         for menu in QApplication.topLevelWidgets():
-            if isinstance(menu, (QMenu, QDialog)) and menu.isVisible():
+            if isinstance(menu, (QtWidgets.QMenu, QtWidgets.QDialog)) and menu.isVisible():
                 menu.close()
 
 
@@ -253,7 +241,7 @@ def test_random_actions_leave_no_widget_and_no_memory_behind(
     at_rest(window, document, workspace)
     grown = resident() / weighed
     more = widgets() - counted
-    stray = [each for each in QApplication.topLevelWidgets() if type(each) is QWidget]
+    stray = [each for each in QApplication.topLevelWidgets() if type(each) is QtWidgets.QWidget]
     told = [(each.size(), [type(child).__name__ for child in each.children()]) for each in stray]
     print(f"{actions} actions: memory {weighed >> 20} MiB, {grown:.3f} times as much at the end")  # noqa: T201
     assert not more, f"widgets that stayed: {more}, {told}"

@@ -23,19 +23,17 @@ def picture(tmp_path):
     return path
 
 
-def opened(qtbot, path) -> TraceDialog:
-    dialog = TraceDialog(path)
-    qtbot.addWidget(dialog)
-    dialog.show()
-    return dialog
+@pytest.fixture
+def opened(shown):
+    return lambda path: shown(TraceDialog(path))
 
 
-def ready(qtbot, dialog: TraceDialog) -> None:
+def ready(qtbot, dialog: TraceDialog):
     qtbot.waitUntil(dialog.agree.isEnabled, timeout=20_000)
 
 
-def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, picture) -> None:
-    dialog = opened(qtbot, picture)
+def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, opened, picture):
+    dialog = opened(picture)
     assert not dialog.agree.isEnabled()
     ready(qtbot, dialog)
     assert dialog.colours.meanings == (NOTHING, Meaning("forest", 1), Meaning("mountain", 1))
@@ -61,8 +59,8 @@ def test_colours_are_found_named_and_change_size_extent_and_name(qtbot, picture)
     assert "60 × 40 px, 9 km × 6 km" in dialog.told.text()
 
 
-def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qtbot, picture) -> None:
-    dialog = opened(qtbot, picture)
+def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qtbot, opened, picture):
+    dialog = opened(picture)
     ready(qtbot, dialog)
     box = dialog.colours.boxes[1]
     box.setFocus()
@@ -75,7 +73,7 @@ def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qt
     assert not dialog.sketch().layers["forest"].any()
     assert dialog.sketch().layers["lake"][20:70, 80:115].all()
 
-    dialog = opened(qtbot, picture)
+    dialog = opened(picture)
     ready(qtbot, dialog)
     for box in dialog.colours.boxes:
         box.setCurrentIndex(0)
@@ -85,11 +83,11 @@ def test_a_colour_is_given_another_meaning_by_keys_and_none_at_all_is_refused(qt
     ready(qtbot, dialog)
 
 
-def test_a_grey_picture_asks_for_its_layer(qtbot, tmp_path) -> None:
+def test_a_grey_picture_asks_for_its_layer(qtbot, opened, tmp_path):
     pixels = np.zeros((64, 64), np.uint8)
     pixels[20:40, 10:50] = 255
     Image.fromarray(pixels).save(tmp_path / "mask.png")
-    dialog = opened(qtbot, tmp_path / "mask.png")
+    dialog = opened(tmp_path / "mask.png")
     ready(qtbot, dialog)
     dialog.layer.setCurrentText("Lakes 2")
     ready(qtbot, dialog)
@@ -97,12 +95,12 @@ def test_a_grey_picture_asks_for_its_layer(qtbot, tmp_path) -> None:
     assert np.array_equal(lake == 2, pixels > 0)
 
 
-def test_vectors_have_their_own_scale(qtbot, tmp_path) -> None:
+def test_vectors_have_their_own_scale(qtbot, opened, tmp_path):
     path = tmp_path / "rivers.geojson"
     line = {"type": "LineString", "coordinates": [[11.0, 47.0], [11.05, 47.03]]}
     feature = {"type": "Feature", "properties": {"layer": "river"}, "geometry": line}
     path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
-    dialog = opened(qtbot, path)
+    dialog = opened(path)
     ready(qtbot, dialog)
     assert dialog.before.isHidden() or not dialog.before.isVisible()
     assert not dialog.form["extent"].isEnabled()
@@ -110,15 +108,15 @@ def test_vectors_have_their_own_scale(qtbot, tmp_path) -> None:
     assert dialog.sketch().layers["river"].any()
 
 
-def test_unreadable_pictures_are_reported_and_reading_is_cancelled(qtbot, tmp_path, picture) -> None:
+def test_unreadable_pictures_are_reported_and_reading_is_cancelled(qtbot, opened, tmp_path, picture):
     (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")
-    dialog = opened(qtbot, tmp_path / "a.png")
+    dialog = opened(tmp_path / "a.png")
     qtbot.waitUntil(lambda: "expected a whole PNG" in dialog.told.text(), timeout=20_000)
     assert not dialog.agree.isEnabled()
     qtbot.keyClick(dialog, Qt.Key.Key_Escape)
     assert dialog.isHidden()
 
-    dialog = opened(qtbot, picture)
+    dialog = opened(picture)
     dialog.reject()
     qtbot.wait(300)
     assert dialog.isHidden()

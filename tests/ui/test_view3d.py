@@ -13,81 +13,42 @@ from sketchterrain.render.camera import Camera
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.canvas_input import CanvasInput
 from sketchterrain.ui.canvas.sketch_image import SketchPicture
-from sketchterrain.ui.engine.protocol import (
-    EngineFacts,
-    Fly,
-    FrameFacts,
-    GoTo,
-    Look,
-    Pan,
-    Pick,
-    Picked,
-    Pose,
-    Relief,
-    Trouble,
-    Turn,
-    ViewState,
-    Zoom,
-)
+from sketchterrain.ui.engine import protocol as msg
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, Picked, Turn, Zoom
 from sketchterrain.ui.menus import DoingMenu
 from sketchterrain.ui.models.workspace import Chosen
 from sketchterrain.ui.view3d.hud import Bar, Card, Compass
 from sketchterrain.ui.view3d.navigation import overview
 from sketchterrain.ui.view3d.view import View3D
 
-from .events import (
-    DOUBLE,
-    LEFT,
-    MIDDLE,
-    MOVE,
-    NO_KEYS,
-    PRESS,
-    RELEASE,
-    RIGHT,
-    click,
-    drag,
-    keeps,
-    key,
-    mouse,
-    wheel,
-)
+from . import events
+from .events import DOUBLE, MOVE, PRESS, RELEASE, RIGHT, click, drag, keeps, key, mouse, wheel
 
 WIDTH, HEIGHT = 640, 480
 SHIFT = Qt.KeyboardModifier.ShiftModifier
 
 
-def frame_of(eye, target, *, settled: bool = True) -> FrameFacts:
-    camera = Camera(eye, target, fov=50.0, near=1.0, far=1e5)
-    clip = camera.to_clip(WIDTH / HEIGHT)
-    pose = Pose(eye, target, 50.0)
-    return FrameFacts(WIDTH, HEIGHT, 1, pose, tuple(clip.ravel()), 0.05, 0.01, 9, 900, settled, 1 << 20)
-
-
 def show_picture(link, document, placed, *, eye=None, target=None):
     """Let the engine have drawn a picture of flat ground from the south."""
     east, north = document.sketch.size
-    eye = eye or (east / 2, -0.3 * north, 0.6 * north)
-    target = target or (east / 2, north / 2, 0.0)
-    rows, columns = document.sketch.height_px // 4, document.sketch.width_px // 4
-    flat = np.zeros((rows, columns), np.float32)
+    eye, target = eye or (east / 2, -0.3 * north, 0.6 * north), target or (east / 2, north / 2, 0.0)
+    flat = np.zeros((document.sketch.height_px // 4, document.sketch.width_px // 4), np.float32)
     link.placed = placed
-    link.relief = Relief(1, 4, flat, np.zeros(flat.shape, np.uint8))
+    link.relief = msg.Relief(1, 4, flat, np.zeros(flat.shape, np.uint8))
     link.picture = QImage(WIDTH, HEIGHT, QImage.Format.Format_RGB32)
     link.picture.fill(QColor(60, 90, 50))
-    link.frame = frame_of(eye, target)
+    clip = tuple(Camera(eye, target, fov=50.0, near=1.0, far=1e5).to_clip(WIDTH / HEIGHT).ravel())
+    pose = msg.Pose(eye, target, 50.0)
+    link.frame = msg.FrameFacts(WIDTH, HEIGHT, 1, pose, clip, 0.05, 0.01, 9, 900, True, 1 << 20)
     link.placed_changed.emit(placed)
     link.relief_changed.emit(link.relief)
     link.frame_shown.emit(link.frame)
 
 
 @pytest.fixture
-def bare(qtbot, document, workspace, link):
+def bare(shown, document, workspace, link):
     """A view before the first picture."""
-    widget = View3D(document, workspace, link)
-    qtbot.addWidget(widget)
-    widget.resize(WIDTH, HEIGHT)
-    widget.show()
-    return widget
+    return shown(View3D(document, workspace, link), WIDTH, HEIGHT)
 
 
 @pytest.fixture
@@ -98,8 +59,26 @@ def view(qtbot, bare, document, link, placed):
     return bare
 
 
-def motions(link, *, without=(Pick,)):
-    return [each for each in link.told if not isinstance(each, without)]
+def motions(link):
+    return [each for each in link.told if not isinstance(each, Pick)]
+
+
+def grips(view):
+    return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).grips}
+
+
+def answer(link, place):
+    """Let the engine answer the newest pick."""
+    link.picked.emit(Picked(link.told[-1].token, place))
+
+
+def place_of(point):
+    return float(point["x"]), float(point["y"]), 0.0
+
+
+def double_click(view, x, y):
+    mouse(view, DOUBLE, x, y)
+    mouse(view, RELEASE, x, y)
 
 
 def test_drags_turn_move_and_look_around(view, link):
@@ -109,7 +88,7 @@ def test_drags_turn_move_and_look_around(view, link):
     assert sum(each.right for each in turns) == pytest.approx(-9.0)
     assert sum(each.up for each in turns) == pytest.approx(9.0)
 
-    for button, modifiers in [(RIGHT, NO_KEYS), (MIDDLE, NO_KEYS), (LEFT, SHIFT)]:
+    for button, modifiers in [(RIGHT, events.NO_KEYS), (events.MIDDLE, events.NO_KEYS), (events.LEFT, SHIFT)]:
         link.told.clear()
         drag(view, (300, 200), (348, 200), (348, 248), button=button, modifiers=modifiers)
         assert motions(link) == [Pan(-0.1, 0.0), Pan(0.0, 0.1)], (button, modifiers)
@@ -131,14 +110,12 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link):
 
     click(view, 320, 240)
     link.told.clear()
-    mouse(view, DOUBLE, 320, 240)
-    mouse(view, RELEASE, 320, 240)
+    double_click(view, 320, 240)
     (pick,) = link.told
     assert pick == Pick(pick.token, 0.5, 0.5)
-    link.picked.emit(Picked(pick.token, (10.0, 20.0, 5.0)))
+    answer(link, (10.0, 20.0, 5.0))
     assert link.told[-1] == GoTo(10.0, 20.0)
-    mouse(view, DOUBLE, 320, 10)
-    mouse(view, RELEASE, 320, 10)
+    double_click(view, 320, 10)
     answer(link, None)
     assert isinstance(link.told[-1], Pick), "there is no way into the sky"
 
@@ -146,7 +123,7 @@ def test_clicks_pick_wheels_zoom_and_double_clicks_go_to_the_ground(view, link):
 def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, link, workspace, placed):
     point = placed.points[placed.points["painted"]][0]
     click(view, 320, 240)
-    link.picked.emit(Picked(link.told[-1].token, (float(point["x"]), float(point["y"]), 0.0)))
+    answer(link, place_of(point))
     assert workspace.chosen == Chosen("feature", int(point["id"]))
     click(view, 5, 5)
     answer(link, None)
@@ -158,17 +135,8 @@ def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, li
     click(view, 330, 240)
     new = link.told[-1].token
     for token, point in ((new, points[1]), (old, points[0])):
-        link.picked.emit(Picked(token, (float(point["x"]), float(point["y"]), 0.0)))
+        link.picked.emit(Picked(token, place_of(point)))
     assert workspace.chosen == Chosen("feature", int(points[1]["id"]))
-
-
-def grips(view):
-    return {each.handle.role: each for each in view._scene.marks(view.width(), view.height()).grips}
-
-
-def answer(link, place):
-    """Let the engine answer the newest pick."""
-    link.picked.emit(Picked(link.told[-1].token, place))
 
 
 @pytest.fixture
@@ -249,10 +217,9 @@ def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, p
 
 def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspace, placed):
     point = placed.points[placed.points["painted"] & (placed.points["type"] == 0)][0]
-    place = (float(point["x"]), float(point["y"]), 0.0)
     for text, action in (("Lock mountain", "lock"), ("Add hill here", "add"), ("Delete mountain", "delete")):
         click(view, 320, 240, RIGHT)
-        link.picked.emit(Picked(link.told[-1].token, place))
+        answer(link, place_of(point))
         assert workspace.chosen == Chosen("feature", int(point["id"]))
         (menu,) = (each for each in view.findChildren(DoingMenu) if each.isVisible())
         next(each for each in menu.actions() if each.text() == text).trigger()
@@ -278,15 +245,12 @@ def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed
 def test_keys_move_the_eye_until_they_are_let_go_or_the_view_is_left(view, link):
     key(view, Qt.Key.Key_W)
     key(view, Qt.Key.Key_W, repeat=True)
-    key(view, Qt.Key.Key_D)
-    key(view, Qt.Key.Key_Shift)
-    key(view, Qt.Key.Key_W, up=True)
-    key(view, Qt.Key.Key_D, up=True)
-    key(view, Qt.Key.Key_Shift, up=True)
-    both = Fly(forward=1.0, right=1.0)
-    assert motions(link) == [
-        *(Fly(forward=1.0), both, replace(both, boost=4.0), Fly(right=1.0, boost=4.0), Fly())
-    ]
+    for code in (Qt.Key.Key_D, Qt.Key.Key_Shift):
+        key(view, code)
+    for code in (Qt.Key.Key_W, Qt.Key.Key_D, Qt.Key.Key_Shift):
+        key(view, code, up=True)
+    told, both = motions(link), Fly(forward=1.0, right=1.0)
+    assert told == [Fly(forward=1.0), both, replace(both, boost=4.0), Fly(right=1.0, boost=4.0), Fly()]
     link.told.clear()
     key(view, Qt.Key.Key_Up)
     key(view, Qt.Key.Key_Q)
@@ -349,9 +313,9 @@ def test_a_picture_is_asked_for_once_the_size_rests_and_none_while_hidden(qtbot,
     for width in range(500, 600, 10):
         view.resize(width, 400)
         qtbot.wait(5)
-    assert [each for each in link.told if isinstance(each, ViewState)] == []
+    assert [each for each in link.told if isinstance(each, msg.ViewState)] == []
     qtbot.waitUntil(lambda: link.view.width == 590, timeout=2000)
-    states = [each for each in link.told if isinstance(each, ViewState)]
+    states = [each for each in link.told if isinstance(each, msg.ViewState)]
     assert [(each.width, each.height) for each in states] == [(590, 400)]
 
     key(view, Qt.Key.Key_W)
@@ -368,8 +332,7 @@ def test_pictures_fill_the_view_sharp_and_undistorted(view, link):
     link.picture = QImage(pixels.tobytes(), WIDTH, HEIGHT, QImage.Format.Format_RGB32).copy()
     link.frame_shown.emit(link.frame)
     shown = view.grab().toImage()
-    ratio = shown.devicePixelRatio()
-    assert ratio == 1.0
+    assert shown.devicePixelRatio() == 1.0
     part = [shown.pixelColor(x, 240).lightness() for x in range(300, 308)]
     assert part == [255, 0] * 4
 
@@ -397,7 +360,7 @@ def test_without_a_picture_a_card_tells_progress_or_what_to_do(bare, link, docum
 
 def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link):
     def say(**facts: str) -> str:
-        link.facts = EngineFacts(**facts)
+        link.facts = msg.EngineFacts(**facts)
         link.facts_changed.emit(link.facts)
         return texts(bare)
 
@@ -417,16 +380,16 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
 
 
 def test_a_stopped_engine_can_be_started_again(view, link, document, placed):
-    link.trouble.emit(Trouble("engine", "it crashed (signal 11)"))
+    link.trouble.emit(msg.Trouble("engine", "it crashed (signal 11)"))
     assert "signal 11" in texts(view)
     view.grab()
     view.findChildren(Card)[0].findChildren(QPushButton)[0].click()
     assert link.running
     assert texts(view) == ""
-    link.trouble.emit(Trouble("engine", "again"))
+    link.trouble.emit(msg.Trouble("engine", "again"))
     show_picture(link, document, placed)
     assert texts(view) == "", "a picture came: all is well"
-    link.trouble.emit(Trouble("sketch", "a river has no end"))
+    link.trouble.emit(msg.Trouble("sketch", "a river has no end"))
     assert texts(view) == ""
 
 
@@ -451,10 +414,9 @@ def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, documen
         for chosen in things:
             workspace.chosen = chosen
             assert not view.grab().isNull()
-    link.relief = None
-    assert not view.grab().isNull()
-    link.placed = None
-    assert not view.grab().isNull()
+    for name in ("relief", "placed"):
+        setattr(link, name, None)
+        assert not view.grab().isNull()
 
 
 def test_views_and_canvases_that_are_deleted_leave_nothing_behind(document, workspace, link, placed):

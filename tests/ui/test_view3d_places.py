@@ -30,18 +30,19 @@ def projection_of(eye=EYE, target=TARGET, *, fov: float = 50.0) -> Projection:
     return Projection(FrameFacts(640, 480, 1, Pose(eye, target, fov), clip, 0.1, 0.0, 1, 1, True, 1), PLACE)
 
 
-def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> Ground:
-    heights = np.full((side, side), height, np.float32)
+def ground_of(heights: np.ndarray, spacing: float = 50.0) -> Ground:
     return Ground(Relief(1, 1, heights, heights.astype(np.uint8)), spacing)
+
+
+def flat(side: int = 64, spacing: float = 50.0, height: float = 0.0) -> Ground:
+    return ground_of(np.full((side, side), height, np.float32), spacing)
 
 
 def test_places_are_seen_on_their_lines_of_sight_and_at_their_scale():
     projection = projection_of()
     assert projection.see([TARGET]).at[0] == pytest.approx([330.0, 260.0], abs=1e-6)
-    above = np.add(TARGET, (0.0, 0.0, 50.0))
-    assert projection.see(above).at[0, 1] < 260.0
-    east = np.add(TARGET, (50.0, 0.0, 0.0))
-    assert projection.see(east).at[0, 0] > 330.0
+    assert projection.see(np.add(TARGET, (0.0, 0.0, 50.0))).at[0, 1] < 260.0
+    assert projection.see(np.add(TARGET, (50.0, 0.0, 0.0))).at[0, 0] > 330.0
 
     rng = np.random.default_rng(1)
     for place in np.add(TARGET, rng.normal(0.0, 300.0, (100, 3))):
@@ -72,10 +73,9 @@ def test_a_level_is_met_where_it_is_seen_and_not_over_the_horizon():
                 assert met == pytest.approx((x, y), abs=0.01)
 
     projection = projection_of((0.0, 0.0, 100.0), (0.0, 1000.0, 100.0))
-    assert projection.on_level(330.0, 100.0, 0.0) is None
-    assert projection.on_level(330.0, 260.0, 0.0) is None
-    assert projection.on_level(330.0, 450.0, 200.0) is None
-    assert projection.on_level(330.0, 450.0, 0.0) is not None
+    levels = ((100.0, 0.0), (260.0, 0.0), (450.0, 200.0), (450.0, 0.0))
+    met = [projection.on_level(330.0, y, level) is not None for y, level in levels]
+    assert met == [False, False, False, True]
 
 
 def test_lines_are_cut_where_they_pass_the_eye():
@@ -91,20 +91,16 @@ def test_lines_are_cut_where_they_pass_the_eye():
 
 
 def test_heights_lie_between_the_samples_that_they_stand_among():
-    heights = np.arange(12, dtype=np.float32).reshape(3, 4)
-    ground = Ground(Relief(1, 1, heights, heights.astype(np.uint8)), 10.0)
-    assert ground.height(5.0, 25.0) == 0.0, "row 0 is the north"
-    assert ground.height(35.0, 5.0) == 11.0
-    assert ground.height(10.0, 25.0) == 0.5
-    assert ground.height(5.0, 20.0) == 2.0
-    assert ground.height(-100.0, -100.0) == 8.0
+    ground = ground_of(np.arange(12, dtype=np.float32).reshape(3, 4), 10.0)  # row 0 is the north
+    places = ((5.0, 25.0), (35.0, 5.0), (10.0, 25.0), (5.0, 20.0), (-100.0, -100.0))
+    assert [ground.height(*place) for place in places] == [0.0, 11.0, 0.5, 2.0, 8.0]
     assert ground.covers([0.0, 40.0, 41.0], [0.0, 30.0, 5.0]).tolist() == [True, True, False]
 
 
 def test_a_ridge_hides_what_lies_behind_it_and_nothing_else():
     heights = np.zeros((64, 64), np.float32)
     heights[30:34] = 400.0
-    ground = Ground(Relief(1, 1, heights, heights.astype(np.uint8)), 50.0)
+    ground = ground_of(heights)
     eye = (1600.0, 100.0, 200.0)
     behind, before, above = (1600.0, 2800.0, 0.0), (1600.0, 1000.0, 0.0), (1600.0, 2800.0, 900.0)
     assert ground.hides(eye, [behind, before, above]).tolist() == [True, False, False]

@@ -19,6 +19,7 @@ from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Chosen
 
+from .events import LEFT, NO_KEYS
 from .test_random_actions import UNTRIGGERED, DialogCloser
 
 BUTTON = QMessageBox.StandardButton
@@ -38,11 +39,7 @@ def paint(document, label: int = 1):
 def answer(monkeypatch, button) -> list[str]:
     asked = []
 
-    def exec_(box) -> int:
-        asked.append(box.text())
-        return button
-
-    monkeypatch.setattr(QMessageBox, "exec", exec_)
+    monkeypatch.setattr(QMessageBox, "exec", lambda box: asked.append(box.text()) or button)
     return asked
 
 
@@ -65,7 +62,7 @@ def test_every_action_has_text_help_a_menu_and_a_shortcut_of_its_own(window):
     assert {action.objectName() for action in window.actions_by_name} - there == {"leave"}
     assert [action.text() for action in bar.actions()] == list(MENUS)
 
-    for bar_action in window.menuBar().actions():
+    for bar_action in bar.actions():
         entries = [action for action in bar_action.menu().actions() if action.isVisible() and action.text()]
         letters = [QKeySequence.mnemonic(action.text()).toString() for action in entries]
         twice = {letter for letter in letters if letter and letters.count(letter) > 1}
@@ -93,17 +90,16 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
     window, document, workspace, link, placed, monkeypatch, tmp_path
 ):
     monkeypatch.chdir(tmp_path)
-    scale, brush = window.canvas.viewport.scale, workspace.brush
-    do(window, "zoom-in")
-    assert window.canvas.viewport.scale > scale
-    do(window, "zoom-out")
-    assert window.canvas.viewport.scale == pytest.approx(scale)
-    do(window, "actual-size")
-    assert window.canvas.viewport.scale == 1.0
-    do(window, "brush-larger")
-    assert workspace.brush == pytest.approx(1.25 * brush)
-    do(window, "brush-smaller")
-    assert workspace.brush == pytest.approx(brush)
+    scale, scales, brush, brushes = window.canvas.viewport.scale, [], workspace.brush, []
+    for name in ("zoom-in", "zoom-out", "actual-size"):
+        do(window, name)
+        scales.append(window.canvas.viewport.scale)
+    assert scales[0] > scale == pytest.approx(scales[1])
+    assert scales[2] == 1.0
+    for name in ("brush-larger", "brush-smaller"):
+        do(window, name)
+        brushes.append(workspace.brush)
+    assert brushes == pytest.approx([1.25 * brush, brush])
 
     link.placed = placed
     link.placed_changed.emit(placed)
@@ -154,9 +150,8 @@ def test_tools_layers_overlays_and_the_engine_follow_their_actions(window, works
 
 
 def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypatch, qtbot):
-    monkeypatch.setattr(
-        QFileDialog, "getSaveFileName", lambda *_: (str(tmp_path / "mine"), _[4].split(";;")[0])
-    )
+    mine = str(tmp_path / "mine")
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: (mine, _[4].split(";;")[0]))
     paint(document)
     do(window, "save")
     qtbot.waitUntil(lambda: not document.is_modified)
@@ -177,20 +172,16 @@ def test_save_as_then_save_then_open_recent(window, document, tmp_path, monkeypa
 
 
 def test_missing_and_broken_sketches_are_one_line_and_change_nothing(window, tmp_path, qtbot, document):
-    gone = tmp_path / "gone.sketch"
+    before, gone, bad = document.sketch, tmp_path / "gone.sketch", tmp_path / "bad.sketch"
     window.files.recent.add(gone)
-    window.files.open(gone)
-    qtbot.waitUntil(lambda: window.banner.message is not None)
-    assert "gone.sketch" in window.banner.message.line
-    assert gone not in window.files.recent.paths
-    window.banner.dismiss()
-    bad = tmp_path / "bad.sketch"
     bad.write_bytes(b"no zip")
-    before = document.sketch
-    window.files.open(bad)
-    qtbot.waitUntil(lambda: window.banner.message is not None)
-    assert "bad.sketch" in window.banner.message.line
-    assert "\n" not in window.banner.message.line
+    for path in (gone, bad):
+        window.files.open(path)
+        qtbot.waitUntil(lambda: window.banner.message is not None)
+        assert path.name in window.banner.message.line
+        assert "\n" not in window.banner.message.line
+        window.banner.dismiss()
+    assert gone not in window.files.recent.paths
     assert document.sketch is before
 
 
@@ -255,11 +246,8 @@ def test_changes_are_not_lost_by_closing_and_without_any_nothing_is_asked(
     window, document, tmp_path, monkeypatch
 ):
     path = tmp_path / "a.sketch"
-    for button, leaves, saves in (
-        (BUTTON.Cancel, False, False),
-        (BUTTON.Discard, True, False),
-        (BUTTON.Save, True, True),
-    ):
+    ways = ((BUTTON.Cancel, False, False), (BUTTON.Discard, True, False), (BUTTON.Save, True, True))
+    for button, leaves, saves in ways:
         window.show()
         document.open(Sketch())
         save_sketch(document.sketch, path)
@@ -277,9 +265,7 @@ def test_changes_are_not_lost_by_closing_and_without_any_nothing_is_asked(
 def drop(window, *paths: Path):
     data = QMimeData()
     data.setUrls([QUrl.fromLocalFile(str(path)) for path in paths])
-    copy = Qt.DropAction.CopyAction
-    none, left = Qt.KeyboardModifier.NoModifier, Qt.MouseButton.LeftButton
-    window.dropEvent(QDropEvent(QPointF(5, 5), copy, data, left, none))
+    window.dropEvent(QDropEvent(QPointF(5, 5), Qt.DropAction.CopyAction, data, LEFT, NO_KEYS))
 
 
 def test_dropped_sketches_are_opened_and_images_become_layers_in_one_step(window, document, tmp_path, qtbot):

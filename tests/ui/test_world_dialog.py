@@ -31,7 +31,7 @@ def opened(qtbot, tmp_path, small):
     return open_
 
 
-def choose(box, data) -> None:
+def choose(box, data):
     assert box.findData(data) >= 0, data
     box.setCurrentIndex(box.findData(data))
 
@@ -45,7 +45,7 @@ def begun(qtbot, dialog):
     return done.args[0]
 
 
-def test_every_option_can_be_asked_for_and_the_first_are_the_command_lines(opened) -> None:
+def test_every_option_can_be_asked_for_and_the_first_are_the_command_lines(opened):
     dialog = opened()
     assert dialog.form.options() == WorldOptions()
     assert dialog.go.isEnabled()
@@ -80,7 +80,7 @@ def test_every_option_can_be_asked_for_and_the_first_are_the_command_lines(opene
     assert unasked == {"fast"}  # no picture of the window's own may have other bits
 
 
-def test_what_it_is_and_what_cannot_be_is_told_at_once(opened) -> None:
+def test_what_it_is_and_what_cannot_be_is_told_at_once(opened):
     dialog = opened()
     assert dialog.form.note.text() == "513 × 385 vertices, 0.2596 million on all 3 levels."
     dialog.form["crs"].setText("EPSG:4326")
@@ -100,7 +100,7 @@ def test_what_it_is_and_what_cannot_be_is_told_at_once(opened) -> None:
     assert not dialog.go.isEnabled()
 
 
-def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(opened, tmp_path) -> None:
+def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(opened, tmp_path):
     dialog = opened()
     for form, name in (("tif", "world.tif"), ("tiles", "world"), ("zarr", "world.zarr")):
         choose(dialog.form["form"], form)
@@ -118,7 +118,7 @@ def test_the_file_name_follows_the_form_and_each_letter_leads_to_one_control(ope
     assert sorted(letters) == sorted(set(letters))
 
 
-def test_what_was_asked_for_is_there_again(opened) -> None:
+def test_what_was_asked_for_is_there_again(opened):
     dialog = opened()
     choose(dialog.form["form"], "tiles")
     dialog.form["cell"].setValue(8.0)
@@ -131,7 +131,7 @@ def test_what_was_asked_for_is_there_again(opened) -> None:
 
 
 @pytest.mark.slow
-def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tmp_path) -> None:
+def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tmp_path):
     dialog = opened()
     told = begun(qtbot, dialog)
     assert not (tmp_path / "world.zarr").exists()
@@ -165,7 +165,7 @@ def test_a_world_is_estimated_begun_cancelled_and_gone_on_with(qtbot, opened, tm
     assert viewed.args == [tmp_path / "world.zarr"]
 
 
-def test_something_else_at_the_output_is_left_alone(qtbot, opened, tmp_path) -> None:
+def test_something_else_at_the_output_is_left_alone(qtbot, opened, tmp_path):
     (tmp_path / "world.zarr").mkdir()
     (tmp_path / "world.zarr" / "mine.txt").write_text("mine")
     dialog = opened()

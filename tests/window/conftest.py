@@ -13,7 +13,6 @@ SIZE = "1600x1000x24"
 
 @pytest.fixture(scope="session")
 def display():
-    """An X server of our own."""
     if shutil.which("Xvfb") is None or shutil.which("xdotool") is None:
         pytest.skip("needs Xvfb and xdotool: apt install xvfb xdotool")
     read, write = os.pipe()

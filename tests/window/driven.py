@@ -22,11 +22,8 @@ class _Answers(QtCore.QObject):
 
     def answer(self, question: str) -> None:
         app = QtWidgets.QApplication.instance()
-        windows = [
-            each for each in QtWidgets.QApplication.topLevelWidgets() if type(each).__name__ == "MainWindow"
-        ]
-        names = {**vars(QtCore), **vars(QtGui), **vars(QtWidgets)}
-        names |= {"app": app, "window": windows[0] if windows else None}
+        windows = (each for each in app.topLevelWidgets() if type(each).__name__ == "MainWindow")
+        names = {**vars(QtCore), **vars(QtGui), **vars(QtWidgets), "app": app, "window": next(windows, None)}
         try:
             told = {"value": eval(question, names)}  # noqa: S307 - the test asks
         except Exception as error:  # noqa: BLE001 - the test is told

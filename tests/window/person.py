@@ -19,27 +19,17 @@ _PATIENCE = 300.0  # s; machines are shared
 
 
 class Person:
-    """Starts the program and uses it through X's own events.
-
-    Parameters
-    ----------
-    display
-        Of the X server.
-    home
-        Folder for all that the program keeps.
-    """
+    """Starts the program and uses it through X's own events; all that the program keeps is in ``home``."""
 
     def __init__(self, display: str, home: Path) -> None:
-        self.display = display
-        self.home = home
+        self.display, self.home = display, home
         folders = ("XDG_CONFIG_HOME", "XDG_STATE_HOME", "XDG_DATA_HOME")
         kept = {name: str(home / name.lower()) for name in folders}
         self._environment = {**os.environ, **kept, "DISPLAY": display, "QT_QPA_PLATFORM": "xcb"}
         self._program: subprocess.Popen[str] | None = None
 
-    def start(self, *arguments: str) -> float:
-        """Start ``sketchterrain edit`` and wait until its window is there; return the seconds it took."""
-        begun = time.monotonic()
+    def start(self, *arguments: str) -> None:
+        """Start ``sketchterrain edit`` and wait until its window is there."""
         self._program = subprocess.Popen(
             [sys.executable, "-X", "faulthandler", str(_DRIVEN), "edit", *arguments],
             stdin=subprocess.PIPE,
@@ -48,19 +38,13 @@ class Person:
             env=self._environment,
         )
         self.wait("window is not None and window.isVisible()")
-        took = time.monotonic() - begun
         self.focus("window")
-        return took
 
     def focus(self, widget: str) -> None:
         """Give the keyboard to a window, as a window manager does where there is one."""
         self.x("windowfocus", "--sync", str(self.ask(f"int({widget}.winId())")))
 
     def ask(self, question: str) -> Any:
-        """Return the value of an expression about the window."""
-        assert self._program is not None
-        assert self._program.stdin is not None
-        assert self._program.stdout is not None
         self._program.stdin.write(question.replace("\n", " ") + "\n")
         self._program.stdin.flush()
         line = self._program.stdout.readline()
@@ -70,11 +54,7 @@ class Person:
         return told["value"]
 
     def wait(self, question: str, *, seconds: float = _PATIENCE) -> None:
-        """Wait until an expression about the window holds."""
-        end = time.monotonic() + seconds
-        while not self.ask(question):
-            assert time.monotonic() < end, f"waited {seconds:g} s for: {question}"
-            time.sleep(0.05)
+        self.until(lambda: self.ask(question), question, seconds=seconds)
 
     def until(self, holds: Callable[[], object], what: str, *, seconds: float = _PATIENCE) -> None:
         """Wait until something holds beside the program."""
@@ -84,7 +64,7 @@ class Person:
             time.sleep(0.05)
 
     def x(self, *arguments: str) -> None:
-        """Move the mouse, press buttons and keys: xdotool's words."""
+        """Pass words to xdotool: move the mouse, press buttons and keys."""
         subprocess.run(["xdotool", *arguments], check=True, env=self._environment, stdout=subprocess.DEVNULL)
 
     def key(self, *keys: str) -> None:
@@ -94,11 +74,9 @@ class Person:
             time.sleep(0.05)
 
     def write(self, text: str) -> None:
-        """Type a text."""
         self.x("type", "--delay", "15", text)
 
     def click(self, x: float, y: float, *, button: int = 1, times: int = 1) -> None:
-        """Click at a place of the screen."""
         self.x("mousemove", str(round(x)), str(round(y)))
         self.x("click", "--repeat", str(times), "--delay", "60", str(button))
 
@@ -122,13 +100,11 @@ class Person:
 
     def kill(self) -> None:
         """End the program as the system does it: at once."""
-        assert self._program is not None
         self._program.send_signal(signal.SIGKILL)
         self._end()
 
     def leave(self) -> int:
         """Quit without saving; return the exit code."""
-        assert self._program is not None
         document = "window._document"
         self.ask(f"{document}.saved({document}.sketch, {document}.path), QTimer.singleShot(0, window.close)")
         code = self._program.wait(timeout=30)
@@ -136,15 +112,13 @@ class Person:
         return code
 
     def close(self) -> None:
-        """Make sure that no program runs."""
         if self._program is not None and self._program.poll() is None:
             self._program.kill()
         self._end()
 
     def _end(self) -> None:
         if self._program is not None:
-            for stream in (self._program.stdin, self._program.stdout):
-                if stream is not None:
-                    stream.close()
+            self._program.stdin.close()
+            self._program.stdout.close()
             self._program.wait(timeout=30)
             self._program = None

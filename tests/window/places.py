@@ -20,9 +20,8 @@ _SHOWN = (
 def on_canvas(person: Person) -> Callable[[float, float], tuple[float, float]]:
     """Return a function from pixels of the sketch to places of the screen."""
     left, top, scale, ratio, x, y = person.ask(
-        "[window.canvas.viewport.left, window.canvas.viewport.top, window.canvas.viewport.scale, "
-        "window.canvas.devicePixelRatioF(), window.canvas.mapToGlobal(QPoint(0, 0)).x(), "
-        "window.canvas.mapToGlobal(QPoint(0, 0)).y()]"
+        "(lambda c, v, at: [v.left, v.top, v.scale, c.devicePixelRatioF(), at.x(), at.y()])"
+        "(window.canvas, window.canvas.viewport, window.canvas.mapToGlobal(QPoint(0, 0)))"
     )
     return lambda column, row: (x + (left + column * scale) / ratio, y + (top + row * scale) / ratio)
 
@@ -36,15 +35,11 @@ def on_ground(person: Person) -> Callable[[float, float], tuple[float, float]]:
 
 def middle_of(person: Person, widget: str) -> tuple[float, float]:
     """Return where the middle of a widget is on the screen."""
-    x, y = person.ask(
-        f"[{widget}.mapToGlobal({widget}.rect().center()).x(), "
-        f"{widget}.mapToGlobal({widget}.rect().center()).y()]"
-    )
-    return x, y
+    centre = f"{widget}.mapToGlobal({widget}.rect().center())"
+    return tuple(person.ask(f"[{centre}.x(), {centre}.y()]"))
 
 
 def view_of(person: Person, screen: np.ndarray) -> np.ndarray:
-    """Cut the 3-D view out of a screen."""
     x, y, width, height = person.ask(
         "[window.view.mapToGlobal(QPoint(0, 0)).x(), window.view.mapToGlobal(QPoint(0, 0)).y(), "
         "window.view.width(), window.view.height()]"

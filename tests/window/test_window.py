@@ -17,6 +17,11 @@ HEIGHT_AT = "(lambda r: float(r.height[{row} // r.step, {column} // r.step]))(wi
 POINT = "[p for p in window._link.placed.points if int(p['id']) == {}][0]"
 
 
+def dialog_opens(person) -> None:
+    person.wait("app.activeModalWidget() is not None")
+    person.focus("app.activeModalWidget()")
+
+
 def step(person, number: int) -> None:
     """Wait until the history stands at a step and its terrain is shown."""
     person.wait(f"window._document.history.position == {number}")
@@ -63,8 +68,7 @@ def test_paint_see_undo_save_kill_and_recover(person, tmp_path):
     assert load_sketch(folder).layers["mountain"][row + 80, column] == 0
 
     person.start(str(folder))
-    person.wait("app.activeModalWidget() is not None")
-    person.focus("app.activeModalWidget()")
+    dialog_opens(person)
     person.key("Return")
     person.wait("app.activeModalWidget() is None")
     person.wait(f"int(window._document.sketch.layers['mountain'][{row + 80}, {column}]) > 0")
@@ -84,8 +88,7 @@ def test_a_tour(person, tmp_path):
 
     person.start()
     person.key("ctrl+n")
-    person.wait("app.activeModalWidget() is not None")
-    person.focus("app.activeModalWidget()")
+    dialog_opens(person)
     person.click(*middle_of(person, "app.activeModalWidget().form['name']"), times=3)
     person.write("Two ranges")
     person.key("Return")
@@ -191,8 +194,7 @@ def test_a_tour(person, tmp_path):
     person.focus("window")
     file = tmp_path / "two ranges.sketch"
     person.key("ctrl+s")
-    person.wait("app.activeModalWidget() is not None")
-    person.focus("app.activeModalWidget()")
+    dialog_opens(person)
     person.key("ctrl+a")
     person.write(str(file))
     person.key("Return")

@@ -107,23 +107,22 @@ def feature(kind, x, y, radius, strength, **more) -> np.ndarray[Any, Any]:
 def octave_arguments(context, octaves, corner, step_bits) -> tuple[object, ...]:
     """What a kernel is given of octaves for a patch whose south-west vertex is ``corner``, in steps."""
     corners = np.array([corner], np.int64) << step_bits
-    return (
-        context.upload(octaves.form),
-        context.upload(octaves.offset),
-        context.upload(octaves.scale.astype(context.real_dtype)),
-        context.upload(corner_table(octaves, corners, step_bits)),
-        np.int32(len(octaves.form)),
-    )
+    scale, corner = octaves.scale.astype(context.real_dtype), corner_table(octaves, corners, step_bits)
+    arrays = (octaves.form, octaves.offset, scale, corner)
+    return (*(context.upload(each) for each in arrays), np.int32(len(octaves.form)))
+
+
+def river_of(line: np.ndarray, width: float, *, every: int = 20, depth: float = 2.0) -> River:
+    """A river of one width and depth whose control points are some of its centreline's."""
+    ones = np.ones(len(line), np.float32)
+    few, points = ones[::every], line[::every]
+    return River(1, 1, points, width * few, depth * few, line, width * ones, depth * ones)
 
 
 def straight_river(y: float = 2048.0, *, width: float = 20.0, fall: float = 0.004) -> River:
     """A river from west to east along a slightly waving line."""
     x = np.linspace(200, 3900, 300)
-    centreline = np.column_stack([x, y + 150 * np.sin(x / 400), 12 - fall * x])
-    ones = np.ones(x.size, np.float32)
-    return River(
-        1, 1, centreline[::20], width * ones[::20], 2 * ones[::20], centreline, width * ones, 2 * ones
-    )
+    return river_of(np.column_stack([x, y + 150 * np.sin(x / 400), 12 - fall * x]), width)
 
 
 def round_field(x, y, radius, *, spacing=8.0, margin=80.0) -> ShapeField:

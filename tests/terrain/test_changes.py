@@ -1,11 +1,14 @@
-"""Changed areas: all that changed lies in them, and no farther than stated."""
+"""Changed areas hold all that changed; updated terrains have the bits of fresh ones; recipes pickle."""
+
+import pickle
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from sketchterrain.features import FEATURE_TYPES, FILL_BIT, label_shapes
-from sketchterrain.features.edits import lock_of
+from sketchterrain.features.edits import EditedFill, lock_of
 from sketchterrain.features.memory import ShapeMemory
 from sketchterrain.sketch import Edit, Sketch, load_sketch
 from sketchterrain.terrain import Terrain, build, make_recipe, rebuild
@@ -87,10 +90,9 @@ def _edited(sketch: Sketch, terrain: Terrain, seed: int) -> Sketch:
     return sketch.replace(layers={**sketch.layers, layer: image})
 
 
-def _samples() -> tuple[np.ndarray, np.ndarray]:
+def _samples() -> tuple[np.ndarray, ...]:
     line = np.linspace(-6000, EXTENT + 6000, 230)
-    x, y = np.meshgrid(line, line)
-    return x.ravel(), y.ravel()
+    return tuple(each.ravel() for each in np.meshgrid(line, line))
 
 
 def _told(areas: list[Box], x: np.ndarray, y: np.ndarray, *, wider: float = 0.0) -> np.ndarray:
@@ -121,25 +123,17 @@ def test_everything_that_changed_lies_in_the_changed_areas(plain, context, seed)
 
 
 def test_settings_of_the_world_change_it_everywhere(plain, context) -> None:
-    changes: list[dict[str, object]] = [
-        {"seed": 5},
-        {"fidelity": 0.5},
-        {"ground": {"relief": 41.0}},
-        {"climate": {"aridity": 0.3}},
-        {"extent": 3e4},
-        {"density": {"hill": 0.4}},
-    ]
-    for change in changes:
+    for change in (
+        *({"seed": 5}, {"fidelity": 0.5}, {"ground": {"relief": 41.0}}, {"climate": {"aridity": 0.3}}),
+        *({"extent": 3e4}, {"density": {"hill": 0.4}}),
+    ):
         after = build(plain.sketch.replace(**change), device=context)
         assert changed_areas(plain.recipe, after.recipe) == [EVERYWHERE], change
     again = build(plain.sketch.replace(name="Another name"), device=context)
     assert changed_areas(plain.recipe, again.recipe) == []
-
-
-def test_locking_changes_nothing(plain, context) -> None:
-    points = plain.features.points
+    # Nor does locking change anything.
     locked = plain.sketch
-    for point in points[::3]:
+    for point in plain.features.points[::3]:
         locked = locked.with_edit(lock_of(point))
     after = build(locked, device=context)
     assert changed_areas(plain.recipe, after.recipe) == []
@@ -236,9 +230,8 @@ def painted_on(sketch: Sketch, seed: int) -> Sketch:
     name = ("river", "mountain", "hill", "lake")[seed % 4]
     image = np.array(sketch.layers[name])
     at = rng.choice(np.argwhere(sketch.layers["river"] > 0)) + rng.normal(0, 25, 2)
-    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
     radius = 3.0 if name == "river" else rng.uniform(5, 25)
-    image[(rows - at[0]) ** 2 + (columns - at[1]) ** 2 <= radius**2] = rng.integers(0, 2)
+    _disc(image, *at, radius, rng.integers(0, 2))
     return sketch.replace(layers={**sketch.layers, name: image})
 
 
@@ -283,3 +276,104 @@ def test_a_river_far_from_the_change_is_left_alone() -> None:
     assert areas
     size = sum((east - west) * (north - south) for west, south, east, north in areas)
     assert size < 0.1 * sketch.extent**2
+
+
+def _tiles(terrain: Terrain) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and facts of tiles of many levels, each with its parent."""
+    keys: list[tuple[int, int, int]] = [(-4, 0, 0)]
+    for level in range(-3, 7):
+        for x, y in ((0.23, 0.77), (0.52, 0.31), (0.9, 0.12)):
+            key = (level, int(np.floor(x * 2.0**level)), int(np.floor(y * 2.0**level)))
+            if key not in keys:
+                keys.append(key)
+    place = {key: slot for slot, key in enumerate(keys)}
+    parents = [place.get((level - 1, column >> 1, row >> 1), -1) for level, column, row in keys]
+    store = terrain.vertex_store(len(keys), quads=32)
+    facts = terrain.write_tiles(keys, range(len(keys)), parents, store)
+    return store.download(), facts
+
+
+def _heights(terrain: Terrain, seed: int) -> np.ndarray:
+    rng, found = np.random.default_rng(seed), []
+    for cell, wide in ((0.0, 0.2), (12.0, 1.0), (300.0, 6.0), (3000.0, 60.0)):
+        x, y = rng.uniform(-wide * EXTENT, (1 + wide) * EXTENT, (2, 400))
+        found.append(terrain.heights(x, y, cell_size=cell))
+    return np.stack(found)
+
+
+@tiers("seed", [0], range(4))
+def test_a_chain_of_changes_has_the_bits_of_fresh_terrains(plain, seed) -> None:
+    rng, terrain, first = np.random.default_rng(seed), plain, _heights(plain, 2)
+    _tiles(terrain)  # what it keeps is there
+    for step in range(4 if seed == 0 else 8):
+        kind, at = (int(each) for each in rng.integers([20, 1 << 30]))
+        sketch = terrain.sketch
+        if kind == 16:
+            sketch = sketch.replace(ground={**sketch.ground, "relief": float(rng.uniform(50, 300))})
+        elif kind == 17:
+            sketch = sketch.replace(seed=step)
+        else:
+            sketch = painted_on(sketch, at) if kind > 17 else _edited(sketch, terrain, kind + 16 * step)
+        built, areas = rebuild(terrain, sketch)
+        terrain = terrain.after(sketch, built.recipe, areas)
+        fresh = Terrain(sketch, built.recipe, terrain.context)
+        for one, other in zip(_tiles(terrain), _tiles(fresh), strict=True):
+            assert one.tobytes() == other.tobytes(), step
+        np.testing.assert_array_equal(_heights(terrain, at), _heights(fresh, at))
+    plants = [each.foliage(3000.0, 3000.0, 3600.0, 3500.0) for each in (terrain, fresh)]
+    assert plants[0].tobytes() == plants[1].tobytes()
+    np.testing.assert_array_equal(_heights(plain, 2), first)  # it is as it was
+    assert (_heights(terrain, 2) != first).any()
+
+
+def test_a_terrain_of_another_extent_is_built_anew(plain, valley) -> None:
+    areas = changed_areas(plain.recipe, valley.recipe)
+    assert areas == [EVERYWHERE]
+    after = plain.after(valley.sketch, valley.recipe, areas)
+    assert after.extent == valley.extent
+    x, y = np.random.default_rng(3).uniform(0, valley.extent, (2, 300))
+    np.testing.assert_array_equal(after.heights(x, y), valley.heights(x, y))
+
+
+def test_unchanged_buffers_are_not_uploaded_again(plain, monkeypatch) -> None:
+    """A small stroke leaves most of what was gathered, and all of rivers, lakes and octaves."""
+    _tiles(plain)
+    forest = np.array(plain.sketch.layers["forest"])
+    _disc(forest, 30, 80, 3)
+    sketch = plain.sketch.replace(layers={**plain.sketch.layers, "forest": forest})
+    built, areas = rebuild(plain, sketch)
+    uploads: list[int] = []
+    upload = plain.context.upload
+    monkeypatch.setattr(
+        plain.context,
+        "upload",
+        lambda array, **more: (uploads.append(array.nbytes), upload(array, **more))[1],
+    )
+    after = plain.after(sketch, built.recipe, areas)
+    assert not uploads
+    _tiles(after)
+    few = len(uploads)
+    _tiles(Terrain(sketch, built.recipe, plain.context))
+    assert few < 0.5 * (len(uploads) - few)
+
+
+def _copied(value: Any) -> Any:
+    return pickle.loads(pickle.dumps(value))  # noqa: S301
+
+
+def test_a_pickled_recipe_gives_the_same_heights(valley, context) -> None:
+    fill = valley.recipe.fill.within(0.0, 0.0, *valley.size)
+    edited, _ = rebuild(valley, valley.sketch.with_edit(Edit("delete", int(fill["id"][0]))))
+    assert isinstance(edited.recipe.fill, EditedFill)
+    for terrain in (valley, edited):
+        recipe = _copied(terrain.recipe)
+        other = Terrain(terrain.sketch, recipe, context)
+        np.testing.assert_array_equal(_heights(terrain, 4), _heights(other, 4))
+        assert changed_areas(terrain.recipe, recipe) == []
+        with pytest.raises(TypeError):
+            recipe.ground["relief"] = 1.0
+    assert len(pickle.dumps(valley.recipe)) < 400_000
+    features, other = valley.features, _copied(valley.features)
+    assert other.points.tobytes() == features.points.tobytes()
+    for one, two in zip(features.rivers, other.rivers, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(vars(one).values(), vars(two).values(), strict=True))

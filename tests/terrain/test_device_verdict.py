@@ -17,9 +17,10 @@ from sketchterrain.errors import DeviceFailedError, DeviceMemoryError
 from sketchterrain.terrain import build, self_test
 from sketchterrain.terrain.batches import Batches
 
-from .conftest import assert_same, tiers
+from .conftest import tiers
 
 KNOWN = [device for device in list_devices() if device.known]
+KEYS = [(3, 1, 2), *((4, 2 + i, 4 + j) for i in (0, 1) for j in (0, 1))]
 CACHED = (self_test, check_device, verdicts._probe_in_child)
 
 
@@ -150,12 +151,25 @@ def test_batches_are_halved_until_there_is_room() -> None:
         Batches(64).run(5, lambda _: work(slice(0, 999)))
 
 
+def answers(context: ComputeContext, x: np.ndarray) -> list[np.ndarray]:
+    """A raster, tiles and single heights of the small terrain."""
+    terrain = build(verdicts.probe_terrain(), device=context)
+    raster, tiles = terrain.raster(257), terrain.tiles([(4, 3 + i, 5) for i in range(9)])
+    found = [part for tile in tiles for part in (tile.height, tile.parent_normal)]
+    return [raster.height, raster.normal, raster.materials, *found, terrain.heights(x, x)]
+
+
+def packed_vertices(context: ComputeContext) -> list[np.ndarray]:
+    terrain = build(verdicts.probe_terrain(), device=context)
+    store = terrain.vertex_store(5)
+    return [terrain.write_tiles(KEYS, range(5), [-1, 0, 0, 0, 0], store), store.download()]
+
+
 @pytest.mark.parametrize("room", [1, 5])
 def test_little_memory_changes_no_bit(room, context, monkeypatch) -> None:
     """Allocation fails for more than so many patches or two hundred points at once."""
     x = np.linspace(0, 1024, 900)
-    whole = build(verdicts.probe_terrain(), device=context)
-    expected = whole.raster(257), whole.tiles([(4, 3 + i, 5) for i in range(9)]), whole.heights(x, x)
+    expected = answers(context, x) + packed_vertices(context)
     real = ComputeContext.launch
 
     def launch(self: ComputeContext, file: str, kernel: str, size: Any, *given: Any, **named: Any) -> None:
@@ -164,13 +178,8 @@ def test_little_memory_changes_no_bit(room, context, monkeypatch) -> None:
         real(self, file, kernel, size, *given, **named)
 
     monkeypatch.setattr(ComputeContext, "launch", launch)
-    small = build(verdicts.probe_terrain(), device=context)
-    found = small.raster(257), small.tiles([(4, 3 + i, 5) for i in range(9)]), small.heights(x, x)
-    assert_same(found[0], expected[0])
-    for one, other in zip(found[1], expected[1], strict=True):
-        np.testing.assert_array_equal(one.height, other.height)
-        np.testing.assert_array_equal(one.parent_normal, other.parent_normal)
-    np.testing.assert_array_equal(found[2], expected[2])
+    for one, other in zip(answers(context, x) + packed_vertices(context), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @tiers("which", ["first of each kind"], ["every ninth"], ["every"])
@@ -189,10 +198,7 @@ def test_no_room_once_anywhere(which, context, monkeypatch) -> None:
 
     def job() -> list[Any]:
         calls.clear()
-        terrain = build(verdicts.probe_terrain(), device=context)
-        raster, tiles = terrain.raster(257), terrain.tiles([(4, 3 + i, 5) for i in range(9)])
-        rest = [part for tile in tiles for part in (tile.height, tile.parent_normal)]
-        return [raster.height, raster.normal, raster.materials, *rest, terrain.heights(x, x)]
+        return answers(context, x)
 
     monkeypatch.setattr(ComputeContext, "_call", call)
     expected, kinds = job(), list(calls)
@@ -224,10 +230,6 @@ def test_non_finite_values_are_refused(context, monkeypatch) -> None:
             array.flat[-1] = value
 
         monkeypatch.setattr(ComputeContext, "download_into", download_into)
-        for ask in (
-            lambda: terrain.heights(1.0, 2.0),
-            lambda: terrain.tile(3, 1, 1),
-            lambda: terrain.raster(9),
-        ):
+        for ask in (lambda: terrain.heights(1, 2), lambda: terrain.tile(3, 1, 1), lambda: terrain.raster(9)):
             with pytest.raises(DeviceFailedError, match="of them no numbers"):
                 ask()

@@ -1,21 +1,35 @@
-"""Plants of sketches: species, density, and the spacing that the ground gives them."""
+"""Plants: species, density, spacing by the ground, independence of the queried area, and edits."""
+
+import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from sketchterrain.features import FEATURE, Lake, ShapeField
+import sketchterrain as st
+from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import conifer_code
-from sketchterrain.terrain import plant_spacing
+from sketchterrain.sketch import Edit, Sketch
+from sketchterrain.terrain import build, foliage, plant_spacing, rebuild
+from sketchterrain.terrain.changes import touches
 from sketchterrain.terrain.evaluation import Evaluator
 from sketchterrain.terrain.foliage import FoliageSampler
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.meadow import Meadow
-from sketchterrain.terrain.plant import SPECIES
+from sketchterrain.terrain.plant import PLANT, SPECIES, STOREYS
 from sketchterrain.terrain.plant_noise import PlantNoise
-from sketchterrain.terrain.plant_spacing import FILL, SpacingBlocks, density_of, spacing_of, whole_step
+from sketchterrain.terrain.plant_spacing import SpacingBlocks
+from sketchterrain.terrain.storey import LEVELS
 from sketchterrain.terrain.woods import Woods
 
-from .conftest import cover, feature, lake
+from .conftest import cover, feature, lake, tiers
+
+FAR = 1_000_000.0  # m
+
+
+def grown(recipe, context, *area, storey: str = "woody") -> np.ndarray:
+    return FoliageSampler(Evaluator(recipe, context)).within(*area, storey)
 
 
 def test_forests_are_where_they_are_painted(valley, desert) -> None:
@@ -33,7 +47,7 @@ def test_forests_are_where_they_are_painted(valley, desert) -> None:
 def test_a_forest_has_the_share_of_conifers_of_its_label(make_recipe, context) -> None:
     for share, low, high in ((0.0, 0.0, 0.02), (0.6, 0.5, 0.7), (1.0, 0.98, 1.0)):
         recipe = make_recipe(wide_forest(share))
-        plants = FoliageSampler(Evaluator(recipe, context)).within(1800, 1800, 2200, 2200)
+        plants = grown(recipe, context, 1800, 1800, 2200, 2200)
         trees = plants[plants["species"] != SPECIES.index("shrub")]
         assert len(trees) > 500
         conifers = np.isin(trees["species"], [SPECIES.index("spruce"), SPECIES.index("pine")])
@@ -52,8 +66,7 @@ def per_cell(x: np.ndarray, y: np.ndarray, width: float, weights: np.ndarray | N
 
 def test_species_stand_in_patches(make_recipe, context) -> None:
     for share, first, second in ((1.0, "spruce", "pine"), (0.0, "oak", "birch")):
-        sampler = FoliageSampler(Evaluator(make_recipe(wide_forest(share)), context))
-        plants = sampler.within(1500, 1500, 2500, 2500)
+        plants = grown(make_recipe(wide_forest(share)), context, 1500, 1500, 2500, 2500)
         pair = [SPECIES.index(first), SPECIES.index(second)]
         plants = plants[np.isin(plants["species"], pair)]
         is_first = (plants["species"] == pair[0]).astype(float)
@@ -81,29 +94,21 @@ def test_undergrowth_stands_at_a_forests_edge(make_recipe, context) -> None:
 
 
 def test_lone_plants_stand_in_loose_groups(make_recipe, context) -> None:
-    sampler = FoliageSampler(Evaluator(make_recipe(np.zeros(0, FEATURE)), context))
-    plants = sampler.within(0, 0, 4000, 4000)
+    plants = grown(make_recipe(), context, 0, 0, 4000, 4000)
     assert 2000 < len(plants) < 12000
     many = per_cell(plants["x"], plants["y"], 100.0)
     assert many.var() > 2.0 * many.mean()  # strewn evenly, both would be about the same
 
 
 def test_no_tree_stands_in_a_lake(make_recipe, context) -> None:
-    step = np.arange(-30, 31) * 5.0
-    field = ShapeField(1850.0, 1850.0, 5.0, (80 - np.hypot(step, step[:, None])).astype(np.float32))
-    recipe = make_recipe(wide_forest(), lakes=(Lake(1, 1, field, 10.0, 5.0),))
-    plants = FoliageSampler(Evaluator(recipe, context)).within(1850, 1850, 2150, 2150)
+    recipe = make_recipe(wide_forest(), lakes=(lake(2000, 2000, 80, 10.0, spacing=5.0),))
+    plants = grown(recipe, context, 1850, 1850, 2150, 2150)
     distance = np.hypot(plants["x"] - 2000, plants["y"] - 2000)
     assert len(plants) > 300
     assert distance.min() > 80
     assert distance.min() < 95
-    field = ShapeField(1700.0, 1700.0, 10.0, np.full((61, 61), 300.0, np.float32))
-    flooded = make_recipe(wide_forest(1.0), lakes=(Lake(1, 1, field, 10.0, 5.0),))
-    assert FoliageSampler(Evaluator(flooded, context)).within(1900, 1900, 2100, 2100).size == 0
-
-
-RULES = [Woods, Meadow]
-FAR = 1_000_000.0  # m
+    flooded = make_recipe(wide_forest(1.0), lakes=(lake(2000, 2000, 400, 10.0),))
+    assert grown(flooded, context, 1900, 1900, 2100, 2100).size == 0
 
 
 def spacing_at(recipe, context, rule, *area) -> np.ndarray:
@@ -123,6 +128,9 @@ def test_spacing_is_independent_of_the_queried_area(valley, rule, origin, monkey
     whole = SpacingBlocks(chosen, valley.extent).raster(west, south, west + side, south + side)
     assert (whole.west, whole.south, whole.step) == (west, south, chosen.step)
     assert whole.spacing.shape == (side // chosen.step + 1,) * 2
+    assert whole.spacing.dtype == np.float32
+    assert whole.spacing.min() >= chosen.least
+    assert whole.spacing.max() < 1.3 * chosen.most
     monkeypatch.setattr(plant_spacing, "_KEPT", 3)  # so that blocks are made again
     blocks = SpacingBlocks(chosen, valley.extent)
     for u, v in np.random.default_rng(0).integers(0, side - 7 * chosen.step, (12, 2)).tolist():
@@ -137,18 +145,6 @@ def test_spacing_is_independent_of_the_queried_area(valley, rule, origin, monkey
         )
 
 
-@pytest.mark.parametrize("rule", RULES)
-def test_spacing_stays_in_its_range(valley, rule) -> None:
-    chosen = rule(valley._evaluator)
-    unit = metres_per_unit(valley.extent)
-    area = (round(each / unit) for each in (2000, 1500, 2600, 2100))
-    spacing = SpacingBlocks(chosen, valley.extent).raster(*area).spacing
-    assert spacing.dtype == np.float32
-    assert spacing.min() >= chosen.least
-    assert spacing.max() < 1.3 * chosen.most
-    assert (spacing <= chosen.most).mean() > 0.2
-
-
 def test_noise_over_a_grid_is_that_at_its_places(make_recipe) -> None:
     noise = PlantNoise(make_recipe())
     x = np.arange(-300, 500, 7, dtype=np.int64) * 1024
@@ -157,16 +153,6 @@ def test_noise_over_a_grid_is_that_at_its_places(make_recipe) -> None:
     for width in (6.0, 55.0, 420.0):
         at = noise.at("group", width, x_at, y_at).reshape(y.size, x.size)
         np.testing.assert_array_equal(noise.over("group", width, x, y), at)
-
-
-def test_density_and_spacing_are_inverse_and_steps_are_powers_of_two() -> None:
-    spacing = np.array([0.5, 3.5, 64.0])
-    np.testing.assert_allclose(spacing_of(density_of(spacing)), spacing)
-    assert float(density_of(1.0)) == FILL
-    for extent in (1.0, 3072.0, 4096.0, 1e6):
-        step = whole_step(8.0, extent)
-        assert step & (step - 1) == 0, extent
-        assert 2**-0.5 <= step * metres_per_unit(extent) / 8.0 <= 2**0.5, extent
 
 
 def test_half_a_forest_stands_at_root_two_times_the_distance(make_recipe, context) -> None:
@@ -213,12 +199,10 @@ def test_grass_grows_where_the_ground_lets_it(make_recipe, context) -> None:
     )
     around = {
         name: np.nanmedian(spacing_at(recipe, context, Meadow, x - 60, y - 60, x + 60, y + 60))
-        for name, (x, y) in {
-            "meadow": (2000, 2000),
-            "sand": (1500, 2000),
-            "soil": (2500, 2000),
-            "forest": (2000, 1000),
-        }.items()
+        for name, x, y in (
+            *(("meadow", 2000, 2000), ("sand", 1500, 2000)),
+            *(("soil", 2500, 2000), ("forest", 2000, 1000)),
+        )
     }
     assert 0.45 < around["meadow"] < 1.0
     assert around["meadow"] < around["forest"] < around["soil"] < around["sand"]
@@ -230,3 +214,291 @@ def test_a_lakes_bed_does_not_thin_the_trees_ashore(make_recipe, context) -> Non
     recipe = make_recipe(forest, lakes=(lake(2000, 2000, 150, 4.0),))
     wet = spacing_at(recipe, context, Woods, 1700, 1700, 2300, 2300)
     assert np.nanmax(wet / dry) < 1.5
+
+
+SIDES = {"woody": 700.0, "grass": 60.0}  # m of a rectangle with some thousand plants
+PLACES = [(2100.0, 1500.0), (-700.0, 5200.0), (FAR, -FAR), (-3 * FAR, 2 * FAR)]
+
+
+def square(place: tuple[float, float], storey: str) -> tuple[float, float, float, float]:
+    west, south = place
+    return west, south, west + SIDES[storey], south + SIDES[storey]
+
+
+@tiers(("storey", "place"), [("woody", PLACES[0]), ("grass", PLACES[3])], itertools.product(STOREYS, PLACES))
+def test_plants_are_a_function_of_the_world(valley, place, storey) -> None:
+    """One rectangle, or sixteen in shuffled order from a terrain that knows of nothing: the same bits."""
+    west, south, east, north = square(place, storey)
+    whole = valley.foliage(west, south, east, north, storey=storey)
+    assert len(whole) > 50
+    fresh = FoliageSampler(Evaluator(valley.recipe, valley.context))
+    cuts_x, cuts_y = (np.linspace(low, high, 5) for low, high in ((west, east), (south, north)))
+    tiles = [(i, j) for i in range(4) for j in range(4)]
+    np.random.default_rng(1).shuffle(tiles)
+    for i, j in tiles:
+        x0, y0, x1, y1 = cuts_x[i], cuts_y[j], cuts_x[i + 1], cuts_y[j + 1]
+        inside = (whole["x"] >= x0) & (whole["x"] < x1) & (whole["y"] >= y0) & (whole["y"] < y1)
+        np.testing.assert_array_equal(fresh.within(x0, y0, x1, y1, storey), whole[inside])
+
+
+@tiers(
+    ("storey", "place"),
+    [("grass", PLACES[2])],
+    [("woody", PLACES[0]), ("grass", PLACES[0]), ("woody", PLACES[2])],
+)
+def test_plants_keep_the_distance_that_the_ground_says(valley, place, storey) -> None:
+    """At every level, by a tree of all pairs that could be too near."""
+    plants = valley.foliage(*square(place, storey), storey=storey)
+    unit = metres_per_unit(valley.extent)
+    spacing = unit * raster_at(valley, plants, storey)
+    for level in range(LEVELS + 1):
+        kept = plants["level"] >= level
+        if not kept.any():
+            continue
+        at = np.stack([plants["x"] - place[0], plants["y"] - place[1]], axis=-1)[kept]
+        own = spacing[kept] * 2**level
+        # All within the greatest distance would be most pairs: sorted by distance, near ones first.
+        for reach in np.unique(np.minimum(2.0 ** np.ceil(np.log2(own)), own.max())):
+            some = own <= reach
+            pairs = cKDTree(at[some]).query_pairs(reach, output_type="ndarray")
+            away = np.linalg.norm(at[some][pairs[:, 0]] - at[some][pairs[:, 1]], axis=1)
+            needed = own[some][pairs].mean(axis=1)
+            assert (away >= needed * (1 - 1e-5) - 2 * unit).all()
+
+
+def raster_at(terrain: st.Terrain, plants: np.ndarray, storey: str) -> np.ndarray:
+    """What the raster says at plants, lattice units, in float64."""
+    x, y = to_lattice(np.stack([plants["x"], plants["y"]]), terrain.extent)
+    blocks = terrain._foliage._storeys[storey]._spacing
+    raster = blocks.raster(int(x.min()), int(y.min()), int(x.max()) + 1, int(y.max()) + 1)
+    u, v = (x - raster.west) / raster.step, (y - raster.south) / raster.step
+    i, j = np.floor(u).astype(int), np.floor(v).astype(int)
+    u, v, corner = u - i, v - j, raster.spacing.astype(np.float64)
+    south = (1 - u) * corner[j, i] + u * corner[j, i + 1]
+    north = (1 - u) * corner[j + 1, i] + u * corner[j + 1, i + 1]
+    return (1 - v) * south + v * north
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+def test_every_field_of_a_plant_is_set(valley, storey) -> None:
+    plants = valley.foliage(*square(PLACES[0], storey), storey=storey)
+    assert plants.dtype == PLANT
+    names = {SPECIES[number] for number in np.unique(plants["species"])}
+    assert names <= set(STOREYS[storey])
+    assert len(names) > 1
+    np.testing.assert_allclose(np.linalg.norm(plants["normal"], axis=1), 1.0, atol=1e-6)
+    assert (plants["normal"][:, 2] > 0.5).all()
+    np.testing.assert_array_equal(plants["z"], valley.heights(plants["x"], plants["y"]))
+    for name, low, high in (("tint", 0, 1), ("rotation", 0, 2 * np.pi)):
+        assert low <= plants[name].min() < low + 0.1 * high
+        assert 0.9 * high < plants[name].max() <= high
+    assert set(np.unique(plants["level"])) <= set(range(LEVELS + 1))
+    # A level holds about a quarter of the one below it.
+    share = (plants["level"] >= 1).mean()
+    assert 0.1 < share < 0.45
+    x, y, d = plants["x"], plants["y"], 0.5
+    east = (valley.heights(x + d, y) - valley.heights(x - d, y)) / (2 * d)
+    north = (valley.heights(x, y + d) - valley.heights(x, y - d)) / (2 * d)
+    normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    assert np.sum(normal * plants["normal"], axis=1).min() > 0.99
+
+
+@pytest.mark.parametrize("storey", STOREYS)
+def test_pieces_are_the_whole(valley, storey, monkeypatch) -> None:
+    west, south, east, north = square(PLACES[0], storey)
+    width = {"woody": 3000.0, "grass": 300.0}[storey]
+    area = (west - width, south - 100.0, east, north)
+    whole = valley.foliage(*area, storey=storey)
+    monkeypatch.setattr(foliage, "_A_PIECE", 1)
+    pieces = list(valley.foliage_pieces(*area, storey=storey))
+    assert len(pieces) > 3
+    np.testing.assert_array_equal(np.concatenate(pieces), whole)
+
+
+def test_an_estimate_is_an_upper_bound_and_not_much_more(valley) -> None:
+    for storey, place in itertools.product(STOREYS, PLACES[:3]):
+        area = square(place, storey)
+        most, size = valley.foliage_estimate(*area, storey=storey)
+        there = len(valley.foliage(*area, storey=storey))
+        assert there <= most <= 2 * there + 100, (storey, area)
+        assert size == most * PLANT.itemsize
+        assert valley.foliage_estimate(0, 0, 0, 500, storey=storey) == (0, 0)
+
+
+def test_refused_areas_and_storeys(valley, monkeypatch) -> None:
+    for area, message in (
+        ((10, 0, 0, 10), "west ≤ east and south ≤ north, got 10, 0, 0, 10"),
+        ((0, 10, 10, 0), "west ≤ east and south ≤ north"),
+        ((0, 0, np.nan, 10), "coordinates must be finite"),
+        ((-np.inf, 0, 10, 10), "coordinates must be finite"),
+        ((0, 0, 1e300, 10), "coordinates must be finite and within"),
+    ):
+        for ask in (valley.foliage, valley.foliage_pieces, valley.foliage_estimate):
+            with pytest.raises(InputError, match=message) as error:
+                ask(*area)
+            assert "\n" not in str(error.value)
+        with pytest.raises(InputError, match=message):
+            next(valley.foliage_steps(*area))
+    with pytest.raises(InputError, match="expected a storey, woody or grass, got 'moss'"):
+        valley.foliage(0, 0, 1, 1, storey="moss")
+    with pytest.raises(InputError, match=r"may hold .*e\+0\d plants \(\d+\.\d GiB\); at most 20000000"):
+        valley.foliage(0, 0, *valley.size, storey="grass")
+    monkeypatch.setattr(foliage, "_A_PIECE", 1)
+    pieces = valley.foliage_pieces(0, 0, *valley.size, storey="grass")
+    assert len(next(pieces)) > 1000
+
+
+def test_a_forest_of_one_pixel_in_a_sketch_of_any_size(context) -> None:
+    """A pixel of 3 cm, of 128 m, of 31 km; lattice units from a fraction of a micrometre to 6 cm."""
+    forest = np.zeros((32, 32), np.uint8)
+    forest[16, 16] = 1
+    for extent in (1.0, 4096.0, 1e6):
+        sketch = Sketch(extent=extent, layers={"forest": forest}, density={"forest": 0.0})
+        terrain = build(sketch, device=context)
+        middle = extent * 16.5 / 32
+        for storey, half in (("woody", 500.0), ("grass", 20.0)):
+            area = (middle - half, middle - half, middle + half, middle + half)
+            plants = terrain.foliage(*area, storey=storey)
+            assert len(plants) > 10, (extent, storey)
+            assert (np.abs(plants["x"] - middle) <= half + metres_per_unit(extent)).all()
+        assert terrain.foliage(middle, middle, middle, middle).size == 0
+
+
+def test_a_thin_forest_is_as_even_as_a_thick_one(make_recipe, context) -> None:
+    """Not a thick one with trees left out at random, of which some would stand side by side."""
+
+    def inside(strength: float) -> np.ndarray:
+        forest = feature("forest", 2000, 2000, 900, strength, peakiness=conifer_code(0.5))
+        plants = grown(make_recipe(forest), context, 1750, 1750, 2250, 2250)
+        return np.stack([plants["x"], plants["y"]], axis=-1)
+
+    full, thin = inside(1.0), inside(0.25)
+    assert len(thin) / len(full) == pytest.approx(0.25, rel=0.12)
+    # Not the very least: which species stand at the nearest pair of some thousand is chance.
+    apart = [np.quantile(cKDTree(at).query(at, k=2)[0][:, 1], [0.01, 0.1, 0.5]) for at in (full, thin)]
+    assert (apart[1] > 1.9 * apart[0]).all()
+
+
+def test_trees_are_lower_near_the_tree_line(make_recipe, context) -> None:
+    mountain = feature("mountain", 2000, 2000, 1500, 700, peakiness=0.3)
+    forest = feature("forest", 2000, 2000, 1500, 1.0)
+    plants = grown(make_recipe(mountain, forest), context, 1000, 1000, 3000, 3000)
+    trees = plants[plants["species"] != SPECIES.index("shrub")]
+    high, low = (trees["scale"][trees["z"] > 380], trees["scale"][trees["z"] < 250])
+    assert len(high) > 100
+    assert len(low) > 1000
+    assert trees["z"].max() < 460
+    assert np.median(high) < 0.65 * np.median(low)
+
+
+def test_ferns_grow_in_forests_and_flowers_outside(make_recipe, context) -> None:
+    forest = feature("forest", 2000, 2000, 400, 1.0)
+    sampler = FoliageSampler(Evaluator(make_recipe(forest), context))
+
+    def shares(x: float, y: float) -> dict[str, float]:
+        plants = sampler.within(x - 40, y - 40, x + 40, y + 40, "grass")
+        return {name: float(np.mean(plants["species"] == SPECIES.index(name))) for name in STOREYS["grass"]}
+
+    inside, outside = shares(2000, 2000), shares(3200, 3200)
+    assert inside["fern"] > 0.4
+    assert outside["fern"] == 0.0
+    assert outside["grass"] > 0.5
+    assert outside["flower"] > inside["flower"]
+
+
+def test_grass_is_independent_of_trees(valley) -> None:
+    """They stand as near to trees as chance has it."""
+    area = (3350.0, 4350.0, 3550.0, 4550.0)  # at a forest's edge
+    tufts, trees = (valley.foliage(*area, storey=storey) for storey in ("grass", "woody"))
+    assert np.intersect1d(tufts["species"], trees["species"]).size == 0
+    tree = cKDTree(np.stack([tufts["x"], tufts["y"]], axis=-1))
+    away, _ = tree.query(np.stack([trees["x"], trees["y"]], axis=-1))
+    assert len(trees) > 100
+    assert away.min() < 0.25
+
+
+Area = tuple[float, float, float, float]
+
+PIXELS, EXTENT = 64, 4096.0
+
+
+@pytest.fixture(scope="module")
+def before(context) -> st.Terrain:
+    """Three forests, and a river between them."""
+    forest, river = np.zeros((2, PIXELS, PIXELS), np.uint8)
+    forest[6:24, 6:26] = forest[10:24, 36:56] = forest[42:58, 12:52] = 1
+    for column in range(8, 56):
+        row = round(32 + 2 * np.sin(column / 6))
+        river[row, column] = river[row + 1, column] = 1
+    layers = {"forest": forest, "river": river}
+    return build(Sketch(extent=EXTENT, seed=9, layers=layers, density={"forest": 0.0}), device=context)
+
+
+def _repainted(terrain: st.Terrain) -> Sketch:
+    """The forest in the north-east has lost its east."""
+    layers = {name: layer.copy() for name, layer in terrain.sketch.layers.items()}
+    layers["forest"][10:24, 48:56] = 0
+    return replace(terrain.sketch, layers=layers)
+
+
+def _moved(terrain: st.Terrain) -> Sketch:
+    """The river takes another way, half a kilometre aside."""
+    river = terrain.features.rivers[0]
+    x, y = (float(each) for each in river.points[3, :2])
+    return replace(terrain.sketch, edits=(Edit("move_point", river.id, index=3, x=x + 60.0, y=y - 500.0),))
+
+
+def _away(terrains: tuple[st.Terrain, st.Terrain], storey: str, area: Area, plants: np.ndarray) -> np.ndarray:
+    """Metres from plants to the nearest vertex at which the spacing or the ground is another one."""
+    unit = metres_per_unit(EXTENT)
+    wider = (area[0] - MARGIN, area[1] - MARGIN, area[2] + MARGIN, area[3] + MARGIN)
+    blocks = [each._foliage._storeys[storey]._spacing for each in terrains]
+    one, two = (each.raster(*(round(side / unit) for side in wider)) for each in blocks)
+    rows, columns = one.spacing.shape
+    x = (one.west + np.arange(columns) * one.step) * unit
+    y = (one.south + np.arange(rows) * one.step) * unit
+    heights = [each.heights(x[None, :], y[:, None]) for each in terrains]
+    row, column = np.nonzero((one.spacing != two.spacing) | (heights[0] != heights[1]))
+    assert 0 < row.size < 0.6 * one.spacing.size
+    changed = cKDTree(np.stack([x[column], y[row]], axis=-1))
+    return np.asarray(changed.query(np.stack([plants["x"], plants["y"]], axis=-1))[0])
+
+
+AREAS = {
+    _repainted: {"woody": (2000.0, 1800.0, 4096.0, 3800.0), "grass": (2900.0, 2400.0, 3200.0, 2700.0)},
+    _moved: {"woody": (0.0, 800.0, 2400.0, 3000.0), "grass": (800.0, 1900.0, 1100.0, 2200.0)},
+}
+"""m: where plants are compared."""
+NEAR = {"woody": (300.0, 30.0, 100.0), "grass": (40.0, 4.0, 10.0)}
+"""m from the change: none beyond the first is another one, few beyond the others are."""
+MARGIN = 400.0  # m around those, in which changes are looked for
+
+
+def _others(own: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Which plants are not among the others, bit for bit."""
+    there = {row.tobytes() for row in others}
+    return np.array([row.tobytes() not in there for row in own], dtype=bool)
+
+
+@tiers(
+    ("edit", "storey"), [(_repainted, "woody")], [(_repainted, "grass"), (_moved, "woody"), (_moved, "grass")]
+)
+def test_an_edit_changes_plants_near_it_alone(before, edit, storey) -> None:
+    after, areas = rebuild(before, edit(before))
+    area = AREAS[edit][storey]
+    plants = [each.foliage(*area, storey=storey) for each in (before, after)]
+    changed = np.concatenate([_others(*plants), _others(*plants[::-1])])
+    both = np.concatenate(plants)
+    away = _away((before, after), storey, area, both)
+    assert changed.sum() > 100
+    near, half, tenth = NEAR[storey]
+    assert not changed[away > near].any()
+    assert (away > near).sum() > 1000
+    assert changed[(away > half) & (away <= near)].mean() < 0.1
+    assert changed[(away > tenth) & (away <= near)].mean() < 0.02
+    # What may be another one at all, heights and masks included, is known beforehand: nothing else is, here.
+    outside = [
+        not touches(areas, (x, y, x, y), margin=near) for x, y in zip(both["x"], both["y"], strict=True)
+    ]
+    assert not changed[np.array(outside)].any()

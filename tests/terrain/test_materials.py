@@ -27,7 +27,7 @@ from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.reference import reference_ground
 from sketchterrain.terrain.reference_materials import Site, patch_weights, rule_weights
 
-from .conftest import CASES, LAKES, cover, feature, straight_river
+from .conftest import CASES, LAKES, cover, straight_river
 
 CLIMATES = (
     {"snow_line": 900.0, "tree_line": 500.0, "aridity": 0.2},
@@ -54,56 +54,9 @@ def sites(count: int = 8_000, *, seed: int = 1, real: Any = np.float64) -> Site:
     """Points of all kinds, half of each mask 0 or 1."""
     rng = np.random.default_rng(seed)
     masks = np.clip(rng.uniform(-0.5, 1.5, (4, count)), 0, 1)
-    values = (
-        rng.uniform(-50, 1500, count),
-        rng.gamma(1.5, 0.4, count),
-        rng.normal(0, 0.3, count),
-        rng.normal(0, 0.5, count),
-        *masks,
-    )
-    return Site(*(value.astype(real) for value in values))
-
-
-def rise(x: np.ndarray, low: float, inverse_width: float) -> np.ndarray:
-    t = np.clip((x - low) * inverse_width, 0, 1)
-    return t * t * (3 - 2 * t)
-
-
-def formulas(c: dict[str, float], s: Site) -> np.ndarray:
-    """The rules written down without a table."""
-    w = np.zeros((len(s.height), len(MATERIALS)))
-    w[:, 0] = 1
-
-    def lay_over(material: str, cover: np.ndarray) -> None:
-        w[:] *= 1 - cover[:, None]
-        w[:, MATERIALS.index(material)] += cover
-
-    dryness = c["aridity"] + 0.12 * s.mottle - 0.35 * np.maximum(s.water - 0.2, 0)
-    lay_over("soil", rise(dryness, 0.3, 3))
-    bareness = s.mottle - 3 * s.hollow + 0.4 * s.steepness - 0.75 * np.maximum(s.water - 0.2, 0)
-    lay_over("soil", 0.7 * rise(bareness, 0.56, 1 / 0.14))
-    lay_over("sand", rise(dryness, 0.62, 4))
-    alpine = rise(s.height + 90 * s.mottle, c["tree_line"] + 40, 0.004)
-    lay_over("scree", 0.8 * alpine * s.mountain)
-    lay_over("forest_floor", np.minimum(1.25 * s.forest, 1) * (1 - alpine))
-    stony = 0.34 * s.mottle + 0.25 * s.mountain - 0.8 * s.hollow
-    lay_over("scree", 0.85 * rise(s.mountain, 0.05, 2.5) * rise(s.steepness + stony, 0.64, 1 / 0.18))
-    lay_over("rock", rise(s.steepness + stony, 0.97, 5))
-    fan = 0.9 * rise(s.mountain, 0.1, 4) * rise(s.hollow + 0.04 * s.mottle, 0.005, 25)
-    fan *= rise(s.steepness + 0.12 * s.mottle, 0.4, 1 / 0.12)
-    lay_over("scree", fan * (1 - rise(s.steepness - 0.15 * s.mottle, 0.85, 1 / 0.3)))
-    lay_over("sand", s.dune * (1 - rise(s.steepness, 0.9, 4)))
-    snow = rise(s.height + 150 * s.mottle + 380 * s.hollow, c["snow_line"], 1 / 150)
-    lay_over("snow", snow * (1 - rise(s.steepness + 0.4 * s.mottle - 1.6 * s.hollow, 0.9, 1 / 0.6)))
-    mud = rise(s.water - 0.06 * s.mottle, 0.61, 12.5) * (1 - rise(s.mottle, -0.3, 2.5))
-    lay_over("soil", 0.8 * mud)
-    sand = rise(s.water + 0.1 * s.mottle, 0.65, 1 / 0.06) * rise(s.mottle, 0.12, 1 / 0.3)
-    sand *= 1 - rise(s.steepness, 0.2, 5)
-    lay_over("sand", 0.8 * sand)
-    gravel = rise(s.water + 0.03125 * s.mottle, 0.640625, 12.8) * rise(s.mottle, -0.05, 1 / 0.3)
-    lay_over("river_bed", 0.9 * gravel)
-    lay_over("river_bed", rise(s.water, 0.6875, 16))
-    return w
+    heights, steepness = rng.uniform(-50, 1500, count), rng.gamma(1.5, 0.4, count)
+    hollow, mottle = rng.normal(0, 0.3, count), rng.normal(0, 0.5, count)
+    return Site(*(value.astype(real) for value in (heights, steepness, hollow, mottle, *masks)))
 
 
 @pytest.fixture
@@ -115,18 +68,10 @@ def weigh(with_kernel) -> Callable[..., np.ndarray]:
         real, rules = context.real_dtype, pack_rules(recipe)
         parts = [np.asarray(getattr(site, each.name), real) for each in fields(Site)]
         out = context.empty((len(parts[0]), len(MATERIALS)), real)
-        context.launch(
-            "weights.cl",
-            "weights",
-            (len(parts[0]),),
-            np.int32(rules.count),
-            context.upload(rules.form),
-            context.upload(rules.cover.astype(real)),
-            context.upload(rules.ramp.astype(real)),
-            context.upload(np.stack(parts[:4], axis=-1)),
-            context.upload(np.stack(parts[4:], axis=-1)),
-            out,
-        )
+        table = (rules.form, rules.cover.astype(real), rules.ramp.astype(real))
+        given = (*table, np.stack(parts[:4], axis=-1), np.stack(parts[4:], axis=-1))
+        size, arrays = (len(parts[0]),), [context.upload(each) for each in given]
+        context.launch("weights.cl", "weights", size, np.int32(rules.count), *arrays, out)
         return context.download(out, (len(parts[0]), len(MATERIALS)), real)
 
     return run
@@ -150,36 +95,25 @@ def some_rules(count: int = 12, *, seed: int = 7) -> tuple[MaterialRule, ...]:
     )
 
 
-def test_the_table_is_the_formulas() -> None:
-    site = sites()
+def test_any_table_has_the_weights_of_numpy(make_recipe, context, double_context, weigh) -> None:
     most = np.zeros(len(MATERIALS))
-    for climate in CLIMATES:
-        weights, expected = rule_weights(DEFAULT_RULES, climate, site), formulas(climate, site)
-        np.testing.assert_allclose(weights, expected, atol=1e-12, rtol=0, err_msg=str(climate))
-        np.testing.assert_allclose(weights.sum(axis=-1), 1, atol=1e-12)
+    for rules, climate in (
+        *(((), CLIMATES[0]), ((MaterialRule("all", "snow"),), CLIMATES[0]), (some_rules(), CLIMATES[0])),
+        *((DEFAULT_RULES, climate) for climate in CLIMATES),
+    ):
+        recipe = make_recipe(material_rules=tuple(rules), climate=climate)
+        site = sites(5000, seed=2)
+        expected = rule_weights(rules, climate, site)
+        np.testing.assert_allclose(weigh(recipe, site, double_context), expected, atol=1e-12, rtol=0)
+        np.testing.assert_allclose(expected.sum(axis=-1), 1, atol=1e-12)
         most = np.maximum(most, expected.max(axis=0))
-    assert (most > 0.7).all()  # the sites reach every material
-
-
-def test_the_kernel_lays_the_formulas(make_recipe, context, weigh) -> None:
-    site = sites(real=np.float32)
-    wide = Site(*(getattr(site, each.name).astype(float) for each in fields(Site)))
-    for climate in CLIMATES:
-        weights = weigh(make_recipe(climate=climate), site, context)
-        np.testing.assert_allclose(weights, formulas(climate, wide), atol=1e-6, rtol=0, err_msg=str(climate))
+        single = sites(5000, seed=2, real=np.float32)
+        again = rule_weights(rules, climate, Site(*(getattr(single, f.name) for f in fields(Site))))
+        weights = weigh(recipe, single, context)
+        np.testing.assert_allclose(weights, again, atol=2e-6, rtol=0)
         np.testing.assert_allclose(weights.astype(np.float64).sum(axis=-1), 1, atol=1e-6)
         assert weights.min() >= 0
-
-
-def test_any_table_has_the_weights_of_numpy(make_recipe, context, double_context, weigh) -> None:
-    for rules in ((), (MaterialRule("all", "snow"),), DEFAULT_RULES, some_rules()):
-        recipe = make_recipe(material_rules=tuple(rules))
-        site = sites(5000, seed=2)
-        expected = rule_weights(rules, recipe.climate, site)
-        np.testing.assert_allclose(weigh(recipe, site, double_context), expected, atol=1e-12, rtol=0)
-        single = sites(5000, seed=2, real=np.float32)
-        again = rule_weights(rules, recipe.climate, Site(*(getattr(single, f.name) for f in fields(Site))))
-        np.testing.assert_allclose(weigh(recipe, single, context), again, atol=2e-6, rtol=0)
+    assert (most > 0.7).all()  # the sites reach every material
 
 
 def test_all_devices_weigh_bit_for_bit(make_recipe, weigh) -> None:
@@ -279,13 +213,6 @@ def test_a_sketch_overrides_the_table(context) -> None:
     np.testing.assert_allclose(new, expected, atol=1e-6)
     assert changed_areas(before.recipe, after.recipe) == [EVERYWHERE]
     np.testing.assert_array_equal(before.raster(65).height, after.raster(65).height)
-
-
-def test_a_feature_still_decides(make_recipe, context) -> None:
-    recipe = make_recipe(feature("dune", 2000, 2000, 1500, 18, wavelength=150, wind=250))
-    x, y, cell = patch(recipe, 4.0, 1900, 2100, side=19)
-    surface = Evaluator(recipe, context).surface(x[None], y[None], cell_size=cell)
-    assert surface.materials[..., MATERIALS.index("sand")].min() > 0.5
 
 
 def test_the_desert_has_rules_of_its_own() -> None:

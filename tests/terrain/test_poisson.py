@@ -20,8 +20,6 @@ from .conftest import tiers
 RADIUS = 9000
 FAR = 1 << 42  # lattice units: over 1,000 km in any preset
 PLACES = (0, -RADIUS * 777 - 7, FAR, -FAR - 1)
-
-
 Area = tuple[int, int, int, int]
 Field = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -89,6 +87,17 @@ def test_points_keep_their_distance(context) -> None:
     points = poisson_disk(context, (-200, -200, 200, 200), 2, seed=1)
     assert len(points) > 1000
     assert nearest(points) >= 2
+    side = 200 * RADIUS
+    points = PoissonDisk(context, RADIUS, seed=2, levels=3).within((0, 0, side, side))
+    for level in range(4):
+        chosen = points.position[points.level >= level]
+        assert nearest(chosen) >= RADIUS * 2**level
+        fill = len(chosen) * 4**level / 200**2 / GREATEST_DENSITY
+        assert fill > (0.9 if level < 3 else 0.85)  # few points at the coarsest, and a border
+    side = 200 * RADIUS
+    many = [len(poisson_disk(context, (0, 0, side, side), RADIUS, seed=4, trials=k)) for k in (1, 4, 8, 16)]
+    assert many == sorted(many)
+    assert many[-1] / 200**2 > 0.88 * GREATEST_DENSITY
 
 
 @pytest.mark.slow
@@ -138,23 +147,6 @@ def test_windows_join_without_a_seam_and_in_order(context, monkeypatch) -> None:
         np.testing.assert_array_equal(small.level, whole.level)
 
 
-def test_coarser_levels_keep_their_own_distance(context) -> None:
-    side = 200 * RADIUS
-    points = PoissonDisk(context, RADIUS, seed=2, levels=3).within((0, 0, side, side))
-    for level in range(4):
-        chosen = points.position[points.level >= level]
-        assert nearest(chosen) >= RADIUS * 2**level
-        fill = len(chosen) * 4**level / 200**2 / GREATEST_DENSITY
-        assert fill > (0.9 if level < 3 else 0.85)  # few points at the coarsest, and a border
-
-
-def test_more_darts_leave_less_room(context) -> None:
-    side = 200 * RADIUS
-    many = [len(poisson_disk(context, (0, 0, side, side), RADIUS, seed=4, trials=k)) for k in (1, 4, 8, 16)]
-    assert many == sorted(many)
-    assert many[-1] / 200**2 > 0.88 * GREATEST_DENSITY
-
-
 def test_every_dart_lands_where_its_hash_says(context) -> None:
     """The first round against NumPy: a dart a cell, kept if it is the earliest of those it conflicts with."""
     side = math.ceil((RADIUS + math.sqrt(2)) / math.sqrt(2))
@@ -174,10 +166,8 @@ def test_every_dart_lands_where_its_hash_says(context) -> None:
     first, second = pairs[near].T
     beaten = np.zeros(len(at), bool)
     # Indices run in the order of cells, which decides between darts of one time.
-    later = np.where(when[first] <= when[second], np.maximum(first, second), first)
-    later = np.where(when[first] < when[second], second, later)
-    later = np.where(when[first] == when[second], np.maximum(first, second), later)
-    beaten[later] = True
+    later = np.where(when[first] < when[second], second, first)
+    beaten[np.where(when[first] == when[second], np.maximum(first, second), later)] = True
     inner = (column.ravel() >= 0) & (column.ravel() < count) & (row.ravel() >= 0) & (row.ravel() < count)
     corner = np.stack([column, row], axis=-1).reshape(-1, 2) * side
     offset = (np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.int64) * side) >> 12
@@ -223,6 +213,17 @@ def test_degenerate_areas_and_refused_options(context) -> None:
     with pytest.raises(InputError, match=r"about 1e\+08 points \(3\.\d GiB\); at most 40000000 fit"):
         poisson_disk(context, (0, 0, side, side), RADIUS, seed=1)
 
+    own = sampler(context, waves)
+    assert len(own.within((5, 5, 5, 9))) == 0
+    assert len(own.within((9, 9, 5, 5))) == 0
+    assert len(own.within((0, 0, 10, 10))) <= 1
+    for least, most, levels in (
+        *((0, 10, 1), (-5, 10, 1), (20, 10, 1), (4, 4 << 20, 1), (4, 8, 40), (4, 8, -1)),
+        *((math.nan, MOST, 1), (math.inf, MOST, 1)),
+    ):
+        with pytest.raises(InputError, match="distances"):
+            GradedPoisson(context, raster_of(waves), least=least, most=most, levels=levels, seed=1)  # type: ignore[arg-type]
+
 
 @tiers(
     ("field", "origin", "levels"),
@@ -266,9 +267,8 @@ def test_a_points_distance_is_that_of_its_place(context) -> None:
 def test_even_ground_is_as_full_as_with_one_distance(context) -> None:
     for metres in (4.0, 7.9, 8.1, 20.0):
         side = 90 * round(metres)
-        even = sampler(context, lambda x, y, metres=metres: metres + 0 * x * y, levels=2).within(
-            square(0, side)
-        )
+        flat = sampler(context, lambda x, y, metres=metres: metres + 0 * x * y, levels=2)
+        even = flat.within(square(0, side))
         fill = len(even) * metres**2 / side**2 / GREATEST_DENSITY
         assert 0.88 < fill < 1.0, metres
 
@@ -290,14 +290,8 @@ def test_a_place_with_room_is_taken(context) -> None:
 
 def test_the_greatest_distance_has_its_grid(context) -> None:
     for least, most in ((2, 5), (3500, 7001), (4000, 32_003), (4000, 60_000)):
-        own = GradedPoisson(
-            context,
-            raster_of(lambda x, y, most=most: most / METRE + 0 * x * y),
-            least=least,
-            most=most,
-            levels=0,
-            seed=1,
-        )
+        even = raster_of(lambda x, y, most=most: most / METRE + 0 * x * y)
+        own = GradedPoisson(context, even, least=least, most=most, levels=0, seed=1)
         found = own.within((0, 0, 60 * most, 60 * most))
         # Rounding to lattice units takes its share of distances of a few of them.
         assert len(found) > (0.85 if least > 100 else 0.4) * GREATEST_DENSITY * 60**2, (least, most)
@@ -329,25 +323,6 @@ def test_thin_places_have_fewer_levels_and_beyond_the_greatest_distance_none(con
     points = sampler(context, waves).within(square(0, 1500))
     assert points["level"][points["spacing"] < 7.9 * METRE].max() == 3
     assert points["level"][points["spacing"] > 32.1 * METRE].max() == 0
-
-
-def test_degenerate_areas_and_refused_ranges(context) -> None:
-    own = sampler(context, waves)
-    assert len(own.within((5, 5, 5, 9))) == 0
-    assert len(own.within((9, 9, 5, 5))) == 0
-    assert len(own.within((0, 0, 10, 10))) <= 1
-    for least, most, levels in (
-        (0, 10, 1),
-        (-5, 10, 1),
-        (20, 10, 1),
-        (4, 4 << 20, 1),
-        (4, 8, 40),
-        (4, 8, -1),
-        (math.nan, MOST, 1),
-        (math.inf, MOST, 1),
-    ):
-        with pytest.raises(InputError, match="distances"):
-            GradedPoisson(context, raster_of(waves), least=least, most=most, levels=levels, seed=1)  # type: ignore[arg-type]
 
 
 def test_the_raster_is_queried_no_farther_than_the_reach(context) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sketchterrain.errors import DeviceFailedError, DeviceMemoryError, InputError
+from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.terrain.vertices import TILE_QUADS, VERTEX
 
 from .conftest import half_sums, launches, tiers
@@ -24,6 +24,13 @@ FAMILY = [
     ((18, 1 << 17, 1 << 17), None),
 ]
 KEYS = [key for key, _ in FAMILY]
+
+
+def written_at(terrain, keys, parents=None, *, quads=64) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    """The vertices and facts of tiles in consecutive slots."""
+    store = terrain.vertex_store(len(keys), quads=quads)
+    facts = terrain.write_tiles(keys, range(len(keys)), parents or [-1] * len(keys), store)
+    return store.download(), facts
 
 
 def written(terrain, order, *, quads=64) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
@@ -78,9 +85,7 @@ def test_the_parents_part_is_what_the_parent_draws(valley) -> None:
 def test_neighbours_share_their_borders_bytes(valley) -> None:
     """Also of children of different parents, all that is drawn of the parent included."""
     keys = [(4, 7, 7), (4, 8, 7), (5, 15, 14), (5, 16, 14), (5, 15, 15), (5, 16, 15)]
-    store = valley.vertex_store(6)
-    valley.write_tiles(keys, range(6), [-1, -1, 0, 1, 0, 1], store)
-    vertices = store.download()
+    vertices, _ = written_at(valley, keys, [-1, -1, 0, 1, 0, 1])
     for west, east in ((2, 3), (4, 5)):
         np.testing.assert_array_equal(vertices[west][:, -1], vertices[east][:, 0])
     for south, north in ((2, 4), (3, 5)):
@@ -122,15 +127,11 @@ def test_tiles_of_any_size(valley, quads) -> None:
         valley.write_tiles([(finest + 1, 5, 5)], [1], [-1], store)
 
 
-def test_refused_slots_parents_and_stores(valley) -> None:
+def test_refused_slots_parents_stores_and_non_finite_heights(valley) -> None:
     store = valley.vertex_store(4)
     for slots, parents in (
-        ([0], [-1]),
-        ([1, 1], [-1, -1]),
-        ([0, 4], [-1, -1]),
-        ([0, 1], [-2, -1]),
-        ([0, 1], [4, -1]),
-        ([0, 1], [-1]),
+        *(([0], [-1]), ([1, 1], [-1, -1]), ([0, 4], [-1, -1])),
+        *(([0, 1], [-2, -1]), ([0, 1], [4, -1]), ([0, 1], [-1])),
     ):
         with pytest.raises(InputError, match="slot"):
             valley.write_tiles([(3, 0, 0), (3, 1, 0)], slots, parents, store)
@@ -139,6 +140,11 @@ def test_refused_slots_parents_and_stores(valley) -> None:
     with pytest.raises(InputError, match="at least 1 slot"):
         valley.vertex_store(0)
     assert valley.write_tiles([], [], [], store).shape == (0,)
+
+    valley.write_tiles([(4, 3, 3)], [0], [-1], store)
+    valley.context.write(store.buffer, np.full(store.nbytes // 4, np.nan, np.float32)).wait()
+    with pytest.raises(DeviceFailedError, match="computed heights that are no numbers"):
+        valley.write_tiles([(5, 6, 6)], [1], [0], store)
 
 
 def test_the_error_is_what_a_close_look_finds(valley) -> None:
@@ -149,10 +155,8 @@ def test_the_error_is_what_a_close_look_finds(valley) -> None:
     rng = np.random.default_rng(6)
     levels = [level for level in (1, 3, 4, 5, 6, 7) for _ in range(4)]
     keys = [(level, *(int(n) for n in rng.integers(0, 1 << level, 2))) for level in levels]
-    store = valley.vertex_store(len(keys))
-    facts = valley.write_tiles(keys, range(len(keys)), [-1] * len(keys), store)
     within, worst = [], []
-    for (level, column, row), vertex, fact in zip(keys, store.download(), facts, strict=True):
+    for (level, column, row), vertex, fact in zip(keys, *written_at(valley, keys), strict=True):
         u, v = rng.uniform(0, 64, (2, 25_600))
         i, j = u.astype(int), v.astype(int)
         u, v = u - i, v - j
@@ -177,9 +181,7 @@ def test_squares_are_the_same_as_the_whole(valley, quads, monkeypatch) -> None:
     found = []
     for least in (0.1, 200.0, np.inf):
         monkeypatch.setattr("sketchterrain.terrain.vertex_writer._LEAST_SQUARE", least)
-        store = valley.vertex_store(len(keys), quads=quads)
-        facts = valley.write_tiles(keys, range(len(keys)), [-1] * len(keys), store)
-        found.append(facts.tobytes() + store.download().tobytes())
+        found.append([part.tobytes() for part in written_at(valley, keys, quads=quads)])
     assert found[0] == found[1] == found[2]
 
 
@@ -187,9 +189,7 @@ def test_squares_are_the_same_as_the_whole(valley, quads, monkeypatch) -> None:
 def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley, quads) -> None:
     """By single points at full detail, which take another way through the kernels."""
     keys = [(2, 1, 2), (6, 30, 31), (9, 250, 240)]
-    store = valley.vertex_store(len(keys), quads=quads)
-    facts = valley.write_tiles(keys, range(3), [-1] * 3, store)
-    for (level, column, row), vertex, fact in zip(keys, store.download(), facts, strict=True):
+    for (level, column, row), vertex, fact in zip(keys, *written_at(valley, keys, quads=quads), strict=True):
         step = valley.extent / 2**level / quads
         stride = 1 if quads == 32 else 2
         middle = 0.5 + np.arange(0, quads, stride)
@@ -203,9 +203,7 @@ def test_the_error_is_measured_in_the_middle_of_every_second_quad(valley, quads)
 
 def test_every_level_has_an_error(valley) -> None:
     """Wide tiles by what one place in them shows; 0 where quads end."""
-    levels = list(range(-12, 19))
-    keys = [(level, 0, 0) for level in levels]
-    facts = valley.write_tiles(keys, range(len(keys)), [-1, *range(len(keys) - 1)], valley.vertex_store(31))
+    _, facts = written_at(valley, [(level, 0, 0) for level in range(-12, 19)], [-1, *range(30)])
     assert np.isfinite(facts["error"]).all()
     assert (facts["error"][:5] > 100).all()
     assert facts["error"][-1] == 0
@@ -213,55 +211,17 @@ def test_every_level_has_an_error(valley) -> None:
     assert np.abs(facts["high"]).max() < 2000
 
 
-def test_non_finite_heights_are_an_error(valley, monkeypatch) -> None:
-    store = valley.vertex_store(2)
-    valley.write_tiles([(4, 3, 3)], [0], [-1], store)
-    bad = np.zeros(store.nbytes // 4, np.float32)
-    bad[:] = np.nan
-    valley.context.write(store.buffer, bad).wait()
-    with pytest.raises(DeviceFailedError, match="computed heights that are no numbers"):
-        valley.write_tiles([(5, 6, 6)], [1], [0], store)
-
-
-def test_no_room_means_smaller_batches(valley, monkeypatch) -> None:
-    """The device gives nothing large for a while: the same vertices, in more launches."""
-    keys = [(5, c, r) for c in range(10, 14) for r in range(10, 14)]
-    expected = valley.vertex_store(16)
-    facts = valley.write_tiles(keys, range(16), [-1] * 16, expected)
-    terrain = type(valley)(valley.sketch, valley.recipe, valley.context)
-    store, found = terrain.vertex_store(16), []
-    whole = type(terrain.context).empty
-
-    def scarce(self: Any, shape: Any, dtype: Any) -> Any:
-        if np.dtype(dtype) == np.float32 and int(np.prod(shape)) > 4 * 5 * 67 * 67:
-            found.append(shape)
-            raise DeviceMemoryError("no room")
-        return whole(self, shape, dtype)
-
-    monkeypatch.setattr(type(terrain.context), "empty", scarce)
-    again = terrain.write_tiles(keys, range(16), [-1] * 16, store)
-    monkeypatch.undo()
-    assert found
-    assert again.tobytes() == facts.tobytes()
-    assert store.download().tobytes() == expected.download().tobytes()
-
-
 def test_the_double_build_agrees(valley, double_context) -> None:
     """The same kernel in 64 bits: heights within a millimetre, the rest within a step."""
     double = type(valley)(valley.sketch, valley.recipe, double_context)
     keys, parents = [(5, 15, 15), (6, 31, 30)], [-1, 0]
-    stores = [terrain.vertex_store(2) for terrain in (valley, double)]
-    facts = [
-        terrain.write_tiles(keys, [0, 1], parents, store)
-        for terrain, store in zip((valley, double), stores, strict=True)
-    ]
-    single, exact = (store.download() for store in stores)
+    (single, facts), (exact, others) = (written_at(each, keys, parents) for each in (valley, double))
     for part in ("", "parent_"):
         np.testing.assert_allclose(single[f"{part}height"], exact[f"{part}height"], rtol=0, atol=2e-3)
         for name, most in (("slope", 40), ("weights", 6)):
             apart = single[f"{part}{name}"].astype(int) - exact[f"{part}{name}"]
             assert np.abs(apart).max() <= most
-    np.testing.assert_allclose(facts[0]["error"], facts[1]["error"], rtol=0, atol=4e-3)
+    np.testing.assert_allclose(facts["error"], others["error"], rtol=0, atol=4e-3)
 
 
 def test_writing_allocates_and_launches_little(valley, calls) -> None:

@@ -1,13 +1,15 @@
-"""Rivers and lakes in the terrain: beds never rise, banks hold, valleys cut mountains; cross-sections."""
+"""Lakes hold water, beds never rise, banks hold, valleys cut mountains; covers lie where they are painted."""
 
 import itertools
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from sketchterrain.features import River
+from sketchterrain.compute import ComputeContext
+from sketchterrain.features import Cover, Lake, River, ShapeField
 from sketchterrain.features.lakes import within
 from sketchterrain.features.splines import catmull_rom
 from sketchterrain.sketch import Sketch, load_sketch
@@ -17,9 +19,143 @@ from sketchterrain.terrain.arcs import nearest_on_arc
 from sketchterrain.terrain.centrelines import TOLERANCE_CELLS, tolerance_cell
 from sketchterrain.terrain.evaluation import MASKS, Evaluator
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
+from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.packing import pack_rivers
 
-from .conftest import tiers
+from .conftest import lake as round_lake
+from .conftest import river_of, round_field, tiers
+
+EXTENT = 4096.0
+CENTRE = 2048.0
+
+
+def field(radius: float, *, x: float = CENTRE) -> ShapeField:
+    return round_field(x, CENTRE, radius)
+
+
+def lake(radius: float, level: float, *, x: float = CENTRE) -> Lake:
+    return round_lake(x, CENTRE, radius, level)
+
+
+def heights(recipe: TerrainRecipe, context: ComputeContext, x: Any, y: Any, cell: float = 0.0) -> Any:
+    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    lattice = to_lattice(x.ravel(), EXTENT), to_lattice(y.ravel(), EXTENT)
+    return Evaluator(recipe, context).points(*lattice, cell_size=cell)[0].reshape(x.shape)
+
+
+def straight(*, x: tuple[float, float], z: tuple[float, float], width: float = 14.0) -> River:
+    """A straight river through the middle of the ground, west to east or back."""
+    at = np.linspace(*x, 200)
+    return river_of(np.column_stack([at, np.full(200, CENTRE), np.linspace(*z, 200)]), width)
+
+
+def test_a_lake_is_deep_within_and_nothing_spills(make_recipe, context) -> None:
+    """Whatever the ground was: water stands inside the shore, and flooding from it never gets out."""
+    step = np.arange(-500, 501, 2.0)
+    radius = np.hypot(step, step[:, None])
+    for level in (-25.0, 0.0, 25.0):
+        recipe = make_recipe(lakes=(lake(300, level),))
+        ground = heights(recipe, context, CENTRE + step, CENTRE + step[:, None])
+        assert (ground[radius < 298] < level).all()
+        assert (ground[(radius > 302) & (radius < 314)] > level).all()
+        np.testing.assert_allclose(level - ground[radius < 200].min(), 8, atol=1e-3)
+        regions, _ = ndimage.label(ground <= level)
+        flooded = regions == regions[250, 250]
+        assert radius[flooded].max() < 302, level
+
+
+def test_the_shore_is_smooth(make_recipe, context) -> None:
+    """Slopes along a line across it change by little from metre to metre: no wall, no step."""
+    line = np.arange(1500.0, 2600.0, 0.5)
+    bare = np.gradient(heights(make_recipe(), context, line, CENTRE), line)
+    slope = np.gradient(heights(make_recipe(lakes=(lake(300, 4.0),)), context, line, CENTRE), line)
+    assert np.abs(np.diff(slope)).max() < np.abs(np.diff(bare)).max() + 0.02
+    assert np.abs(slope).max() < 1.0
+
+
+def test_beyond_its_margin_a_lake_changes_no_bit(make_recipe, context) -> None:
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(0, EXTENT, (2, 20000))
+    outside = np.hypot(x - CENTRE, y - CENTRE) > 400
+    bare = heights(make_recipe(), context, x, y)
+    wet = heights(make_recipe(lakes=(lake(300, 40.0),)), context, x, y)
+    np.testing.assert_array_equal(bare[outside], wet[outside])
+    assert (bare != wet)[~outside].mean() > 0.9
+
+
+def test_small_lakes_fade_with_the_cell_size(make_recipe, context) -> None:
+    recipe = make_recipe(lakes=(lake(30, 30.0),))
+    wet, dry = (
+        [float(heights(each, context, CENTRE, CENTRE, cell)) for cell in (28, 40, 50, 61, 200)]
+        for each in (recipe, make_recipe())
+    )
+    effect = np.abs(np.subtract(wet, dry)).tolist()
+    assert effect[0] > 5
+    assert effect == sorted(effect, reverse=True)
+    assert effect[-2:] == [0, 0]
+
+
+@pytest.mark.parametrize("inward", [True, False])
+def test_a_river_enters_and_leaves_without_a_dam(make_recipe, context, inward) -> None:
+    """Its water has a free way between the lake and open country, and the lake keeps its depth."""
+    level = 6.0
+    if inward:
+        stream = straight(x=(500.0, 1800.0), z=(14.0, level))
+    else:
+        stream = straight(x=(1800.0, 500.0), z=(level, -2.0))
+    still = make_recipe(lakes=(lake(300, level),))
+    running = make_recipe(lakes=(lake(300, level),), rivers=(stream,))
+    x, line = np.arange(520.0, 1800.0), stream.centreline[np.argsort(stream.centreline[:, 0])]
+    assert (heights(running, context, x, CENTRE) < np.interp(x, *line[:, [0, 2]].T)).all()
+    step = np.arange(-298, 299, 2.0)
+    inside = np.hypot(step, step[:, None]) < 298
+    before = heights(still, context, CENTRE + step, CENTRE + step[:, None])
+    after = heights(running, context, CENTRE + step, CENTRE + step[:, None])
+    assert (after - before)[inside].max() < 1e-4
+    assert (after[inside] < level).all()
+
+
+def test_the_nearer_of_two_lakes_wins(make_recipe, context) -> None:
+    """Two levels a hundred metres apart: each keeps its water, a ridge between them."""
+    pair = (lake(200, 5.0, x=CENTRE - 240), lake(200, 9.0, x=CENTRE + 240))
+    line = np.arange(CENTRE - 430, CENTRE + 430)
+    ground = heights(make_recipe(lakes=pair), context, line, CENTRE)
+    assert (ground[np.abs(line - CENTRE + 240) < 190] < 5).all()
+    assert (ground[np.abs(line - CENTRE - 240) < 190] < 9).all()
+    assert ground[np.abs(line - CENTRE) < 30].max() > 9
+    swapped = heights(make_recipe(lakes=pair[::-1]), context, line, CENTRE)
+    np.testing.assert_allclose(swapped, ground, atol=1e-4)
+
+
+def materials(recipe: TerrainRecipe, context: ComputeContext, radius: float) -> tuple[Any, Any]:
+    """Weights on a grid around the centre, and each vertex's distance from it."""
+    step = np.linspace(-radius, radius, 131)
+    axis = to_lattice(CENTRE + step, EXTENT)[None]
+    surface = Evaluator(recipe, context).surface(axis, axis[:, ::-1], cell_size=2 * radius / 130)
+    return surface.materials[0], np.hypot(step, step[:, None])[1:-1, 1:-1]
+
+
+def test_a_cover_takes_its_share(make_recipe, context) -> None:
+    snow = MATERIALS.index("snow")
+    bare, _ = materials(make_recipe(), context, 200.0)
+    for strength in (1.0, 0.4):
+        recipe = make_recipe(covers=(Cover(1, 1, field(120), snow, strength),))
+        weights, distance = materials(recipe, context, 200.0)
+        under = bare[distance < 100] * (1 - strength) + strength * np.eye(8)[snow]
+        np.testing.assert_allclose(weights.sum(axis=-1), 1, atol=1e-6)
+        np.testing.assert_allclose(weights[distance < 100, snow], strength, atol=1e-5)
+        np.testing.assert_allclose(weights[distance < 100], under, atol=1e-6)
+        np.testing.assert_array_equal(weights[distance > 140], bare[distance > 140])
+
+
+def test_sand_mud_and_grass_share_a_lakes_shore_and_its_bed_is_not_grass(make_recipe, context) -> None:
+    weights, distance = materials(make_recipe(lakes=(lake(120, 10.0),)), context, 200.0)
+    shore = (distance > 121) & (distance < 127)
+    for material in ("sand", "soil", "grass"):
+        assert weights[shore, MATERIALS.index(material)].max() > 0.6, material
+        assert weights[shore, MATERIALS.index(material)].mean() < 0.6, material
+    assert weights[distance < 118, MATERIALS.index("river_bed")].min() > 0.9
+
 
 RISE_M = 0.01
 SIDE = 192
@@ -72,6 +208,12 @@ def lowest_bank(terrain: Terrain, river: River) -> float:
     return lowest
 
 
+def assert_water_stays(terrain: Terrain) -> None:
+    for river in terrain.recipe.rivers:
+        assert greatest_rise(terrain, river) <= RISE_M
+        assert lowest_bank(terrain, river) > 0
+
+
 def stroke(picture: np.ndarray, points: list[np.ndarray], half: float, label: int) -> None:
     for (x0, y0), (x1, y1) in itertools.pairwise(points):
         dx, dy = x1 - x0, y1 - y0
@@ -108,16 +250,12 @@ def random_sketch(seed: int) -> Sketch:
     if rng.random() < 0.3:
         x, y = rng.uniform(0.3, 0.7, 2) * SIDE
         river[np.abs(np.hypot(COLUMN - x, ROW - y) - rng.uniform(0.08, 0.25) * SIDE) < 1.8] = 1
-    sizes = {
-        ("river", k): {
-            "width": float(rng.choice([2, 5, 12, 30, 80])),
-            "depth": float(rng.choice([0.5, 2, 4, 8])),
-        }
-        for k in (1, 2, 3)
-    }
-    heights = {
-        ("mountain", 1): {"height": float(rng.choice([150, 400, 900])), "multitude": int(rng.integers(1, 5))}
-    }
+    labels = {}
+    for k in (1, 2, 3):
+        width, depth = rng.choice([2, 5, 12, 30, 80]), rng.choice([0.5, 2, 4, 8])
+        labels["river", k] = {"width": float(width), "depth": float(depth)}
+    height, multitude = rng.choice([150, 400, 900]), rng.integers(1, 5)
+    labels["mountain", 1] = {"height": float(height), "multitude": int(multitude)}
     return Sketch(
         extent=float(rng.choice([2000, 5000, 12000])),
         seed=seed,
@@ -127,7 +265,7 @@ def random_sketch(seed: int) -> Sketch:
             "hill": discs(rng, 3, 0.2),
             "lake": discs(rng, 3, 0.1),
         },
-        labels={**sizes, **heights, ("hill", 1): {"height": 60.0, "multitude": 5}},
+        labels={**labels, ("hill", 1): {"height": 60.0, "multitude": 5}},
         ground={"relief": float(rng.choice([10, 60, 200]))},
         density={"mountain": 0.03, "hill": 0.3},
     )
@@ -137,18 +275,14 @@ def random_sketch(seed: int) -> Sketch:
 def test_in_the_presets_no_bed_rises_and_every_bank_holds(name, context) -> None:
     terrain = build(load_sketch(name), device=context)
     assert terrain.recipe.rivers
-    for river in terrain.recipe.rivers:
-        assert greatest_rise(terrain, river) <= RISE_M
-        assert lowest_bank(terrain, river) > 0
+    assert_water_stays(terrain)
 
 
 # The last ones failed once: beds at joints and in sharp bends, water beside lakes and in sharp bends.
 @tiers("seed", [0, 100, 115, 172, 205], [*range(40), 130, 175, 287])
 def test_no_bed_rises_and_every_bank_holds(seed, context) -> None:
     terrain = build(random_sketch(seed), device=context)
-    for river in terrain.recipe.rivers:
-        assert greatest_rise(terrain, river) <= RISE_M
-        assert lowest_bank(terrain, river) > 0
+    assert_water_stays(terrain)
 
 
 @tiers("poses", [range(4)], [range(4, 100)])
@@ -163,12 +297,9 @@ def test_a_river_across_a_mountain_runs_below_the_straight_line(poses, context) 
         river = np.zeros((SIDE, SIDE), np.uint8)
         stroke(river, [middle - 0.36 * SIDE * ahead, middle + 0.36 * SIDE * ahead], 1.5, 1)
         mountain = (np.hypot(COLUMN - centre[0], ROW - centre[1]) < radius).astype(np.uint8)
-        sketch = Sketch(
-            extent=6000.0,
-            seed=pose,
-            layers={"river": river, "mountain": mountain},
-            labels={("mountain", 1): {"height": float(rng.uniform(100, 700))}},
-        )
+        layers, height = {"river": river, "mountain": mountain}, float(rng.uniform(100, 700))
+        labels = {("mountain", 1): {"height": height}}
+        sketch = Sketch(extent=6000.0, seed=pose, layers=layers, labels=labels)
         terrain = build(sketch, device=context)
         (found,) = terrain.recipe.rivers
         _, line = every_metre(found)
@@ -205,15 +336,11 @@ def test_a_lake_in_a_mountain_is_a_tarn_with_a_rim(context) -> None:
     assert told.line == f"lake 1 lies in mountain 1: a tarn at {tarn.level:.0f} m"
     assert within(tarn.shape, np.array([[told.x, told.y]]))[0] > 0
     angle, pixel = np.linspace(0, 2 * np.pi, 200), 5000.0 / SIDE
-    east, north = (
-        120.5 * pixel + np.cos(angle) * 11 * pixel,
-        (SIDE - 96.5) * pixel + np.sin(angle) * 11 * pixel,
-    )
-    assert terrain.heights(east, north).min() > tarn.level
-    assert terrain.heights(120.5 * pixel, (SIDE - 96.5) * pixel) < tarn.level
+    middle = np.array([120.5, SIDE - 96.5]) * pixel
+    around = middle + 11 * pixel * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    assert terrain.heights(*around.T).min() > tarn.level
+    assert terrain.heights(*middle) < tarn.level
 
-
-MakeRecipe = Callable[..., TerrainRecipe]
 
 WATER_EDGE = 0.75
 
@@ -224,11 +351,7 @@ def river(points: list[tuple[float, float]], *, width: float, fall: float = 0.01
     u = np.arange(40 * (len(controls) - 1) + 1) / 40.0
     curve = catmull_rom(controls, u)
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(curve, axis=0).T))])
-    centreline = np.column_stack([curve, 20.0 - fall * arc])
-    ones = np.ones(u.size, np.float32)
-    return River(
-        1, 1, centreline[::40], width * ones[::40], 2 * ones[::40], centreline, width * ones, 2 * ones
-    )
+    return river_of(np.column_stack([curve, 20.0 - fall * arc]), width, every=40)
 
 
 def hairpin(gap: float) -> list[tuple[float, float]]:

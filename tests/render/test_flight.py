@@ -15,9 +15,7 @@ from sketchterrain.render.flight import HEIGHTS, KEY, Flight, Key
 from sketchterrain.render.flight_file import flight_text, load_flight, parse_flight, save_flight
 from sketchterrain.render.tour import tour
 
-
-def hills(x, y):
-    return 60.0 * np.sin(np.asarray(x) / 90.0) * np.cos(np.asarray(y) / 70.0)
+from .test_camera import hills
 
 
 def random_flight(seed, keys=12, **options):
@@ -41,7 +39,7 @@ def circle(radius=300.0, keys=24, seconds=24.0):
     )
 
 
-def test_it_is_at_each_key_at_its_time():
+def test_it_is_at_each_key_at_its_time_and_its_velocity_is_the_derivative():
     for seed in range(4):
         flight = random_flight(seed)
         times = [key.time - flight.keys[0].time for key in flight.keys]
@@ -50,6 +48,14 @@ def test_it_is_at_each_key_at_its_time():
             assert eye == pytest.approx(key.eye, abs=1e-6), seed
             assert target == pytest.approx(key.target, abs=1e-5), seed
             assert fov == pytest.approx(key.fov), seed
+
+    for seed in range(3):
+        flight = random_flight(seed)
+        times = np.linspace(0.0, flight.duration, 16_001)
+        views = flight.at(times)
+        gone = np.cumsum(0.5 * (views.velocity[1:] + views.velocity[:-1]) * np.diff(times)[:, None], axis=0)
+        way = np.linalg.norm(np.diff(views.eye, axis=0), axis=1).sum()
+        assert np.abs(views.eye[0] + gone - views.eye[1:]).max() < 1e-4 * way, seed
 
 
 def test_motion_and_direction_are_continuous():
@@ -66,16 +72,6 @@ def test_motion_and_direction_are_continuous():
 
         coarse, fine = greatest(0.0005), greatest(0.00025)
         assert (fine < 0.6 * coarse).all(), seed
-
-
-def test_velocity_is_the_derivative_of_the_eye():
-    for seed in range(3):
-        flight = random_flight(seed)
-        times = np.linspace(0.0, flight.duration, 16_001)
-        views = flight.at(times)
-        gone = np.cumsum(0.5 * (views.velocity[1:] + views.velocity[:-1]) * np.diff(times)[:, None], axis=0)
-        way = np.linalg.norm(np.diff(views.eye, axis=0), axis=1).sum()
-        assert np.abs(views.eye[0] + gone - views.eye[1:]).max() < 1e-4 * way, seed
 
 
 def test_around_a_circle_at_even_speed_with_the_target_amid_the_picture():
@@ -186,10 +182,7 @@ def test_missing_values_have_the_documented_defaults():
     assert (flight.heights, flight.duration, flight.keys[1].fov) == ("above ground", 8.0, KEY["fov"].default)
 
 
-def changed(old, new):
-    return "format = 1" + TWO.replace(old, new)
-
-
+TWO_KEYS = "format = 1" + TWO
 WRONG = {
     "": "format = 1 expected, got no such key",
     "format = 2": "format = 1 expected, got 2",
@@ -200,14 +193,13 @@ WRONG = {
     "format = 1\nheights = 'sea'" + TWO: "heights = 'sea': expected 'absolute' or 'above ground'",
     "format = 1\nkey = 3": "key = 3: expected tables, each with [[key]]",
     "format = 1\n[[key]]\neye = [0, 0, 0]\ntarget = [1, 0, 0]": "[[key]] number 1: no time: expected time,",
-    changed(TWO, TWO)
-    + "fovv = 3": "number 2: unknown key 'fovv' = 3: expected time, eye, target, fov; did you",
-    changed(TWO, TWO) + "fov = 200": "[[key]] number 2: fov = 200: expected a number from 5 to 120 °",
-    changed("4.5", "nan"): "[[key]] number 2: time = nan: expected a number",
-    changed("4.5", "0"): "key 2: time = 0.0: expected 0.001 s or more after the key before",
-    changed("[50, 0, 10]", "[50, 0]"): "eye = [50, 0]: expected three numbers, x, y and z",
-    changed("[50, 0, 10]", "[50, 0, 'a']"): "eye z = 'a': expected a number from",
-    changed("[50, 0, 10]", "[50, 100, 0]"): "expected another point than the eye",
+    TWO_KEYS + "fovv = 3": "number 2: unknown key 'fovv' = 3: expected time, eye, target, fov; did you",
+    TWO_KEYS + "fov = 200": "[[key]] number 2: fov = 200: expected a number from 5 to 120 °",
+    TWO_KEYS.replace("4.5", "nan"): "[[key]] number 2: time = nan: expected a number",
+    TWO_KEYS.replace("4.5", "0"): "key 2: time = 0.0: expected 0.001 s or more after the key before",
+    TWO_KEYS.replace("[50, 0, 10]", "[50, 0]"): "eye = [50, 0]: expected three numbers, x, y and z",
+    TWO_KEYS.replace("[50, 0, 10]", "[50, 0, 'a']"): "eye z = 'a': expected a number from",
+    TWO_KEYS.replace("[50, 0, 10]", "[50, 100, 0]"): "expected another point than the eye",
     "format = = 1": "not TOML",
 }
 
@@ -227,12 +219,7 @@ def test_invalid_files_are_refused_with_file_key_and_value(tmp_path):
             load_flight(tmp_path / name)
 
 
-def looks(views):
-    along = views.target - views.eye
-    return along / np.linalg.norm(along, axis=1, keepdims=True)
-
-
-def test_a_tour_stays_low_over_the_sketch_and_never_is_in_the_ground(waves):
+def test_a_tour_stays_low_above_the_ground_at_even_speed_with_slow_turns(waves):
     for rivers in (waves.features.rivers, ()):
         waves.features.rivers = rivers
         flight = tour(waves, seconds=60.0)
@@ -243,15 +230,13 @@ def test_a_tour_stays_low_over_the_sketch_and_never_is_in_the_ground(waves):
         assert clearance.mean() < 3.0 * rise
         assert (views.eye[:, :2] > 0.0).all()
         assert (views.eye[:, :2] < waves.size).all()
-
-
-def test_a_tour_has_even_speed_and_slow_turns(waves):
-    flight = tour(waves, seconds=60.0)
-    views = flight.at(flight.times(30))
-    speed = np.linalg.norm(views.velocity, axis=1)
-    assert speed.max() < 1.3 * speed.min()
-    turns = np.degrees(np.arccos(np.clip((looks(views)[1:] * looks(views)[:-1]).sum(axis=1), -1, 1))) * 30
-    assert turns.max() < 40.0  # degrees a second, on so small a sketch
+        views = flight.at(flight.times(30))
+        speed = np.linalg.norm(views.velocity, axis=1)
+        assert speed.max() < 1.3 * speed.min()
+        along = views.target - views.eye
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        turns = np.degrees(np.arccos(np.clip((along[1:] * along[:-1]).sum(axis=1), -1, 1))) * 30
+        assert turns.max() < 40.0  # degrees a second, on so small a sketch
 
 
 def test_a_tour_is_as_long_as_asked_repeatable_and_closed(waves):

@@ -5,12 +5,11 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera, Quality
+from sketchterrain.render import Quality
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground import GroundPool
 from sketchterrain.render.ground_stream import LEAP, LEAP_BUDGET, GroundStream
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
-from sketchterrain.render.targets import Targets
 from sketchterrain.resources import source
 from sketchterrain.terrain.lattice import metres_per_unit
 from sketchterrain.terrain.vertices import VERTEX
@@ -18,19 +17,22 @@ from sketchterrain.tiles import ScreenError, TileStream, View
 
 from .conftest import Waves
 from .ground_model import (
+    MAGENTA,
     QUADS,
     SIDE,
     TILE_BYTES,
+    Eye,
     along_rims,
     beyond,
+    camera_towards,
+    holes,
+    must_be_covered,
     names_of,
     neighbours,
     open_edges,
     pack_tiles,
     shaded,
-    write_tiles,
 )
-from .ground_pictures import MAGENTA, Eye, camera_towards, holes, must_be_covered
 
 EYES = [(510.3, 480.7, 90.0), (-3e6 + 0.123, 7e6 + 0.77, 1234.5)]
 
@@ -71,34 +73,6 @@ void main() {
         np.testing.assert_allclose(got[..., 4:], slope[tile] / 32767.0, atol=1e-7)
 
 
-def test_tiles_of_two_levels_fit_without_a_crack(waves):
-    for eye in EYES:
-        keys, draws = neighbours(eye)
-        vertices = pack_tiles(waves, keys)
-        places, *_ = shaded(draws, vertices, waves.extent, eye)
-        lonely = open_edges(draws, places)[..., :2] + np.mod(eye[:2], 1000.0)
-        x, y = lonely[..., 0], lonely[..., 1]
-        on_border = np.minimum.reduce([np.abs(x), np.abs(x - 1000.0), np.abs(y), np.abs(y - 500.0)]) < 1.0
-        assert on_border.all()
-        assert len(lonely) == 3 * 64 + 6 * 64  # of the coarse tile, of the fine ones
-        draws.cases[:] = 0  # without stitches there are cracks
-        places, *_ = shaded(draws, vertices, waves.extent, eye)
-        assert len(open_edges(draws, places)) == 9 * 64 + 3 * 64
-
-
-def test_normals_and_weights_are_equal_along_shared_borders(waves):
-    for eye in EYES:
-        keys, draws = neighbours(eye)
-        coarse, nw, ne, sw, se = range(5)
-        *_, slope, weights = shaded(draws, pack_tiles(waves, keys), waves.extent, eye)
-        for values in (slope, weights):
-            assert (values[nw, :, -1] == values[ne, :, 0]).all()
-            assert (values[nw, -1] == values[sw, 0]).all()
-            assert (values[ne, -1] == values[se, 0]).all()
-            assert (values[coarse, :33, -1] == values[nw, ::2, 0]).all()
-            assert (values[coarse, 32:, -1] == values[sw, ::2, 0]).all()
-
-
 @pytest.mark.gl
 def test_tiles_beyond_32_bits_are_refused(gl, waves):
     keys, draws = neighbours(EYES[0])
@@ -107,47 +81,28 @@ def test_tiles_beyond_32_bits_are_refused(gl, waves):
         pool.place(draws, (200_000.0, 0.0, 10.0))
 
 
-@pytest.mark.gl
-def test_no_ray_falls_between_tiles(gl, waves):
-    eye = (503.0, 251.0, 300.0)
-    keys, draws = neighbours(eye)
-    pool = GroundPool(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()))
-    pool.place(draws, eye)
-    assert pool.tiles == 5
-    frame = FrameBlock(gl)
-    targets = Targets(gl, (256, 256), 2)
-    for ahead in ((0.0, 0.0, -1.0), (0.02, 0.05, -1.0), (0.15, 0.1, -1.0)):
-        frame["to_clip"] = Camera(eye, tuple(np.add(eye, ahead)), fov=40.0).to_clip(1.0)
-        frame["eye"] = (0.0, 0.0, eye[2])
-        frame.upload()
-        targets.seen.use()
-        targets.seen.clear(depth=1.0)
-        gl.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        pool.draw()
-        gl.enable_only(moderngl.NOTHING)
-        assert np.frombuffer(targets.depth.read(), np.float32).max() < 1.0, ahead
-
-
 SLOTS = 600
 REACH = 20_000.0
 SIZE = (192, 108)
 
 
 class Streamed:
-    """A stream over a terrain without a GPU."""
+    """A stream over a terrain, not drawn."""
 
-    def __init__(self, terrain, **options):
+    def __init__(self, terrain, *, slots=SLOTS, **options):
         self.terrain = terrain
-        self.stream = TileStream(terrain.extent, slots=SLOTS, **options)
-        self.store = terrain.vertex_store(SLOTS)
-        self.vertices = self.store.buffer.view(VERTEX).reshape(SLOTS, SIDE, SIDE)
+        self.stream = TileStream(terrain.extent, slots=slots, quads=QUADS, **options)
+        self.store = terrain.vertex_store(slots, quads=QUADS)
 
-    def frame(self, view, *, elapsed, budget=0.01, leap=False):
+    def write(self, batch):
+        return self.terrain.write_tiles(batch.keys, batch.slots, batch.parents, self.store)
+
+    def frame(self, view, *, elapsed, budget=0.01, leap=False, drain=False):
         batch = self.stream.plan(view, budget=budget)
         while batch:
-            facts = write_tiles(self.terrain, batch.keys, batch.slots, batch.parents, self.store)
+            facts = self.write(batch)
             self.stream.arrived(batch, facts, seconds=0.001 * len(batch.keys))
-            batch = self.stream.plan(view, budget=budget) if leap else None
+            batch = self.stream.plan(view, budget=budget) if leap or drain else None
         if leap:
             self.stream.jump(view)
         return self.stream.advance(view, elapsed=elapsed)
@@ -170,6 +125,7 @@ def spread(groups, values):
 def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
     rng = np.random.default_rng(seed)
     streamed = Streamed(waves)
+    vertices = streamed.store.buffer.view(VERTEX).reshape(SLOTS, SIDE, SIDE)
     eye = np.array([*rng.uniform(-2000, 2000, 2), 200.0])
     levels = cases = moved = 0
     for step in range(12):
@@ -180,7 +136,7 @@ def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
         eye[2] = float(waves.heights(eye[0], eye[1])) + 10.0 ** rng.uniform(0.5, 3.0)
         draws = streamed.frame(view_from(eye.tolist()), elapsed=rng.uniform(0.01, 0.2), leap=not step)
         assert draws.keys
-        places, _, slope, weights = shaded(draws, streamed.vertices, waves.extent, eye)
+        places, _, slope, weights = shaded(draws, vertices, waves.extent, eye)
         assert np.isfinite(places).all()
         lonely = open_edges(draws, places)
         assert beyond(draws, lonely, waves.extent, eye).all()
@@ -193,6 +149,9 @@ def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
     assert levels >= 4
     assert cases == 31
     assert moved > 100
+    draws.cases[:] = 0  # without stitches there are cracks
+    places, *_ = shaded(draws, vertices, waves.extent, eye)
+    assert not beyond(draws, open_edges(draws, places), waves.extent, eye).all()
 
 
 @pytest.mark.gl
@@ -212,22 +171,14 @@ def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
         stats = stream.update(camera, SIZE, elapsed=0.04, budget=0.01, draw_distance=REACH)
         assert stats.tiles_drawn
         assert holes(eye.see(stream, camera), camera, REACH, lowest) == 0
-    stream.settle(camera, SIZE, draw_distance=REACH)
-    assert holes(eye.see(stream, camera), camera, REACH, lowest) == 0
-    assert stream.tiles.settled
-
-
-@pytest.mark.gl
-def test_a_hole_would_be_seen(gl, waves):
-    eye = Eye(gl, SIZE)
-    stream = GroundStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     camera = camera_towards([300.0, 200.0, 400.0], 0.0, 30.0, -40.0, REACH)
     stream.settle(camera, SIZE, draw_distance=REACH)
+    assert stream.tiles.settled
     picture = eye.see(stream, camera).copy()
-    assert must_be_covered(camera, SIZE, REACH, -100.0).all()
-    assert holes(picture, camera, REACH, -100.0) == 0
-    picture[20, 30, :3] = MAGENTA
-    assert holes(picture, camera, REACH, -100.0) == 1
+    assert must_be_covered(camera, SIZE, REACH, lowest).all()
+    assert holes(picture, camera, REACH, lowest) == 0
+    picture[20, 30, :3] = MAGENTA  # a hole would be seen
+    assert holes(picture, camera, REACH, lowest) == 1
 
 
 STREAM_SIZE = (160, 90)

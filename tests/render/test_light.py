@@ -1,6 +1,7 @@
 """Light maps of the ground: shadows, slices within a budget, fades; tone mapping."""
 
 import colorsys
+from itertools import count
 
 import numpy as np
 import pytest
@@ -19,17 +20,6 @@ from .test_shaders import evaluate
 SUN = Sun(90.0, 30.0)
 
 
-class Clock:
-    """A timer that goes on by the same step at each look."""
-
-    def __init__(self, step=0.0):
-        self.now, self.step = 0.0, step
-
-    def __call__(self):
-        self.now += self.step
-        return self.now
-
-
 class Wall:
     """60 m high, along x = 0; counts what it is asked for."""
 
@@ -43,6 +33,16 @@ class Wall:
         self.asked += x.size
         ripples = 2.0 * np.sin(x / 31.0) * np.cos(y / 17.0)
         return (np.where(np.abs(x) < 20.0, 60.0, 0.0) + ripples).astype(np.float32)
+
+
+def finished(maker, *squares):
+    """Make light maps, each with the one before behind it, the third with the first beyond."""
+    made = []
+    for number, square in enumerate(squares):
+        options = {"behind": made[-1]} if made else {}
+        made.append(LightMap(maker, square, **options, **({"beyond": made[0]} if number == 2 else {})))
+        made[-1].finish()
+    return made
 
 
 def texels(light_map):
@@ -62,34 +62,31 @@ def test_squares_lie_on_whole_blocks_near_their_middle():
 
 def test_a_pace_learns_what_fits_and_recovers_from_slow_moments():
     pace = Pace(1e-3)
-    assert pace.fits(Allowance(0.0104, timer=Clock())) == 10
+    assert pace.fits(Allowance(0.0104, timer=lambda: 0.0)) == 10
     pace.took(10, 0.0204)
-    assert pace.fits(Allowance(0.0104, timer=Clock())) == 5
-    assert pace.fits(Allowance(0.0104, timer=Clock()), step=6) == 0
+    assert pace.fits(Allowance(0.0104, timer=lambda: 0.0)) == 5
+    assert pace.fits(Allowance(0.0104, timer=lambda: 0.0), step=6) == 0
     for _ in range(30):
         pace.took(10, 0.0104)
-    assert pace.fits(Allowance(0.0105, timer=Clock())) == 10
+    assert pace.fits(Allowance(0.0105, timer=lambda: 0.0)) == 10
 
     pace = Pace(1e-3)
     pace.took(1, 1.0)
     tries = 0
-    while not pace.fits(Allowance(0.01, timer=Clock())):
+    while not pace.fits(Allowance(0.01, timer=lambda: 0.0)):
         tries += 1
         assert tries < 60
-    assert pace.fits(Allowance(0.0, timer=Clock())) == 0
+    assert pace.fits(Allowance(0.0, timer=lambda: 0.0)) == 0
     pace = Pace(1e-3)
-    assert pace.fits(Allowance(0.5, timer=Clock()))
+    assert pace.fits(Allowance(0.5, timer=lambda: 0.0))
     pace.took(10, 0.5)
-    assert any(pace.fits(Allowance(0.01, timer=Clock())) for _ in range(150))
+    assert any(pace.fits(Allowance(0.01, timer=lambda: 0.0)) for _ in range(150))
 
 
 @pytest.mark.gl
 def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
     maker = LightMaker(gl, Wall(), SUN)
-    wide = LightMap(maker, Square(-50, -50, 100, 40.0))
-    wide.finish()
-    made = LightMap(maker, Square(-100, -100, 200, 4.0), behind=wide)
-    made.finish()
+    _, made = finished(maker, Square(-50, -50, 100, 40.0), Square(-100, -100, 200, 4.0))
     light = texels(made)[100].astype(float)
     x = -400.0 + (np.arange(200) + 0.5) * 4.0
     # The shadow of 60 m at 30° is 104 m long and lies to the west.
@@ -98,35 +95,23 @@ def test_a_wall_throws_a_shadow_away_from_the_sun_unless_shadows_are_off(gl):
     assert light[np.abs(x + 26) < 3, 1].max() < light[np.abs(x + 300) < 3, 1].min()
 
     maker = LightMaker(gl, Wall(), Sun(90.0, 5.0), shadows=False)
-    made = LightMap(maker, Square(-64, -64, 128, 4.0))
-    made.finish()
+    (made,) = finished(maker, Square(-64, -64, 128, 4.0))
     light = texels(made).astype(float)
     assert (light[..., 0] == 1.0).all()
     assert light[..., 1].min() < 0.9
 
 
 @pytest.mark.gl
-def test_a_close_map_has_shadows_from_beyond_the_near_one(gl):
+def test_a_close_map_has_shadows_from_beyond_the_near_one_and_is_sharp_near_what_throws_them(gl):
     """The wall stands 300 m away; its shadow is 690 or 165 m long."""
     for elevation, lit in ((5.0, 0.0), (20.0, 1.0)):
-        maker = LightMaker(gl, Wall(), Sun(90.0, elevation))
-        widest = LightMap(maker, Square(-64, -64, 128, 20.0))
-        near = LightMap(maker, Square(-128, -16, 64, 4.0), behind=widest)
-        close = LightMap(maker, Square(-350, -32, 64, 1.0), behind=near, beyond=widest)
-        for light_map in (widest, near, close):
-            light_map.finish()
+        squares = Square(-64, -64, 128, 20.0), Square(-128, -16, 64, 4.0), Square(-350, -32, 64, 1.0)
+        *_, close = finished(LightMaker(gl, Wall(), Sun(90.0, elevation)), *squares)
         found = texels(close)[..., 0].astype(float).mean()
         assert found == pytest.approx(lit, abs=0.12), elevation  # steps are as wide as the wall
 
-
-@pytest.mark.gl
-def test_a_close_map_is_sharper_near_what_throws_the_shadow(gl):
-    maker = LightMaker(gl, Wall(), SUN)
-    widest = LightMap(maker, Square(-64, -64, 128, 20.0))
-    near = LightMap(maker, Square(-64, -64, 128, 4.0), behind=widest)
-    close = LightMap(maker, Square(-160, -64, 128, 1.0), behind=near, beyond=widest)
-    for light_map in (widest, near, close):
-        light_map.finish()
+    squares = Square(-64, -64, 128, 20.0), Square(-64, -64, 128, 4.0), Square(-160, -64, 128, 1.0)
+    *_, close = finished(LightMaker(gl, Wall(), SUN), *squares)
     across = texels(close)[64, :, 0].astype(float)  # from 160 to 32 m west of the wall's middle
     half = np.flatnonzero((across > 0.1) & (across < 0.9))
     assert across[-10:].max() < 0.05
@@ -135,37 +120,18 @@ def test_a_close_map_is_sharper_near_what_throws_the_shadow(gl):
 
 
 @pytest.mark.gl
-def test_three_maps_are_streamed_as_two_are(gl, waves):
-    lit, still = (LitGround(gl, waves, SUN, texels=64, close=True) for _ in range(2))
-    goal = Camera((700.0, 500.0, 130.0), (100.0, 800.0, 60.0))
-    lit.settle(Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0)))
-    for _ in range(600):
-        lit.update(goal, 0.05, Allowance(1.0))
-        if lit.settled:
-            break
-    still.settle(goal)
-    assert lit.uniforms(goal.eye) == still.uniforms(goal.eye)
-    assert lit.uniforms(goal.eye)["map_strength"] == (1.0, 1.0, 1.0)
-    for name, texture in lit.textures.items():
-        assert texture.read() == still.textures[name].read()
-
-
-@pytest.mark.gl
 def test_maps_made_in_slices_are_those_made_at_once(gl):
     terrain = Wall()
     maker = LightMaker(gl, terrain, SUN)
-    wide = LightMap(maker, Square(-64, -64, 128, 40.0))
-    wide.finish()
+    wide, known = finished(maker, Square(-64, -64, 128, 40.0), Square(0, -64, 192, 4.0))
     square = Square(-64, -128, 192, 4.0)
-    known = LightMap(maker, Square(0, -64, 192, 4.0), behind=wide)
-    known.finish()
     whole = LightMap(maker, square, behind=wide)
     whole.finish()
     terrain.asked = 0
     made = LightMap(maker, square, behind=wide, known=known)
-    frames = 0
+    frames, ticks = 0, count()
     while not made.ready:
-        made.go_on(Allowance(0.002, timer=Clock(1e-4)))
+        made.go_on(Allowance(0.002, timer=lambda: 1e-4 * next(ticks)))
         frames += 1
         assert frames < 2000
     assert frames > 3
@@ -177,50 +143,29 @@ def test_maps_made_in_slices_are_those_made_at_once(gl):
 @pytest.mark.gl
 def test_two_squares_agree_where_neither_border_matters(gl):
     maker = LightMaker(gl, Wall(), Sun(90.0, 80.0))
-    wide = LightMap(maker, Square(-64, -64, 128, 40.0))
-    wide.finish()
-    first, second = (LightMap(maker, Square(col, -192, 384, 2.0), behind=wide) for col in (-192, -128))
-    first.finish()
-    second.finish()
+    first, second = (
+        finished(maker, Square(-64, -64, 128, 40.0), Square(col, -192, 384, 2.0))[1] for col in (-192, -128)
+    )
     a, b = texels(first)[:, 64:], texels(second)[:, :-64]
     inner = (slice(80, -80), slice(80, -80))
     assert np.abs(a[inner].astype(float) - b[inner].astype(float))[..., :2].max() < 4e-3
 
 
 @pytest.mark.gl
-def test_a_frame_takes_no_more_than_its_allowance(gl, waves):
-    """Each texel takes a set time here; no call goes on after its allowance by more than a piece."""
-    clock = Clock()
-    plain = waves.heights
-
-    def heights(x, y, *, cell_size=0.0):
-        result = plain(x, y, cell_size=cell_size)
-        clock.now += 4e-4 + 1e-7 * result.size
-        return result
-
-    waves.heights = heights
-    lit = LitGround(gl, waves, SUN, texels=128)
-    camera = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
-    worst = frames = 0
-    while not lit.settled:
-        allowance = Allowance(0.002, timer=clock)
-        lit.update(camera, 0.05, allowance)
-        worst = max(worst, allowance.spent)
-        frames += 1
-        assert frames < 300
-    assert worst <= 0.002
-    assert frames > 10
-
-
-@pytest.mark.gl
-def test_streamed_light_ends_as_the_settled_one_and_never_jumps(gl, waves):
-    lit, still = (LitGround(gl, waves, SUN, texels=128) for _ in range(2))
+@pytest.mark.parametrize("close", [False, True])
+def test_streamed_light_fades_in_ends_as_the_settled_one_and_never_jumps(gl, waves, close):
+    lit, still = (LitGround(gl, waves, SUN, texels=64 if close else 128, close=close) for _ in range(2))
     start = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
     goal = Camera((700.0, 500.0, 130.0), (100.0, 800.0, 60.0))
-    lit.settle(start)
     elapsed = 0.05
+    strengths = [(0.0,) * (3 if close else 2)]
+    while not lit.settled:
+        lit.update(start, elapsed, Allowance(1.0))
+        strengths.append(lit.uniforms(start.eye)["map_strength"])
+    assert np.diff(strengths, axis=0).max() <= elapsed / FADE + 1e-9
+    assert set(strengths[-1]) == {1.0}
     before = lit.uniforms((0.0, 0.0, 0.0))
-    for frame in range(400):
+    for frame in range(600):
         lit.update(goal, elapsed, Allowance(1.0))
         after = lit.uniforms((0.0, 0.0, 0.0))
         step = np.abs(np.subtract(after["near_window"], before["near_window"])).max()
@@ -234,18 +179,6 @@ def test_streamed_light_ends_as_the_settled_one_and_never_jumps(gl, waves):
     assert lit.haze_base == still.haze_base
     for name, texture in lit.textures.items():
         assert texture.read() == still.textures[name].read()
-
-
-@pytest.mark.gl
-def test_light_fades_in_where_there_was_none(gl, waves):
-    lit = LitGround(gl, waves, SUN, texels=64)
-    camera = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
-    strengths = []
-    while not lit.settled:
-        lit.update(camera, 0.05, Allowance(1.0))
-        strengths.append(lit.uniforms(camera.eye)["map_strength"])
-    assert np.diff(np.array([(0.0, 0.0), *strengths]), axis=0).max() <= 0.05 / FADE + 1e-9
-    assert strengths[-1] == (1.0, 1.0)
 
 
 LIGHT_AT = """#version 430 core
@@ -304,17 +237,13 @@ def decoded(encoded):
 
 
 @pytest.mark.gl
-def test_more_light_is_never_darker(gl):
+def test_more_light_is_never_darker_and_middle_grey_keeps_its_brightness(gl):
     grey = np.geomspace(1e-4, 50.0, 400)[:, None] * np.ones(3)
     shown = film(gl, grey)
     assert (np.diff(shown, axis=0) > -2e-4).all()
     assert shown[0].max() < 0.01
     assert shown[-1].min() > 0.98
     assert np.ptp(shown, axis=1).max() < 2e-3
-
-
-@pytest.mark.gl
-def test_middle_grey_and_a_stop_around_it_keep_their_brightness(gl):
     darker, middle, brighter = decoded(film(gl, [[0.09] * 3, [0.18] * 3, [0.36] * 3]))
     assert middle == pytest.approx(0.18, abs=0.012)
     assert 0.05 < darker[0] < 0.1

@@ -15,6 +15,7 @@ from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.ground_stream import GroundStream
 from sketchterrain.render.overlay_lines import COLOURS, feature_lines
 from sketchterrain.render.overlays import OVERLAYS, Overlay
+from sketchterrain.render.snapshot import read_picture
 from sketchterrain.tiles import ScreenError
 
 from .ground_model import TILE_BYTES
@@ -42,8 +43,7 @@ def painted(gl, waves):
         target.use()
         target.clear(*np.divide(SKY, 255.0), 1.0)
         overlay.draw(name, CAMERA.eye, target)
-        picture = np.frombuffer(texture.read(), np.uint8).reshape(SIZE[1], SIZE[0], 4)[::-1, :, :3]
-        return picture.astype(int), overlay.legend(name)
+        return read_picture(texture).astype(int), overlay.legend(name)
 
     return paint
 
@@ -54,8 +54,10 @@ def hues(picture):
 
 
 @pytest.mark.gl
-def test_overlays_cover_the_ground_and_leave_the_sky(painted):
+def test_overlays_cover_the_ground_leave_the_sky_and_are_documented(gl, waves, painted):
+    page = (Path(__file__).parents[2] / "docs/overlays.md").read_text(encoding="utf-8")
     for name in OVERLAYS:
+        assert f"| `{name}` |" in page
         if name == "features":
             continue
         picture, legend = painted(name)
@@ -66,10 +68,16 @@ def test_overlays_cover_the_ground_and_leave_the_sky(painted):
         assert all(entry.meaning for entry in legend), name
     with pytest.raises(InputError, match="no overlay 'contours'; there are: wireframe, levels"):
         painted("contours")
+    # Without tiles nothing is drawn.
+    texture = gl.texture((16, 16), 4, np.full(16 * 16 * 4, 9, np.uint8).tobytes())
+    overlay = Overlay(gl, waves, GroundStream(gl, waves, SMALL))
+    overlay.draw("levels", (0.0, 0.0, 9.0), gl.framebuffer([texture]))
+    gl.enable_only(moderngl.NOTHING)
+    assert set(texture.read()) == {9}
 
 
 @pytest.mark.gl
-def test_materials_have_the_colours_of_their_weights_and_level_ground_is_textured_from_above(painted):
+def test_materials_levels_and_projections_have_the_colours_of_the_legend(painted):
     picture, legend = painted("materials")
     grass, rock = (np.array(entry.colour) for entry in legend if entry.meaning in ("grass", "rock"))
     expected = 0.75 * grass + 0.25 * rock
@@ -78,9 +86,6 @@ def test_materials_have_the_colours_of_their_weights_and_level_ground_is_texture
     picture, _ = painted("triplanar")
     assert (picture[-20:].argmax(axis=-1) == 2).mean() > 0.95
 
-
-@pytest.mark.gl
-def test_levels_of_the_legend_are_those_on_the_picture(painted):
     picture, legend = painted("levels")
     changed = picture[(picture != SKY).any(axis=-1)]
     ground = hues((changed - 0.2 * np.array(SKY)) / 0.8)
@@ -148,15 +153,6 @@ def test_lines_of_lakes_are_their_shores(waves):
     assert ends[:, 0].max() == pytest.approx(100.0 + 30.5 * 4.0)
 
 
-@pytest.mark.gl
-def test_an_overlay_without_tiles_draws_nothing(gl, waves):
-    stream = GroundStream(gl, waves, SMALL)
-    texture = gl.texture((16, 16), 4, np.full(16 * 16 * 4, 9, np.uint8).tobytes())
-    Overlay(gl, waves, stream).draw("levels", (0.0, 0.0, 9.0), gl.framebuffer([texture]))
-    gl.enable_only(moderngl.NOTHING)
-    assert set(texture.read()) == {9}
-
-
 @pytest.mark.slow
 @pytest.mark.gl
 def test_footage_and_pictures_draw_overlays(gl, waves, monkeypatch):
@@ -184,8 +180,3 @@ def test_footage_and_pictures_draw_overlays(gl, waves, monkeypatch):
     ):
         with pytest.raises(InputError, match="no overlay 'contours'"):
             call()
-
-
-def test_the_documentation_names_every_overlay():
-    page = (Path(__file__).parents[2] / "docs/overlays.md").read_text(encoding="utf-8")
-    assert all(f"| `{name}` |" in page for name in OVERLAYS)

@@ -34,28 +34,33 @@ SIZE = (640, 360)
 CAMERA = Camera((500.0, 60.0, 120.0), (500.0, 700.0, 60.0))
 
 
-class Meadow:
-    """Hashed plants all over the world."""
+class Lattice:
+    """Plants on a lattice of which every second row and column is a level up, on a slope, without an end."""
 
-    extent = 2000.0
+    context = None
 
-    def __init__(self):
+    def __init__(self, *, extent=2000.0, spacing=16.0, slope=(0.02, -0.01), scale=0.8, species=5, levels=1):
+        self.extent, self.spacing, self.slope = extent, spacing, slope
+        self.scale, self.species, self.levels = scale, species, levels
         self.asked = []
 
     def heights(self, x, y, *, cell_size=0.0):
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-        return (0.02 * x - 0.01 * y).astype(np.float32)
+        return (self.slope[0] * x + self.slope[1] * y).astype(np.float32)
 
     def foliage(self, west, south, east, north):
         self.asked.append((west, south, east, north))
-        col = np.arange(np.ceil(west / 16), np.ceil(east / 16))
-        row = np.arange(np.ceil(south / 16), np.ceil(north / 16))
-        i, j = np.meshgrid(col, row)
+        col, row = (
+            np.arange(np.ceil(low / self.spacing), np.ceil(high / self.spacing)).astype(np.int64)
+            for low, high in ((west, east), (south, north))
+        )
+        i, j = (each.ravel() for each in np.meshgrid(col, row))
         plants = np.zeros(i.size, PLANT)
-        plants["x"], plants["y"] = 16.0 * i.ravel(), 16.0 * j.ravel()
+        plants["x"], plants["y"] = self.spacing * i + 0.3, self.spacing * j + 0.3
         plants["z"] = self.heights(plants["x"], plants["y"])
-        plants["scale"] = 0.8
-        plants["species"] = (i + 2 * j).ravel().astype(np.int64) % 5
+        plants["scale"], plants["species"] = self.scale, (i + 2 * j) % self.species
+        for level in range(1, self.levels):
+            plants["level"] += ((i % 2**level == 0) & (j % 2**level == 0)).astype(np.uint8)
         return plants
 
     def foliage_steps(self, west, south, east, north):
@@ -64,13 +69,17 @@ class Meadow:
         return self.foliage(west, south, east, north)
 
 
+def taiga():
+    return Lattice(extent=6000.0, spacing=SPACING, slope=(0.0, 0.0), scale=1.0, species=1, levels=5)
+
+
 def in_order(stand):
     rows = np.column_stack(stand)
     return rows[np.lexsort((rows[:, 0], rows[:, 1]))]
 
 
 def test_plants_of_cells_are_those_of_the_terrain():
-    meadow = Meadow()
+    meadow = Lattice()
     cells, whole = PlantCells(meadow), PlantCells(meadow)
     places = [(col, row) for col in range(-2, 2) for row in range(3)]
     cells.want(places)
@@ -86,7 +95,6 @@ def test_plants_of_cells_are_those_of_the_terrain():
     assert (stands[0] == stands[1]).all()
     assert len(stands[0]) == len(places) * (CELL / 16) ** 2
 
-    cells = PlantCells(Meadow())
     cells.want([(3, -2)])
     cells.finish()
     cell = cells[3, -2]
@@ -109,7 +117,7 @@ def test_nearest_cells_come_first_and_none_is_left_out():
 
 
 def test_cells_are_made_in_steps_and_dropped_when_long_unused():
-    meadow = Meadow()
+    meadow = Lattice()
     cells = PlantCells(meadow)
     cells.want([(0, 0)])
     now = [0.0]
@@ -160,18 +168,21 @@ def test_commands_draw_each_instance_once(gl):
     assert (meshes.first.ravel()[1:] == ends[:-1]).all()
 
 
-def test_sun_axes_are_a_right_handed_frame():
+def test_shadows_are_drawn_in_a_right_handed_frame_along_the_light():
     axes = sun_axes(SUN)
     assert np.allclose(axes @ axes.T, np.eye(3))
     assert np.allclose(np.cross(axes[0], axes[1]), axes[2])
     corner = shade_matrix(SUN, np.zeros(3), 50.0, 400.0) @ [*(axes[0] * 50.0 + axes[1] * 50.0), 1.0]
     assert np.allclose(corner[:2], 1.0)
+    centre = np.array([10.0, 20.0, -3.0])
+    along = shade_matrix(SUN, centre, 50.0, 400.0) @ [*(centre + 100.0 * SUN.direction), 1.0]
+    assert np.allclose(along, [0.0, 0.0, -0.25, 1.0])
 
 
 @pytest.mark.gl
 @pytest.mark.parametrize("allowance", [pytest.param(0.002, marks=pytest.mark.slow), 1.0])
 def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
-    meadow = Meadow()
+    meadow = Lattice()
     lit = LitGround(gl, meadow, SUN, texels=64)
     lit.settle(CAMERA)
     quality = Quality(shade_texels=256)
@@ -197,7 +208,7 @@ def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
 
 @pytest.mark.gl
 def test_shadow_maps_keep_their_grid_while_the_eye_moves(gl):
-    meadow = Meadow()
+    meadow = Lattice()
     lit = LitGround(gl, meadow, SUN, texels=64)
     cells = PlantCells(meadow)
     shade = PlantShade(gl, PlantMeshes(gl), cells, SUN, quality=Quality(shade_texels=256), reach=400.0)
@@ -217,7 +228,7 @@ def test_shadow_maps_keep_their_grid_while_the_eye_moves(gl):
 
 @pytest.mark.gl
 def test_plants_grow_in_and_the_forest_settles(gl):
-    meadow = Meadow()
+    meadow = Lattice()
     lit = LitGround(gl, meadow, SUN, texels=64)
     lit.settle(CAMERA)
     quality = Quality.of(0.5)
@@ -244,34 +255,6 @@ FRAME = (320, 180)
 EYE = (3000.0, 300.0, 160.0)
 THIN_CAMERA = Camera(EYE, (3000.0, 1700.0, -200.0), fov=60.0)
 SPACING = 5.0
-LEVELS = 5
-
-
-class Taiga:
-    """A level forest without an end: a lattice of which every second row and column is a level up."""
-
-    extent = 6000.0
-    context = None
-
-    def heights(self, x, y, *, cell_size=0.0):
-        return np.zeros(np.broadcast(x, y).shape, np.float32)
-
-    def foliage(self, west, south, east, north):
-        i, j = np.meshgrid(
-            np.arange(np.ceil(west / SPACING), np.ceil(east / SPACING)).astype(np.int64),
-            np.arange(np.ceil(south / SPACING), np.ceil(north / SPACING)).astype(np.int64),
-        )
-        i, j = i.ravel(), j.ravel()
-        plants = np.zeros(i.size, PLANT)
-        plants["x"], plants["y"] = SPACING * i + 0.3, SPACING * j + 0.3
-        plants["scale"] = 1.0
-        for level in range(1, LEVELS):
-            plants["level"] += ((i % 2**level == 0) & (j % 2**level == 0)).astype(np.uint8)
-        return plants
-
-    def foliage_steps(self, west, south, east, north):
-        yield
-        return self.foliage(west, south, east, north)
 
 
 def drawn(forest):
@@ -287,7 +270,7 @@ def drawn(forest):
     return code, place[first] * SPACING, np.hypot(rows[first, 4], rows[first, 5]), share
 
 
-def test_whims_are_even_and_go_by_level():
+def test_whims_are_even_and_plants_of_a_cell_are_sorted_by_how_long_they_stay():
     rng = np.random.default_rng(1)
     chance = rng.uniform(0.0, 1.0, 400_000)
     level = np.floor(-np.log(rng.uniform(0.0, 1.0, chance.size)) / np.log(4.0)).astype(np.uint8)
@@ -296,6 +279,13 @@ def test_whims_are_even_and_go_by_level():
     assert np.abs(shares - 0.05).max() < 0.002
     for above in range(4):
         assert whim[level == above].max() <= whim[level > above].min()
+
+    stand = stand_of(taiga().foliage(0.0, 0.0, STAND_CELL, STAND_CELL), np.zeros(2))
+    assert (np.diff(stand.hold) <= 0.0).all()
+    assert (stand.whim[:4] > 0.98).all()
+    # Plants that stand alone count for more.
+    assert bulk_of(np.array([12.0]), np.array([1.0])) == pytest.approx(12.0)
+    assert bulk_of(np.array([12.0]), np.array([0.0])) > bulk_of(np.array([12.0]), np.array([0.9]))
 
 
 def test_plants_are_kept_by_the_square_of_their_size_and_fade_gradually():
@@ -320,15 +310,6 @@ def test_plants_are_kept_by_the_square_of_their_size_and_fade_gradually():
     assert np.abs(np.diff(width)).max() < 2.0 * step
 
 
-def test_plants_of_a_cell_are_sorted_by_how_long_they_stay():
-    stand = stand_of(Taiga().foliage(0.0, 0.0, STAND_CELL, STAND_CELL), np.zeros(2))
-    assert (np.diff(stand.hold) <= 0.0).all()
-    assert (stand.whim[:4] > 0.98).all()
-    # Plants that stand alone count for more.
-    assert bulk_of(np.array([12.0]), np.array([1.0])) == pytest.approx(12.0)
-    assert bulk_of(np.array([12.0]), np.array([0.0])) > bulk_of(np.array([12.0]), np.array([0.9]))
-
-
 def test_the_scale_keeps_the_budget_at_once():
     rng = np.random.default_rng(3)
     held, copies = rng.pareto(2.0, 5000) + 0.001, rng.integers(1, 3, 5000)
@@ -349,13 +330,14 @@ def test_the_scale_follows_smoothly_and_converges_to_that_of_a_still():
     held = rng.pareto(2.0, 20_000) + 0.001
     crowd, few = held, held[:1500]
     still, thinning = Thinning(1000), Thinning(1000)
-    thinning.follow(few, np.ones(1500, int), least=1e-3, elapsed=0.05)
-    angles = []
-    for _ in range(200):
-        floor = thinning.floor(1e-3, still=False)
-        seen = few[few > floor]
+
+    def follow():
+        seen = few[few > thinning.floor(1e-3, still=False)]
         thinning.follow(seen, np.ones(len(seen), int), least=1e-3, elapsed=0.05)
-        angles.append(thinning.angle)
+
+    thinning.follow(few, np.ones(1500, int), least=1e-3, elapsed=0.05)
+    for _ in range(200):
+        follow()
     assert thinning.settled
     still.follow(few, np.ones(1500, int), least=1e-3, elapsed=None)
     assert thinning.angle == pytest.approx(still.angle, rel=1e-6)
@@ -364,8 +346,7 @@ def test_the_scale_follows_smoothly_and_converges_to_that_of_a_still():
     steps = []
     for _ in range(400):  # out of the crowd again
         before = thinning.angle
-        seen = few[few > thinning.floor(1e-3, still=False)]
-        thinning.follow(seen, np.ones(len(seen), int), least=1e-3, elapsed=0.05)
+        follow()
         steps.append(thinning.angle / before)
     assert min(steps) > 0.9
     assert thinning.angle == pytest.approx(still.angle, rel=1e-3)
@@ -373,7 +354,7 @@ def test_the_scale_follows_smoothly_and_converges_to_that_of_a_still():
 
 @pytest.fixture(scope="module")
 def forest_of(gl):
-    terrain = Taiga()
+    terrain = taiga()
     lit = SimpleNamespace(settled=True, height_at=lambda x, y: 0.0)
 
     def made(**changes):

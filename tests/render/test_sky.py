@@ -9,11 +9,14 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather, find_sun, sun_of
 from sketchterrain.render.atmosphere import (
+    AEROSOL_ABSORBED,
     AEROSOL_HEIGHT,
     GROUND,
+    GROUND_ALBEDO,
     OZONE,
     RAYLEIGH,
     RAYLEIGH_HEIGHT,
+    TOP,
     Air,
 )
 from sketchterrain.render.clouds import cloud_defines, cloud_field, cloud_puffs
@@ -22,14 +25,14 @@ from sketchterrain.render.programs import FRAME_BINDING
 from sketchterrain.render.sky import LEVELS, SIZE, SUN_IRRADIANCE, Sky, between, overcast_table, sky_table
 from sketchterrain.render.sky_light import irradiance_harmonics, sky_irradiance
 from sketchterrain.render.sunlight import sun_at
-from sketchterrain.resources import source
 from sketchterrain.sketch import WEATHER, Sketch
 
-from .sky_model import optical_depth, photons, share_aerosols_take
 from .test_shaders import evaluate
 
 CLEAR = Weather(clouds=0.0)
 UP = np.array([0.0, 0.0, 1.0])
+FRAME = "render/frame.glsl"
+EARTH = 6360e3
 LOW_SUNS = (-4.0, -1.0, 3.0, 27.0, 70.0)
 
 
@@ -42,6 +45,93 @@ def way(elevation, azimuth=0.0):
     """Unit vectors by degrees; the sun's azimuth is 0, along x."""
     e, a = np.radians(elevation), np.radians(azimuth)
     return np.stack(np.broadcast_arrays(np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
+
+
+NEAR = np.polynomial.legendre.leggauss(400)
+
+
+def optical_depth(air, height, cosine):
+    """To the top of the air from a height (m), by 800 steps; (3,)."""
+    r = GROUND + height
+    way = -r * cosine + np.sqrt(r * r * (cosine * cosine - 1.0) + TOP**2)
+    perigee = np.clip(-r * cosine, 0.0, way)
+    total = np.zeros(3)
+    for start, stop in ((0.0, perigee), (perigee, way)):
+        along = start + 0.5 * (NEAR[0] + 1.0) * (stop - start)
+        heights = np.sqrt(r * r + along**2 + 2.0 * r * along * cosine) - GROUND
+        total += (air.scattering(heights)[2] * (0.5 * NEAR[1] * (stop - start))[:, None]).sum(axis=0)
+    return total
+
+
+def photons(air, channel, cosine, count, seed):
+    """Share of sunlight that reaches level ground from the sky, by photons through flat layers of air.
+
+    Woodcock's tracking, with all orders of scattering, both phase functions and the ground's albedo.
+    """
+    rng = np.random.default_rng(seed)
+    ceiling = TOP - GROUND
+    most = float(air.scattering(np.zeros(1))[2][0, channel])
+    z = np.full(count, ceiling)
+    way = np.tile([np.sqrt(1.0 - cosine**2), 0.0, -cosine], (count, 1))
+    weight, flown = np.ones(count), np.zeros(count, bool)
+    diffuse = 0.0
+    for _ in range(4000):
+        step = -np.log(rng.random(len(z))) / most
+        z = z + way[:, 2] * step
+        ground = z < 0.0
+        diffuse += weight[ground & flown].sum()
+        z[ground] = 0.0
+        weight[ground] *= GROUND_ALBEDO[channel]
+        up = np.sqrt(rng.random(ground.sum()))
+        turn = 2.0 * np.pi * rng.random(ground.sum())
+        flat = np.sqrt(1.0 - up * up)
+        way[ground] = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=-1)
+        flown |= ground
+        rayleigh, aerosol, extinction = (each[:, channel] for each in air.scattering(z))
+        drawn = rng.random(len(z)) * most
+        met = ~ground & (drawn < extinction) & (z < ceiling)
+        by_air = rng.random(len(z)) * (rayleigh + aerosol) < rayleigh
+        weight[met] *= ((rayleigh + aerosol) / extinction)[met]
+        way[met] = _turned(way[met], _angle(rng, by_air[met]), rng)
+        flown |= met
+        alive = (z < ceiling) & (weight > 1e-3) if _ else weight > 0.0
+        z, way, weight, flown = z[alive], way[alive], weight[alive], flown[alive]
+        if not len(z):
+            break
+    return diffuse / count
+
+
+def _angle(rng, by_air):
+    """Cosines of angles of scattering, by molecules or by aerosols (Cornette & Shanks, by rejection)."""
+    cosine = np.empty(len(by_air))
+    u = 4.0 * rng.random(len(by_air)) - 2.0
+    cubic = np.cbrt(u + np.sqrt(u * u + 1.0))
+    cosine[by_air] = (cubic - 1.0 / cubic)[by_air]
+    g, left = 0.76, np.flatnonzero(~by_air)
+    while len(left):
+        s = (1.0 - g * g) / (1.0 - g + 2.0 * g * rng.random(len(left)))
+        trial = (1.0 + g * g - s * s) / (2.0 * g)
+        taken = rng.random(len(left)) * 2.0 < 1.0 + trial * trial
+        cosine[left[taken]] = trial[taken]
+        left = left[~taken]
+    return cosine
+
+
+def _turned(way, cosine, rng):
+    turn = 2.0 * np.pi * rng.random(len(way))
+    helper = np.where(np.abs(way[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    side = np.cross(way, helper)
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    other = np.cross(way, side)
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    return (
+        cosine[:, None] * way + (sine * np.cos(turn))[:, None] * side + (sine * np.sin(turn))[:, None] * other
+    )
+
+
+def share_aerosols_take(air):
+    """Vertical optical depth of aerosols, in closed form; (3,)."""
+    return air.scattering(np.zeros(1))[1][0] * (1.0 + AEROSOL_ABSORBED)
 
 
 def test_transmittance_agrees_with_its_closed_form_and_a_sum_of_short_steps(air):
@@ -138,6 +228,23 @@ def test_an_overcast_zenith_is_three_times_as_bright_as_the_horizon():
     assert np.allclose(sky_irradiance(harmonics, UP), 5.0, rtol=0.03)
 
 
+def test_irradiance_of_the_sky_and_suns_below_twilight():
+    harmonics = irradiance_harmonics(np.ones((64, 64, 3)), Sun(40.0, 30.0), np.zeros(3))
+    # Overhead sky of radiance 1 over ground that returns its albedo of it.
+    assert np.allclose(sky_irradiance(harmonics, np.array([0.0, 0.0, 1.0])), np.pi, rtol=0.04)
+    east, west = (sky_irradiance(harmonics, np.array([x, 0.0, 0.0])) for x in (1.0, -1.0))
+    assert np.allclose(east, west)
+    assert (sky_irradiance(harmonics, np.array([0.0, 0.0, -1.0])) < east).all()
+    radiance = np.repeat(np.linspace(2.0, 0.0, 64)[None, :, None], 64, axis=0).repeat(3, axis=2)
+    harmonics = irradiance_harmonics(radiance, Sun(90.0, 20.0), np.zeros(3))
+    east, west = (sky_irradiance(harmonics, np.array([x, 0.0, 0.0])) for x in (1.0, -1.0))
+    assert (east > 1.5 * west).all()
+
+    for elevation in (-4.1, -10.0, 91.0, np.nan):
+        with pytest.raises(InputError, match="elevation"):
+            Sun(0.0, elevation)
+
+
 @pytest.mark.gl
 def test_overcast_has_no_sun_and_less_light(gl):
     sun = Sun(0.0, 40.0)
@@ -160,14 +267,6 @@ def test_exposure_follows_the_light_but_not_all_the_way(gl):
     assert steps.max() < 0.05
 
 
-SKY_AT = """#version 430 core
-{frame}
-in vec4 a;
-out vec4 seen;
-void main() {{ seen = vec4({call}, 1.0); }}
-"""
-
-
 def looked_up(gl, sky, call, rows, *, eye=50.0):
     """Evaluate an expression of `a` with a sky's table and its air, seen from a height (m)."""
     frame = FrameBlock(gl)
@@ -178,16 +277,13 @@ def looked_up(gl, sky, call, rows, *, eye=50.0):
     frame["reach"] = (1e7, 0.0, 1.0, 1.0)
     frame.upload()
     sky.look_from(eye)
-    gl.framebuffer([gl.texture((1, 1), 4)]).use()
-    text = SKY_AT.format(frame=source("render/frame.glsl"), call=call)
-    program = gl.program(vertex_shader=text, varyings=["seen"])
-    program["Frame"].binding = FRAME_BINDING
-    sky.view.use(1)
-    program["sky_view"].value = 1
-    rows = np.ascontiguousarray(rows, np.float32)
-    output = gl.buffer(reserve=rows.nbytes)
-    gl.vertex_array(program, [(gl.buffer(rows.tobytes()), "4f4", "a")]).transform(output, vertices=len(rows))
-    return np.frombuffer(output.read(), np.float32).reshape(-1, 4)[:, :3]
+
+    def set_up(program):
+        program["Frame"].binding = FRAME_BINDING
+        sky.view.use(1)
+        program["sky_view"].value = 1
+
+    return evaluate(gl, [FRAME], f"vec4({call}, 1.0)", rows, set_up=set_up)[:, :3]
 
 
 @pytest.mark.gl
@@ -239,19 +335,13 @@ def test_aerial_perspective_agrees_with_a_sum_along_the_path(gl, elevation):
     assert error.max() < 0.2
 
 
-FRAME = "render/frame.glsl"
-EARTH = 6360e3
-
-
-def test_clouds_cover_the_share_asked_for_and_more_cover_only_adds_clouds():
+def test_clouds_cover_the_share_asked_for_and_tile_without_a_seam():
     for cover in (0.05, 0.35, 0.8):
         assert (cloud_field(cover) > 0.0).mean() == pytest.approx(cover, abs=2e-3)
     assert (cloud_field(0.0) < 0.0).all()
     assert (cloud_field(1.0) > 0.0).all()
     assert (cloud_field(0.5) > cloud_field(0.3)).all()
 
-
-def test_fields_of_clouds_tile_without_a_seam_and_fill_their_range():
     field = cloud_field(0.4, 256)
     inner = np.abs(np.diff(field, axis=0)).max()
     assert np.abs(field[0] - field[-1]).max() <= inner
@@ -330,7 +420,7 @@ def test_clouds_whiten_the_sky_and_the_wind_moves_them(gl, waves, number):
         )
 
 
-def test_the_sun_culminates_at_noon_rises_at_six_and_sets_at_eighteen():
+def test_the_sun_moves_smoothly_by_day_and_hours_of_the_night_are_refused():
     noon = sun_at(12.0, 47.0)
     assert (noon.azimuth, noon.elevation) == (pytest.approx(180.0), pytest.approx(43.0))
     south = sun_at(12.0, -20.0)
@@ -340,17 +430,10 @@ def test_the_sun_culminates_at_noon_rises_at_six_and_sets_at_eighteen():
         assert rise.elevation == pytest.approx(0.0, abs=1e-9), latitude
         assert rise.azimuth == pytest.approx(90.0), latitude
         assert set_.azimuth == pytest.approx(270.0), latitude
-
-
-def test_the_sun_moves_smoothly_from_east_to_west():
     suns = [sun_at(hour, 45.0) for hour in np.linspace(5.7, 18.3, 200)]
-    azimuth = np.array([sun.azimuth for sun in suns])
-    assert (np.diff(azimuth) > 0.0).all()
-    steps = np.diff([sun.direction for sun in suns], axis=0)
-    assert np.linalg.norm(steps, axis=1).max() < 0.02
+    assert (np.diff([sun.azimuth for sun in suns]) > 0.0).all()
+    assert np.linalg.norm(np.diff([sun.direction for sun in suns], axis=0), axis=1).max() < 0.02
 
-
-def test_hours_of_the_night_are_refused_with_those_of_the_day():
     with pytest.raises(InputError, match=r"from 5:38 to 18:22.*45°, got 3:30") as caught:
         sun_at(3.5, 45.0)
     assert "\n" not in str(caught.value)
@@ -358,15 +441,13 @@ def test_hours_of_the_night_are_refused_with_those_of_the_day():
         assert -4.0 <= sun_at(hour, 45.0).elevation < -3.6
 
 
-def test_arguments_override_the_weather_of_the_sketch():
+def test_weather_is_of_the_sketch_or_of_arguments_within_its_ranges():
     sketch = Sketch(weather={"hour": 7.5, "clouds": 1.0, "haze": 2.0})
     assert Weather.of(sketch) == Weather(hour=7.5, clouds=1.0, haze=2.0)
     assert Weather.of(sketch, hour=12.0, clouds=0.0) == Weather(hour=12.0, clouds=0.0, haze=2.0)
     assert Weather.of(Sketch()) == Weather()
     assert Weather.of(SimpleNamespace(weather={})) == Weather()
 
-
-def test_weather_has_the_ranges_of_the_sketch():
     for name, parameter in WEATHER.items():
         low = max(parameter.low, 0.0) if name == "hour" else parameter.low
         for value in (low, parameter.high):

@@ -1,6 +1,7 @@
 """Trees: meshes, wind, and forests in whole pictures."""
 
 import itertools
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -40,6 +41,10 @@ def test_plants_stand_on_the_ground_one_unit_high_and_get_simpler():
         foot = wood[wood[:, 2] < 0.0]
         assert np.abs(foot[:, :2]).max() < 0.1, (species, variant)
     assert total < 20e6  # bytes
+    first, second = (plant_mesh("oak", variant, 1) for variant in (0, 1))
+    assert first.tobytes() != second.tobytes()
+    plant_mesh.cache_clear()
+    assert plant_mesh("oak", 0, 1).tobytes() == first.tobytes()
 
 
 @pytest.mark.parametrize(
@@ -69,13 +74,6 @@ def test_levels_keep_the_outline():
             bands = np.clip((place[:, 2] * 3).astype(int), 0, 2)
             widths.append([np.quantile(away[bands == band], 0.95) for band in range(3)])
         assert np.allclose(widths[1:], widths[0], atol=0.16), (species, variant)
-
-
-def test_variants_differ_and_are_repeatable():
-    first, second = (plant_mesh("oak", variant, 1) for variant in (0, 1))
-    assert first.tobytes() != second.tobytes()
-    plant_mesh.cache_clear()
-    assert plant_mesh("oak", 0, 1).tobytes() == first.tobytes()
 
 
 def test_crowns_are_dark_inside():
@@ -146,7 +144,7 @@ def test_gusts_travel_with_the_wind_and_move_no_foot(gl):
 
 
 @pytest.mark.gl
-def test_wood_leans_with_the_wind_and_the_square_of_the_height(gl):
+def test_wood_leans_with_the_square_of_the_height_and_leaves_flutter_on_it(gl):
     points = rows(60)
     points[:, :2], points[:, 2] = 0.0, np.linspace(0.05, 1.0, 60)
     many = np.mean(
@@ -159,9 +157,6 @@ def test_wood_leans_with_the_wind_and_the_square_of_the_height(gl):
     assert weak < 0.1 * strong
     assert strong < 0.3 * 12.0
 
-
-@pytest.mark.gl
-def test_leaves_flutter_on_boughs_that_swing(gl):
     points = rows(300)
     points[:, 2] = 0.3 + 0.6 * points[:, 2]
     calm, later = (swayed(gl, points, (6.0, 0.0), time) for time in (1.0, 1.1))
@@ -193,23 +188,13 @@ class Woods(Waves):
         return plants[inside]
 
 
+CHEAP = Quality(materials=1, planes=1, octaves=1, hexes=1, material_texels=128, map_texels=128, samples=1)
+
+
 @cache
 def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
-    quality = Quality(
-        without=frozenset(without),
-        materials=1,
-        planes=1,
-        octaves=1,
-        hexes=1,
-        material_texels=128,
-        map_texels=128,
-        light_maps=2,
-        surface_texels=256,
-        samples=1,
-        shade_texels=512,
-        tile_memory=64 << 20,
-        **changes,
-    )
+    maps = {"light_maps": 2, "surface_texels": 256, "shade_texels": 512, "tile_memory": 64 << 20}
+    quality = replace(CHEAP, without=frozenset(without), **maps, **changes)
     with canvas(SIZE) as (context, texture, framebuffer):
         weather = Weather(wind=wind, clouds=0.0)
         renderer = Renderer(context, Woods(rivers=False), sun=SUN, weather=weather, quality=quality)
@@ -220,7 +205,7 @@ def picture(*, without=STILL, clock=0.0, wind=0.0, camera=CAMERA, **changes):
 
 @pytest.mark.gl
 @pytest.mark.slow
-def test_without_trees_nothing_is_planted_and_nothing_throws_a_shadow():
+def test_trees_can_be_left_out_throw_shadows_and_move_only_in_the_wind():
     bare, planted = picture(without=(*STILL, "trees")), picture()
     changed = np.abs(planted - bare).max(axis=2) > 12
     assert 0.02 < changed.mean() < 0.5
@@ -228,10 +213,6 @@ def test_without_trees_nothing_is_planted_and_nothing_throws_a_shadow():
     plants = np.abs(unshaded - picture(without=(*STILL, "shadows", "trees"))).max(axis=2) > 12
     assert 0.01 < plants.mean() < 0.9 * changed.mean()  # the shadows are gone, the plants are not
 
-
-@pytest.mark.gl
-@pytest.mark.slow
-def test_the_clock_moves_plants_only_in_the_wind():
     assert (picture(clock=0.0) == picture(clock=3.3)).all()
     windy = [picture(clock=clock, wind=12.0) for clock in (0.0, 3.3)]
     moved = np.abs(windy[1] - windy[0]).max(axis=2) > 4
@@ -262,9 +243,7 @@ def test_plants_lit_at_their_vertices_have_the_colour_of_those_lit_at_each_pixel
 @pytest.mark.slow
 def test_feet_stand_on_the_ground_as_it_is_drawn():
     """With coarse tiles the drawn ground is off the true one; feet follow it."""
-    quality = Quality(
-        without=frozenset(STILL), material_texels=128, map_texels=128, shade_maps=0, tolerance=12.0, samples=1
-    )
+    quality = replace(CHEAP, without=frozenset(STILL), shade_maps=0, tolerance=12.0)
     camera = Camera((430.0, 296.0, 130.0), (430.0, 300.0, 40.0))
     terrain = Woods(rivers=False)
     size = (400, 300)
@@ -276,15 +255,11 @@ def test_feet_stand_on_the_ground_as_it_is_drawn():
         feet = []
         for batch in batches:
             rows = np.frombuffer(batch._instances.read(), np.float32).reshape(-1, 8)[: batch.count]
-            ground = np.frombuffer(batch._ground.read(), np.float32)
-            ground = ground[: ground.size // (batch._found // 4) * (batch._found // 4)]
-            ground = ground.reshape(-1, batch._found // 4)[: batch.count]
-            feet.append(
-                np.c_[rows[:, :2] + renderer.scenery.forest._origin, ground[:, 0] + camera.eye[2] + 0.15]
-            )
+            ground = np.frombuffer(batch._ground.read(), np.float32)[:: batch._found // 4][: batch.count]
+            feet.append(np.c_[rows[:, :2] + renderer.scenery.forest._origin, ground + camera.eye[2] + 0.15])
         feet = np.concatenate(feet)
         # The same ground without plants: its depth at the feet.
-        bare = Quality(**{**vars(quality), "without": frozenset((*STILL, "trees"))})
+        bare = replace(quality, without=frozenset((*STILL, "trees")))
         ground = Renderer(context, terrain, sun=SUN, weather=Weather(wind=0.0), quality=bare)
         ground.prepare(camera, size)
         ground.draw(camera, framebuffer)

@@ -1,18 +1,21 @@
-"""Vertices that kernels write and OpenGL draws: the same bytes by each kind of memory, the right pixels."""
+"""Vertices that kernels write and OpenGL draws: kinds of memory, and which works, tried in a child."""
 
-from typing import Any
+import sys
+from dataclasses import replace
 
 import moderngl
 import numpy as np
 import pytest
 
-from sketchterrain.compute import ComputeContext, list_devices
+from sketchterrain.compute import ComputeContext, gl_interop, list_devices
+from sketchterrain.compute.gl_interop import GLHandles, current_handles
 from sketchterrain.compute.sharing import kinds_for
 from sketchterrain.errors import DeviceError, InputError
-from sketchterrain.render.sharing_probe import open_device
+from sketchterrain.render import sharing_probe
+from sketchterrain.render.sharing_probe import Sharing, beside_gl, open_device, probe_sharing
 from sketchterrain.render.vertex_memory import open_vertex_memory
-from sketchterrain.sketch import load_sketch
-from sketchterrain.terrain import Terrain, build
+from sketchterrain.sketch import Sketch, load_sketch
+from sketchterrain.terrain import build
 
 pytestmark = pytest.mark.gl
 
@@ -44,12 +47,12 @@ void main() { pixel = vec4(told, 1.0); }
 
 
 @pytest.fixture(scope="module", params=[d for d in DEVICES if d.type == "CPU"], ids=lambda d: d.platform)
-def terrain(request: pytest.FixtureRequest, gl: moderngl.Context) -> Terrain:
+def terrain(request, gl):
     """A terrain on a device that shares buffers with OpenGL, where its driver has cl_khr_gl_sharing."""
     return build(load_sketch("valley_river"), device=open_device(request.param))
 
 
-def write(terrain: Terrain, gl: moderngl.Context, kind: str | None) -> tuple[Any, bytes]:
+def write(terrain, gl, kind):
     bare = terrain.vertex_store(COUNT)
     memory = open_vertex_memory(gl, terrain.context, bare.nbytes, kind=kind)
     store = terrain.vertex_store(COUNT, memory=memory)
@@ -58,12 +61,12 @@ def write(terrain: Terrain, gl: moderngl.Context, kind: str | None) -> tuple[Any
     return memory, memory.read()
 
 
-def slots_of(data: bytes) -> dict[int, bytes]:
+def slots_of(data):
     size = len(data) // COUNT
     return {slot: data[slot * size : (slot + 1) * size] for slot in SLOTS}
 
 
-def test_all_kinds_of_memory_hold_the_same_bytes(terrain: Terrain, gl: moderngl.Context) -> None:
+def test_all_kinds_of_memory_hold_the_same_bytes(terrain, gl):
     """Those of a store without OpenGL, read back through OpenGL."""
     plain = terrain.vertex_store(COUNT)
     terrain.write_tiles(KEYS, SLOTS, PARENTS, plain)
@@ -74,37 +77,30 @@ def test_all_kinds_of_memory_hold_the_same_bytes(terrain: Terrain, gl: moderngl.
         assert memory.reason == ""
         assert slots_of(found) == expected, kind
         memory.close()
-
-
-def test_the_best_kind_is_the_default(terrain: Terrain, gl: moderngl.Context) -> None:
     memory, _ = write(terrain, gl, None)
     assert memory.kind == ("mapped" if terrain.context.gl is None else "extension")
 
 
-def test_pixels_drawn_from_it_are_right(terrain: Terrain, gl: moderngl.Context) -> None:
+def test_pixels_drawn_from_it_are_right(terrain, gl):
     """Each vertex drawn as a pixel: what is read back is the tile; and again after it was overwritten."""
-    for kind in kinds_for(terrain.context):
-        check_pixels(terrain, gl, kind)
-
-
-def check_pixels(terrain: Terrain, gl: moderngl.Context, kind: str) -> None:
-    memory, _ = write(terrain, gl, kind)
-    store = terrain.vertex_store(COUNT, memory=memory)
     target = gl.simple_framebuffer((65, 65), components=4, dtype="f4")
     program = gl.program(vertex_shader=DRAWN, fragment_shader=PIXEL)
-    array = gl.vertex_array(program, [(memory.vertices, "1f4 4x 2i2 4x 16x", "height", "slope")])
-    program["range"].value = (0.0, 1.0)
-    for key in (KEYS[1], (6, 12, 50)):
-        terrain.write_tiles([key], [1], [-1], store)
-        tile = terrain.tile(*key)
-        target.use()
-        array.render(moderngl.POINTS, vertices=65 * 65, first=65 * 65)
-        drawn = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(65, 65, 4)[::-1]
-        np.testing.assert_array_equal(drawn[..., 0], tile.height)
-        np.testing.assert_allclose(drawn[..., 1:3], tile.normal[..., :2] * 32767.0, rtol=0, atol=0.51)
+    for kind in kinds_for(terrain.context):
+        memory, _ = write(terrain, gl, kind)
+        store = terrain.vertex_store(COUNT, memory=memory)
+        array = gl.vertex_array(program, [(memory.vertices, "1f4 4x 2i2 4x 16x", "height", "slope")])
+        program["range"].value = (0.0, 1.0)
+        for key in (KEYS[1], (6, 12, 50)):
+            terrain.write_tiles([key], [1], [-1], store)
+            tile = terrain.tile(*key)
+            target.use()
+            array.render(moderngl.POINTS, vertices=65 * 65, first=65 * 65)
+            drawn = np.frombuffer(target.read(components=4, dtype="f4"), np.float32).reshape(65, 65, 4)[::-1]
+            np.testing.assert_array_equal(drawn[..., 0], tile.height)
+            np.testing.assert_allclose(drawn[..., 1:3], tile.normal[..., :2] * 32767.0, rtol=0, atol=0.51)
 
 
-def test_what_does_not_work_says_why(terrain: Terrain, gl: moderngl.Context, monkeypatch: Any) -> None:
+def test_what_does_not_work_says_why(terrain, gl, monkeypatch):
     context = ComputeContext(terrain.context.device)
     with pytest.raises(DeviceError, match="not opened beside an OpenGL context"):
         open_vertex_memory(gl, context, 1024, kind="extension")
@@ -112,9 +108,128 @@ def test_what_does_not_work_says_why(terrain: Terrain, gl: moderngl.Context, mon
     monkeypatch.setattr("sketchterrain.render.vertex_memory._STORAGE_EXTENSION", "GL_none")
     memory = open_vertex_memory(gl, context, 1024)
     assert (memory.kind, memory.reason) == ("copy", "this machine's OpenGL has no GL_none")
-
-
-def test_too_little_memory(terrain: Terrain, gl: moderngl.Context) -> None:
     memory = open_vertex_memory(gl, terrain.context, 1024)
     with pytest.raises(InputError, match="2 tiles need 270400 bytes, there are 1024"):
         terrain.vertex_store(2, memory=memory)
+
+
+CPUS = [device for device in DEVICES if device.type == "CPU"]
+MAPPED = replace(CPUS[0], gl_sharing="mapped")  # which it is unless its driver has cl_khr_gl_sharing
+
+PROBE_FOR_EXTENSION = """
+import sys
+from sketchterrain.compute import gl_interop
+from sketchterrain.render import sharing_probe
+gl_interop._EXTENSION = sys.argv[3]
+sharing_probe._probe(int(sys.argv[1]), sys.argv[2])
+"""
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    probe_sharing.cache_clear()
+    yield
+    probe_sharing.cache_clear()
+
+
+def probe_for_extension(name, monkeypatch):
+    """Share through an extension of this name, here and in the probe's child."""
+
+    def command(device, kind):
+        return [sys.executable, "-c", PROBE_FOR_EXTENSION, str(device.index), kind, name]
+
+    monkeypatch.setattr(gl_interop, "_EXTENSION", name)
+    monkeypatch.setattr(sharing_probe, "_command", command)
+
+
+def each_in_its_tier(devices):
+    """The first device by default, the others in the slow tier."""
+    first, *others = (pytest.param(device, id=device.platform) for device in devices)
+    return [first, *(pytest.param(*other.values, id=other.id, marks=pytest.mark.slow) for other in others)]
+
+
+@pytest.mark.parametrize("device", each_in_its_tier(DEVICES))
+def test_the_best_kind_that_works_is_chosen(gl, device):
+    found = probe_sharing(device)
+    if device.gl_sharing == "extension":
+        assert (found.kind == "extension") == (found.reason == "")
+    else:
+        assert found == Sharing(device.gl_sharing)
+    assert (open_device(device).gl is not None) == (found.kind == "extension")
+
+
+FAILURES = {
+    "a crash": (
+        "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)",
+        "extension: the probe crashed (SIGSEGV); update or reinstall the driver",
+    ),
+    "a hang": ("import time; time.sleep(60)", "extension: the probe did not answer within 2 s"),
+    "a refusal": ("raise SystemExit('the driver refuses')", "extension: the driver refuses"),
+    "silence": ("raise SystemExit(3)", "extension: the probe failed with code 3"),
+}
+
+
+def test_a_probe_that_fails_ends_in_a_copy_with_its_reason(monkeypatch):
+    device = replace(CPUS[0], type="GPU", gl_sharing="extension")
+    for what, (code, reason) in FAILURES.items():
+
+        def command(device, kind, code=code):
+            return [sys.executable, "-c", code if kind == "extension" else "pass"]
+
+        probe_sharing.cache_clear()
+        monkeypatch.setattr(sharing_probe, "_command", command)
+        assert probe_sharing(device, timeout=2.0) == Sharing("copy", reason), what
+    monkeypatch.setattr(
+        sharing_probe, "_command", lambda *_: [sys.executable, "-c", "raise SystemExit('no OpenGL 4.3')"]
+    )
+    assert probe_sharing(MAPPED) == Sharing("none", "mapped: no OpenGL 4.3; copy: no OpenGL 4.3")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("device", each_in_its_tier(CPUS))
+def test_a_driver_without_the_extension_is_not_asked_for_it(gl, device, monkeypatch):
+    """PoCL's would end the process."""
+    handles = current_handles()
+    assert handles is not None
+    assert handles.window_system == "EGL"
+    assert GLHandles("EGL", 5, 7).properties == (0x2008, 5, 0x2009, 7)
+    assert GLHandles("GLX", 5, 7).properties == (0x2008, 5, 0x200A, 7)
+    probe_for_extension("cl_none_sharing", monkeypatch)
+    with pytest.raises(DeviceError, match="shares no buffers with OpenGL: no cl_none_sharing"):
+        gl_interop.context_beside(device, handles)
+    found = probe_sharing(replace(device, gl_sharing="extension"))
+    assert found.kind == "mapped"
+    assert "no cl_none_sharing" in found.reason
+
+
+@pytest.mark.slow
+def test_a_driver_that_ends_the_process_is_probed_in_a_child(gl, monkeypatch):
+    """Asked without the extension, in a child: it says no, or it crashes, and vertices are mapped."""
+    probe_for_extension("cl_khr_global_int32_base_atomics", monkeypatch)
+    for device in CPUS:
+        found = probe_sharing(replace(device, gl_sharing="extension"))
+        assert "\n" not in found.reason
+        if device.gl_sharing == "extension":
+            assert (found.kind == "extension") == (found.reason == "")
+        else:
+            assert found.kind == "mapped"
+            assert found.reason.startswith("extension: ")
+
+
+def test_a_terrain_moves_beside_opengl(monkeypatch):
+    """To a device that shares buffers; elsewhere it stays where it is."""
+    mountain = np.zeros((32, 32), np.uint8)
+    mountain[8:20, 8:20] = 1
+    sketch = Sketch(extent=1024.0, layers={"mountain": mountain})
+    terrain = build(sketch, device=ComputeContext(MAPPED))
+    assert beside_gl(terrain) is terrain
+    other = ComputeContext(MAPPED)
+    monkeypatch.setattr(sharing_probe, "open_device", lambda *_, **__: other)
+    assert beside_gl(terrain) is terrain
+    other.gl = GLHandles("EGL", 5, 7)
+    moved = beside_gl(terrain)
+    assert moved.context is other
+    assert (moved.recipe, moved.sketch) == (terrain.recipe, terrain.sketch)
+    np.testing.assert_array_equal(moved.tile(4, 3, 3).height, terrain.tile(4, 3, 3).height)
+    assert beside_gl(moved) is moved
+    assert beside_gl("a stand-in") == "a stand-in"

@@ -8,22 +8,18 @@ import pytest
 from scipy.special import erfc
 from scipy.stats import norm
 
-from sketchterrain.look.water_surfaces import current, strip, surfaces
+from sketchterrain.look.water_surfaces import ACROSS, current, sheet, strip, surfaces
 from sketchterrain.render import Camera
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.water import Water
-from sketchterrain.render.water_waves import (
-    LAYERS,
-    wave_layers,
-    wave_mipmaps,
-    wave_phases,
-    wave_slopes,
-)
+from sketchterrain.render.water_waves import LAYERS, wave_layers, wave_mipmaps, wave_phases, wave_slopes
 from sketchterrain.resources import source
 
-from .test_shaders import HEADER, evaluate, smoothstep
+from .test_shaders import evaluate, smoothstep
 
 OPTICS = ["render/water_optics.glsl"]
+WAVES = ["#define WAVES 1\n", "render/water_waves.glsl"]
+FOAM = ["render/water_foam.glsl"]
 INDEX = 1.333
 
 
@@ -33,14 +29,41 @@ def rows(*columns):
 
 
 @pytest.mark.gl
-def test_smooth_water_refracts_by_snell_and_mirrors_by_schlick(gl):
+def test_functions_are_their_formulas(gl):
+    """Snell's and Schlick's, absorption along a path, wet banks, foam."""
+    cosine, across = np.linspace(0.0, 1.0, 101), np.linspace(-1, 1, 41)
+    head_on = ((INDEX - 1) / (INDEX + 1)) ** 2
+    depth, up, down = map(np.ravel, np.meshgrid(np.linspace(0, 30, 16), [0.67, 0.8, 1.0], [0.7, 1.0]))
+    above, room = map(np.ravel, np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-12, 5, 35)))
+    wet = (1 - smoothstep(0.14, 0.52, above + 0.1)) * smoothstep(-7.0, -2.8, room + 0.4)
+    bank = smoothstep(0.72, 0.98, np.abs(across))
+    water, beside = "let_through(vec3(0.5, 0.2, 0.1), a.x, a.y, a.z)", ["render/water_wetness.glsl"]
+    for files, call, inputs, expected, bound in (
+        (OPTICS, "mirrored_share(a.x, 0.0)", [cosine], head_on + (1 - head_on) * (1 - cosine) ** 5, 3e-4),
+        *(
+            (
+                OPTICS,
+                f"{water}[{n}]",
+                [depth, up, down],
+                np.exp(-k * (depth / up + depth / down)),
+                1e-6,
+            )
+            for n, k in enumerate((0.5, 0.2, 0.1))
+        ),
+        (OPTICS, "deep_colour(vec3(a.x), vec3(a.y)).x", [[0.5], [0.02]], 0.33 * 0.02 / 0.52, 1.2e-7),
+        (beside, "wetness_beside(a.x, a.y, 0.1)", [above, room], wet, 1e-5),
+        (FOAM, "stream_foam(0.001, a.x)", [across], 0.0015 + 0.008 * bank, 1e-6),
+        (FOAM, "stream_foam(0.25, a.x)", [across], np.minimum(0.5015 + 0.158 * bank, 0.8), 1e-6),
+    ):
+        got = evaluate(gl, files, f"vec4({call})", rows(*inputs))[:, 0]
+        np.testing.assert_allclose(got, expected, atol=bound, err_msg=call)
     angle = np.linspace(0.0, np.pi / 2, 91)
     got = evaluate(gl, OPTICS, "vec4(refracted_cosine(a.x))", rows(np.cos(angle)))[:, 0]
     np.testing.assert_allclose(np.sqrt(1 - got**2) * INDEX, np.sin(angle), atol=2e-4)
-    cosine = np.linspace(0.0, 1.0, 101)
-    got = evaluate(gl, OPTICS, "vec4(mirrored_share(a.x, 0.0))", rows(cosine))[:, 0]
-    head_on = ((INDEX - 1) / (INDEX + 1)) ** 2
-    np.testing.assert_allclose(got, head_on + (1 - head_on) * (1 - cosine) ** 5, atol=3e-4)
+    depth = np.linspace(0, 1, 101)
+    shore = evaluate(gl, FOAM, "vec4(shore_foam(a.x, 0.0, 0.15))", rows(depth))[:, 0]
+    assert abs(depth[shore.argmax()] - 0.45 * 0.15) < 0.02
+    assert (shore[depth > 0.3] < 0.01).all()
 
 
 def seen_mean(function, cosine, spread):
@@ -52,7 +75,7 @@ def seen_mean(function, cosine, spread):
 
 
 @pytest.mark.gl
-def test_rough_water_mirrors_about_the_mean_of_its_visible_facets(gl):
+def test_rough_water_mirrors_as_its_visible_facets_whose_slope_and_shadowing_are_exact(gl):
     cosine = np.linspace(0.03, 1.0, 40)
     for spread in (0.03, 0.1, 0.2):
         got = evaluate(gl, OPTICS, f"vec4(mirrored_share(a.x, {spread}))", rows(cosine))[:, 0]
@@ -66,9 +89,6 @@ def test_rough_water_mirrors_about_the_mean_of_its_visible_facets(gl):
 
         np.testing.assert_allclose(got, [mean(c) for c in cosine], atol=0.06, err_msg=f"spread {spread}")
 
-
-@pytest.mark.gl
-def test_visible_facets_have_the_exact_mean_slope_and_smiths_shadowing(gl):
     cosine = np.linspace(0.005, 0.999, 60)
     for spread in (0.02, 0.1, 0.3):
         got = evaluate(gl, OPTICS, f"vec4(seen_slope(a.x, {spread}))", rows(cosine))[:, 0]
@@ -101,68 +121,28 @@ def test_glitter_sends_no_more_light_than_fresnel_mirrors(gl):
 
 
 @pytest.mark.gl
-def test_light_is_absorbed_along_its_path_through_water(gl):
-    depth, up, down = np.meshgrid(np.linspace(0, 30, 16), [0.67, 0.8, 1.0], [0.7, 1.0])
-    inputs = rows(depth.ravel(), up.ravel(), down.ravel())
-    call = "vec4(let_through(vec3(0.5, 0.2, 0.1), a.x, a.y, a.z), 0.0)"
-    got = evaluate(gl, OPTICS, call, inputs)
-    for channel, extinction in enumerate((0.5, 0.2, 0.1)):
-        way = inputs[:, 0] / inputs[:, 1] + inputs[:, 0] / inputs[:, 2]
-        np.testing.assert_allclose(got[:, channel], np.exp(-extinction * way), atol=1e-6)
-    deep = evaluate(gl, OPTICS, "vec4(deep_colour(vec3(a.x), vec3(a.y)), 0.0)", rows([0.5], [0.02]))[0, 0]
-    assert deep == pytest.approx(0.33 * 0.02 / 0.52, rel=1e-5)
-
-
-@pytest.mark.gl
 def test_far_foam_covers_what_near_foam_does(gl):
     noise = 0.5 * norm.ppf((np.arange(2000) + 0.5) / 2000)
     shared, covered = "vec4(foam_share(a.x, a.z, a.y))", "vec4(foam_cover(a.x, a.z, a.y))"
-    files = ["render/water_foam.glsl"]
     for amount in (0.05, 0.2, 0.5):
-        near = evaluate(gl, files, shared, rows(noise, 0.0, amount))[:, 0].mean()
-        far = evaluate(gl, files, shared, rows([0.0], 0.5, amount))[0, 0]
+        near = evaluate(gl, FOAM, shared, rows(noise, 0.0, amount))[:, 0].mean()
+        far = evaluate(gl, FOAM, shared, rows([0.0], 0.5, amount))[0, 0]
         assert far == pytest.approx(near, abs=0.13), amount
         share, web = np.linspace(0, 1, 21), np.linspace(-1, 1, 21)
-        got = evaluate(gl, files, covered, rows(share, web, amount))[:, 0]
+        got = evaluate(gl, FOAM, covered, rows(share, web, amount))[:, 0]
         threads = 1 - smoothstep(0.02, 0.28, np.abs(web))
         blanket = smoothstep(0.06, 0.4, amount) * share
         expected = 0.85 * share * (0.75 * threads * (1 - blanket) + blanket)
         np.testing.assert_allclose(got, expected, atol=1e-6, err_msg=str(amount))
-    assert (evaluate(gl, files, shared, rows(noise, 0.0, 0.0)) == 0).all()
-
-
-@pytest.mark.gl
-def test_foam_lies_on_steep_streams_and_at_shores(gl):
-    across = np.linspace(-1, 1, 41)
-    calm, steep = (
-        evaluate(gl, ["render/water_foam.glsl"], f"vec4(stream_foam({fall}, a.x))", rows(across))[:, 0]
-        for fall in (0.001, 0.25)
-    )
-    bank = smoothstep(0.72, 0.98, np.abs(across))
-    np.testing.assert_allclose(calm, 0.0015 + 0.008 * bank, atol=1e-6)
-    np.testing.assert_allclose(steep, np.minimum(0.5015 + 0.158 * bank, 0.8), atol=1e-6)
-    depth = np.linspace(0, 1, 101)
-    shore = evaluate(gl, ["render/water_foam.glsl"], "vec4(shore_foam(a.x, 0.0, 0.15))", rows(depth))[:, 0]
-    assert abs(depth[shore.argmax()] - 0.45 * 0.15) < 0.02
-    assert (shore[depth > 0.3] < 0.01).all()
-
-
-@pytest.mark.gl
-def test_banks_are_wet_near_the_water_and_low_above_it(gl):
-    above, room = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-12, 5, 35))
-    call = "vec4(wetness_beside(a.x, a.y, 0.1))"
-    got = evaluate(gl, ["render/water_wetness.glsl"], call, rows(above.ravel(), room.ravel()))[:, 0]
-    expected = (1 - smoothstep(0.14, 0.52, above + 0.1)) * smoothstep(-7.0, -2.8, room + 0.4)
-    np.testing.assert_allclose(got, expected.ravel(), atol=1e-5)
+    assert (evaluate(gl, FOAM, shared, rows(noise, 0.0, 0.0)) == 0).all()
 
 
 @pytest.mark.gl
 def test_streams_flow_fastest_in_the_middle_and_textures_restart_unseen(gl):
     time = np.linspace(0.0, 3.0, 301)
     call = "vec4(flow_phase(a.x, 0.0), flow_phase(a.x, 1.0))"
-    text = [source("render/water_waves.glsl")]
-    assert "RENEWAL = 3.2" in text[0]
-    got = evaluate(_with_waves(gl), ["render/water_waves.glsl"], call, rows(time))
+    assert "RENEWAL = 3.2" in source("render/water_waves.glsl")
+    got = evaluate(gl, WAVES, call, rows(time))
     np.testing.assert_allclose(got[:, 1] ** 2 + got[:, 3] ** 2, 1.0, atol=1e-5)
     for offset, weight in (got[:, :2].T, got[:, 2:].T):
         jumps = np.abs(np.diff(offset)) > 1.0
@@ -172,36 +152,19 @@ def test_streams_flow_fastest_in_the_middle_and_textures_restart_unseen(gl):
 
     across = np.linspace(-1.5, 1.5, 61)
     call = "vec4(stream_profile(a.x))"
-    got = evaluate(_with_waves(gl), ["render/water_waves.glsl"], call, rows(across))[:, 0]
+    got = evaluate(gl, WAVES, call, rows(across))[:, 0]
     np.testing.assert_allclose(got, np.maximum(1 - np.abs(across) ** 3, 0), atol=1e-6)
     assert got[np.abs(across) <= 1].mean() == pytest.approx(0.75, abs=0.03)
-
-
-def _with_waves(gl):
-    """A context that builds programs with the macro that the waves need."""
-    return SimpleNamespace(
-        program=lambda vertex_shader, varyings: gl.program(
-            vertex_shader=vertex_shader.replace(HEADER, HEADER + "#define WAVES 1\n"), varyings=varyings
-        ),
-        framebuffer=gl.framebuffer,
-        texture=gl.texture,
-        buffer=gl.buffer,
-        vertex_array=gl.vertex_array,
-    )
-
-
-def river(points, width):
-    line = np.asarray(points, np.float64)
-    return SimpleNamespace(centreline=line, centreline_width=np.full(len(line), width, np.float32))
 
 
 def straight(z=(0.0, 0.0), *, width=10.0, start=(0.0, 0.0), end=(1000.0, 0.0), count=101):
     t = np.linspace(0.0, 1.0, count)[:, None]
     ends = np.array([[*start, z[0]], [*end, z[1]]])
-    return river(ends[0] + t * (ends[1] - ends[0]), width)
+    line = ends[0] + t * (ends[1] - ends[0])
+    return SimpleNamespace(centreline=line, centreline_width=np.full(count, width, np.float32))
 
 
-def test_mipmaps_of_waves_keep_what_is_rough():
+def test_slopes_of_waves_are_those_of_their_height_and_mipmaps_keep_what_is_rough():
     levels = wave_mipmaps(wave_slopes())
     assert levels[0].shape == (256, 256, 4)
     assert levels[-1].shape == (1, 1, 4)
@@ -214,8 +177,6 @@ def test_mipmaps_of_waves_keep_what_is_rough():
     assert (np.diff(resolved) < 0).all()
     assert resolved[0] == pytest.approx(1.0, abs=1e-5)
 
-
-def test_slopes_of_waves_are_those_of_their_height():
     field = wave_slopes()
     size = len(field)
     for axis, channel in ((1, 0), (0, 1)):
@@ -260,6 +221,37 @@ def test_the_speed_of_a_river_follows_mannings_formula():
     assert (surface.nature[:, 3] == 9.0).all()
     assert (surface.nature[:, 2] == 1.0).all()
     np.testing.assert_allclose(surface.nature[:, 1], 0.02)
+
+
+def test_lake_sheet_covers_the_lake_and_faces_up():
+    for side in (60, 1001):
+        step = np.arange(side) - side // 2
+        inside = (0.3 * side - np.hypot(step, step[:, None])) * 4.0
+        field = SimpleNamespace(west=100.0, south=-50.0, spacing=4.0, inside=inside.astype(np.float32))
+        place, course, room, _, triangles = sheet(field, 7.5)
+        assert -30.0 < room.min() < 0.0 < room.max()
+        assert (place[:, 2] == 7.5).all()
+        np.testing.assert_allclose(np.hypot(course[:, 2], course[:, 3]), 1.0)
+        a, b, c = (place[triangles[i::3], :2] for i in range(3))
+        area = 0.5 * ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+        assert (area > 0.0).all()
+        lake = np.pi * (0.3 * side * 4.0) ** 2
+        assert lake < area.sum() < lake * (1.0 + 20.0 / side)
+        middle = np.array([100.0, -50.0]) + 4.0 * (side // 2)
+        assert np.hypot(*(place[:, :2] - middle).T).max() < 0.3 * side * 4.0 + 30.0
+
+
+def test_river_strip_is_as_wide_as_told_and_faces_up():
+    line = straight((5.0, 4.0), end=(100.0, 0.0), count=11).centreline
+    place, course, inside, _, triangles = strip(line, np.full(11, 10.0, np.float32))
+    assert place[:, 1].max() == pytest.approx(9.0)
+    assert np.allclose(course[:, 2:], [1.0, 0.0])
+    assert np.allclose(inside, 5.0 - np.abs(place[:, 1]))
+    assert course[-1, 1] == pytest.approx(np.linalg.norm(np.diff(line[:, :2], axis=0), axis=1).sum())
+    a, b, c = (place[triangles[k::3], :2] for k in range(3))
+    turn = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    assert (turn > 0).all()
+    assert len(triangles) == 10 * (ACROSS - 1) * 6
 
 
 def features(*rivers, lakes=()):
@@ -322,6 +314,8 @@ def test_a_far_river_fades_by_its_share_of_a_pixel(gl, monkeypatch):
     monkeypatch.setattr("sketchterrain.render.programs.source", plain)
     size = (64, 256)
     far = straight(width=24.0, start=(-4e4, 0.0), end=(4e4, 0.0), count=2001)
+    assert not Water(gl, features(far), part=False)
+    assert not Water(gl, features())
     water = Water(gl, features(far), defines={"MATERIALS": 1})
     array = water._arrays[-1]
     target = gl.framebuffer([gl.texture(size, 4, dtype="f4")], gl.depth_texture(size))
@@ -357,9 +351,3 @@ def test_a_far_river_fades_by_its_share_of_a_pixel(gl, monkeypatch):
     assert (mean[thin] / expected[thin] > 0.7).all()
     assert (mean[thin] / expected[thin] < 1.7).all()
     assert (np.abs(np.diff(mean[thin])) < 0.6).all()
-
-
-@pytest.mark.gl
-def test_water_left_out_is_not_drawn(gl):
-    assert not Water(gl, features(straight()), part=False)
-    assert not Water(gl, features())

@@ -39,7 +39,7 @@ def circle(radius=300.0, keys=24, seconds=24.0):
     )
 
 
-def test_it_is_at_each_key_at_its_time_and_its_velocity_is_the_derivative():
+def test_it_is_at_each_key_at_its_time_and_moves_continuously_with_its_velocity():
     for seed in range(4):
         flight = random_flight(seed)
         times = [key.time - flight.keys[0].time for key in flight.keys]
@@ -57,8 +57,6 @@ def test_it_is_at_each_key_at_its_time_and_its_velocity_is_the_derivative():
         way = np.linalg.norm(np.diff(views.eye, axis=0), axis=1).sum()
         assert np.abs(views.eye[0] + gone - views.eye[1:]).max() < 1e-4 * way, seed
 
-
-def test_motion_and_direction_are_continuous():
     """Halving the step halves how much position, direction and velocity change."""
     for seed in range(2):
         flight = random_flight(seed)
@@ -144,18 +142,6 @@ def test_heights_above_ground_follow_the_ground():
     assert flight.over(hills) is flight
 
 
-def test_a_saved_flight_loads_as_the_same(tmp_path):
-    for seed, heights in enumerate(("absolute", "above ground")):
-        flight = random_flight(seed, heights=heights)
-        path = save_flight(flight, tmp_path / "a.toml")
-        assert load_flight(path) == flight
-        assert save_flight(load_flight(path), tmp_path / "b.toml").read_bytes() == path.read_bytes()
-    text = flight_text(circle(keys=2))
-    assert text.startswith("# The flight of a camera")
-    assert text.count("[[key]]") == 3
-    assert "z up. heights says what heights (z) are counted from" in text.replace("\n# ", " ")
-
-
 TWO = """
 [[key]]
 time = 0
@@ -168,7 +154,17 @@ target = [50, 100, 0]
 """
 
 
-def test_missing_values_have_the_documented_defaults():
+def test_a_saved_flight_loads_as_the_same_and_missing_values_have_the_documented_defaults(tmp_path):
+    for seed, heights in enumerate(("absolute", "above ground")):
+        flight = random_flight(seed, heights=heights)
+        path = save_flight(flight, tmp_path / "a.toml")
+        assert load_flight(path) == flight
+        assert save_flight(load_flight(path), tmp_path / "b.toml").read_bytes() == path.read_bytes()
+    text = flight_text(circle(keys=2))
+    assert text.startswith("# The flight of a camera")
+    assert text.count("[[key]]") == 3
+    assert "z up. heights says what heights (z) are counted from" in text.replace("\n# ", " ")
+
     flight = parse_flight(f"format = 1\n{TWO}".encode())
     assert (flight.heights, flight.duration, flight.keys[0].fov) == ("absolute", 4.5, 50.0)
     assert isinstance(flight.keys[0].eye[0], float)
@@ -239,7 +235,7 @@ def test_a_tour_stays_low_above_the_ground_at_even_speed_with_slow_turns(waves):
         assert turns.max() < 40.0  # degrees a second, on so small a sketch
 
 
-def test_a_tour_is_as_long_as_asked_repeatable_and_closed(waves):
+def test_a_tour_is_as_long_as_asked_repeatable_closed_and_near_water(waves):
     flight = tour(waves, seconds=20.0)
     assert 20.0 <= flight.duration < 20.0 + 5 * room.KEY_EVERY
     assert tour(waves, seconds=20.0) == flight
@@ -251,8 +247,6 @@ def test_a_tour_is_as_long_as_asked_repeatable_and_closed(waves):
     again = np.linalg.norm(eyes[60:] - eyes[0], axis=1)
     assert again.min() < 25.0
 
-
-def test_a_tour_keeps_near_water(waves):
     """The river lies along y = 500: nearer to it than a circle would be, in the mean over the round."""
     with_river = tour(waves, seconds=150.0)
     waves.features.rivers = ()

@@ -148,15 +148,13 @@ def test_transmittance_agrees_with_its_closed_form_and_a_sum_of_short_steps(air)
     expected = [np.exp(-optical_depth(air, h, c)) for h, c in zip(height, cosine, strict=True)]
     assert np.abs(air.transmittance(GROUND + height, cosine) - expected).max() < 6e-3
 
-
-def test_the_suns_disc_sets_in_half_a_degree(air):
     shares = air.sunlight(np.zeros(5), np.sin(np.radians([1.0, 0.267, 0.0, -0.267, -2.0])))[:, 0]
     assert (np.diff(shares) < 0.0)[:3].all()
     assert shares[3] == pytest.approx(0.0, abs=1e-12)
     assert shares[4] == 0.0
 
 
-def test_multiple_scattering_agrees_with_many_more_directions_and_steps(air):
+def test_scattering_agrees_with_many_more_directions_and_steps(air):
     number = np.arange(512) + 0.5
     z, turn = 1.0 - 2.0 * number / 512, number * np.pi * (3.0 - np.sqrt(5.0))
     flat = np.sqrt(1.0 - z * z)
@@ -166,8 +164,6 @@ def test_multiple_scattering_agrees_with_many_more_directions_and_steps(air):
     assert np.abs(air.scattered_again(height, cosine) / expected - 1.0).max() < 0.1
     assert np.abs(air.scattered_again(height, cosine) / expected - 1.0).mean() < 0.03
 
-
-def test_the_steps_of_the_sky_are_short_enough(air):
     ways = way(np.array([0.3, 2.0, 10.0, 45.0, 90.0])[:, None], np.linspace(0.0, 180.0, 9))
     for elevation in LOW_SUNS:
         few, many = (air.sky(20.0, ways, way(elevation), steps=n).radiance for n in (24, 300))
@@ -221,14 +217,7 @@ def test_skies_between_the_levels_are_blended(air):
     assert between(1e9) == (len(LEVELS) - 2, 1.0)
 
 
-def test_an_overcast_zenith_is_three_times_as_bright_as_the_horizon():
-    table = overcast_table(np.full(3, 5.0))
-    assert np.allclose(table[-1], 3.0 * table[SIZE])
-    harmonics = irradiance_harmonics(table[SIZE:], Sun(0.0, 30.0), np.zeros(3))
-    assert np.allclose(sky_irradiance(harmonics, UP), 5.0, rtol=0.03)
-
-
-def test_irradiance_of_the_sky_and_suns_below_twilight():
+def test_irradiance_of_clear_and_overcast_skies_and_suns_below_twilight():
     harmonics = irradiance_harmonics(np.ones((64, 64, 3)), Sun(40.0, 30.0), np.zeros(3))
     # Overhead sky of radiance 1 over ground that returns its albedo of it.
     assert np.allclose(sky_irradiance(harmonics, np.array([0.0, 0.0, 1.0])), np.pi, rtol=0.04)
@@ -244,9 +233,14 @@ def test_irradiance_of_the_sky_and_suns_below_twilight():
         with pytest.raises(InputError, match="elevation"):
             Sun(0.0, elevation)
 
+    table = overcast_table(np.full(3, 5.0))
+    assert np.allclose(table[-1], 3.0 * table[SIZE])
+    harmonics = irradiance_harmonics(table[SIZE:], Sun(0.0, 30.0), np.zeros(3))
+    assert np.allclose(sky_irradiance(harmonics, UP), 5.0, rtol=0.03)
+
 
 @pytest.mark.gl
-def test_overcast_has_no_sun_and_less_light(gl):
+def test_overcast_has_less_light_and_exposure_follows_it_but_not_all_the_way(gl):
     sun = Sun(0.0, 40.0)
     clear, grey = Sky(gl, sun, CLEAR), Sky(gl, sun, Weather(clouds=1.0))
     assert (grey.sunlight == 0.0).all()
@@ -254,9 +248,6 @@ def test_overcast_has_no_sun_and_less_light(gl):
     assert 0.2 < (sky_irradiance(grey.harmonics, UP) / total).mean() < 0.5
     assert grey.exposure(0.0) > 1.5 * clear.exposure(90.0)
 
-
-@pytest.mark.gl
-def test_exposure_follows_the_light_but_not_all_the_way(gl):
     noon, dawn, dusk = (Sky(gl, Sun(0.0, e), CLEAR) for e in (45.0, 4.0, -4.0))
     light = [float(sky_irradiance(sky.harmonics, UP).mean()) for sky in (noon, dawn, dusk)]
     shown = [a * sky.exposure(90.0) for a, sky in zip(light, (noon, dawn, dusk), strict=True)]

@@ -85,7 +85,7 @@ def test_textures_have_no_seam(context):
             assert step.take(-1, axis).mean() < 1.6 * step.mean(), name
 
 
-def test_albedos_are_those_of_measured_ground(painted):
+def test_albedos_and_roughness_are_those_of_measured_ground(painted):
     bounds = {
         "grass": (0.03, 0.12),
         "soil": (0.05, 0.15),
@@ -105,6 +105,11 @@ def test_albedos_are_those_of_measured_ground(painted):
     grass, sand = (albedos[name].mean(axis=(0, 1)) for name in ("grass", "sand"))
     assert grass[1] > 1.15 * grass[0] > 1.15 * grass[2]
     assert sand[0] > sand[1] > sand[2]
+
+    for name, layer in LAYERS.items():
+        assert 0.0 < layer.high < layer.low <= 1.0, name
+        assert 0.0 < layer.bump < 0.5, name
+        assert layer.width > 0.0, name
 
 
 def test_relief_is_slope_roughness_and_openness_of_the_heights(context):
@@ -127,13 +132,6 @@ def test_relief_is_slope_roughness_and_openness_of_the_heights(context):
     assert np.abs(got - expected).max() < 2e-6
     flat = embossed(context, np.full((16, 16, 4), 0.5), Layer(1.0, 0.1, 0.9, 0.7))
     assert np.allclose(flat, [0.0, 0.0, 0.8, 1.0], atol=1e-6)
-
-
-def test_roughness_lies_between_a_mirror_and_lambert_and_is_greatest_in_hollows() -> None:
-    for name, layer in LAYERS.items():
-        assert 0.0 < layer.high < layer.low <= 1.0, name
-        assert 0.0 < layer.bump < 0.5, name
-        assert layer.width > 0.0, name
 
 
 BYTE = 0.5 / 255.0
@@ -362,7 +360,7 @@ def ask(maker, folder, recipe="recipe", family="materials-8"):
     return bytes(kept(family, recipe, len(maker.content), maker, folder))
 
 
-def test_cached_bytes_are_read_again_until_the_recipe_changes(tmp_path):
+def test_cached_bytes_are_read_again_until_the_recipe_changes(tmp_path, monkeypatch):
     maker = Maker()
     assert ask(maker, tmp_path / "new") == ask(maker, tmp_path / "new") == maker.content
     assert maker.calls == 1
@@ -374,6 +372,12 @@ def test_cached_bytes_are_read_again_until_the_recipe_changes(tmp_path):
     assert other.calls == 1
     assert len(list(tmp_path.glob("materials-8-*"))) == 1
     assert len(list(tmp_path.glob("materials-16-*"))) == 1
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "sketchterrain"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    assert cache_folder() == Path(tmp_path / "home/.cache/sketchterrain")
 
 
 def test_a_broken_file_is_replaced_and_without_a_folder_nothing_is_cached(tmp_path, monkeypatch):
@@ -402,14 +406,6 @@ def test_a_broken_file_is_replaced_and_without_a_folder_nothing_is_cached(tmp_pa
 
     monkeypatch.setattr(Path, "expanduser", homeless)
     assert ask(maker, None) == maker.content
-
-
-def test_the_folder_is_that_of_the_environment(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert cache_folder() == tmp_path / "sketchterrain"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    assert cache_folder() == Path(tmp_path / "home/.cache/sketchterrain")
 
 
 WIDTHS = texture_widths()

@@ -135,9 +135,9 @@ Tell = Callable[[dict[str, Any]], None]
 def estimate_world(request: WorldRequest, sketch: Sketch, stages: Stages) -> dict[str, Any]:
     """Return what a world takes; nothing is written where it will be."""
     job = _placed(request, sketch, stages)
-    from sketchterrain.world import estimate
+    from sketchterrain.world import options
 
-    found = estimate.estimate_world(job, workers=request.workers)
+    found = options.estimate_world(job, workers=request.workers)
     problem = ""
     try:
         found.refuse_impossible()
@@ -149,8 +149,7 @@ def estimate_world(request: WorldRequest, sketch: Sketch, stages: Stages) -> dic
 def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, tell: Tell) -> dict[str, Any]:
     """Write or resume a world; `tell` takes ``stage``, ``share`` and ``note`` as it goes on."""
     job = _placed(request, sketch, stages)
-    from sketchterrain.world.progress import ProgressReporter
-    from sketchterrain.world.run import run_world
+    from sketchterrain.world.run import ProgressReporter, run_world
 
     def show(text: str, share: float, left: str) -> None:
         tell({"stage": f"{text}, {left}" if left else text})
@@ -173,9 +172,8 @@ def write_world(request: WorldRequest, sketch: Sketch, stages: Stages, tell: Tel
 def _placed(request: WorldRequest, sketch: Sketch, stages: Stages) -> Job:
     with stages.stage("program", "Loading the program"):
         from sketchterrain.terrain import make_recipe
-        from sketchterrain.world.journal import OutputLayout
+        from sketchterrain.world.journal import OutputLayout, check_output_unused
         from sketchterrain.world.options import form_of
-        from sketchterrain.world.resume import check_output_unused
 
         request.options.check(sketch)
     with stages.stage("features", "Placing features"):

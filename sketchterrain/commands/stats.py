@@ -13,7 +13,7 @@ from sketchterrain.listings import say, say_json
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:
-    from sketchterrain.world.resume import Broken
+    from sketchterrain.world.journal import Broken
     from sketchterrain.world.statistics import Statistics
 
 __all__ = ["stats"]
@@ -41,7 +41,7 @@ def stats(
     with Stages() as stages:
         if check:
             with stages.stage("check", "Reading every file") as tell:
-                from sketchterrain.world.resume import check_world
+                from sketchterrain.world.journal import check_world
 
                 broken = list(check_world(store, progress=tell))
         else:

@@ -17,7 +17,7 @@ from sketchterrain.listings import counted, say, say_json
 from sketchterrain.progress import Stages
 
 if TYPE_CHECKING:  # loaded once the arguments are read
-    from sketchterrain.world.estimate import WorldEstimate
+    from sketchterrain.world.options import WorldEstimate
     from sketchterrain.world.run import WorldResult
 
 _MOST_WORKERS = 1024
@@ -104,10 +104,8 @@ def world(
         with stages.stage("program", "Loading the program"):
             from sketchterrain.compute import choose_device
             from sketchterrain.terrain import make_recipe
-            from sketchterrain.world.estimate import estimate_world
-            from sketchterrain.world.journal import OutputLayout
-            from sketchterrain.world.options import WorldOptions, form_of, layers_of
-            from sketchterrain.world.resume import check_output_unused
+            from sketchterrain.world.journal import OutputLayout, check_output_unused
+            from sketchterrain.world.options import WorldOptions, estimate_world, form_of, layers_of
 
             form = form_of(output)
             options = WorldOptions(
@@ -142,8 +140,7 @@ def world(
         return
     sys.stderr.writelines(f"{line}\n" for line in estimate.lines())
     estimate.refuse_impossible()
-    from sketchterrain.world.progress import ProgressReporter
-    from sketchterrain.world.run import run_world
+    from sketchterrain.world.run import ProgressReporter, run_world
 
     with ProgressReporter() as watcher:
         result = run_world(

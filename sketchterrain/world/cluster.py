@@ -15,14 +15,20 @@ from typing import Any, Final, Self
 from urllib.parse import urlsplit
 from uuid import uuid4
 
+import dask
+from distributed import Client, LocalCluster, as_completed
+from distributed.core import rpc
+from distributed.protocol.pickle import dumps
+from distributed.scheduler import KilledWorker
+from distributed.security import Security
+
 from sketchterrain.compute import ComputeContext, choose_device, is_usable, list_devices
 from sketchterrain.errors import DeviceError, InputError, SketchterrainError, one_line
 from sketchterrain.exit_codes import DEBUG
-from sketchterrain.world.job import Job
-from sketchterrain.world.libraries import require
+from sketchterrain.world.job import Job, Task, TaskResult
 from sketchterrain.world.store import store_of
 from sketchterrain.world.task_runner import TaskRunner
-from sketchterrain.world.tasks import Task, TaskResult
+from sketchterrain.world.worker import WorkerSetup, bits_of, run_task
 
 _TIMEOUT: Final = 10.0  # s that a scheduler may take to answer
 _ENDING: Final = 60.0  # s that running tasks may take to end
@@ -55,7 +61,6 @@ class ClusterExecutor:
         note: Callable[[str], None],
         stopped: Callable[[], bool] = lambda: False,
     ) -> None:
-        require("more than one process", ["distributed"])
         self._job, self._device, self._note, self._stopped = job, device, note, stopped
         self._workers, self._scheduler = workers, scheduler
         self._run = f"sketchterrain-{uuid4().hex}"
@@ -89,15 +94,7 @@ class ClusterExecutor:
         self._stack.close()
 
     def run(self, tasks: Iterable[Task]) -> Iterator[TaskResult]:
-        """Yield results in the order in which they come.
-
-        Raises DeviceError if no worker is left, and SketchterrainError if the scheduler is gone, a task
-        failed, or no worker comes.
-        """
-        from distributed import as_completed
-
-        from sketchterrain.world.worker import run_task
-
+        """Yield results in the order in which they come; see `run_world` for the errors."""
         todo, more, completed = iter(tasks), True, as_completed(loop=self._client.loop)
         self._look()
         while more or self._pending:
@@ -135,8 +132,6 @@ class ClusterExecutor:
                 time.sleep(_PAUSE)
 
     def _result(self, future: Any) -> TaskResult:
-        from distributed.scheduler import KilledWorker
-
         try:
             result: TaskResult = future.result(timeout=_TIMEOUT)
         except KilledWorker as error:
@@ -189,9 +184,6 @@ class ClusterExecutor:
 
     def _connect(self, stack: ExitStack) -> Any:
         """Return a client of the scheduler, or of one that is started here with its workers."""
-        import dask
-        from distributed import Client, LocalCluster
-
         if self._scheduler is None:
             count = self._workers or 1
             try:
@@ -222,10 +214,6 @@ class ClusterExecutor:
 
     def _set_up(self, probe: tuple[str, str]) -> None:
         """Have all workers checked, now and when they come."""
-        from distributed.protocol.pickle import dumps
-
-        from sketchterrain.world.worker import WorkerSetup, bits_of
-
         # Workers must compute what this machine does, on a device with known bits if there is one.
         known = (device for device in list_devices() if device.known and is_usable(device))
         device = next(known, None) or choose_device(self._device)
@@ -279,9 +267,6 @@ def check_scheduler(address: str) -> None:
 
 
 async def _kind_of(address: str) -> str:
-    from distributed.core import rpc
-    from distributed.security import Security
-
     arguments = Security().get_connection_args("client")
     async with rpc(address, timeout=_TIMEOUT, connection_args=arguments) as there:
         return str((await there.identity()).get("type"))

@@ -1,26 +1,52 @@
-"""Journal and ledger of a world: JSON lines of finished tasks, with hashes and paths of their files."""
+"""Journal and ledger of a world, and what they tell of an output: nothing, a part of a world, all of it."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from glob import escape
+from hashlib import file_digest
+from importlib.metadata import version
+from itertools import chain, islice, product
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import filelock
 import msgspec
 
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.sketch import packed_sketch
 from sketchterrain.whole_files import telling_failure, write_whole
-from sketchterrain.world.job import Job
-from sketchterrain.world.store import plants_of, store_of
-from sketchterrain.world.tasks import Task, WrittenFile
+from sketchterrain.world.job import Job, Task, WrittenFile, fingerprint
+from sketchterrain.world.store import (
+    JOURNAL,
+    LEDGER,
+    Store,
+    layer_file,
+    ledger_file,
+    parts_folder,
+    plants_of,
+    store_of,
+    text_of,
+)
 
-_PLANTS: Final = "plants/"
+PLANTS: Final = "plants/"
+"""Begins the names of plant files in the ledger."""
 _SYNC = 5.0  # s between two flushes of the journal to the disk
+_THREADS: Final = 4  # a disk gives no more than they take
+_BATCH: Final = 64  # files
+_HEX: Final = "[0-9a-f]" * 8
+# Temporary files of whole_files; GDAL takes no other ending for plants than its own.
+_PARTIAL: Final = (f".*.{_HEX}.tmp", f".*.{_HEX}.fgb")
+# What workers look for in the output's folder, and what each tries to write.
+_PROBES: Final = (f".sketchterrain-{_HEX * 4}", f".sketchterrain-{_HEX * 4}-{_HEX}")
+_ZARR_MARK: Final = b'"sketchterrain"'
+_ZARR_CHUNKS: Final = "c"  # the folder of an array's shards
 
 
 class Header(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -42,6 +68,7 @@ class Ledger(msgspec.Struct):
     done: dict[Task, tuple[WrittenFile, ...]]
     others: tuple[WrittenFile, ...] = ()
     unreadable: int = 0  # lines
+    finished: bool = False
 
     @property
     def files(self) -> Iterator[WrittenFile]:
@@ -49,6 +76,11 @@ class Ledger(msgspec.Struct):
         yield from self.others
         for files in self.done.values():
             yield from files
+
+    @property
+    def bytes(self) -> int:
+        """Of all files."""
+        return sum(file.bytes for file in self.files)
 
     def text(self) -> str:
         """Return it as JSON lines: sorted, so it is the same whatever the order of the work was."""
@@ -96,27 +128,18 @@ def read_ledger(text: str, place: object) -> Ledger:
 
 def read_journal(path: Path) -> Ledger | None:
     """Read a journal, whose last line may be torn; None if there is none."""
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise InputError(f"{one_line(path)}: cannot be read ({error.strerror})") from None
+    text = text_of(path)
     return read_ledger(text, path) if text else None
 
 
 class Journal:
-    """Appends a line for each finished task; a context manager.
-
-    What is known already is written first, whole: a run that is killed amid it leaves the journal as it was.
-    """
+    """Writes what is known already, whole, then appends a line for each finished task; a context manager."""
 
     def __init__(self, path: Path, ledger: Ledger) -> None:
         self._path = path
         with telling_failure(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, ledger.text().encode())
-        with telling_failure(path):
+            write_whole(path, ledger.text().encode())
             self._stream = path.open("ab", buffering=0)
         self._synced = time.monotonic()
 
@@ -172,17 +195,12 @@ class OutputLayout:
         plants = plants_of(job)
         return cls(store_of(job).folder, None if plants is None else plants.folder)
 
-    @staticmethod
-    def plant_names(names: Iterable[str]) -> tuple[str, ...]:
-        """Return names of a plant store's files as the ledger has them."""
-        return tuple(f"{_PLANTS}{name}" for name in names)
-
     def path(self, name: str) -> Path:
         """Return the path of a file of the ledger; raise InputError if it is not inside the folders."""
         if not is_inside(name):
             raise InputError(f"expected the name of a file of the world, got {one_line(name)!r}")
-        if self.plants is not None and name.startswith(_PLANTS):
-            return self.plants / name.removeprefix(_PLANTS)
+        if self.plants is not None and name.startswith(PLANTS):
+            return self.plants / name.removeprefix(PLANTS)
         return self.ground / name
 
 
@@ -195,3 +213,176 @@ def is_inside(name: str) -> bool:
     """Return whether a relative name stays inside the folder that it is looked up in."""
     parts = name.split("/")
     return all(part not in ("", ".", "..") and "\0" not in part and "\\" not in part for part in parts)
+
+
+def file_record(path: Path, name: str) -> WrittenFile:
+    """Return the length and the hash of a file; raise OSError if it cannot be read."""
+    with path.open("rb") as stream:
+        digest = file_digest(stream, "sha256").hexdigest()
+        return WrittenFile(name, stream.tell(), digest)
+
+
+def load_ledger(job: Job, store: Store) -> Ledger | None:
+    """Return what is saved of a job's world, if anything; raise InputError if it is broken or another's."""
+    ledger = read_journal(store.journal)
+    if ledger is None and (text := store.ledger_text()) is not None:
+        ledger = read_ledger(text, store.folder)
+        ledger.finished = True
+    if ledger is None:
+        return None
+    if ledger.header.version != version("sketchterrain"):
+        raise InputError(
+            f"{one_line(job.output)}: was begun by version {one_line(ledger.header.version)} of the program, "
+            f"this is {version('sketchterrain')}; take another output"
+        )
+    if ledger.header.fingerprint != fingerprint(job):
+        raise InputError(
+            f"{one_line(job.output)}: what is there was made from another sketch, seed, bounds or options, "
+            "or by other code; take another output"
+        )
+    return ledger
+
+
+def check_output_unused(job: Job, *, resume: bool) -> None:
+    """Refuse an output that a job's world cannot be written to; change nothing.
+
+    Raises InputError if there is something else or another world, or a world and `resume` is not given.
+    """
+    store, output, place = store_of(job), job.output, one_line(job.output)
+    try:
+        parent = next(each for each in store.folder.parents if each.exists())
+        if not parent.is_dir():
+            raise InputError(f"{place}: expected a path to write to, {one_line(parent)} is a file")
+        if job.form != "tif" and output.exists() and not output.is_dir():
+            raise InputError(f"{place}: expected a folder to write into, this is a file")
+        begun = _is_begun(job, store)
+        places = () if begun else _places(job, store)
+        strange = next((each for each in places if _holds_something(each, store)), None)
+    except OSError as error:
+        raise InputError(f"{place}: cannot be read ({error.strerror})") from None
+    if strange is not None:
+        raise InputError(f"{one_line(strange)}: there is something else; take another output")
+    if begun and not resume:
+        raise InputError(f"{place}: there is a world; --resume completes it, or take another output")
+    if begun:
+        load_ledger(job, store)
+
+
+def remove_partial_files(job: Job, store: Store, layout: OutputLayout, whole: Collection[str]) -> None:
+    """Delete what only a killed run leaves: temporary files, and Zarr shards not among the `whole`."""
+    folders = {job.output, store.journal.parent, *((layout.plants,) if layout.plants is not None else ())}
+    for folder in folders:
+        for pattern in _PARTIAL:
+            _delete(folder.rglob(pattern))
+    for pattern in _PROBES:
+        _delete(store.journal.parent.glob(pattern))
+    if job.form == "tif":
+        for file in (ledger_file(job.output), *(layer_file(job.output, each) for each in job.layers)):
+            _delete(job.output.parent.glob(f".{escape(file.name)}.{_HEX}.tmp"))
+    if job.form == "zarr":
+        for level, layer in product(job.world.levels, job.layers):
+            shards = (job.output / str(level.number) / layer / _ZARR_CHUNKS).rglob("*")
+            _delete(path for path in shards if path.relative_to(layout.ground).as_posix() not in whole)
+
+
+def _is_begun(job: Job, store: Store) -> bool:
+    """Return whether a world or a part of it is there; the mark's name alone may be a user's file."""
+    if (store.journal.is_file() and store.journal.stat().st_size > 0) or store.ledger_text() is not None:
+        return True
+    if not store.mark.is_file():
+        return False
+    content = store.mark.read_bytes()
+    return _ZARR_MARK in content if job.form == "zarr" else content == packed_sketch(job.sketch)
+
+
+def _places(job: Job, store: Store) -> Iterator[Path]:
+    """Yield the files and folders that are to be the world's."""
+    yield job.output
+    if job.form == "tif":
+        yield from (layer_file(job.output, layer) for layer in job.layers)
+        yield store.journal.parent
+    if job.plants != "none":
+        yield plants_folder(job.output)
+
+
+def _holds_something(place: Path, store: Store) -> bool:
+    """Return whether a place holds more than what a run leaves that was killed before its first file."""
+    if not place.is_dir():
+        return os.path.lexists(place)
+    return any(
+        not each.is_dir()
+        and each != store.journal
+        and not any(fnmatchcase(each.name, pattern) for pattern in (*_PARTIAL, *_PROBES))
+        for each in place.rglob("*")
+    )
+
+
+def _delete(paths: Iterable[Path]) -> None:
+    for path in list(paths):
+        if not path.is_dir():
+            path.unlink(missing_ok=True)
+
+
+class Broken(NamedTuple):
+    """A file of the ledger that is not what was written, and how it differs."""
+
+    file: str
+    why: str
+
+
+def verify(ledger: Ledger, layout: OutputLayout, *, progress: Callable[[float], None]) -> Iterator[Broken]:
+    """Yield files of a ledger that are missing or differ; `progress` takes the share that is read, 0 … 1."""
+    files, total, read = ledger.files, max(ledger.bytes, 1), 0
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, _THREADS), "verify") as pool:
+        while some := list(islice(files, _BATCH)):
+            for file, why in zip(some, pool.map(lambda each: _difference(each, layout), some), strict=True):
+                read += file.bytes
+                progress(read / total)
+                if why:
+                    yield Broken(file.file, why)
+
+
+def check_world(path: str | Path, *, progress: Callable[[float], None]) -> Iterator[Broken]:
+    """Verify a finished world (a Zarr store, a folder of tiles, or the GeoTIFF of the heights).
+
+    Raises InputError if there is no ledger, it is broken, or the world is not finished.
+    """
+    place, ledger = Path(path), _finished_ledger(Path(path))
+    layout = OutputLayout(place if place.is_dir() else place.parent, plants_folder(place))
+    return chain(broken_lines(ledger), verify(ledger, layout, progress=progress))
+
+
+def broken_lines(ledger: Ledger) -> Iterator[Broken]:
+    """Yield what is wrong with the ledger of a finished world itself."""
+    if ledger.unreadable:
+        yield Broken("ledger", f"has broken lines: {ledger.unreadable}")
+    elif not ledger.others:
+        yield Broken("ledger", "does not name the files that belong to the whole")
+
+
+def _finished_ledger(place: Path) -> Ledger:
+    if place.is_dir():
+        zarr = place / "ledger"
+        candidates = [(zarr / "c" / "0", zarr / JOURNAL), (place / LEDGER, place / JOURNAL)]
+    else:
+        candidates = [(ledger_file(place), parts_folder(place) / JOURNAL)]
+    for path, journal in candidates:
+        if read_journal(journal) is not None:
+            raise InputError(f"{one_line(place)}: is not finished; world --resume completes it")
+        if (text := text_of(path)) is not None:
+            return read_ledger(text, path)
+    raise InputError(f"{one_line(place)}: no ledger of a world's files is there")
+
+
+def _difference(file: WrittenFile, layout: OutputLayout) -> str:
+    """Return how a file differs from what was written; empty if it does not."""
+    path = layout.path(file.file)
+    try:
+        size = path.stat().st_size
+        if size != file.bytes:
+            return f"has {size} bytes, {file.bytes} were written"
+        return "" if file_record(path, file.file) == file else "has other bytes than were written"
+    except FileNotFoundError:
+        return "is missing"
+    except OSError as error:
+        return f"cannot be read ({error.strerror})"

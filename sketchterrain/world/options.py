@@ -1,22 +1,31 @@
-"""Options of a world that is to be written, checked before anything is opened."""
+"""Options of a world that is to be written, checked before anything is opened, and what it takes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import get_args
+from typing import Any, Final, get_args
 
 from sketchterrain.errors import InputError, one_line
+from sketchterrain.estimate import Estimate, count_text, layer_disk, plant_disk
+from sketchterrain.listings import counted
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain.lattice import metres_per_unit, to_lattice
 from sketchterrain.terrain.recipe import TerrainRecipe
-from sketchterrain.world.grid import World
+from sketchterrain.world.grid import Shard, World
 from sketchterrain.world.ground import LAYERS
-from sketchterrain.world.job import Form, Job, PlantsForm
-from sketchterrain.world.libraries import require
+from sketchterrain.world.job import Form, Job, PlantsForm, task_count
+from sketchterrain.world.journal import load_ledger
+from sketchterrain.world.store import require, store_of
 
 _FINEST_STEP, _COARSEST_STEP = 2.0**-24, 2.0**10  # m
+# Bytes, measured with every layer: a process with an open device, what kernels work on of so many vertices
+# at once, and a shard that is evaluated and one that is written.
+_PROCESS: Final = 280 << 20
+_LAUNCHED: Final = 1 << 20
+_BYTES_LAUNCHED: Final = 92
+_BYTES_A_VERTEX: Final = 56
 
 
 @dataclass(frozen=True)
@@ -46,7 +55,12 @@ class WorldOptions:
             raise InputError(f"expected plants as none, parquet or flatgeobuf, got {one_line(self.plants)!r}")
         if self.grass and self.plants == "none":
             raise InputError("grass without plants: expected plants as parquet or flatgeobuf with it")
-        _check_step(self.step)
+        power = _FINEST_STEP <= self.step <= _COARSEST_STEP and math.frexp(self.step)[0] == 0.5
+        if self.step != 0 and not power:
+            raise InputError(
+                f"step {self.step:g}: expected a power of two of metres up to {_COARSEST_STEP:g}, "
+                "as 0.0078125, or 0 for every bit"
+            )
         if not all(math.isfinite(number) for number in self.origin):
             raise InputError(f"expected a finite origin, got {self.origin}")
         if self.crs is not None:
@@ -115,10 +129,8 @@ def _check_lattice(world: World, extent: float) -> None:
             f"{extent:g} m has"
         )
     for level in world.levels:
-        east, south = (
-            world.west + (level.columns + 1) * level.cell,
-            world.north - (level.rows + 1) * level.cell,
-        )
+        east = world.west + (level.columns + 1) * level.cell
+        south = world.north - (level.rows + 1) * level.cell
         try:
             to_lattice([world.west - level.cell, east, world.north + level.cell, south], extent)
         except InputError as error:
@@ -126,10 +138,67 @@ def _check_lattice(world: World, extent: float) -> None:
             raise InputError(f"bounds {bounds}: {error}") from None
 
 
-def _check_step(step: float) -> None:
-    if step == 0 or (_FINEST_STEP <= step <= _COARSEST_STEP and math.frexp(step)[0] == 0.5):
-        return
-    raise InputError(
-        f"step {step:g}: expected a power of two of metres up to {_COARSEST_STEP:g}, as 0.0078125, "
-        "or 0 for every bit"
-    )
+@dataclass(frozen=True)
+class WorldEstimate:
+    """What a world takes, and how many of its tasks are done."""
+
+    job: Job
+    needs: Estimate
+    tasks: int
+    done: int
+
+    def refuse_impossible(self) -> None:
+        """Raise InputError if the disk or the memory will not do."""
+        self.needs.check(self.job.output, "the world's files")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        world, finest = self.job.world, self.job.world.levels[0]
+        return {
+            "output": str(self.job.output),
+            "form": self.job.form,
+            "bounds": [world.west, world.south, world.east, world.north],
+            "cell": world.cell,
+            "columns": finest.columns,
+            "rows": finest.rows,
+            "levels": len(world.levels),
+            "vertices": world.vertices,
+            "tasks": self.tasks,
+            "done": self.done,
+            **self.needs.as_dict(self.job.output),
+        }
+
+    def lines(self) -> list[str]:
+        """Return it as text."""
+        world, finest = self.job.world, self.job.world.levels[0]
+        done = f", {self.done} of them done" if self.done else ""
+        return [
+            f"world: {finest.columns} × {finest.rows} vertices {world.cell:g} m apart, "
+            f"{counted(len(world.levels), 'level')}, {count_text(world.vertices)} vertices in all, "
+            f"{counted(self.tasks, 'shard')}{done}",
+            *self.needs.lines(self.job.output),
+        ]
+
+
+def estimate_world(job: Job, *, workers: int = 0) -> WorldEstimate:
+    """Return what a job takes, by `workers` processes of this machine (0: this one).
+
+    Raises InputError if there is another world at the output.
+    """
+    world = job.world
+    disk = layer_disk(world.vertices, job.layers)
+    if job.step:
+        disk["height"] *= 0.4
+    if job.form == "tif":
+        disk["temporary"] = sum(disk.values())  # shards, until they are joined
+    if job.plants != "none":
+        east, north = job.sketch.size  # plants grow in the sketch alone
+        across = max(min(world.east, east) - max(world.west, 0.0), 0.0)
+        down = max(min(world.north, north) - max(world.south, 0.0), 0.0)
+        disk["plants"] = plant_disk(across * down, job.plants, grass=job.grass)
+    vertices = max(math.prod(level.size_of(Shard(level.number, 0, 0))) for level in world.levels)
+    each = _PROCESS + _BYTES_LAUNCHED * min(vertices, _LAUNCHED) + _BYTES_A_VERTEX * vertices
+    memory = each * max(workers, 1) + (_PROCESS if workers else 0)
+    ledger = load_ledger(job, store_of(job))
+    done, present = (0, 0) if ledger is None else (len(ledger.done), ledger.bytes)
+    return WorldEstimate(job, Estimate(disk, memory, present), task_count(job), done)

@@ -5,10 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pyogrio
+import shapely
+from pyogrio.errors import DataLayerError, DataSourceError
+from rasterio.crs import CRS
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.export.placed_layers import Origin
@@ -17,14 +23,8 @@ from sketchterrain.terrain import Terrain
 from sketchterrain.whole_files import telling_failure, whole_path
 from sketchterrain.world.georeference import Georeference
 from sketchterrain.world.grid import SHARD, World
-from sketchterrain.world.job import Job
+from sketchterrain.world.job import Job, Task
 from sketchterrain.world.journal import plants_folder
-from sketchterrain.world.libraries import require
-from sketchterrain.world.tasks import Task
-
-if TYPE_CHECKING:  # heavy, and of the extra `world`
-    import pyarrow as pa
-    from rasterio.crs import CRS
 
 _GEOMETRY: Final = "geometry"  # points as ISO WKB, with the height as z
 _FLOATS: Final = ("x", "y", "z", "nx", "ny", "nz", "scale", "rotation", "tint")
@@ -41,7 +41,6 @@ class PlantStore:
     """
 
     def __init__(self, job: Job) -> None:
-        require(f"plants as {job.plants}", ["pyarrow"])
         self.folder = plants_folder(job.output)
         self._job = job
 
@@ -87,14 +86,7 @@ def plant_square(world: World, row: int, column: int) -> tuple[float, float, flo
 
 
 def _schema() -> pa.Schema:
-    """Return the columns.
-
-    x, y, z: m, in the coordinate reference system; nx, ny, nz: the ground's normal; species: its name;
-    scale: 1 is grown; rotation: degrees, counter-clockwise seen from above; tint: 0 to 1; level: those of
-    it and above are evenly thinned.
-    """
-    import pyarrow as pa
-
+    """Return the columns, which docs/worlds.md explains."""
     columns = [(name, pa.float64() if name in ("x", "y") else pa.float32()) for name in _FLOATS]
     species = ("species", pa.dictionary(pa.int8(), pa.string()))
     return pa.schema([(_GEOMETRY, pa.binary()), *columns[:6], species, *columns[6:], ("level", pa.int16())])
@@ -119,9 +111,6 @@ def _batches(
 
 
 def _batch(plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin) -> pa.RecordBatch:
-    import pyarrow as pa
-    import shapely
-
     x, y = plants["x"] + origin.east, plants["y"] + origin.north
     columns: dict[str, Any] = {
         _GEOMETRY: pa.array(shapely.to_wkb(shapely.points(x, y, plants["z"]), flavor="iso"), pa.binary()),
@@ -144,8 +133,6 @@ def _batch(plants: npt.NDArray[np.void], species: Sequence[str], origin: Origin)
 
 def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:
     """Write GeoParquet 1.1, a row group a batch; floats as BYTE_STREAM_SPLIT take two thirds of the bytes."""
-    import pyarrow.parquet as pq
-
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     with (
         whole_path(path) as temporary,
@@ -170,14 +157,7 @@ def _write_parquet(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> N
 
 
 def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -> None:
-    """Write FlatGeobuf with a spatial index, in the order of that index; places are points alone.
-
-    The plants of a square are in memory at once, and for a while the file is on the disk twice.
-    """
-    import pyarrow as pa
-    import pyogrio
-    from pyogrio.errors import DataLayerError, DataSourceError
-
+    """Write FlatGeobuf in the order of its index: all rows in memory, and for a while twice on the disk."""
     table = pa.Table.from_batches(batches, _schema()).drop_columns(list(_PLACE))
     species = table["species"].cast(pa.string())  # GDAL takes no dictionaries
     table = table.set_column(table.schema.get_field_index("species"), "species", species)
@@ -205,8 +185,6 @@ def _write_flatgeobuf(path: Path, batches: Iterator[pa.RecordBatch], crs: CRS) -
 
 def _check_rows(path: Path, rows: int) -> None:
     """Raise OSError unless all rows are on the disk: GDAL does not report what fails on closing."""
-    import pyogrio
-
     last = {"skip_features": rows - 1, "max_features": 1} if rows else {}
     info = pyogrio.read_info(path)
     _, _, geometry, _ = pyogrio.raw.read(path, **last)

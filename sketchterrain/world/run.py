@@ -1,37 +1,133 @@
-"""A world written from begin to end: existing shards are verified, missing ones computed."""
+"""A world written from begin to end: existing shards are verified, missing ones computed; its progress."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import chain
+from typing import TYPE_CHECKING, Final
 
 from msgspec import structs
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from sketchterrain.batch.interrupts import Interrupts
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.world.cluster import ClusterExecutor
-from sketchterrain.world.fingerprint import fingerprint
-from sketchterrain.world.job import Job
-from sketchterrain.world.journal import Header, Journal, Ledger, OutputLayout, exclusive_run
-from sketchterrain.world.progress import ProgressReporter
-from sketchterrain.world.resume import (
+from sketchterrain.estimate import duration
+from sketchterrain.world.job import Job, Task, TaskResult, WrittenFile, fingerprint, task_count, tasks_of
+from sketchterrain.world.journal import (
     Broken,
-    SavedState,
+    Header,
+    Journal,
+    Ledger,
+    OutputLayout,
     broken_lines,
     check_output_unused,
-    load_state,
+    exclusive_run,
+    file_record,
+    load_ledger,
     remove_partial_files,
     verify,
 )
-from sketchterrain.world.serial import SerialExecutor
-from sketchterrain.world.store import store_of
-from sketchterrain.world.task_runner import file_record
-from sketchterrain.world.tasks import Task, WrittenFile, task_count, tasks_of
+from sketchterrain.world.store import require, store_of
+from sketchterrain.world.task_runner import SerialExecutor
 
-Executor = SerialExecutor | ClusterExecutor
+if TYPE_CHECKING:  # it loads dask, of the extra `world`
+    from sketchterrain.world.cluster import ClusterExecutor
+
+_INTERVAL: Final = 10.0  # s between two lines, where there is no terminal
+_NAMED: Final = 10  # broken files; --json has them all
+
+
+class ProgressReporter:
+    """Reports the progress of a run to a person; a context manager.
+
+    `show` takes what is being done, the share that is done and the time left as text, `echo` a line that
+    stays; by default both go to stderr.
+    """
+
+    def __init__(
+        self,
+        *,
+        show: Callable[[str, float, str], None] | None = None,
+        echo: Callable[[str], None] | None = None,
+        timer: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self._timer = timer
+        self._bar = Progress(
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            disable=show is not None or not sys.stderr.isatty(),
+        )
+        self._row = self._bar.add_task("", total=1.0)
+        self._show, self._echo = show or self._show_on_stderr, echo or self._echo_on_stderr
+        self._shown = self._start = timer()
+        self._tasks = self._done = self._present = self._broken = 0
+
+    def __enter__(self) -> ProgressReporter:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def verified(self, share: float) -> None:
+        """Show the share of the existing files that is verified."""
+        self._show("Verifying", share, "")
+
+    def broken(self, file: Broken) -> None:
+        """Report a missing or changed file, which is made again; of many only their number."""
+        self._broken += 1
+        if self._broken <= _NAMED:
+            self._echo(f"{one_line(file.file)} {file.why}: is made again")
+
+    def began(self, tasks: int, done: int) -> None:
+        """Report how many of all tasks are done before the first one is run."""
+        if self._broken > _NAMED:
+            self._echo(f"and {self._broken - _NAMED} more files are made again")
+        if done:
+            self._echo(f"{done} of {tasks} shards are done and verified")
+        self._tasks, self._done, self._present, self._start = tasks, done, done, self._timer()
+        self._bar.reset(self._row, total=tasks, completed=done)
+
+    def made(self, made: TaskResult) -> None:
+        """Show that a task is done, and about how long the others take."""
+        self._done += 1
+        elapsed, left = self._timer() - self._start, self._tasks - self._done
+        seconds = elapsed * left / (self._done - self._present)
+        self._show(
+            f"{self._done} of {self._tasks} shards",
+            self._done / self._tasks,
+            f"about {duration(seconds)} left" if left else "",
+        )
+
+    def joined(self, share: float) -> None:
+        """Show the share of the joined files that is written."""
+        self._show("Joining", share, "")
+
+    def note(self, line: str) -> None:
+        """Report what happened to devices and workers."""
+        self._echo(f"sketchterrain: note: {one_line(line)}")
+
+    def _show_on_stderr(self, text: str, share: float, left: str) -> None:
+        if not self._bar.disable:
+            total = self._bar.tasks[0].total or 1.0
+            self._bar.update(self._row, description=text, completed=share * total)
+        elif self._timer() - self._shown >= _INTERVAL:
+            self._shown = self._timer()
+            self._echo(f"{text}: {share:.0%}{left and ', '}{left}")
+
+    def _echo_on_stderr(self, line: str) -> None:
+        if self._bar.disable:
+            sys.stderr.write(f"{line}\n")
+        else:
+            self._bar.console.print(line, markup=False, highlight=False)
 
 
 @dataclass(frozen=True)
@@ -91,28 +187,25 @@ def run_world(
         )
     check_output_unused(job, resume=resume)
     with exclusive_run(job.output), Interrupts() as interrupts:
-        run = _Run(job, load_state(job, store_of(job)), watcher, interrupts)
+        run = _Run(job, load_ledger(job, store_of(job)), watcher, interrupts)
         if not run.is_finished():
             run.prepare()
             if run.has_tasks_left:
                 run.run_tasks(device=device, workers=workers, scheduler=scheduler)
                 interrupts.check()
             run.join()
-        run.close()
-    return run.result(time.perf_counter() - start)
+        return run.close(start)
 
 
 class _Run:
     """The state of a run."""
 
     def __init__(
-        self, job: Job, state: SavedState | None, watcher: ProgressReporter, interrupts: Interrupts
+        self, job: Job, saved: Ledger | None, watcher: ProgressReporter, interrupts: Interrupts
     ) -> None:
         self.job, self.watcher, self._interrupts = job, watcher, interrupts
         self._store, self._layout = store_of(job), OutputLayout.of(job)
-        header = Header(fingerprint(job), version("sketchterrain"))
-        self._ledger = Ledger(header, {}) if state is None else state.ledger
-        self._was_finished = state is not None and state.finished
+        self._ledger = saved or Ledger(Header(fingerprint(job), version("sketchterrain")), {})
         self._broken: list[Broken] = []
         self._made = 0
         self._tasks = task_count(job)
@@ -120,11 +213,11 @@ class _Run:
     def is_finished(self) -> bool:
         """Verify all files; return whether the world is finished and none of them is broken."""
         found = verify(self._ledger, self._layout, progress=self._interruptible(self.watcher.verified))
-        for each in chain(found, broken_lines(self._ledger) if self._was_finished else ()):
+        for each in chain(found, broken_lines(self._ledger) if self._ledger.finished else ()):
             self._broken.append(each)
             self.watcher.broken(each)
         lost = self._store.keeps_shards and self.has_tasks_left
-        return self._was_finished and not (self._broken or lost)
+        return self._ledger.finished and not (self._broken or lost)
 
     def prepare(self) -> None:
         """Remove what is not whole, and write what depends on no ground."""
@@ -162,18 +255,16 @@ class _Run:
             done = self._ledger.done
             self._ledger.done = {task: files for task, files in done.items() if task.kind != "ground"}
 
-    def close(self) -> None:
-        """Write the ledger; then the world is finished."""
+    def close(self, start: float) -> WorldResult:
+        """Write the ledger; then the world is finished. Return the outcome."""
         self._store.journal.parent.mkdir(parents=True, exist_ok=True)  # `close` deletes what is in it
         self._store.close(self._ledger.text())
+        files, size, seconds = len(list(self._ledger.files)), self._ledger.bytes, time.perf_counter() - start
+        return WorldResult(self._tasks, self._made, tuple(self._broken), files, size, seconds)
 
-    def result(self, seconds: float) -> WorldResult:
-        """Return the outcome."""
-        files = list(self._ledger.files)
-        size = sum(file.bytes for file in files)
-        return WorldResult(self._tasks, self._made, tuple(self._broken), len(files), size, seconds)
-
-    def _executor(self, *, device: str | None, workers: int | None, scheduler: str | None) -> Executor:
+    def _executor(
+        self, *, device: str | None, workers: int | None, scheduler: str | None
+    ) -> SerialExecutor | ClusterExecutor:
         """Return who runs the tasks; the ledger's header then names a device whose bits are its own."""
         header, note = self._ledger.header, self.watcher.note
         begun_on = header.device if self._ledger.done else None
@@ -186,6 +277,9 @@ class _Run:
                 f"{one_line(self.job.output)}: was begun on {begun_on}, and workers have other bits"
             )
         self._ledger.header = structs.replace(header, device="")
+        require("more than one process", ["distributed"])
+        from sketchterrain.world.cluster import ClusterExecutor
+
         return ClusterExecutor(
             self.job,
             workers=workers,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Protocol
 
-from sketchterrain.errors import InputError, one_line
+from sketchterrain.errors import InputError, SketchterrainError, one_line
 from sketchterrain.whole_files import telling_failure, write_whole
 from sketchterrain.world.grid import Shard
 from sketchterrain.world.ground import Ground
@@ -59,6 +60,16 @@ class Store(Protocol):
         """Return the ledger of a finished world; None where there is none."""
 
 
+def require(what: str, modules: Iterable[str]) -> None:
+    """Raise SketchterrainError if a module of the extra ``world`` is not installed; none is imported."""
+    missing = [module for module in modules if find_spec(module) is None]
+    if missing:
+        raise SketchterrainError(
+            f"{what} needs {' and '.join(missing)}: not installed, "
+            "get it with pip install 'sketchterrain[world]'"
+        )
+
+
 def store_of(job: Job) -> Store:
     """Return the store of a job's ground; raise SketchterrainError if a library that it needs is missing."""
     if job.form == "zarr":
@@ -74,6 +85,7 @@ def plants_of(job: Job) -> PlantStore | None:
     """Return the store of a job's plants, None where it has none; see `store_of`."""
     if job.plants == "none":
         return None
+    require(f"plants as {job.plants}", ["pyarrow"])
     from sketchterrain.world.plants import PlantStore
 
     return PlantStore(job)

@@ -1,30 +1,31 @@
-"""One task of a world, from a terrain on a device to files: the same bytes on every device."""
+"""Tasks of a world run by one process, from a terrain on a device to files."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
-from hashlib import file_digest
-from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from sketchterrain.compute import ComputeContext
+from sketchterrain.compute import ComputeContext, Device, choose_device, spare_device
+from sketchterrain.errors import DeviceFailedError, InputError
 from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
+from sketchterrain.terrain import self_test
 from sketchterrain.terrain.answers import Band
 from sketchterrain.terrain.ground_bytes import GroundBytes
 from sketchterrain.terrain.materials import MATERIALS
 from sketchterrain.terrain.terrain import Terrain
 from sketchterrain.world.grid import SHARD, Shard
 from sketchterrain.world.ground import Ground
-from sketchterrain.world.job import Job
-from sketchterrain.world.journal import OutputLayout
+from sketchterrain.world.job import Job, Task, TaskResult
+from sketchterrain.world.journal import PLANTS, OutputLayout, file_record
 from sketchterrain.world.store import plants_of, store_of
-from sketchterrain.world.tasks import Task, TaskResult, WrittenFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +39,10 @@ class PendingTask:
 
 
 class TaskRunner:
-    """Runs tasks of a job on one device.
+    """Runs tasks of a job on one device; every device gives the same bytes.
 
-    `evaluate` needs the device and takes one task at a time; `finish` may run in any thread. A device that
-    gives up or computes non-finite heights raises DeviceFailedError; a file that cannot be written raises
-    SketchterrainError.
+    `evaluate` takes one task at a time, and raises DeviceFailedError for a device that gives up or computes
+    non-finite heights; `finish` may run in any thread.
     """
 
     def __init__(self, job: Job, context: ComputeContext) -> None:
@@ -60,7 +60,7 @@ class TaskRunner:
         if task.kind == "ground":
             ground = self.ground(Shard(task.level, task.row, task.column))
         elif self._plants is not None:
-            names = self._layout.plant_names(self._plants.write(task, self.terrain))
+            names = tuple(f"{PLANTS}{name}" for name in self._plants.write(task, self.terrain))
         return PendingTask(task, ground, names, time.perf_counter() - start)
 
     def finish(self, pending: PendingTask) -> TaskResult:
@@ -119,8 +119,86 @@ def rounded(height: npt.NDArray[np.float32], step: float) -> npt.NDArray[np.floa
     return np.asarray(np.rint(height / np.float32(step)) * np.float32(step) + np.float32(0))
 
 
-def file_record(path: Path, name: str) -> WrittenFile:
-    """Return the length and the hash of a file; raise OSError if it cannot be read."""
-    with path.open("rb") as stream:
-        digest = file_digest(stream, "sha256").hexdigest()
-        return WrittenFile(name, stream.tell(), digest)
+class SerialExecutor:
+    """Runs tasks on one device, and on a CPU device once that one has failed.
+
+    What the first device made stays: both pass the self-test, so their bits are the same. `begun_on` is what
+    `own_bits` returned for the device that made a part of the world already; None: no part is made.
+    """
+
+    def __init__(
+        self, job: Job, *, device: str | None, note: Callable[[str], None], begun_on: str | None = None
+    ) -> None:
+        self._job, self._note = job, note
+        self._device = choose_device(device)
+        self._failed: list[Device] = []
+        self.own_bits = ""
+        try:
+            self.own_bits = own_bits(self._device, fast=job.fast)
+        except DeviceFailedError as error:
+            self._device = self._spare(error)
+        if begun_on is not None and begun_on != self.own_bits:
+            raise InputError(
+                f"{job.output}: was begun on {begun_on or 'a device that passes the self-test'}, and "
+                f"{self.own_bits or self._device.name} has other bits; a world is never made of both"
+            )
+        if self.own_bits and not job.fast:
+            verdict = self_test(self._device)
+            note(f"self-test of {self._device.name} ({self._device.platform}): {verdict.line}")
+
+    def __enter__(self) -> Self:
+        self._runner = self._opened(self._device)
+        self._writer = ThreadPoolExecutor(1, "world")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.shutdown()
+
+    def run(self, tasks: Iterable[Task]) -> Iterator[TaskResult]:
+        """Run tasks in their order; any error of the device or of the writing thread ends it."""
+        writing: Future[TaskResult] | None = None
+        for task in tasks:
+            pending = self._evaluate(task)
+            if writing is not None:
+                yield writing.result()
+            writing = self._writer.submit(self._runner.finish, pending)
+            del pending  # the writing thread alone holds the arrays
+        if writing is not None:
+            yield writing.result()
+
+    def _evaluate(self, task: Task) -> PendingTask:
+        while True:
+            try:
+                return self._runner.evaluate(task)
+            except DeviceFailedError as error:
+                spare = self._spare(error)
+            self._runner = self._opened(spare)
+
+    def _spare(self, error: DeviceFailedError) -> Device:
+        """Return the device that replaces a failed one: it must compute the same bits."""
+        if self.own_bits:
+            raise DeviceFailedError(f"{error}; another device has other bits, so none can go on") from error
+        self._failed.append(self._device)
+        while (spare := spare_device(self._failed)) is not None:
+            with suppress(DeviceFailedError):
+                if not own_bits(spare, fast=False):
+                    self._note(f"{error}; {spare.name} ({spare.platform}) goes on")
+                    self._device = spare
+                    return spare
+            self._failed.append(spare)
+        raise DeviceFailedError(f"{error}; there is no other device to go on") from error
+
+    def _opened(self, device: Device) -> TaskRunner:
+        return TaskRunner(self._job, ComputeContext(device, fast=self._job.fast))
+
+
+def own_bits(device: Device, *, fast: bool) -> str:
+    """Return the name of a device whose bits are its own, empty if it passes the self-test, or raise."""
+    if not fast:
+        # A known driver is spared the comparison, which takes longer than opening the device.
+        verdict = self_test(device, compare=not device.known)
+        if verdict.bits == "failed":
+            raise DeviceFailedError(f"{device.name} ({device.platform}) failed: {verdict.detail}")
+        if verdict.bits == "same":
+            return ""
+    return f"{device.name} ({device.platform}, {device.driver}){' with --fast' if fast else ''}"

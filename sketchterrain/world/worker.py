@@ -23,8 +23,8 @@ from distributed.utils import sync
 
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
 from sketchterrain.exit_codes import DEBUG
-from sketchterrain.world.fingerprint import code_digest
-from sketchterrain.world.tasks import Task, TaskResult
+from sketchterrain.world.grid import Shard
+from sketchterrain.world.job import Task, TaskResult, code_digest
 
 _VISIBLE = 5.0  # s until a network's file system shows a new file
 _SLOTS = {"GPU": 8}  # tasks at once, at most: a GPU evaluates faster than a core packs
@@ -88,10 +88,9 @@ class WorkerSetup(WorkerPlugin):  # type: ignore[misc]  # dask has no types
                 self._worker.status = Status.paused
                 self._worker.status = Status.running
             self._report(slots=slots)
-        except SketchterrainError as error:
-            self._report(refused=one_line(error))
         except Exception as error:  # noqa: BLE001 - whatever it is, this worker cannot do it
-            self._report(refused=one_line(f"{type(error).__name__}: {error}"))
+            kind = "" if isinstance(error, SketchterrainError) else f"{type(error).__name__}: "
+            self._report(refused=one_line(f"{kind}{error}"))
 
     def _report(self, *, slots: int = 0, refused: str = "") -> None:
         event = {"address": self._worker.address, "name": self._called, "slots": slots, "refused": refused}
@@ -129,9 +128,8 @@ class WorkerSetup(WorkerPlugin):  # type: ignore[misc]  # dask has no types
 
 def run_task(run: str, task: Task) -> TaskResult:
     """Run a task in the worker that it was sent to."""
-    plugin: Any = get_worker().plugins[run]
-    result: TaskResult = plugin.run(Task(*task))
-    return result
+    plugin: WorkerSetup = get_worker().plugins[run]
+    return plugin.run(Task(*task))
 
 
 def dask_setup(_: Worker) -> None:
@@ -169,8 +167,6 @@ def own_device(selector: str | None, rank: int) -> Any:
 
 def bits_of(runner: Any) -> str:
     """Return the SHA-256 of some of a job's ground: its coarsest level, and the middle of its finest."""
-    from sketchterrain.world.grid import Shard
-
     world = runner.job.world
     coarsest, finest = world.levels[-1], world.levels[0]
     whole = runner.ground(Shard(coarsest.number, 0, 0))

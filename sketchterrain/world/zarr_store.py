@@ -22,8 +22,7 @@ from sketchterrain.world.georeference import GRID_MAPPING, Georeference, axis_at
 from sketchterrain.world.grid import CHUNK, SHARD, Level, Shard
 from sketchterrain.world.ground import LAYER_SPECS, Ground
 from sketchterrain.world.job import Job
-from sketchterrain.world.libraries import require
-from sketchterrain.world.store import JOURNAL, text_of, write_if_changed
+from sketchterrain.world.store import JOURNAL, require, text_of, write_if_changed
 
 if TYPE_CHECKING:  # of the extra `world`
     import zarr

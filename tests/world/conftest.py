@@ -13,11 +13,9 @@ import pytest
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.world.grid import World
-from sketchterrain.world.job import Job
-from sketchterrain.world.progress import ProgressReporter
-from sketchterrain.world.resume import Broken
-from sketchterrain.world.run import run_world
-from sketchterrain.world.tasks import TaskResult
+from sketchterrain.world.job import Job, TaskResult
+from sketchterrain.world.journal import Broken
+from sketchterrain.world.run import ProgressReporter, run_world
 
 
 class Heard(ProgressReporter):

@@ -20,9 +20,9 @@ from sketchterrain.errors import DeviceError, DeviceFailedError, InputError, Ske
 from sketchterrain.world import run as running
 from sketchterrain.world import worker as in_worker
 from sketchterrain.world.cluster import check_scheduler
+from sketchterrain.world.job import tasks_of
 from sketchterrain.world.run import run_world
 from sketchterrain.world.task_runner import TaskRunner
-from sketchterrain.world.tasks import tasks_of
 
 distributed = pytest.importorskip("distributed")
 psutil = pytest.importorskip("psutil")

@@ -7,9 +7,9 @@ import pytest
 
 from sketchterrain import estimate as shared
 from sketchterrain.errors import InputError
-from sketchterrain.world.estimate import estimate_world
 from sketchterrain.world.grid import World
 from sketchterrain.world.job import Job
+from sketchterrain.world.options import estimate_world
 
 VAST = World(0.0, 0.0, 4e6, 4e6, 1.0)
 

@@ -7,11 +7,10 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.world.grid import World
-from sketchterrain.world.job import Job
-from sketchterrain.world.resume import check_world, load_state
+from sketchterrain.world.job import Job, task_count
+from sketchterrain.world.journal import check_world, load_ledger
 from sketchterrain.world.run import run_world
 from sketchterrain.world.store import store_of
-from sketchterrain.world.tasks import task_count
 
 FORMS = {
     "zarr, parquet": ("world.zarr", {"form": "zarr", "plants": "parquet"}),
@@ -45,7 +44,7 @@ def test_stopped_damaged_and_mended(formed: Job, heard, tmp_path: Path, tree) ->
     stopped.made = lambda made: stopped.done.append(made) or _stop(len(stopped.done) == 3)
     with pytest.raises(_StoppedError):
         run_world(formed, watcher=stopped)
-    assert len(load_state(formed, store_of(formed)).ledger.done) == 3
+    assert len(load_ledger(formed, store_of(formed)).done) == 3
     with pytest.raises(InputError, match="is not finished"):
         check_world(formed.output, progress=lambda _: None)
     again = heard_type()

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as some
 
 from sketchterrain.errors import InputError
+from sketchterrain.world.job import Task, WrittenFile
 from sketchterrain.world.journal import Header, Journal, Ledger, exclusive_run, read_journal, read_ledger
-from sketchterrain.world.tasks import Task, WrittenFile
 
 HEADER = Header("f" * 64, "1.0")
 FILES = some.lists(

@@ -73,7 +73,7 @@ def test_invalid_options_are_refused(options: dict[str, Any], told: str) -> None
 
 
 def test_workers_need_a_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sketchterrain.world.libraries.find_spec", lambda _: None)
+    monkeypatch.setattr("sketchterrain.world.store.find_spec", lambda _: None)
     WorldOptions().check(SKETCH)
     with pytest.raises(SketchterrainError, match=r"pip install 'sketchterrain\[world\]'"):
         WorldOptions(workers=True).check(SKETCH)

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from sketchterrain.world.progress import ProgressReporter
-from sketchterrain.world.resume import Broken
-from sketchterrain.world.tasks import Task, TaskResult
+from sketchterrain.world.job import Task, TaskResult
+from sketchterrain.world.journal import Broken
+from sketchterrain.world.run import ProgressReporter
 
 RESULT = TaskResult(Task("ground", 0, 0, 0), (), 4.0, {})
 

@@ -12,8 +12,13 @@ import pytest
 from sketchterrain.errors import InputError, SketchterrainError
 from sketchterrain.sketch import packed_sketch
 from sketchterrain.world.grid import World
-from sketchterrain.world.journal import OutputLayout, exclusive_run
-from sketchterrain.world.resume import check_output_unused, check_world, remove_partial_files
+from sketchterrain.world.journal import (
+    OutputLayout,
+    check_output_unused,
+    check_world,
+    exclusive_run,
+    remove_partial_files,
+)
 from sketchterrain.world.run import run_world
 from sketchterrain.world.store import store_of
 
@@ -203,7 +208,9 @@ def test_a_full_disk_is_told_and_resumed(at, job, heard, whole_world, tree, monk
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     if at == "journal":
-        monkeypatch.setattr("sketchterrain.world.journal.os", SimpleNamespace(fsync=no_space))
+        monkeypatch.setattr(
+            "sketchterrain.world.journal.os", SimpleNamespace(**{**vars(os), "fsync": no_space})
+        )
         monkeypatch.setattr("sketchterrain.world.journal._SYNC", -1.0)
     else:
         replaced = type(job.output).replace

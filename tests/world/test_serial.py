@@ -9,11 +9,10 @@ import pytest
 from sketchterrain.compute import list_devices
 from sketchterrain.errors import DeviceFailedError, InputError, SketchterrainError
 from sketchterrain.terrain.device_verdict import Verdict
-from sketchterrain.world import serial
+from sketchterrain.world import task_runner
+from sketchterrain.world.job import Task
 from sketchterrain.world.run import run_world
-from sketchterrain.world.serial import SerialExecutor, own_bits
-from sketchterrain.world.task_runner import TaskRunner
-from sketchterrain.world.tasks import Task
+from sketchterrain.world.task_runner import SerialExecutor, TaskRunner, own_bits
 
 KNOWN = [device for device in list_devices() if device.known]
 two_devices = pytest.mark.skipif(len(KNOWN) < 2, reason="needs two CPU drivers")
@@ -47,8 +46,8 @@ def test_another_device_goes_on_with_the_same_bytes(job, heard, whole_world, tre
 
 @two_devices
 def test_with_bits_of_its_own_a_device_is_replaced_by_none(job, heard, monkeypatch) -> None:
-    monkeypatch.setattr(serial, "own_bits", lambda device, *, fast: device.platform)
-    monkeypatch.setattr(serial, "self_test", lambda *_, **__: OTHER)
+    monkeypatch.setattr(task_runner, "own_bits", lambda device, *, fast: device.platform)
+    monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
     with monkeypatch.context() as amid:
         failing(amid, 2)
         with pytest.raises(DeviceFailedError, match="another device has other bits, so none can go on"):
@@ -72,14 +71,16 @@ def test_bits_that_are_traded_for_speed_are_a_devices_own(job, heard) -> None:
 @two_devices
 def test_without_a_device_that_passes_the_self_test_the_run_ends(job, heard, monkeypatch) -> None:
     failing(monkeypatch, 1)
-    monkeypatch.setattr(serial, "own_bits", lambda device, *, fast: "" if device == KNOWN[0] else "its own")
+    monkeypatch.setattr(
+        task_runner, "own_bits", lambda device, *, fast: "" if device == KNOWN[0] else "its own"
+    )
     with pytest.raises(DeviceFailedError, match="gave up; there is no other device to go on"):
         run_world(job, device=str(KNOWN[0].index), watcher=heard)
 
 
 @pytest.mark.skipif(not KNOWN, reason="needs a CPU driver")
 def test_a_device_that_fails_the_self_test_is_told_and_kept(job, heard, monkeypatch) -> None:
-    monkeypatch.setattr(serial, "self_test", lambda *_, **__: OTHER)
+    monkeypatch.setattr(task_runner, "self_test", lambda *_, **__: OTHER)
     assert own_bits(KNOWN[0], fast=False).startswith(KNOWN[0].name)
     executor = SerialExecutor(job, device=str(KNOWN[0].index), note=heard.notes.append)
     assert executor.own_bits
@@ -91,7 +92,7 @@ def test_a_device_that_fails_the_self_test_is_told_and_kept(job, heard, monkeypa
 @two_devices
 def test_a_device_that_crashes_in_its_self_test_is_replaced(job, monkeypatch) -> None:
     crashed, same = Verdict("failed", "the self-test crashed (SIGSEGV)"), Verdict("same", "")
-    monkeypatch.setattr(serial, "self_test", lambda device, **_: crashed if device == KNOWN[0] else same)
+    monkeypatch.setattr(task_runner, "self_test", lambda device, **_: crashed if device == KNOWN[0] else same)
     notes = []
     executor = SerialExecutor(job, device=str(KNOWN[0].index), note=notes.append)
     assert executor._device == KNOWN[1]

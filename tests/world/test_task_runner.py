@@ -10,12 +10,11 @@ import pytest
 from sketchterrain.compute import ComputeContext
 from sketchterrain.export.sampled import normal_bytes
 from sketchterrain.export.weights import quantised_weights
-from sketchterrain.world import fingerprint as fingerprints
-from sketchterrain.world.fingerprint import fingerprint
+from sketchterrain.world import job as jobs
 from sketchterrain.world.grid import SHARD, Shard, World
+from sketchterrain.world.job import Task, fingerprint, tasks_of
 from sketchterrain.world.store import store_of
 from sketchterrain.world.task_runner import TaskRunner, rounded
-from sketchterrain.world.tasks import Task, tasks_of
 
 
 @pytest.fixture(scope="module")
@@ -102,10 +101,10 @@ def test_a_fingerprint_knows_all_that_changes_bytes(small_job, monkeypatch) -> N
     painted["forest"][0, 0] = 1
     assert fingerprint(replace(small_job, sketch=replace(small_job.sketch, layers=painted))) not in found
     before = fingerprint(small_job)
-    monkeypatch.setattr("sketchterrain.world.fingerprint.version", lambda _: "0.0")
+    monkeypatch.setattr("sketchterrain.world.job.version", lambda _: "0.0")
     assert fingerprint(small_job) != before
     monkeypatch.undo()
-    monkeypatch.setattr("sketchterrain.world.fingerprint.code_digest", lambda: "other code")
+    monkeypatch.setattr("sketchterrain.world.job.code_digest", lambda: "other code")
     assert fingerprint(small_job) != before
 
 
@@ -114,8 +113,8 @@ def test_the_digest_covers_code_and_kernels(tmp_path: Path, monkeypatch: pytest.
         (tmp_path / room).mkdir()
     kernel, page = tmp_path / "kernels" / "noise.clh", tmp_path / "kernels" / "noise.md"
     kernel.write_text("1")
-    monkeypatch.setattr(fingerprints, "files", lambda name: Path(tmp_path, name.rpartition(".")[2]))
-    found = fingerprints.code_digest.__wrapped__
+    monkeypatch.setattr(jobs, "files", lambda name: Path(tmp_path, name.rpartition(".")[2]))
+    found = jobs.code_digest.__wrapped__
     before = found()
     page.write_text("what it is")
     assert found() == before

@@ -16,8 +16,8 @@ from sketchterrain.world.geotiff_store import TiffStore, TileStore
 from sketchterrain.world.grid import Level, World
 from sketchterrain.world.ground import Ground
 from sketchterrain.world.job import Job
+from sketchterrain.world.journal import check_world
 from sketchterrain.world.opening import open_world
-from sketchterrain.world.resume import check_world
 from sketchterrain.world.run import run_world
 
 EAST, NORTH = 512_000.0, 5_403_000.0

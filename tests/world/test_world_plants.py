@@ -16,8 +16,9 @@ from sketchterrain.errors import DeviceFailedError, SketchterrainError
 from sketchterrain.terrain.plant import PLANT
 from sketchterrain.world import plants as written
 from sketchterrain.world.grid import SHARD, World
+from sketchterrain.world.job import Task, plant_tasks
 from sketchterrain.world.plants import PlantStore, plant_square
-from sketchterrain.world.tasks import Task, plant_tasks
+from sketchterrain.world.store import plants_of
 
 EAST, NORTH = 512_000.0, 5_403_000.0
 CELL = 1.0 / 32.0
@@ -95,7 +96,7 @@ def test_squares_cover_the_rectangle_without_a_gap() -> None:
 
 def test_a_shard_of_one_column_has_no_square(small_job) -> None:
     for across, squares in ((SHARD - 1, 1), (SHARD, 1), (SHARD + 1, 2)):
-        job = replace(small_job, world=World(0.0, 0.0, float(across), 1.0, 1.0))
+        job = replace(small_job, plants="parquet", world=World(0.0, 0.0, float(across), 1.0, 1.0))
         assert list(plant_tasks(job)) == [Task("plants", 0, 0, column) for column in range(squares)]
 
 
@@ -226,6 +227,6 @@ def test_empty_squares_failures_and_names(small_job, plants, tmp_path, room_for,
         (file,) = store.write(task, pieces_of(np.zeros(3, PLANT)))
         assert files_in(store.folder) == [file.split("/")[-1]]
 
-    monkeypatch.setattr("sketchterrain.world.libraries.find_spec", lambda name: None)
+    monkeypatch.setattr("sketchterrain.world.store.find_spec", lambda name: None)
     with pytest.raises(SketchterrainError, match=f"plants as {plants} needs pyarrow"):
-        PlantStore(replace(small_job, plants=plants))
+        plants_of(replace(small_job, plants=plants))

@@ -24,6 +24,8 @@ REPLACED: Final[dict[tuple[str, int], str]] = {  # draws that change nothing tha
     ("sketchterrain/terrain/*.py", 1): "a cache holds one entry more",
     ("sketchterrain/terrain/*.py", 3): "nothing assigns to a frozen instance",
     ("sketchterrain/export/**/*.py", 1): "rows at once change no value",
+    ("sketchterrain/trace/*.py", 1): "a limit on vertices is one higher",
+    ("sketchterrain/world/*.py", 1): "a check of equal lengths that hold",
     ("ui/**/*.py", 1): "how long a benchmark sleeps at a time",
 }
 ROOMS: Final = {  # folder or file pattern: mutants drawn from it

@@ -186,7 +186,7 @@ for device in list_devices():
     assert shown == ["extension Sharing(kind='extension', reason='')"] * len(CPUS)
     probed = layer.acquired
     assert probed >= len(CPUS)
-    files = [str(RENDER_TESTS / name) for name in ("test_sharing_probe.py", "test_vertex_memory.py")]
+    files = [str(RENDER_TESTS / "test_vertex_memory.py")]
     layer.run("-m", "pytest", "-q", "-p", "no:cacheprovider", *files)
     assert layer.acquired > probed
     assert layer.misuses == []

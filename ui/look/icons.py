@@ -17,7 +17,7 @@ _APP_SIZES = (16, 24, 32, 48, 64, 128, 256)
 
 def icon(name: str) -> QIcon:
     """Return an icon by the name of its file, in the text's colour of the palette at the time it is shown."""
-    _renderer(name, "")
+    _svg(name, "")
     return QIcon(_Engine(name))
 
 
@@ -48,7 +48,7 @@ def draw_icon(painter: QPainter, name: str, place: QRectF, colour: QColor) -> No
     painter.save()
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     painter.setOpacity(painter.opacity() * colour.alphaF())
-    _renderer(name, colour.name()).render(painter, square)
+    QSvgRenderer(_svg(name, colour.name())).render(painter, square)
     painter.restore()
 
 
@@ -65,9 +65,10 @@ def tool_button(
 
 
 @lru_cache(maxsize=512)
-def _renderer(name: str, colour: str) -> QSvgRenderer:
+def _svg(name: str, colour: str) -> QByteArray:
+    """Return an icon's SVG in a colour; a renderer is a QObject, which would end with its application."""
     text = (ICONS / f"{name}.svg").read_bytes()
-    return QSvgRenderer(QByteArray(text.replace(b"currentColor", colour.encode())))
+    return QByteArray(text.replace(b"currentColor", colour.encode()))
 
 
 class _Engine(QIconEngine):

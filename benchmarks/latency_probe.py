@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, NamedTuple
@@ -17,6 +18,8 @@ from sketchterrain.ui.app import new_window
 from sketchterrain.ui.painting.stroke import Stroke
 
 if TYPE_CHECKING:
+    from PyQt6.QtCore import QCoreApplication
+
     from sketchterrain.ui.engine.protocol import Followed, Trouble
 
 _RATE, _TIMEOUT, _HEARTBEAT = 0.008, 120.0, 5  # s between places of the mouse, s to wait, ms
@@ -30,6 +33,14 @@ class Painted(NamedTuple):
     stalls: tuple[float, ...]  # s that each beat of a timer in the event loop came too late
 
 
+@cache
+def _application() -> QCoreApplication:
+    """Return Qt's application, kept to the end: all Qt objects would be deleted with it."""
+    from PyQt6.QtWidgets import QApplication
+
+    return QApplication.instance() or QApplication([])
+
+
 class LatencyProbe:
     """The program's window with its real processes, and a heartbeat in its event loop."""
 
@@ -37,14 +48,13 @@ class LatencyProbe:
         if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
         from PyQt6.QtCore import Qt, QTimer
-        from PyQt6.QtWidgets import QApplication
 
         from sketchterrain.ui.application import Garbage
         from sketchterrain.ui.engine.link import EngineLink
         from sketchterrain.ui.models.document import Document
         from sketchterrain.ui.models.preferences import Preferences
 
-        self._application = QApplication.instance() or QApplication([])
+        self._application = _application()
         self._document = Document(sketch)
         self._link = EngineLink(self._document)
         self._made: dict[int, float] = {}

@@ -269,9 +269,10 @@ def test_layers_beyond_the_picture_are_cut_and_half_opaque_paint_counts(ora) -> 
     lake = np.zeros((40, 60), np.uint8)
     lake[25:, :20] = 1
     assert np.array_equal(sketch.layers["lake"], lake)
-    traced = trace_open_raster(ora(layer("lake", x=100, y=0) + layer("hill"), files), PLAIN)
-    assert not traced.sketch.layers["lake"].any()
-    assert any("so it is empty" in line for line in traced.notes)
+    for x, y in ((100, 0), (0, 100), (100, 100)):
+        traced = trace_open_raster(ora(layer("lake", x=x, y=y) + layer("hill"), files), PLAIN)
+        assert not traced.sketch.layers["lake"].any()
+        assert any("so it is empty" in line for line in traced.notes)
 
     pixels = np.concatenate([dab(40, 30, alpha=127), dab(40, 30, alpha=128)], axis=1)
     sketch = trace_open_raster(ora(layer("hill"), {"data/a.png": pixels}), PLAIN).sketch

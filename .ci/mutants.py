@@ -25,6 +25,7 @@ REPLACED: Final[dict[tuple[str, int], str]] = {  # draws that change nothing tha
     ("sketchterrain/terrain/*.py", 3): "nothing assigns to a frozen instance",
     ("sketchterrain/export/**/*.py", 1): "rows at once change no value",
     ("sketchterrain/trace/*.py", 1): "a limit on vertices is one higher",
+    ("sketchterrain/trace/*.py", 2): "one row or column broadcasts into none",
     ("sketchterrain/world/*.py", 1): "a check of equal lengths that hold",
     ("ui/**/*.py", 1): "how long a benchmark sleeps at a time",
 }

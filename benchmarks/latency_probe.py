@@ -20,7 +20,7 @@ from sketchterrain.ui.painting.stroke import Stroke
 if TYPE_CHECKING:
     from PyQt6.QtCore import QCoreApplication
 
-    from sketchterrain.ui.engine.protocol import Followed, Trouble
+    from sketchterrain.ui.engine.protocol import ErrorReport, TerrainUpdated
 
 _RATE, _TIMEOUT, _HEARTBEAT = 0.008, 120.0, 5  # s between places of the mouse, s to wait, ms
 
@@ -58,8 +58,8 @@ class LatencyProbe:
         self._document = Document(sketch)
         self._link = EngineLink(self._document)
         self._made: dict[int, float] = {}
-        self._followed: list[Followed] = []
-        self._troubles: list[Trouble] = []
+        self._followed: list[TerrainUpdated] = []
+        self._troubles: list[ErrorReport] = []
         self._beats: list[float] = []
         self._link.sent.connect(self._made.__setitem__)
         self._link.followed.connect(self._followed.append)

@@ -26,7 +26,7 @@ from PyQt6.QtWidgets import (
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import Trouble
+from sketchterrain.ui.engine.protocol import ErrorReport
 from sketchterrain.ui.look.icons import draw_icon, tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING, looks, theme
 
@@ -189,7 +189,7 @@ class ErrorReporter(QObject):
     def _begun(self, _: object) -> None:
         self._banner.withdraw("engine")
 
-    def _tell(self, trouble: Trouble) -> None:
+    def _tell(self, trouble: ErrorReport) -> None:
         if trouble.what == "engine":
             buttons = (("Start again", self._link.start),)
             self._banner.tell(Message("error", trouble.line, "engine", buttons))

@@ -14,13 +14,13 @@ from PyQt6.QtWidgets import QMainWindow, QMenu, QToolBar, QWidget
 from sketchterrain.sketch import LAYERS
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, name_of
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.files import Files
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import RecentFiles
-from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Chosen, Workspace
+from sketchterrain.ui.models.workspace import OVERLAYS, TOOLS, Selection, Workspace
 
 
 class DoingMenu(QMenu):
@@ -57,17 +57,17 @@ class DoingMenu(QMenu):
 
 
 def offer_chosen(
-    menu: DoingMenu, document: Document, workspace: Workspace, placed: Placed, chosen: Chosen
+    menu: DoingMenu, document: Document, workspace: Workspace, placed: Placement, selection: Selection
 ) -> None:
     """Add what can be done with a feature, a river or a lake."""
-    name, sketch = name_of(placed, chosen), document.sketch
+    name, sketch = name_of(placed, selection), document.sketch
     acts: dict[str, Callable[..., None]] = {"reset": reset, "delete": delete}
-    if chosen.kind == "feature":
-        acts = ({"unlock": unlock} if is_locked(sketch, chosen) else {"lock": lock}) | acts
+    if selection.kind == "feature":
+        acts = ({"unlock": unlock} if is_locked(sketch, selection) else {"lock": lock}) | acts
     for verb, act in acts.items():
-        do = partial(act, document, workspace, placed, chosen)
+        do = partial(act, document, workspace, placed, selection)
         action = menu.offer(verb, f"{verb.capitalize()} {name}", do)
-        action.setEnabled(verb != "reset" or is_edited(sketch, placed, chosen))
+        action.setEnabled(verb != "reset" or is_edited(sketch, placed, selection))
 
 
 class RecentMenu(QMenu):

@@ -12,7 +12,7 @@ from PyQt6.QtWidgets import QFileDialog
 
 from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.banner import Message
-from sketchterrain.ui.engine.protocol import TakePicture
+from sketchterrain.ui.engine.protocol import RenderPicture
 from sketchterrain.ui.models.background import Background
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ class OpenDialogs(QObject):
         wanted = dialog.size_wanted
         if wanted is not None:
             self._banner.tell(Message("info", "Drawing the picture …", "picture"))
-            self._link.tell(TakePicture(str(dialog.path), *wanted))
+            self._link.tell(RenderPicture(str(dialog.path), *wanted))
         elif shown is not None:
             path = dialog.path
             self._writing.do("picture", partial(_write, shown, path), partial(self._written, path))

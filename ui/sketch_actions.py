@@ -14,13 +14,13 @@ from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.commands import placed_edits
 from sketchterrain.ui.commands.labels import labels_of
-from sketchterrain.ui.commands.placed_edits import is_there, point_of
+from sketchterrain.ui.commands.placed_edits import exists, find_point
 from sketchterrain.ui.commands.settings import WORLD, set_setting
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.workspace import TOOLS, Chosen, Workspace
+from sketchterrain.ui.models.workspace import TOOLS, Selection, Workspace
 
 _STEP = 1.25  # by which the brush grows
 _SEEDS = 1_000_000  # short enough to be told to a friend
@@ -65,7 +65,7 @@ class SketchActions(QObject):
             signal.connect(self.refresh)
         for signal in (workspace.tool_changed, workspace.label_changed, workspace.look_changed):
             signal.connect(self.refresh)
-        for signal in (workspace.chosen_changed, link.placed_changed):
+        for signal in (workspace.selection_changed, link.placed_changed):
             signal.connect(self.refresh)
         self.refresh()
 
@@ -97,17 +97,17 @@ class SketchActions(QObject):
         self._try(lambda: self._document.do(f"Seed {seed}", set_setting(sketch, WORLD, "seed", seed)))
 
     def _refresh_chosen(self) -> None:
-        chosen, placed = self._workspace.chosen, self._link.placed
-        there = chosen is not None and placed is not None and is_there(placed, chosen)
-        self._actions["choose-none"].setEnabled(chosen is not None)
+        selection, placed = self._workspace.selection, self._link.placed
+        there = selection is not None and placed is not None and exists(placed, selection)
+        self._actions["choose-none"].setEnabled(selection is not None)
         self._actions["delete-chosen"].setEnabled(there)
         self._actions["look-chosen"].setEnabled(there)
-        can_lock = there and point_of(placed, chosen) is not None if placed and chosen else False
+        can_lock = there and find_point(placed, selection) is not None if placed and selection else False
         self._actions["lock-chosen"].setEnabled(can_lock)
         sketch = self._document.sketch
-        locked = chosen is not None and placed_edits.is_locked(sketch, chosen)
+        locked = selection is not None and placed_edits.is_locked(sketch, selection)
         self._actions["lock-chosen"].setChecked(can_lock and locked)
-        edited = bool(there and placed and chosen and placed_edits.is_edited(sketch, placed, chosen))
+        edited = bool(there and placed and selection and placed_edits.is_edited(sketch, placed, selection))
         self._actions["reset-chosen"].setEnabled(edited)
 
     def _try(self, change: Callable[[], None]) -> None:
@@ -116,17 +116,17 @@ class SketchActions(QObject):
         except InputError as error:
             self._banner.tell(Message("warning", str(error), "command"))
 
-    def _act(self, act: Callable[[Document, Workspace, Placed, Chosen], None]) -> None:
-        chosen, placed = self._workspace.chosen, self._link.placed
-        if chosen is not None and placed is not None:
-            self._try(lambda: act(self._document, self._workspace, placed, chosen))
+    def _act(self, act: Callable[[Document, Workspace, Placement, Selection], None]) -> None:
+        selection, placed = self._workspace.selection, self._link.placed
+        if selection is not None and placed is not None:
+            self._try(lambda: act(self._document, self._workspace, placed, selection))
             self.refresh()
 
     def _lock_chosen(self, on: bool) -> None:
         self._act(lock if on else unlock)
 
     def _choose_none(self) -> None:
-        self._workspace.chosen = None
+        self._workspace.selection = None
 
     def _scale_brush(self, factor: float) -> None:
         self._workspace.brush *= factor

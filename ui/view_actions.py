@@ -8,7 +8,7 @@ from functools import partial
 from PyQt6.QtCore import QObject
 
 from sketchterrain.ui.actions import Actions
-from sketchterrain.ui.engine.link import PictureSource
+from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import MODES, MeasureAdherence
 from sketchterrain.ui.models.workspace import OVERLAYS, Workspace
 
@@ -16,7 +16,7 @@ from sketchterrain.ui.models.workspace import OVERLAYS, Workspace
 class ViewActions(QObject):
     """Binds actions to a source's view and, where there is a sketch, to the workspace's overlays."""
 
-    def __init__(self, actions: Actions, link: PictureSource, workspace: Workspace | None = None) -> None:
+    def __init__(self, actions: Actions, link: ViewSource, workspace: Workspace | None = None) -> None:
         super().__init__(actions)
         self._actions, self._link, self._workspace = actions, link, workspace
         actions.bind({f"mode-{mode}": partial(self._move_by, mode) for mode in MODES})

@@ -232,7 +232,7 @@ class MainWindow(QMainWindow):
         event.accept()
 
     def _begin(self) -> None:
-        self._workspace.chosen = None
+        self._workspace.selection = None
         self.canvas.fit()
 
     def _show_title(self) -> None:

@@ -11,7 +11,7 @@ import pytest
 from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.preferences import Preferences
 from sketchterrain.ui.models.workspace import Workspace
@@ -63,7 +63,7 @@ def placed():
     recipe = make_recipe(sketch)
     fill = recipe.fill.within(0.0, 0.0, *sketch.size)
     points = np.sort(np.concatenate([recipe.painted, fill]), order="id")
-    return Placed(1, points, tuple(recipe.rivers), tuple(recipe.lakes))
+    return Placement(1, points, tuple(recipe.rivers), tuple(recipe.lakes))
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from threading import Event
 import pytest
 
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
-from sketchterrain.ui.models.autosave import Autosave, Lock, new_place, write_recovery
+from sketchterrain.ui.models.autosave import Autosave, Lock, new_recovery_path, write_recovery
 from sketchterrain.ui.models.background import Background, Saving
 from sketchterrain.ui.models.preferences import RecentFiles
 
@@ -30,7 +30,7 @@ def autosave(document, folder):
 def left_by_a_crash(folder: Path, sketch: Sketch, original: Path | None = None) -> Path:
     """A sketch that a program kept which is no more."""
     folder.mkdir(exist_ok=True)
-    path = new_place(folder)
+    path = new_recovery_path(folder)
     path.with_suffix(".lock").touch()
     time.sleep(0.01)  # the disk's clock is coarser than ours
     write_recovery(path, sketch, original)

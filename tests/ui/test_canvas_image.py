@@ -13,10 +13,10 @@ from PyQt6.QtGui import QColor, QImage
 from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.sketch.label_colours import DRAW_ORDER
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.canvas.flattening import MASK, Flattening, Paint, level_for
+from sketchterrain.ui.canvas.flattening import MASK, LayerCompositor, Paint, level_for
 from sketchterrain.ui.canvas.layer_brushes import HatchTable, LayerHatch
 from sketchterrain.ui.canvas.viewport import LARGEST, Viewport
-from sketchterrain.ui.engine.protocol import Adherence, FrameFacts, Placed, Pose, Relief
+from sketchterrain.ui.engine.protocol import Adherence, FrameFacts, Placement, Pose, Relief
 from sketchterrain.ui.look.layer_colours import HATCHES, hatch, hatch_period, label_colour
 from sketchterrain.ui.models.document import Document
 
@@ -97,13 +97,13 @@ def parts(pixels: np.ndarray) -> np.ndarray:
 def test_colours_and_codes_are_those_of_the_layers_over_one_another():
     for labels in [2, 200]:
         layers = sketch_layers(300, 530, labels)
-        pixels, codes = Flattening(layers.__getitem__, PAINTS).window(0, (0, 0, 300, 530))
+        pixels, codes = LayerCompositor(layers.__getitem__, PAINTS).window(0, (0, 0, 300, 530))
         assert np.abs(parts(pixels) - mixed(layers)).max() <= 0.51, labels
         expected = sum((layers[name] > 0).astype(int) << bit for bit, name in enumerate("abc"))
         assert np.array_equal(codes & MASK, expected), labels
 
     layers = sketch_layers(300, 530, 4)
-    _, codes = Flattening(layers.__getitem__, PAINTS).window(0, (0, 0, 300, 530))
+    _, codes = LayerCompositor(layers.__getitem__, PAINTS).window(0, (0, 0, 300, 530))
     key = sum(layers[name].astype(int) * 10**place for place, name in enumerate("abc"))
     # Equal labels have equal codes in every tile; different ones nearly always differ.
     for value in np.unique(key):
@@ -119,7 +119,7 @@ def whole(rows: int, columns: int, level: int) -> tuple:
 
 def test_a_window_is_a_part_of_the_whole():
     layers = sketch_layers(700, 530, 3)
-    flattening = Flattening(layers.__getitem__, PAINTS)
+    flattening = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 2):
         everything = flattening.window(level, whole(700, 530, level))
         part = flattening.window(level, (31, 17, 97, 101))
@@ -129,12 +129,12 @@ def test_a_window_is_a_part_of_the_whole():
 
 def test_what_changed_is_made_anew():
     layers = sketch_layers(700, 530, 3)
-    flattening = Flattening(layers.__getitem__, PAINTS)
+    flattening = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
         flattening.window(level, whole(700, 530, level))
     layers["b"][201:333, 250:301] = 2
     flattening.forget((201, 250, 333, 301))
-    fresh = Flattening(layers.__getitem__, PAINTS)
+    fresh = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (0, 1, 3):
         box = whole(700, 530, level)
         for kept, made in zip(flattening.window(level, box), fresh.window(level, box), strict=True):
@@ -143,7 +143,7 @@ def test_what_changed_is_made_anew():
 
 def test_paint_where_nothing_was_is_seen_at_every_level():
     layers = {name: np.zeros((2100, 3000), np.uint8) for name in "abc"}
-    flattening = Flattening(layers.__getitem__, PAINTS)
+    flattening = LayerCompositor(layers.__getitem__, PAINTS)
     for level in (4, 2, 0):
         assert not flattening.window(level, whole(2100, 3000, level))[1].any()
     layers["c"][2050:2060, 1020:1030] = 1
@@ -159,7 +159,7 @@ def test_a_thin_line_stays_visible_from_afar():
     layers = {name: np.zeros((1000, 900), np.uint8) for name in "abc"}
     layers["b"][:, 333] = 1
     for level in range(6):
-        _, codes = Flattening(layers.__getitem__, PAINTS).window(level, whole(1000, 900, level))
+        _, codes = LayerCompositor(layers.__getitem__, PAINTS).window(level, whole(1000, 900, level))
         assert ((codes > 0).sum(axis=1) == 1).all()
 
     assert [level_for(scale) for scale in (8.0, 1.0, 0.99, 0.5, 0.49, 0.25)] == [0, 0, 1, 1, 2, 2]
@@ -297,7 +297,7 @@ def test_painting_repaints_what_changed_and_nothing_is_left_behind(canvas, plain
 
 
 def test_moving_the_sheet_shows_what_a_fresh_picture_does(canvas, link, placed):
-    link.placed = Placed(1, placed.points[:12], (), ())
+    link.placed = Placement(1, placed.points[:12], (), ())
     canvas.zoom(2.0, QPointF(100.0, 100.0))
     rng = random.Random(3)
     for _ in range(8):
@@ -355,7 +355,9 @@ def test_adherence_has_the_colours_of_the_report(canvas, link, workspace):
 
 def test_everything_that_can_lie_over_the_sketch_is_drawn(canvas, link, placed, workspace):
     quiet(workspace)
-    link.placed = Placed(1, placed.points, placed.rivers, placed.lakes, (("a river crosses", 320.0, 320.0),))
+    link.placed = Placement(
+        1, placed.points, placed.rivers, placed.lakes, (("a river crosses", 320.0, 320.0),)
+    )
     pose = Pose((100.0, 100.0, 50.0), (300.0, 300.0, 0.0))
     link.frame = FrameFacts(9, 9, 1, pose, (0.0,) * 16, 0.1, 0.1, 1, 1, True, 1)
     for name in ("features", "contradictions", "eye"):
@@ -383,8 +385,8 @@ def test_places_of_the_mouse_are_those_of_the_sketch(canvas, monkeypatch):
         canvas._resize(fits=True)
         for zoom in (1.0, 0.3, 7.0):
             canvas.zoom(zoom, QPointF(150.0, 120.0))
-            desk = canvas._desk
+            context = canvas._desk
             for x, y in ((0.0, 0.0), (31.25, 12.5), (64.0, 64.0)):
-                assert desk.on_sketch(desk.at(x, y)) == pytest.approx((x, y), abs=1e-6), ratio
-                assert desk.pixels(*desk.metres(x, y)) == pytest.approx((x, y), abs=1e-9), ratio
+                assert context.on_sketch(context.at(x, y)) == pytest.approx((x, y), abs=1e-6), ratio
+                assert context.pixels(*context.metres(x, y)) == pytest.approx((x, y), abs=1e-9), ratio
             pixels(canvas)

@@ -8,9 +8,9 @@ from PyQt6.QtCore import QEvent, QPoint, QPointF, Qt
 
 from sketchterrain.sketch import Sketch
 from sketchterrain.ui.canvas.canvas import Canvas
-from sketchterrain.ui.engine.protocol import GoTo, Placed, Relief
+from sketchterrain.ui.engine.protocol import GoTo, Placement, Relief
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 
 from . import events
 from .events import LEFT, MIDDLE, RIGHT
@@ -292,13 +292,13 @@ def full(workspace, document, link, placed, shown):
     return widget
 
 
-def mountain(placed: Placed) -> np.void:
+def mountain(placed: Placement) -> np.void:
     tall = placed.points[(placed.points["type"] == 0) & placed.points["painted"]]
     return tall[np.argmax(tall["strength"])]
 
 
 def over(canvas: Canvas, x: float, y: float) -> QPoint:
-    place = canvas._desk.of_world(float(x), float(y))
+    place = canvas._desk.screen_from_world(float(x), float(y))
     return QPoint(round(place.x()), round(place.y()))
 
 
@@ -316,26 +316,30 @@ def test_a_drag_moves_a_feature_in_one_step_and_escape_puts_it_back(full, docume
     drag_by(full, qtbot, start, *((4 * k, 2 * k) for k in range(1, 11)))
     assert steps(document) == ("Move mountain",)
     (edit,) = document.sketch.edits
-    assert edit.x == pytest.approx(peak["x"] + 40 / full._desk.per_metre, abs=1.5 / full._desk.per_metre)
-    assert edit.y == pytest.approx(peak["y"] - 20 / full._desk.per_metre, abs=1.5 / full._desk.per_metre)
+    assert edit.x == pytest.approx(
+        peak["x"] + 40 / full._desk.px_per_metre, abs=1.5 / full._desk.px_per_metre
+    )
+    assert edit.y == pytest.approx(
+        peak["y"] - 20 / full._desk.px_per_metre, abs=1.5 / full._desk.px_per_metre
+    )
     document.undo()
     assert document.sketch.edits == ()
 
 
 def test_handles_resize_widen_and_move_points(full, document, workspace, placed, qtbot):
     peak, river = mountain(placed), placed.rivers[0]
-    workspace.chosen = Chosen("feature", int(peak["id"]))
+    workspace.selection = Selection("feature", int(peak["id"]))
     grab(full, qtbot, placed, "radius", (20, 0))
     assert steps(document)[-1] == "Resize mountain"
-    workspace.chosen = Chosen("river", river.id)
+    workspace.selection = Selection("river", river.id)
     full.grab()
     grab(full, qtbot, placed, "width", (6, 6))
     assert steps(document)[-1].startswith("Set the width of river")
-    workspace.chosen = Chosen("river", river.id)
+    workspace.selection = Selection("river", river.id)
     grab(full, qtbot, placed, "point", (15, 9))
     assert steps(document)[-1].startswith("Move a point of river")
-    assert workspace.chosen is not None
-    assert workspace.chosen.index is not None
+    assert workspace.selection is not None
+    assert workspace.selection.index is not None
     assert len(steps(document)) == 3
 
 
@@ -348,12 +352,12 @@ def grab(canvas: Canvas, qtbot, placed, role, off):
 
 def test_delete_deletes_and_escape_chooses_nothing(full, document, workspace, placed, qtbot):
     peak = mountain(placed)
-    workspace.chosen = Chosen("feature", int(peak["id"]))
+    workspace.selection = Selection("feature", int(peak["id"]))
     qtbot.keyClick(full, Qt.Key.Key_Escape)
-    assert workspace.chosen is None
-    workspace.chosen = Chosen("feature", int(peak["id"]))
+    assert workspace.selection is None
+    workspace.selection = Selection("feature", int(peak["id"]))
     qtbot.keyClick(full, Qt.Key.Key_Delete)
-    assert workspace.chosen is None
+    assert workspace.selection is None
     assert steps(document) == ("Delete mountain",)
     assert document.sketch.edits[0].action == "delete"
 
@@ -370,10 +374,10 @@ def test_hovering_highlights_clicks_select_and_double_clicks_move_the_view(
     assert full.grab().toImage() == before
 
     qtbot.mouseClick(full, LEFT, pos=over(full, peak["x"], peak["y"]))
-    assert workspace.chosen == Chosen("feature", int(peak["id"]))
+    assert workspace.selection == Selection("feature", int(peak["id"]))
     full.grab()
     qtbot.mouseClick(full, LEFT, pos=QPoint(1, 1))
-    assert workspace.chosen is None
+    assert workspace.selection is None
 
     for tool in ("select", "pan"):
         full._desk.workspace.tool = tool

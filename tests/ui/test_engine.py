@@ -261,7 +261,7 @@ def test_adherence_and_a_picture_come_while_frames_go_on(running, tmp_path):
     path = tmp_path / "view.png"
     link.show(replace(VIEW, plays=True))
     link.tell(msg.MeasureAdherence())
-    link.tell(msg.TakePicture(str(path), 320, 200))
+    link.tell(msg.RenderPicture(str(path), 320, 200))
     listener.frames.clear()
     wait(lambda: listener.written)
     assert listener.written == [str(path)]

@@ -20,14 +20,14 @@ from sketchterrain.ui.engine.background import JobQueue
 from sketchterrain.ui.engine.channel import Channel, pickled, unpickled
 from sketchterrain.ui.engine.engine import Engine
 from sketchterrain.ui.engine.frames import FrameMemory
-from sketchterrain.ui.engine.link import EngineLink, PictureSource
+from sketchterrain.ui.engine.link import EngineLink, ViewSource
 from sketchterrain.ui.engine.placer import CancellationPolicy, Placer, Superseded
 from sketchterrain.ui.engine.sketch_updates import settings_of
 from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 
 def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
-    memory, source, shown, told = FrameMemory(), PictureSource(msg.ViewState()), [], []
+    memory, source, shown, told = FrameMemory(), ViewSource(msg.ViewState()), [], []
     source.tell = told.append
     source.frame_shown.connect(shown.append)
     source._children = SimpleNamespace(frames=memory)
@@ -38,7 +38,7 @@ def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
         with memory.view(start, rgbx.nbytes, capacity) as pixels:
             pixels[:] = rgbx.tobytes()
         facts = SimpleNamespace(width=width, height=height)
-        source._take(0, "engine", msg.FrameThere(facts, start, capacity))
+        source._take(0, "engine", msg.FrameReady(facts, start, capacity))
         with memory.view(start, rgbx.nbytes, capacity) as pixels:
             pixels[:] = bytes(rgbx.nbytes)  # the next frame: the picture is a copy
         picture = source.picture
@@ -47,7 +47,7 @@ def test_a_frame_in_shared_memory_becomes_the_picture_pixel_for_pixel(qapp):
         bgrx = bgrx.reshape(height, picture.bytesPerLine())[:, : 4 * width].reshape(height, width, 4)
         np.testing.assert_array_equal(bgrx[..., 2::-1], rgbx[..., :3])
         assert shown[-1] is source.frame is facts
-    assert told == [msg.FrameTaken(), msg.FrameTaken()]
+    assert told == [msg.FrameAcknowledged(), msg.FrameAcknowledged()]
     memory.close()
 
 
@@ -84,7 +84,7 @@ class Around:
     def placed(self, sketch, layers):
         """Send a sketch to the placer and return its answer."""
         self.window.send(self.update(sketch, layers))
-        return self.answer((msg.Placed, msg.StillPlaced, msg.Trouble))[0]
+        return self.answer((msg.Placement, msg.PlacementUnchanged, msg.ErrorReport))[0]
 
     def end(self):
         self.window.send(msg.Quit())
@@ -139,9 +139,9 @@ def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkey
     for column in (5, 10, 15, 20):
         around.plan(column)
     gate.set()
-    versions = [around.answer(msg.Followed)[0].version]
+    versions = [around.answer(msg.TerrainUpdated)[0].version]
     while versions[-1] < 4:
-        versions.append(around.answer(msg.Followed)[0].version)
+        versions.append(around.answer(msg.TerrainUpdated)[0].version)
     assert taken == [1, 2, 3, 4]
     assert versions == sorted(versions)
     assert around.session.version == 4
@@ -149,20 +149,20 @@ def test_the_newest_of_plans_that_wait_counts_and_all_their_areas(around, monkey
 
 def test_without_opengl_there_are_a_relief_picks_and_adherence_once_there_is_a_terrain(around):
     around.window.send(msg.MeasureAdherence())
-    assert "no terrain yet" in around.answer(msg.Trouble)[0].line
+    assert "no terrain yet" in around.answer(msg.ErrorReport)[0].line
     around.window.send(msg.Pick(1, 0.5, 0.5))
-    assert around.answer(msg.Picked)[0].place is None
+    assert around.answer(msg.PickResult)[0].place is None
     around.plan(20)
-    assert around.answer(msg.Followed)[0].version == 1
+    assert around.answer(msg.TerrainUpdated)[0].version == 1
     around.window.send(msg.Turn(10.0, 0.0))
     around.window.send(msg.Pick(7, 0.5, 0.6))
-    picked, before = around.answer(msg.Picked)
+    picked, before = around.answer(msg.PickResult)
     assert (picked.token, len(picked.place)) == (7, 3)
     reliefs = [each for each in before if isinstance(each, msg.Relief)]
     relief = reliefs[0] if reliefs else around.answer(msg.Relief)[0]
     assert relief.height[15:25, 22:32].max() > 20.0
-    around.window.send(msg.TakePicture("nowhere.png", 100, 100))
-    assert around.answer(msg.Trouble)[0].what == "picture"
+    around.window.send(msg.RenderPicture("nowhere.png", 100, 100))
+    assert around.answer(msg.ErrorReport)[0].what == "picture"
     around.window.send(msg.MeasureAdherence())
     measured, _ = around.answer(msg.Adherence)
     assert measured.version == 1
@@ -177,9 +177,9 @@ def test_without_a_device_it_says_what_to_do_and_runs_on():
     around = around_engine("no such device")
     assert "no such device" in around.answer(msg.EngineFacts)[0].no_device
     around.plan(20)
-    around.answer(msg.Followed)
+    around.answer(msg.TerrainUpdated)
     around.window.send(msg.MeasureAdherence())
-    assert "no such device" in around.answer(msg.Trouble)[0].line
+    assert "no such device" in around.answer(msg.ErrorReport)[0].line
     around.end()
 
 
@@ -192,14 +192,14 @@ def test_a_device_that_fails_is_left_for_another_one(around, monkeypatch):
 
     monkeypatch.setattr(around.session.terrain, "heights", failing(DeviceFailedError("the device fell over")))
     around.window.send(msg.Pick(1, 0.5, 0.6))
-    trouble, _ = around.answer(msg.Trouble)
+    trouble, _ = around.answer(msg.ErrorReport)
     assert "fell over" in trouble.line
     assert "goes on with" in trouble.line
     again, _ = around.answer(msg.Relief)
     assert around.session.device != failed
     assert np.array_equal(again.height, first.height)
     around.window.send(msg.Pick(2, 0.5, 0.6))
-    assert around.answer(msg.Picked)[0].place is not None
+    assert around.answer(msg.PickResult)[0].place is not None
 
 
 class FailingPacer:
@@ -226,19 +226,19 @@ def test_defects_of_plans_and_frames_are_reported_and_it_ends_when_the_window_is
     pacer = FailingPacer()
     around = around_engine(pacer=pacer)
     around.plan(20)
-    around.answer(msg.Followed)
+    around.answer(msg.TerrainUpdated)
     with monkeypatch.context() as patched:
         patched.setattr(around.session, "take", failing(ZeroDivisionError("oops")))
         around.plan(10)
-        assert "oops" in around.answer(msg.Trouble)[0].line
+        assert "oops" in around.answer(msg.ErrorReport)[0].line
     assert "ZeroDivisionError" in capsys.readouterr().err
     around.plan(5)
-    assert around.answer(msg.Followed)[0].version == 3
+    assert around.answer(msg.TerrainUpdated)[0].version == 3
     before = pacer.stops
     for error in (InputError("odd"), ZeroDivisionError("0")):
         pacer.error = error
         around.window.send(msg.Turn(1.0, 0.0))
-        trouble, _ = around.answer(msg.Trouble)
+        trouble, _ = around.answer(msg.ErrorReport)
         assert trouble.what == "view"
         assert str(error) in trouble.line
     assert pacer.stops == before + 2
@@ -279,7 +279,7 @@ def test_a_link_starts_crashed_processes_again_at_last_without_opengl(document, 
     link.trouble.connect(lambda trouble: troubles.append(trouble.line))
     link.start()
     assert children[-1].its[0].receive() == link.view
-    assert children[-1].its[0].receive() == msg.Coming(1, fresh=True)
+    assert children[-1].its[0].receive() == msg.UpdatePending(1, fresh=True)
     assert set(children[-1].its[1].receive().layers) == set(LAYERS)
     ends = ((2, "it is started again."), (3, "without the 3-D view."), (3, "start the program again."))
     for count, line in ends:
@@ -309,14 +309,20 @@ def test_a_link_hands_over_what_the_processes_tell(document, qtbot, placed, chil
         (engine, "Drawing", "Drawing"),
         (engine, "", "Placing features"),
     ):
-        process.send(msg.Working(work))
+        process.send(msg.Activity(work))
         qtbot.waitUntil(lambda shown=shown: link.working == shown)
     placer.send(placed)
-    placer.send(msg.StillPlaced(7))
+    placer.send(msg.PlacementUnchanged(7))
     qtbot.waitUntil(lambda: link.placed is not None and link.placed.version == 7)
     relief = msg.Relief(1, 1, np.zeros((4, 4), np.float32), np.zeros((4, 4), np.uint8))
     facts = msg.EngineFacts(device="a")
-    for message in (relief, msg.StillRelief(8), msg.Picked(3, None), facts, msg.PictureWritten("b.png")):
+    for message in (
+        relief,
+        msg.ReliefUnchanged(8),
+        msg.PickResult(3, None),
+        facts,
+        msg.PictureWritten("b.png"),
+    ):
         engine.send(message)
     qtbot.waitUntil(lambda: told[-1] == ("picture_written", "b.png"))
     wanted = "placed_changed placed_changed relief_changed picked facts_changed picture_written"
@@ -381,13 +387,13 @@ def test_the_newest_of_many_is_placed_and_plans_add_up(placer):
     for step in range(20):
         placer.window.send(placer.update(sketch, {"mountain": blob(20, row=step)}))
     placer.thread.start()
-    assert placer.answer(msg.Placed)[0].version == 20  # all of them waited when it looked first
+    assert placer.answer(msg.Placement)[0].version == 20  # all of them waited when it looked first
     plan = placer.other.receive()
     whole = Sketch(extent=4000.0, layers={"mountain": blob(20, row=19)})
     assert np.array_equal(unpickled(plan.recipe, but=whole).painted, make_recipe(whole).painted)
     assert plan.update.version == 20
     placed = placer.placed(sketch, {"mountain": blob(30, row=19)})
-    assert isinstance(placed, msg.Placed)
+    assert isinstance(placed, msg.Placement)
     assert placed.version == 21
     plan = placer.other.receive()
     assert plan.areas
@@ -399,15 +405,15 @@ def test_the_newest_of_many_is_placed_and_plans_add_up(placer):
 def test_looks_change_nothing_that_is_placed(placer):
     placer.thread.start()
     layers = {"mountain": blob(20)}
-    assert isinstance(placer.placed(Sketch(), layers), msg.Placed)
+    assert isinstance(placer.placed(Sketch(), layers), msg.Placement)
     placer.other.receive()
     answer = placer.placed(Sketch(weather={"clouds": 0.9}, name="other"), layers)
-    assert isinstance(answer, msg.StillPlaced)
+    assert isinstance(answer, msg.PlacementUnchanged)
     assert answer.version == 2
     plan = placer.other.receive()
     assert (plan.recipe, plan.areas) == (None, ())
     assert plan.update.settings["weather"]["clouds"] == 0.9
-    assert isinstance(placer.placed(Sketch(weather={"clouds": 0.9}, seed=5), layers), msg.Placed)
+    assert isinstance(placer.placed(Sketch(weather={"clouds": 0.9}, seed=5), layers), msg.Placement)
 
 
 def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_placed(
@@ -416,7 +422,7 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
     placer.thread.start()
     layers = {"mountain": blob(20)}
     placer.window.send(msg.SketchUpdate(1, (48, 48), {**settings_of(Sketch()), "seed": -5}, {}))
-    trouble, _ = placer.answer(msg.Trouble)
+    trouble, _ = placer.answer(msg.ErrorReport)
     assert trouble.what == "sketch"
     assert "seed" in trouble.line
     placer.version = 1
@@ -425,4 +431,4 @@ def test_an_invalid_sketch_and_a_defect_are_reported_and_the_next_sketch_is_plac
         patched.setattr(from_sketch, "make_recipe", failing(ZeroDivisionError("oops")))
         assert "oops" in placer.placed(Sketch(), {"mountain": blob(21)}).line
     assert "ZeroDivisionError" in capsys.readouterr().err
-    assert isinstance(placer.placed(Sketch(), {"mountain": blob(22)}), msg.Placed)
+    assert isinstance(placer.placed(Sketch(), {"mountain": blob(22)}), msg.Placement)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.render import Camera
-from sketchterrain.ui.engine.eye import Eye
+from sketchterrain.ui.engine.eye import CameraController
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Turn, Zoom
 
 ASPECT = 1.6
@@ -30,7 +30,7 @@ def ground():
 
 
 def begun(ground, aspect=ASPECT):
-    eye = Eye(ground, aspect=aspect)
+    eye = CameraController(ground, aspect=aspect)
     eye.advance(0.016)
     return eye
 

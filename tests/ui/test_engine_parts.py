@@ -13,8 +13,8 @@ from sketchterrain.sketch import LAYERS, Sketch
 from sketchterrain.ui.engine.channel import Channel, pickled, ready, unpickled
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.protocol import LayerPatch, Turn
-from sketchterrain.ui.engine.relief import LARGEST, ReliefMaker, hill_shade
-from sketchterrain.ui.engine.sketch_updates import SketchMirror, UpdateMaker, settings_of
+from sketchterrain.ui.engine.relief import LARGEST, ReliefBuilder, hill_shade
+from sketchterrain.ui.engine.sketch_updates import SketchMirror, UpdateBuilder, settings_of
 from sketchterrain.ui.models.document import Document
 
 
@@ -127,7 +127,7 @@ def small_document(qapp):
 
 @pytest.fixture
 def maker(small_document):
-    made = UpdateMaker(small_document)
+    made = UpdateBuilder(small_document)
     made.start(lambda: None)
     yield made
     made.stop()
@@ -244,7 +244,7 @@ def expected(ground):
 
 def relief_of(ground, version=1):
     """Return a maker, and the whole relief that it made of a ground."""
-    maker = ReliefMaker()
+    maker = ReliefBuilder()
     maker.follow(ground, version, [EVERYWHERE])
     return maker, finish(maker)
 
@@ -263,7 +263,7 @@ def test_heights_stand_at_pixel_centres_and_another_size_restarts():
 
 
 def test_a_version_that_differs_nowhere_is_taken_over_while_one_is_made():
-    maker, ground = ReliefMaker(), Bumpy()
+    maker, ground = ReliefBuilder(), Bumpy()
     maker.follow(ground, 3, [EVERYWHERE])
     maker.work(0.0)
     asked = ground.asked
@@ -286,7 +286,7 @@ def test_only_what_changed_is_asked_again_and_the_shading_is_that_of_the_whole()
 
 
 def test_each_relief_is_of_one_version_even_if_others_come_meanwhile():
-    maker = ReliefMaker()
+    maker = ReliefBuilder()
     grounds = [Bumpy(bump=10.0 * number) for number in range(6)]
     maker.follow(grounds[0], 0, [EVERYWHERE])
     made = []

@@ -176,7 +176,7 @@ def test_choices_are_remembered_and_unusable_ones_count_as_never_chosen(opened, 
         {"columns": "many", "size": 17, "low": float("nan"), "plants": 3, "tile_name": None, "format": []},
         {"size": {}, "grass": "yes"},
     ):
-        dialog.preferences.keep_exported("unity", bad)
+        dialog.preferences.set_export_options("unity", bad)
         assert opened("unity").target.options() == usual
     dialog.preferences._settings.setValue("export/unity", "no JSON")
     assert dialog.preferences.exported("unity") == {}

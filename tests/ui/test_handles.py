@@ -5,9 +5,9 @@ import pytest
 
 from sketchterrain.features.catalogue import FEATURE, FILL_BIT
 from sketchterrain.features.lakes import lake_centre
-from sketchterrain.ui.engine.protocol import Placed
-from sketchterrain.ui.models.handles import FeatureDrag, Handle, chosen_at, handles_of
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.engine.protocol import Placement
+from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
+from sketchterrain.ui.models.workspace import Selection
 
 
 def feature(number: int, x: float, y: float, radius: float, strength: float, kind: int = 0) -> np.ndarray:
@@ -17,60 +17,60 @@ def feature(number: int, x: float, y: float, radius: float, strength: float, kin
 
 
 @pytest.fixture
-def three() -> Placed:
+def three() -> Placement:
     """A mountain, a small hill on its flank, a forest far away."""
     rows = [
         feature(1, 500, 500, 400, 900),
         feature(2, 750, 500, 60, 90, 1),
         feature(3, 2000, 500, 200, 0.8, 3),
     ]
-    return Placed(1, np.concatenate(rows), (), ())
+    return Placement(1, np.concatenate(rows), (), ())
 
 
 def test_a_click_means_the_middle_that_it_nearly_hits_or_what_stands_there(three):
     def at(x: float, y: float, reach: float = 10.0) -> int | None:
-        found = chosen_at(three, x, y, reach=reach)
+        found = select_at(three, x, y, reach=reach)
         return None if found is None else found.id
 
     assert [at(508, 500), at(745, 500), at(720, 500, 40.0)] == [1, 2, 2]
     assert at(450, 450) == 1, "on the mountain, far from its middle"
     assert [at(2100, 500), at(1500, 500), at(2000, 1500)] == [3, None, None]
-    assert chosen_at(Placed(1, np.zeros(0, FEATURE), (), ()), 0.0, 0.0, reach=1e9) is None
+    assert select_at(Placement(1, np.zeros(0, FEATURE), (), ()), 0.0, 0.0, reach=1e9) is None
 
 
 def test_a_click_in_water_means_the_river_or_the_lake(placed):
     points = placed.points[:0]
-    wet = Placed(1, points, placed.rivers, placed.lakes)
+    wet = Placement(1, points, placed.rivers, placed.lakes)
     for river in placed.rivers:
         middle = len(river.centreline) // 3
         x, y = river.centreline[middle, :2]
-        assert chosen_at(wet, x, y, reach=0.0) == Chosen("river", river.id)
-    assert chosen_at(wet, -1e6, -1e6, reach=1.0) is None
+        assert select_at(wet, x, y, reach=0.0) == Selection("river", river.id)
+    assert select_at(wet, -1e6, -1e6, reach=1.0) is None
     for lake in placed.lakes:
         at = tuple(lake_centre(lake))
-        alone = Placed(1, points, (), (lake,))
-        if chosen_at(alone, *at, reach=0.0) is not None:
-            assert chosen_at(alone, *at, reach=0.0) == Chosen("lake", lake.id)
+        alone = Placement(1, points, (), (lake,))
+        if select_at(alone, *at, reach=0.0) is not None:
+            assert select_at(alone, *at, reach=0.0) == Selection("lake", lake.id)
 
 
 def test_handles_lie_on_what_they_change(placed):
     for point in placed.points[:: max(len(placed.points) // 20, 1)]:
-        move, radius = handles_of(placed, Chosen("feature", int(point["id"])))
+        move, radius = handles_of(placed, Selection("feature", int(point["id"])))
         assert (move.role, move.x, move.y) == ("move", point["x"], point["y"])
         assert np.hypot(radius.x - radius.base_x, radius.y - radius.base_y) == pytest.approx(
             float(point["radius"])
         )
     for river in placed.rivers:
-        *points, width = handles_of(placed, Chosen("river", river.id))
-        assert [each.chosen.index for each in points] == list(range(len(points)))
+        *points, width = handles_of(placed, Selection("river", river.id))
+        assert [each.selection.index for each in points] == list(range(len(points)))
         at = np.argmin(np.hypot(*(river.centreline[:, :2] - [width.base_x, width.base_y]).T))
         half = 0.5 * float(river.centreline_width[at])
         assert np.hypot(width.x - width.base_x, width.y - width.base_y) == pytest.approx(half)
 
 
-def middle(placed: Placed) -> Handle:
+def middle(placed: Placement) -> Handle:
     painted = placed.points[placed.points["id"] < FILL_BIT]
-    return handles_of(placed, Chosen("feature", int(painted["id"][0])))[0]
+    return handles_of(placed, Selection("feature", int(painted["id"][0])))[0]
 
 
 def test_drags_are_one_step_each_and_keep_the_distance_to_the_mouse(document, placed):

@@ -11,8 +11,15 @@ from scipy.spatial import cKDTree
 from sketchterrain.features.splines import sample_catmull_rom
 from sketchterrain.sketch import Sketch
 from sketchterrain.sketch.box import around
-from sketchterrain.ui.painting.fill import flood, pick
-from sketchterrain.ui.painting.stroke import SteadyHand, Stroke, draw_line, line_path, line_width, paint_sweep
+from sketchterrain.ui.painting.fill import flood_fill, pick
+from sketchterrain.ui.painting.stroke import (
+    Stroke,
+    StrokeSmoother,
+    draw_line,
+    line_path,
+    line_width,
+    paint_sweep,
+)
 
 SIDE = 96
 
@@ -140,7 +147,7 @@ def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel():
             way = np.arange(0.0, 150.0 * grain, 0.9 * grain)[:, None] * (math.cos(angle), math.sin(angle))
             told = np.round(way / grain) * grain
             told = told[np.append(True, (np.diff(told, axis=0) != 0.0).any(axis=1))]
-            hand = SteadyHand(grain)
+            hand = StrokeSmoother(grain)
             nodes = [node for x, y in told if (node := hand.to((x, y, 1.0)))] + hand.finish()
             assert nodes[0][:2] == tuple(told[0]), grain
             assert nodes[-1][:2] == tuple(told[-1]), grain
@@ -151,7 +158,7 @@ def test_a_steady_hand_trembles_half_as_much_and_follows_within_a_pixel():
 
     rng = np.random.default_rng(0)
     places = [(*map(float, place), 2.0) for place in rng.integers(0, 90, (40, 2))]
-    hand = SteadyHand(1.0)
+    hand = StrokeSmoother(1.0)
     nodes = [node for place in places if (node := hand.to(place))] + hand.finish()
     far, _ = cKDTree(np.array(nodes)[:, :2]).query(np.array(places)[:, :2])
     assert far.max() <= 1.0 + 1e-3
@@ -235,7 +242,7 @@ def test_a_fill_is_the_component():
         components, _ = ndimage.label(image == old, np.ones((3, 3)) if old else None)
         region = components == components[row, column]
         wanted = np.where(region, 9, image)
-        box = flood(image, row, column, 9)
+        box = flood_fill(image, row, column, 9)
         np.testing.assert_array_equal(image, wanted, err_msg=f"seed {seed}")
         assert box == box_of(region), seed
 
@@ -243,7 +250,7 @@ def test_a_fill_is_the_component():
 def test_a_fill_that_changes_nothing_or_begins_outside_is_none():
     image = empty()
     for row, column, label in ((3, 4, 0), (-1, 0, 1), (0, -1, 1), (96, 0, 1), (0, 96, 1)):
-        assert flood(image, row, column, label) is None
+        assert flood_fill(image, row, column, label) is None
     assert not image.any()
 
 

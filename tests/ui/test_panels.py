@@ -6,7 +6,7 @@ from PyQt6.QtCore import QCoreApplication, QEvent, Qt
 from PyQt6.QtWidgets import QApplication, QWidget
 
 from sketchterrain.sketch import load_sketch
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.adherence import AdherencePanel
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.lists import ContradictionsPanel, HistoryPanel
@@ -46,9 +46,12 @@ def shown_in_every_way(workspace, link, placed):
     for layer in ("mountain", "river", "forest", "material", "dune"):
         workspace.use_label(layer, 1)
         yield
-    feature, river = Chosen("feature", int(placed.points["id"][0])), Chosen("river", placed.rivers[0].id, 1)
-    for chosen in (feature, river, Chosen("lake", placed.lakes[0].id), Chosen("lake", 12345), None):
-        workspace.chosen = chosen
+    feature, river = (
+        Selection("feature", int(placed.points["id"][0])),
+        Selection("river", placed.rivers[0].id, 1),
+    )
+    for selection in (feature, river, Selection("lake", placed.lakes[0].id), Selection("lake", 12345), None):
+        workspace.selection = selection
         yield
 
 

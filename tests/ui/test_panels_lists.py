@@ -44,7 +44,7 @@ def test_history_marks_the_current_step_and_goes_where_one_clicks(shown, documen
 def test_adherence_is_measured_on_demand_and_again_after_a_failure(shown, workspace, link):
     panel = shown(AdherencePanel(workspace, link))
     panel.measure.click()
-    link.trouble.emit(msg.Trouble("engine", "it ended"))
+    link.trouble.emit(msg.ErrorReport("engine", "it ended"))
     panel.measure.click()
     assert link.told == [msg.MeasureAdherence()] * 2
     link.adherence = msg.Adherence(1, {**FIGURES, "peaks": PEAKS})

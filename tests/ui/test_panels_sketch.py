@@ -11,9 +11,9 @@ from PyQt6.QtWidgets import QApplication
 from sketchterrain.render import OVERLAYS
 from sketchterrain.sketch import LAYERS, SKETCH, TABLES, load_sketch
 from sketchterrain.ui.commands.labels import label_areas, set_property
-from sketchterrain.ui.commands.placed_edits import is_locked, parent_of, width_of
+from sketchterrain.ui.commands.placed_edits import find_parent_river, is_locked, width_of
 from sketchterrain.ui.engine.protocol import ViewState
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.panels.layer_list import EYE, LOCK, NAME
 from sketchterrain.ui.panels.layers import LayersPanel
 from sketchterrain.ui.panels.parts import Group
@@ -48,7 +48,7 @@ def properties(shown, document, workspace, link, placed):
 @pytest.fixture
 def mountain(properties, workspace, placed):
     point = placed.points[placed.points["type"] == 0][0]
-    workspace.chosen = Chosen("feature", int(point["id"]))
+    workspace.selection = Selection("feature", int(point["id"]))
     return point
 
 
@@ -216,10 +216,10 @@ def test_a_dragged_slider_is_one_live_step_even_over_its_first_value(properties,
 def test_what_is_being_typed_belongs_to_what_was_shown(properties, document, workspace, placed, mountain):
     row = properties.chosen_page.forms["feature"].rows["radius"]
     typed(row.box, "123")
-    workspace.chosen = Chosen("feature", int(placed.points["id"][placed.points["type"] == 0][1]))
+    workspace.selection = Selection("feature", int(placed.points["id"][placed.points["type"] == 0][1]))
     assert [(edit.feature, edit.radius) for edit in document.sketch.edits] == [(int(mountain["id"]), 123.0)]
     document.undo()
-    workspace.chosen = None
+    workspace.selection = None
     for other in (("mountain", 2), ("material", 1), ("hill", 1)):
         workspace.use_label("mountain", 1)
         before = document.sketch.properties(*other)
@@ -249,26 +249,26 @@ def test_a_selected_feature_replaces_the_label_and_its_numbers_become_edits(
             assert edit.y == pytest.approx(float(mountain["y"]), abs=0.001), "north stays"
         document.undo()
     properties.back.click()
-    assert workspace.chosen is None
+    assert workspace.selection is None
     assert properties.label_page.isVisible()
 
 
 def test_lock_reset_and_delete_are_steps_that_undo_shows(properties, document, mountain, workspace):
-    page, chosen = properties.chosen_page, workspace.chosen
+    page, selection = properties.chosen_page, workspace.selection
     page.lock.click()
-    assert is_locked(document.sketch, chosen)
+    assert is_locked(document.sketch, selection)
     document.undo()
     assert not page.lock.isChecked()
     assert not page.reset.isEnabled()
     page.lock.click()
     page.lock.click()
-    assert not is_locked(document.sketch, chosen)
+    assert not is_locked(document.sketch, selection)
     page.forms["feature"].rows["height"].box.setValue(50.0)
     page.reset.click()
     assert document.sketch.edits == ()
     page.delete.click()
     assert [edit.action for edit in document.sketch.edits] == ["delete"]
-    assert workspace.chosen is None
+    assert workspace.selection is None
     verbs = [title.split()[0] for title in document.history.titles[1:]]
     assert verbs == ["Lock", "Unlock", "Set", "Reset", "Delete"]
 
@@ -284,16 +284,16 @@ def test_what_is_gone_is_said(properties, link, placed, mountain):
 
 def test_a_rivers_width_and_control_points_are_edited(properties, document, workspace, placed):
     river = max(placed.rivers, key=lambda each: len(each.points))
-    workspace.chosen = Chosen("river", river.id)
+    workspace.selection = Selection("river", river.id)
     form = properties.chosen_page.forms["river"]
-    assert form.width_row.number == pytest.approx(width_of(document.sketch, placed, workspace.chosen))
+    assert form.width_row.number == pytest.approx(width_of(document.sketch, placed, workspace.selection))
     form.width_row.box.setValue(40.0)
     assert [(edit.action, edit.width) for edit in document.sketch.edits] == [("width", 40.0)]
     document.undo()
     assert not form.east.isEnabled()
     form.points.setFocus()
     QTest.keyClick(form.points, Qt.Key.Key_Up)
-    assert workspace.chosen.index == 0
+    assert workspace.selection.index == 0
     form.points.setValue(2)
     assert form.east.number == river.points[1, 0]
     form.east.box.setValue(form.east.box.value() + 30.0)
@@ -301,10 +301,10 @@ def test_a_rivers_width_and_control_points_are_edited(properties, document, work
     assert (edit.action, edit.x) == ("move_point", pytest.approx(form.east.box.value()))
     assert edit.y == pytest.approx(river.points[1, 1], abs=0.001)
     for each in placed.rivers:  # where it joins another one it follows that one
-        if parent_of(placed, each) is not None:
-            workspace.chosen = Chosen("river", each.id, len(each.points) - 1)
+        if find_parent_river(placed, each) is not None:
+            workspace.selection = Selection("river", each.id, len(each.points) - 1)
             assert not form.east.isEnabled()
-    workspace.chosen = Chosen("lake", placed.lakes[0].id)
+    workspace.selection = Selection("lake", placed.lakes[0].id)
     assert properties.chosen_page.forms["lake"].isVisible()
     assert properties.chosen_page.delete.isEnabled()
 

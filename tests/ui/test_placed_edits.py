@@ -11,19 +11,26 @@ from sketchterrain.sketch import ADDED_BIT, Sketch, load_sketch
 from sketchterrain.sketch.edits import MOST_EDITS
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.commands import placed_edits as edits
-from sketchterrain.ui.commands.placed_edits import is_there, lake_of, name_of, parent_of, point_of, river_of
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.commands.placed_edits import (
+    exists,
+    find_lake,
+    find_parent_river,
+    find_point,
+    find_river,
+    name_of,
+)
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.handles import handles_of
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 
 MEMORY = ShapeMemory()
 
 
-def placed_of(sketch: Sketch) -> Placed:
+def placed_of(sketch: Sketch) -> Placement:
     recipe = make_recipe(sketch, memory=MEMORY)
     points = np.concatenate([recipe.painted, recipe.fill.within(0.0, 0.0, *sketch.size)])
     points = points[np.argsort(points["id"])]
-    return Placed(1, points, tuple(recipe.rivers), tuple(recipe.lakes), orphans=recipe.orphans)
+    return Placement(1, points, tuple(recipe.rivers), tuple(recipe.lakes), orphans=recipe.orphans)
 
 
 @pytest.fixture(scope="module")
@@ -50,82 +57,84 @@ def sketch() -> Sketch:
 
 
 @pytest.fixture(scope="module")
-def placed(sketch: Sketch) -> Placed:
+def placed(sketch: Sketch) -> Placement:
     return placed_of(sketch)
 
 
-def first(placed: Placed, kind: int = 0, *, painted: bool = True) -> Chosen:
+def first(placed: Placement, kind: int = 0, *, painted: bool = True) -> Selection:
     found = placed.points[(placed.points["type"] == kind) & (placed.points["painted"] == painted)]
-    return Chosen("feature", int(found["id"][0]))
+    return Selection("feature", int(found["id"][0]))
 
 
-def lone(placed: Placed) -> Chosen:
+def lone(placed: Placement) -> Selection:
     """A river that joins no other one."""
-    return Chosen("river", next(each.id for each in placed.rivers if parent_of(placed, each) is None))
+    return Selection(
+        "river", next(each.id for each in placed.rivers if find_parent_river(placed, each) is None)
+    )
 
 
-def by_role(placed: Placed, chosen: Chosen, role: str):
-    return next(each for each in handles_of(placed, chosen) if each.role == role)
+def by_role(placed: Placement, selection: Selection, role: str):
+    return next(each for each in handles_of(placed, selection) if each.role == role)
 
 
 def test_a_feature_stands_where_it_was_dragged_and_keeps_its_shape(sketch, placed):
     for painted in [True, False]:
-        chosen = first(placed, painted=painted)
-        before = point_of(placed, chosen)
-        moved = edits.dragged(sketch, placed, by_role(placed, chosen, "move"), 2000.0, 2345.6789)
-        after = point_of(placed_of(moved), chosen)
+        selection = first(placed, painted=painted)
+        before = find_point(placed, selection)
+        moved = edits.dragged(sketch, placed, by_role(placed, selection, "move"), 2000.0, 2345.6789)
+        after = find_point(placed_of(moved), selection)
         assert (after["x"], after["y"]) == (2000.0, 2345.679), painted
         for key in ("type", "radius", "peakiness", "erosion", "gullies"):
             assert after[key] == before[key], painted
 
 
 def test_radius_height_and_width_follow_their_handles(sketch, placed):
-    chosen = first(placed)
-    handle = by_role(placed, chosen, "radius")
+    selection = first(placed)
+    handle = by_role(placed, selection, "radius")
     after = placed_of(edits.dragged(sketch, placed, handle, handle.base_x, handle.base_y - 321.0))
-    assert point_of(after, chosen)["radius"] == np.float32(321.0)
-    changed = edits.strengthened(sketch, placed, chosen, 777.0)
-    assert edits.strength_of(changed, placed, chosen) == 777.0
-    assert point_of(placed_of(changed), chosen)["strength"] == pytest.approx(777.0, rel=0.3)
+    assert find_point(after, selection)["radius"] == np.float32(321.0)
+    changed = edits.strengthened(sketch, placed, selection, 777.0)
+    assert edits.strength_of(changed, placed, selection) == 777.0
+    assert find_point(placed_of(changed), selection)["strength"] == pytest.approx(777.0, rel=0.3)
     assert edits.strengthened(sketch, placed, first(placed, 3), 40.0).edits[0].strength == 1.0
 
-    chosen, changed, now = lone(placed), sketch, placed
+    selection, changed, now = lone(placed), sketch, placed
     for width in (90.0, 30.0, 140.0):
-        handle = by_role(now, chosen, "width")
+        handle = by_role(now, selection, "width")
         away = np.array([handle.x - handle.base_x, handle.y - handle.base_y])
         away *= 0.5 * width / np.hypot(*away)
         changed = edits.dragged(changed, now, handle, handle.base_x + away[0], handle.base_y + away[1])
         now = placed_of(changed)
-        handle = by_role(now, chosen, "width")
+        handle = by_role(now, selection, "width")
         shown = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
         assert shown == pytest.approx(width, rel=0.15)
     assert [each.action for each in changed.edits] == ["width"]
 
 
 def test_a_control_point_lies_where_it_was_dragged_again_and_again(sketch, placed):
-    chosen = lone(placed)
-    index = len(river_of(placed, chosen).points) // 2
+    selection = lone(placed)
+    index = len(find_river(placed, selection).points) // 2
     rng = np.random.default_rng(3)
     changed, now = sketch, placed
     for _ in range(5):
-        handle = next(each for each in handles_of(now, chosen) if each.chosen.index == index)
+        handle = next(each for each in handles_of(now, selection) if each.selection.index == index)
         x, y = handle.x + rng.uniform(-60, 60), handle.y + rng.uniform(-60, 60)
         changed = edits.dragged(changed, now, handle, x, y)
         now = placed_of(changed)
-        assert np.hypot(*(river_of(now, chosen).points[:, :2] - [x, y]).T).min() < 0.01
+        assert np.hypot(*(find_river(now, selection).points[:, :2] - [x, y]).T).min() < 0.01
         assert now.orphans == ()
     assert len(changed.edits) == 1, "the same point, dragged again, is the same edit"
     # Beside it another one: both stay.
-    other = next(each for each in handles_of(now, chosen) if each.chosen.index == index + 1)
+    other = next(each for each in handles_of(now, selection) if each.selection.index == index + 1)
     both = edits.dragged(changed, now, other, other.x + 30.0, other.y - 30.0)
     assert len(both.edits) == 2
-    assert edits.reset(both, placed_of(both), other.chosen).edits == changed.edits
-    assert edits.reset(both, now, chosen).edits == ()
+    assert edits.reset(both, placed_of(both), other.selection).edits == changed.edits
+    assert edits.reset(both, now, selection).edits == ()
 
 
 def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, placed):
-    chosen = lone(placed)
-    handle = next(each for each in handles_of(placed, chosen) if each.chosen.index == 5)
+    selection = lone(placed)
+    handle = next(each for each in handles_of(placed, selection) if each.selection.index == 5)
     once = edits.dragged(sketch, placed, handle, handle.x + 10.0, handle.y)
     twice = edits.dragged(once, placed, handle, handle.x, handle.y + 25.0)
     assert [(each.x, each.y) for each in twice.edits] == [(round(handle.x, 3), round(handle.y + 25.0, 3))]
@@ -133,86 +142,88 @@ def test_a_drag_that_begins_before_the_last_one_was_placed_replaces_it(sketch, p
 
 def test_a_locked_feature_that_is_dragged_stays_locked_and_unlocked_stays_there(sketch, placed):
     for painted in [True, False]:
-        chosen = first(placed, painted=painted)
-        lock = edits.locked(sketch, placed, chosen)
-        assert edits.is_locked(lock, chosen), painted
-        assert edits.locked(lock, placed, chosen) is lock, painted
+        selection = first(placed, painted=painted)
+        lock = edits.locked(sketch, placed, selection)
+        assert edits.is_locked(lock, selection), painted
+        assert edits.locked(lock, placed, selection) is lock, painted
         held = placed_of(lock)
-        assert point_of(held, chosen) == point_of(placed, chosen), painted
-        changed = edits.dragged(lock, held, by_role(held, chosen, "move"), 2100.0, 2300.0)
-        changed = edits.dragged(changed, held, by_role(held, chosen, "move"), 2200.0, 2400.0)
+        assert find_point(held, selection) == find_point(placed, selection), painted
+        changed = edits.dragged(lock, held, by_role(held, selection, "move"), 2100.0, 2300.0)
+        changed = edits.dragged(changed, held, by_role(held, selection, "move"), 2200.0, 2400.0)
         assert [each.action for each in changed.edits] == ["move", "lock"], painted
         now = placed_of(changed)
-        assert (point_of(now, chosen)["x"], point_of(now, chosen)["y"]) == (2200.0, 2400.0), painted
-        assert point_of(now, chosen)["strength"] == point_of(placed, chosen)["strength"], painted
-        free = edits.unlocked(changed, chosen)
-        assert not edits.is_locked(free, chosen), painted
-        assert point_of(placed_of(free), chosen)["x"] == 2200.0, painted
-        assert edits.unlocked(free, chosen) is free, painted
+        assert (find_point(now, selection)["x"], find_point(now, selection)["y"]) == (2200.0, 2400.0), painted
+        assert find_point(now, selection)["strength"] == find_point(placed, selection)["strength"], painted
+        free = edits.unlocked(changed, selection)
+        assert not edits.is_locked(free, selection), painted
+        assert find_point(placed_of(free), selection)["x"] == 2200.0, painted
+        assert edits.unlocked(free, selection) is free, painted
 
 
 def test_deleted_things_are_gone_until_they_are_reset(sketch, placed):
-    lake = Chosen("lake", next(each.id for each in placed.lakes if each.label))
-    for chosen in (first(placed), first(placed, painted=False), lone(placed), lake):
-        gone = edits.deleted(edits.reset(sketch, placed, chosen), chosen)
+    lake = Selection("lake", next(each.id for each in placed.lakes if each.label))
+    for selection in (first(placed), first(placed, painted=False), lone(placed), lake):
+        gone = edits.deleted(edits.reset(sketch, placed, selection), selection)
         now = placed_of(gone)
-        assert is_there(placed, chosen)
-        assert not is_there(now, chosen)
-        assert edits.is_edited(gone, placed, chosen)
-        back = edits.reset(gone, now, chosen)
+        assert exists(placed, selection)
+        assert not exists(now, selection)
+        assert edits.is_edited(gone, placed, selection)
+        back = edits.reset(gone, now, selection)
         assert back.edits == ()
-        assert not edits.is_edited(back, placed, chosen)
+        assert not edits.is_edited(back, placed, selection)
 
 
 def test_what_was_added_can_be_dragged_reset_and_deleted(sketch, placed):
     changed = edits.added(sketch, "mountain", 2400.0, 700.0, 400.0, 300.0)
     now = placed_of(changed)
-    chosen = Chosen("feature", int(now.points["id"][now.points["id"] & ADDED_BIT > 0][0]))
-    assert point_of(now, chosen)["x"] == 2400.0
-    changed = edits.dragged(changed, now, by_role(now, chosen, "move"), 2500.0, 800.0)
-    assert point_of(placed_of(changed), chosen)["x"] == 2500.0
-    assert [each.action for each in edits.reset(changed, now, chosen).edits] == ["add"]
-    assert edits.deleted(changed, chosen).edits == ()
+    selection = Selection("feature", int(now.points["id"][now.points["id"] & ADDED_BIT > 0][0]))
+    assert find_point(now, selection)["x"] == 2400.0
+    changed = edits.dragged(changed, now, by_role(now, selection, "move"), 2500.0, 800.0)
+    assert find_point(placed_of(changed), selection)["x"] == 2500.0
+    assert [each.action for each in edits.reset(changed, now, selection).edits] == ["add"]
+    assert edits.deleted(changed, selection).edits == ()
     assert edits.added(sketch, "forest", 0.0, 0.0, 100.0, 300.0).edits[0].strength == 1.0
     with pytest.raises(InputError):
         edits.added(sketch, "castle", 0.0, 0.0, 100.0, 300.0)
 
 
 def test_values_stay_in_their_ranges_and_confluences_stay_in_place(sketch, placed):
-    chosen = first(placed)
-    assert edits.resized(sketch, placed, chosen, 0.0).edits[0].radius == 0.1
-    assert edits.strengthened(sketch, placed, chosen, 1e9).edits[0].strength == 9000.0
-    assert edits.moved(sketch, placed, chosen, 1e12, -1e12).edits[0].values == {"x": 1e7, "y": -1e7}
+    selection = first(placed)
+    assert edits.resized(sketch, placed, selection, 0.0).edits[0].radius == 0.1
+    assert edits.strengthened(sketch, placed, selection, 1e9).edits[0].strength == 9000.0
+    assert edits.moved(sketch, placed, selection, 1e12, -1e12).edits[0].values == {"x": 1e7, "y": -1e7}
     assert edits.widened(sketch, lone(placed), 0.0).edits[0].width == 0.5
     with pytest.raises(InputError, match="number"):
-        edits.resized(sketch, placed, chosen, float("nan"))
+        edits.resized(sketch, placed, selection, float("nan"))
 
-    child = next(each for each in placed.rivers if parent_of(placed, each) is not None)
-    chosen = Chosen("river", child.id)
+    child = next(each for each in placed.rivers if find_parent_river(placed, each) is not None)
+    selection = Selection("river", child.id)
     last = len(child.points) - 1
-    assert last not in [each.chosen.index for each in handles_of(placed, chosen)]
-    assert edits.point_moved(sketch, placed, Chosen("river", child.id, last), 0.0, 0.0) is sketch
+    assert last not in [each.selection.index for each in handles_of(placed, selection)]
+    assert edits.point_moved(sketch, placed, Selection("river", child.id, last), 0.0, 0.0) is sketch
 
 
 def test_names_are_those_of_contradictions_and_missing_things_change_nothing(placed, sketch):
     assert name_of(placed, first(placed)) == "mountain"
-    assert name_of(placed, Chosen("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
-    lake = Chosen("lake", placed.lakes[0].id)
+    assert name_of(placed, Selection("river", placed.rivers[-1].id)) == f"river {len(placed.rivers)}"
+    lake = Selection("lake", placed.lakes[0].id)
     assert name_of(placed, lake) == "lake 1"
-    assert lake_of(placed, lake) is placed.lakes[0]
+    assert find_lake(placed, lake) is placed.lakes[0]
 
-    for chosen in (Chosen("feature", 7), Chosen("river", 7), Chosen("lake", 7)):
-        assert handles_of(placed, chosen) == ()
-        assert not is_there(placed, chosen)
-        assert name_of(placed, chosen) == ("feature" if chosen.kind == "feature" else chosen.kind)
+    for selection in (Selection("feature", 7), Selection("river", 7), Selection("lake", 7)):
+        assert handles_of(placed, selection) == ()
+        assert not exists(placed, selection)
+        assert name_of(placed, selection) == ("feature" if selection.kind == "feature" else selection.kind)
         for command, values in (
             *((edits.moved, (0.0, 0.0)), (edits.resized, (10.0,)), (edits.strengthened, (10.0,))),
             *((edits.locked, ()), (edits.point_moved, (0.0, 0.0))),
         ):
-            assert command(sketch, placed, chosen, *values) is sketch
-        assert edits.strength_of(sketch, placed, chosen) is edits.width_of(sketch, placed, chosen) is None
-    assert edits.widened(sketch, Chosen("lake", 7), 10.0) is sketch
-    short = Chosen("river", placed.rivers[0].id, 100_000)
+            assert command(sketch, placed, selection, *values) is sketch
+        assert (
+            edits.strength_of(sketch, placed, selection) is edits.width_of(sketch, placed, selection) is None
+        )
+    assert edits.widened(sketch, Selection("lake", 7), 10.0) is sketch
+    short = Selection("river", placed.rivers[0].id, 100_000)
     assert not edits.is_edited(sketch, placed, short)
     assert edits.point_moved(sketch, placed, short, 0.0, 0.0) is sketch
 
@@ -222,21 +233,21 @@ def test_a_hundred_random_drags_stay_valid():
     sketch = load_sketch("valley_river")
     now = placed_of(sketch)
     rng = np.random.default_rng(8)
-    everything = [Chosen("feature", int(each)) for each in rng.choice(now.points["id"], 12, replace=False)]
-    everything += [Chosen("river", each.id) for each in now.rivers]
+    everything = [Selection("feature", int(each)) for each in rng.choice(now.points["id"], 12, replace=False)]
+    everything += [Selection("river", each.id) for each in now.rivers]
     touched: set[object] = set()
     for number in range(100):
-        chosen = everything[rng.integers(len(everything))]
-        handles = handles_of(now, chosen)
+        selection = everything[rng.integers(len(everything))]
+        handles = handles_of(now, selection)
         if not handles:
             continue
         handle = handles[rng.integers(len(handles))]
         spread = 40.0 if handle.role == "point" else 300.0
         x, y = handle.x + rng.normal(0.0, spread), handle.y + rng.normal(0.0, spread)
         sketch = edits.dragged(sketch, now, handle, x, y)
-        touched.add((handle.role, handle.chosen))
+        touched.add((handle.role, handle.selection))
         if rng.random() < 0.2:
-            sketch = edits.locked(sketch, now, chosen)
+            sketch = edits.locked(sketch, now, selection)
         if number % 10 == 9:
             now = placed_of(sketch)
             assert np.isfinite(now.points["strength"]).all()

@@ -214,7 +214,7 @@ def widgets() -> Counter[str]:
 def at_rest(window, document, workspace):
     """Bring the window into one state, whatever was done."""
     document.open(load_sketch("valley_river"))
-    workspace.chosen = None
+    workspace.selection = None
     workspace.tool = "brush"
     for layer in reversed(LAYERS):  # forms are made when they are needed first; mountains come last
         workspace.use_label(layer, 1)

@@ -12,11 +12,11 @@ from PyQt6.QtWidgets import QApplication, QLabel, QPushButton, QToolButton
 from sketchterrain.render.camera import Camera
 from sketchterrain.ui.canvas.canvas import Canvas
 from sketchterrain.ui.canvas.canvas_input import CanvasInput
-from sketchterrain.ui.canvas.sketch_image import SketchPicture
+from sketchterrain.ui.canvas.sketch_image import SketchView
 from sketchterrain.ui.engine import protocol as msg
-from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, Picked, Turn, Zoom
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Pan, Pick, PickResult, Turn, Zoom
 from sketchterrain.ui.menus import DoingMenu
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.hud import Bar, Card, Compass
 from sketchterrain.ui.view3d.navigation import overview
 from sketchterrain.ui.view3d.view import View3D
@@ -69,7 +69,7 @@ def grips(view):
 
 def answer(link, place):
     """Let the engine answer the newest pick."""
-    link.picked.emit(Picked(link.told[-1].token, place))
+    link.picked.emit(PickResult(link.told[-1].token, place))
 
 
 def place_of(point):
@@ -124,10 +124,10 @@ def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, li
     point = placed.points[placed.points["painted"]][0]
     click(view, 320, 240)
     answer(link, place_of(point))
-    assert workspace.chosen == Chosen("feature", int(point["id"]))
+    assert workspace.selection == Selection("feature", int(point["id"]))
     click(view, 5, 5)
     answer(link, None)
-    assert workspace.chosen is None
+    assert workspace.selection is None
 
     points = placed.points[placed.points["painted"]][:2]
     click(view, 320, 240)
@@ -135,18 +135,18 @@ def test_the_newest_click_selects_what_stands_there_and_the_sky_nothing(view, li
     click(view, 330, 240)
     new = link.told[-1].token
     for token, point in ((new, points[1]), (old, points[0])):
-        link.picked.emit(Picked(token, place_of(point)))
-    assert workspace.chosen == Chosen("feature", int(points[1]["id"]))
+        link.picked.emit(PickResult(token, place_of(point)))
+    assert workspace.selection == Selection("feature", int(points[1]["id"]))
 
 
 @pytest.fixture
-def chosen(view, workspace, placed):
+def selection(view, workspace, placed):
     painted = placed.points[placed.points["painted"] & (placed.points["type"] == 0)]
-    workspace.chosen = Chosen("feature", int(painted["id"][np.argmax(painted["radius"])]))
-    return workspace.chosen
+    workspace.selection = Selection("feature", int(painted["id"][np.argmax(painted["radius"])]))
+    return workspace.selection
 
 
-def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, chosen):
+def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, workspace, selection):
     grip = grips(view)["move"]
     mouse(view, PRESS, grip.x, grip.y)
     mouse(view, MOVE, grip.x + 50, grip.y)
@@ -158,11 +158,11 @@ def test_escape_cancels_a_drag_then_lets_go_then_is_the_windows(view, document, 
     assert document.sketch.edits == ()
     mouse(view, RELEASE, grip.x + 90, grip.y)
     key(view, Qt.Key.Key_Escape)
-    assert workspace.chosen is None
+    assert workspace.selection is None
     assert not keeps(view, Qt.Key.Key_Escape)
 
 
-def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, chosen, link):
+def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, selection, link):
     grip = grips(view)["radius"]
     drag(view, (grip.x, grip.y), (grip.x + 30, grip.y))
     assert document.history.titles == ("Open", "Resize mountain")
@@ -181,12 +181,12 @@ def test_handles_stay_under_the_mouse_and_a_drag_is_one_step(view, document, cho
     assert document.sketch.edits == ()
 
 
-def test_a_handle_is_where_it_was_left_until_it_was_placed_there(view, link, document, chosen, placed):
+def test_a_handle_is_where_it_was_left_until_it_was_placed_there(view, link, document, selection, placed):
     grip = grips(view)["move"]
     drag(view, (grip.x, grip.y), (grip.x + 40, grip.y + 10))
     assert grips(view)["move"].x == pytest.approx(grip.x + 40, abs=1.0)
     points = placed.points.copy()
-    at = points["id"] == chosen.id
+    at = points["id"] == selection.id
     points["x"][at], points["y"][at] = document.sketch.edits[-1].x, document.sketch.edits[-1].y
     link.placed = replace(placed, points=points)
     link.placed_changed.emit(link.placed)
@@ -195,12 +195,12 @@ def test_a_handle_is_where_it_was_left_until_it_was_placed_there(view, link, doc
 
 
 def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, placed):
-    workspace.chosen = Chosen("river", placed.rivers[0].id)
+    workspace.selection = Selection("river", placed.rivers[0].id)
     marks = view._scene.marks(view.width(), view.height())
     grip = next(each for each in marks.grips if each.handle.role == "point" and 100 < each.y < 400)
     drag(view, (grip.x, grip.y), (grip.x + 20, grip.y))
-    assert workspace.chosen == grip.handle.chosen
-    assert workspace.chosen.index is not None
+    assert workspace.selection == grip.handle.selection
+    assert workspace.selection.index is not None
     assert [each.action for each in document.sketch.edits] == ["move_point"]
     key(view, Qt.Key.Key_Delete)
     assert document.sketch.edits == ()
@@ -208,11 +208,11 @@ def test_a_rivers_point_is_selected_with_its_number(view, document, workspace, p
     view.message.connect(lines.append)
     key(view, Qt.Key.Key_Delete)
     assert "cannot be deleted" in lines[0]
-    workspace.chosen = Chosen("feature", int(placed.points["id"][0]))
+    workspace.selection = Selection("feature", int(placed.points["id"][0]))
     for _ in range(2):
         key(view, Qt.Key.Key_Delete)
         assert [each.action for each in document.sketch.edits] == ["delete"]
-        assert workspace.chosen is None
+        assert workspace.selection is None
 
 
 def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspace, placed):
@@ -220,12 +220,12 @@ def test_a_right_click_opens_the_menu_of_the_place(view, link, document, workspa
     for text, action in (("Lock mountain", "lock"), ("Add hill here", "add"), ("Delete mountain", "delete")):
         click(view, 320, 240, RIGHT)
         answer(link, place_of(point))
-        assert workspace.chosen == Chosen("feature", int(point["id"]))
+        assert workspace.selection == Selection("feature", int(point["id"]))
         (menu,) = (each for each in view.findChildren(DoingMenu) if each.isVisible())
         next(each for each in menu.actions() if each.text() == text).trigger()
         menu.close()
         assert document.sketch.edits[-1].action == action
-    assert workspace.chosen is None
+    assert workspace.selection is None
     click(view, 320, 10, RIGHT)
     answer(link, None)
     assert not [each for each in view.findChildren(DoingMenu) if each.isVisible()]
@@ -238,7 +238,7 @@ def test_marks_can_be_clicked_with_the_select_tool(view, link, workspace, placed
     assert dots
     link.told.clear()
     click(view, dots[0].x, dots[0].y)
-    assert workspace.chosen == dots[0].chosen
+    assert workspace.selection == dots[0].selection
     assert link.told == []
 
 
@@ -271,17 +271,17 @@ def test_the_views_keys_are_no_shortcuts_but_those_with_control_are(view):
     assert not keeps(view, Qt.Key.Key_V)
 
 
-def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, chosen, placed):
+def test_home_sees_everything_and_f_the_selection(view, link, document, workspace, selection, placed):
     key(view, Qt.Key.Key_Home)
     key(view, Qt.Key.Key_F)
-    point = placed.points[placed.points["id"] == chosen.id][0]
+    point = placed.points[placed.points["id"] == selection.id][0]
     assert link.told[0] == Look(overview((0.0, 0.0, *document.sketch.size), 0.0, aspect=WIDTH / HEIGHT))
     assert (link.told[1].x, link.told[1].y) == (point["x"], point["y"])
     assert 2.0 * point["radius"] < link.told[1].distance < 6.0 * point["radius"]
-    workspace.chosen = Chosen("river", placed.rivers[0].id)
+    workspace.selection = Selection("river", placed.rivers[0].id)
     key(view, Qt.Key.Key_F)
     assert 0.0 <= link.told[2].x <= document.sketch.size[0]
-    workspace.chosen = None
+    workspace.selection = None
     key(view, Qt.Key.Key_F)
     key(view, Qt.Key.Key_C)
     assert link.told[3:] == [link.told[0], Look(None)]
@@ -380,22 +380,22 @@ def test_without_opengl_or_a_device_a_card_that_fits_says_what_to_do(bare, link)
 
 
 def test_a_stopped_engine_can_be_started_again(view, link, document, placed):
-    link.trouble.emit(msg.Trouble("engine", "it crashed (signal 11)"))
+    link.trouble.emit(msg.ErrorReport("engine", "it crashed (signal 11)"))
     assert "signal 11" in texts(view)
     view.grab()
     view.findChildren(Card)[0].findChildren(QPushButton)[0].click()
     assert link.running
     assert texts(view) == ""
-    link.trouble.emit(msg.Trouble("engine", "again"))
+    link.trouble.emit(msg.ErrorReport("engine", "again"))
     show_picture(link, document, placed)
     assert texts(view) == "", "a picture came: all is well"
-    link.trouble.emit(msg.Trouble("sketch", "a river has no end"))
+    link.trouble.emit(msg.ErrorReport("sketch", "a river has no end"))
     assert texts(view) == ""
 
 
 def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, document, workspace, placed):
     workspace.tool = "select"
-    workspace.chosen = Chosen("river", placed.rivers[0].id)
+    workspace.selection = Selection("river", placed.rivers[0].id)
     x, y, z = placed.rivers[0].centreline[40]
     for eye, target in (
         ((x, y, z + 2.0), (x + 10.0, y, z)),
@@ -406,13 +406,13 @@ def test_every_selection_and_place_of_the_eye_can_be_painted(view, link, documen
         show_picture(link, document, placed, eye=eye, target=target)
         assert not view.grab().isNull()
     show_picture(link, document, placed)
-    lake, river = Chosen("lake", placed.lakes[0].id), Chosen("river", placed.rivers[0].id)
-    things = [None, lake, river, replace(river, index=3), Chosen("feature", 1)]
-    things.append(Chosen("feature", int(placed.points["id"][0])))
+    lake, river = Selection("lake", placed.lakes[0].id), Selection("river", placed.rivers[0].id)
+    things = [None, lake, river, replace(river, index=3), Selection("feature", 1)]
+    things.append(Selection("feature", int(placed.points["id"][0])))
     for mode in ("orbit", "walk"):
         link.view = replace(link.view, mode=mode)
-        for chosen in things:
-            workspace.chosen = chosen
+        for selection in things:
+            workspace.selection = selection
             assert not view.grab().isNull()
     for name in ("relief", "placed"):
         setattr(link, name, None)
@@ -434,7 +434,7 @@ def test_views_and_canvases_that_are_deleted_leave_nothing_behind(document, work
 
     def living() -> tuple[int, int]:
         gc.collect()
-        kinds = Canvas | CanvasInput | SketchPicture | View3D
+        kinds = Canvas | CanvasInput | SketchView | View3D
         return len(QApplication.allWidgets()), sum(isinstance(each, kinds) for each in gc.get_objects())
 
     for kind in (View3D, Canvas):
@@ -444,4 +444,4 @@ def test_views_and_canvases_that_are_deleted_leave_nothing_behind(document, work
             made(kind)
         assert living() == before, kind
     document.open(document.sketch)
-    workspace.chosen = Chosen("lake", 1)
+    workspace.selection = Selection("lake", 1)

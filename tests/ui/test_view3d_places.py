@@ -5,8 +5,8 @@ import pytest
 
 from sketchterrain.features.catalogue import FEATURE
 from sketchterrain.render.camera import Camera
-from sketchterrain.ui.engine.protocol import FrameFacts, Placed, Pose, Relief
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.engine.protocol import FrameFacts, Placement, Pose, Relief
+from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.hud import heading_of
 from sketchterrain.ui.view3d.marks import marks_of
 from sketchterrain.ui.view3d.navigation import overview
@@ -109,31 +109,31 @@ def test_a_ridge_hides_what_lies_behind_it_and_nothing_else():
     assert np.allclose(np.hypot(places[:, 0] - 1600.0, places[:, 1] - 800.0), 400.0)
 
 
-def placed_with(*places: tuple[float, float]) -> Placed:
+def placed_with(*places: tuple[float, float]) -> Placement:
     points = np.zeros(len(places), FEATURE)
     points["id"] = np.arange(1, len(places) + 1)
     points["x"], points["y"] = np.array(places).T
     points["radius"], points["strength"], points["painted"] = 300.0, 100.0, True
-    return Placed(1, points, (), ())
+    return Placement(1, points, (), ())
 
 
 def test_marks_lie_where_features_are_seen_and_are_thinned_out():
     projection, ground = projection_of(), flat()
     placed = placed_with((1200.0, 900.0), (1900.0, 1500.0), (1000.0, -9e4))
     marks = marks_of(projection, ground, placed, None, all_features=True)
-    assert [each.chosen.id for each in marks.dots] == [1, 2], "what lies behind the eye has no mark"
+    assert [each.selection.id for each in marks.dots] == [1, 2], "what lies behind the eye has no mark"
     for dot in marks.dots:
-        at = placed.points[dot.chosen.id - 1]
+        at = placed.points[dot.selection.id - 1]
         assert [dot.x, dot.y] == pytest.approx(projection.see([[at["x"], at["y"], 0.0]]).at[0])
         assert marks.dot_at(dot.x + 3.0, dot.y, reach=11.0) == dot
     assert marks.dot_at(-100.0, 0.0, reach=11.0) is None
-    chosen = marks_of(projection, ground, placed, Chosen("feature", 2), all_features=True)
-    assert [each.chosen.id for each in chosen.dots] == [1]
-    assert [each.handle.role for each in chosen.grips] == ["move", "radius"]
-    assert chosen.outline
-    grip = chosen.grips[0]
-    assert chosen.grip_at(grip.x + 2.0, grip.y, reach=11.0) == grip
-    assert chosen.grip_at(grip.x + 200.0, grip.y, reach=11.0) is None
+    selection = marks_of(projection, ground, placed, Selection("feature", 2), all_features=True)
+    assert [each.selection.id for each in selection.dots] == [1]
+    assert [each.handle.role for each in selection.grips] == ["move", "radius"]
+    assert selection.outline
+    grip = selection.grips[0]
+    assert selection.grip_at(grip.x + 2.0, grip.y, reach=11.0) == grip
+    assert selection.grip_at(grip.x + 200.0, grip.y, reach=11.0) is None
 
     crowd = placed_with(*[(1200.0 + 0.1 * step, 900.0) for step in range(50)])
     assert len(marks_of(projection_of(), flat(), crowd, None, all_features=True).dots) <= 2
@@ -143,17 +143,19 @@ def test_a_rivers_grips_keep_apart(placed):
     river = placed.rivers[0]
     x, y, z = river.centreline[len(river.centreline) // 2]
     projection = projection_of((x, y - 6e3, z + 4e3), (x, y, z))
-    chosen = Chosen("river", river.id)
+    selection = Selection("river", river.id)
     ground = flat(256, 24.0)
-    far = marks_of(projection, ground, placed, chosen, all_features=False)
+    far = marks_of(projection, ground, placed, selection, all_features=False)
     points = [each for each in far.grips if each.handle.role == "point"]
     assert 3 < len(points) < len(river.points)
     apart = np.hypot(*np.diff([(each.x, each.y) for each in points], axis=0).T)
     assert apart.min() >= 13.0
-    shown = {each.handle.chosen.index for each in points}
+    shown = {each.handle.selection.index for each in points}
     hidden = min(set(range(len(river.points))) - shown)
-    taken = marks_of(projection, ground, placed, Chosen("river", river.id, hidden), all_features=False)
-    assert hidden in [each.handle.chosen.index for each in taken.grips], "the one that is selected is there"
+    taken = marks_of(projection, ground, placed, Selection("river", river.id, hidden), all_features=False)
+    assert hidden in [each.handle.selection.index for each in taken.grips], (
+        "the one that is selected is there"
+    )
 
 
 def test_lengths_are_round_and_worded():

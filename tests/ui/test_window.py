@@ -14,10 +14,10 @@ from PyQt6.QtWidgets import QApplication, QFileDialog, QMenu, QMessageBox
 from sketchterrain.sketch import LAYERS, Sketch, load_sketch, save_sketch
 from sketchterrain.ui.actions import TOOL_KEYS
 from sketchterrain.ui.banner import Message
-from sketchterrain.ui.engine.protocol import MeasureAdherence, TakePicture, Trouble
+from sketchterrain.ui.engine.protocol import ErrorReport, MeasureAdherence, RenderPicture
 from sketchterrain.ui.menus import MENUS
 from sketchterrain.ui.models.preferences import Preferences
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 
 from .events import LEFT, NO_KEYS
 from .test_random_actions import UNTRIGGERED, DialogCloser
@@ -103,12 +103,12 @@ def test_zoom_brush_and_the_chosen_feature_follow_their_actions_and_all_others_c
 
     link.placed = placed
     link.placed_changed.emit(placed)
-    workspace.chosen = Chosen("feature", int(placed.points["id"][0]))
+    workspace.selection = Selection("feature", int(placed.points["id"][0]))
     do(window, "lock-chosen")
     assert [edit.action for edit in document.sketch.edits] == ["lock"]
     do(window, "delete-chosen")
     assert [edit.action for edit in document.sketch.edits] == ["delete"]
-    assert workspace.chosen is None
+    assert workspace.selection is None
 
     document.saved(document.sketch, tmp_path / "a.sketch")
     for action in window.actions_by_name:
@@ -228,7 +228,7 @@ def test_pictures_are_saved_as_shown_or_asked_of_the_engine(window, link, tmp_pa
         do(window, "save-picture")
 
     save_as(tmp_path / "best.png")
-    assert TakePicture(str(tmp_path / "best.png"), 1280, 720) in link.told
+    assert RenderPicture(str(tmp_path / "best.png"), 1280, 720) in link.told
     window.banner.dismiss()
 
     link.picture = QImage(40, 30, QImage.Format.Format_RGB32)
@@ -338,7 +338,7 @@ def test_troubles_and_surprises_are_messages_that_wait_for_each_other(window, li
     assert banner.message is None
     assert banner.isHidden()
 
-    link.trouble.emit(Trouble("engine", "The engine ended (signal 9)."))
+    link.trouble.emit(ErrorReport("engine", "The engine ended (signal 9)."))
     message = window.banner.message
     assert message.line == "The engine ended (signal 9)."
     assert not window.banner.isHidden()

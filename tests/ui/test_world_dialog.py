@@ -123,7 +123,7 @@ def test_what_was_asked_for_is_there_again(opened):
     choose(dialog.form["form"], "tiles")
     dialog.form["cell"].setValue(8.0)
     dialog.form["materials"].setChecked(False)
-    dialog.preferences.keep_exported("world", dialog.form.values)
+    dialog.preferences.set_export_options("world", dialog.form.values)
     dialog.preferences.keep()
     again = opened()
     assert again.form.options() == replace(WorldOptions(), cell=8.0, layers=("height", "normal"))

@@ -13,7 +13,7 @@ from sketchterrain.render import Camera
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import make_recipe
 from sketchterrain.ui.engine import protocol
-from sketchterrain.ui.engine.protocol import Fly, GoTo, Look, Picked, Pose, Trouble
+from sketchterrain.ui.engine.protocol import ErrorReport, Fly, GoTo, Look, PickResult, Pose
 from sketchterrain.ui.worlds import window as worlds
 from sketchterrain.ui.worlds.window import WorldLink
 from sketchterrain.world.grid import World
@@ -77,11 +77,11 @@ def test_it_flies_walks_goes_to_places_and_selects_nothing(window):
     assert look.pose.eye[1] < -2000.0 < look.pose.eye[2]
     mouse(view, DOUBLE, 300, 200)
     mouse(view, RELEASE, 300, 200)
-    link.picked.emit(Picked(link.told[-1].token, (70.0, -90.0, 12.0)))
+    link.picked.emit(PickResult(link.told[-1].token, (70.0, -90.0, 12.0)))
     assert link.told[-1] == GoTo(70.0, -90.0)
     for button in (Qt.MouseButton.LeftButton, RIGHT):
         click(view, 300, 200, button)
-        link.picked.emit(Picked(link.told[-1].token, (70.0, -90.0, 12.0)))
+        link.picked.emit(PickResult(link.told[-1].token, (70.0, -90.0, 12.0)))
     for code in (Qt.Key.Key_Delete, Qt.Key.Key_F, Qt.Key.Key_Menu):
         key(view, code)
     assert not view.grab().isNull()
@@ -111,11 +111,11 @@ def test_the_window_tells_what_it_shows_and_what_is_lost(window):
     assert "Eye at 1010, 4980 m, 300 m high" in window._where.text()
     assert window.banner.message.line == "The world holds no sketch."
     for chunk in range(2):
-        window.link.trouble.emit(Trouble("world", f"height {chunk}: broken"))
+        window.link.trouble.emit(ErrorReport("world", f"height {chunk}: broken"))
     assert window.banner.message.kind == "warning"
     assert "height 1: broken (2 parts so far)" in window.banner.message.line
     assert not card.isVisible(), "the picture stays"
-    window.link.trouble.emit(Trouble("engine", "no such device"))
+    window.link.trouble.emit(ErrorReport("engine", "no such device"))
     assert card.notice.line == "no such device"
     card.pressed.emit()
     assert window.link.starts == 2

@@ -24,8 +24,8 @@ from PyQt6.QtWidgets import QSizePolicy, QWidget
 from sketchterrain.ui.actions import OwnKeys
 from sketchterrain.ui.canvas.canvas_input import CanvasInput, Keys, Tips
 from sketchterrain.ui.canvas.decorations import Overlays
-from sketchterrain.ui.canvas.marks import Marks
-from sketchterrain.ui.canvas.sketch_image import SketchPicture
+from sketchterrain.ui.canvas.marks import FeatureMarks
+from sketchterrain.ui.canvas.sketch_image import SketchView
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.canvas.viewport import Viewport
 from sketchterrain.ui.engine.link import EngineLink
@@ -56,8 +56,8 @@ class Canvas(QWidget):
     ) -> None:
         super().__init__(parent)
         self._desk = ToolContext(document, workspace, link)
-        self._marks = Marks(self._desk)
-        self._shown = SketchPicture(self._desk, self)
+        self._marks = FeatureMarks(self._desk)
+        self._shown = SketchView(self._desk, self)
         self._hands = CanvasInput(self._desk, self._marks, self)
         self._keys = Keys(self._desk, self._hands, self)
         OwnKeys(self, self._keys.wants)
@@ -133,7 +133,7 @@ class Canvas(QWidget):
         document, workspace, link = self._desk.document, self._desk.workspace, self._desk.link
         document.sketch_changed.connect(self._on_sketch)
         document.opened.connect(self._on_opened)
-        workspace.chosen_changed.connect(self._redraw)
+        workspace.selection_changed.connect(self._redraw)
         link.placed_changed.connect(self._redraw)
         link.frame_shown.connect(self._on_frame)
         self._desk.tells.message.connect(self.message)
@@ -172,15 +172,15 @@ class Canvas(QWidget):
         return logical.toAlignedRect()
 
     def _resize(self, *, fits: bool) -> None:
-        sketch, desk = self._desk.document.sketch, self._desk
-        desk.ratio = self.devicePixelRatioF()
-        size = round(self.width() * desk.ratio), round(self.height() * desk.ratio)
+        sketch, context = self._desk.document.sketch, self._desk
+        context.ratio = self.devicePixelRatioF()
+        size = round(self.width() * context.ratio), round(self.height() * context.ratio)
         sides = (sketch.width_px, sketch.height_px)
-        if fits or sides != (desk.viewport.columns, desk.viewport.rows):
+        if fits or sides != (context.viewport.columns, context.viewport.rows):
             self._fits = True
-            desk.viewport = Viewport(*size, *sides).fitted(margin=round(_MARGIN * desk.ratio))
+            context.viewport = Viewport(*size, *sides).fitted(margin=round(_MARGIN * context.ratio))
         else:
-            desk.viewport = desk.viewport.resized(*size)
+            context.viewport = context.viewport.resized(*size)
         self._overlays.forget_eye()
         self.update()
 
@@ -190,8 +190,8 @@ class Canvas(QWidget):
 
     def paintEvent(self, event: QPaintEvent | None) -> None:
         """Show the picture that is kept, and over it what lives."""
-        desk = self._desk
-        if desk.ratio != self.devicePixelRatioF():  # it came to another screen
+        context = self._desk
+        if context.ratio != self.devicePixelRatioF():  # it came to another screen
             self._resize(fits=self._fits)
         area = event.rect() if event is not None else self.rect()
         painter = QPainter(self)

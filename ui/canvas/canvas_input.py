@@ -23,31 +23,33 @@ if TYPE_CHECKING:
     from PyQt6.QtWidgets import QWidget
 
     from sketchterrain.ui.canvas.canvas import Canvas
-    from sketchterrain.ui.canvas.marks import Marks
+    from sketchterrain.ui.canvas.marks import FeatureMarks
     from sketchterrain.ui.canvas.tool_context import ToolContext
-    from sketchterrain.ui.models.workspace import Chosen
+    from sketchterrain.ui.models.workspace import Selection
 
 
-def feature_menu(parent: QWidget, desk: ToolContext, chosen: Chosen | None, x: float, y: float) -> DoingMenu:
+def feature_menu(
+    parent: QWidget, context: ToolContext, selection: Selection | None, x: float, y: float
+) -> DoingMenu:
     """Return the menu for what is chosen and for a place."""
     menu = DoingMenu(parent)
-    document, workspace, placed = desk.document, desk.workspace, desk.link.placed
-    if chosen is not None and placed is not None:
-        offer_chosen(menu, document, workspace, placed, chosen)
+    document, workspace, placed = context.document, context.workspace, context.link.placed
+    if selection is not None and placed is not None:
+        offer_chosen(menu, document, workspace, placed, selection)
         menu.addSeparator()
     adding = menu.within("add", "Add here")
     for kind in FEATURE_TYPES:
         adding.offer("", kind.capitalize(), partial(add, document, workspace, kind, x, y))
-    menu.offer("orbit", "Look here in 3-D", partial(desk.link.tell, GoTo(x, y)))
+    menu.offer("orbit", "Look here in 3-D", partial(context.link.tell, GoTo(x, y)))
     return menu
 
 
 class Tips(QObject):
     """Shows tool tips on a canvas."""
 
-    def __init__(self, desk: ToolContext, canvas: QWidget) -> None:
+    def __init__(self, context: ToolContext, canvas: QWidget) -> None:
         super().__init__(canvas)
-        self._desk, self._canvas = desk, canvas
+        self._desk, self._canvas = context, canvas
         canvas.installEventFilter(self)
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
@@ -73,31 +75,31 @@ class PanTool(Tool):
 
     def double(self, pointer: Pointer) -> None:
         """Bring the 3-D view there."""
-        self.desk.link.tell(GoTo(*self.desk.metres(pointer.x, pointer.y)))
+        self.context.link.tell(GoTo(*self.context.metres(pointer.x, pointer.y)))
 
 
 class CanvasInput(QObject):
     """Brings mouse and pen to the tool that the workspace says."""
 
-    def __init__(self, desk: ToolContext, marks: Marks, canvas: Canvas) -> None:
+    def __init__(self, context: ToolContext, marks: FeatureMarks, canvas: Canvas) -> None:
         super().__init__(canvas)  # which ends its connections
-        self._desk = desk
+        self._desk = context
         self._canvas = canvas
         self._tools: dict[str, Tool] = {
-            "select": SelectTool(desk, marks),
-            "brush": BrushTool(desk),
-            "eraser": BrushTool(desk, erases=True),
-            "line": LineTool(desk),
-            "fill": FillTool(desk),
-            "pick": PickTool(desk),
-            "pan": PanTool(desk),
+            "select": SelectTool(context, marks),
+            "brush": BrushTool(context),
+            "eraser": BrushTool(context, erases=True),
+            "line": LineTool(context),
+            "fill": FillTool(context),
+            "pick": PickTool(context),
+            "pan": PanTool(context),
         }
-        self._name = desk.workspace.tool
+        self._name = context.workspace.tool
         self._place: QPointF | None = None
         self._grabbed: QPointF | None = None
         self._space = False
-        desk.workspace.tool_changed.connect(self._on_tool)
-        desk.workspace.brush_changed.connect(self._on_brush)
+        context.workspace.tool_changed.connect(self._on_tool)
+        context.workspace.brush_changed.connect(self._on_brush)
 
     @property
     def tool(self) -> Tool:
@@ -116,7 +118,7 @@ class CanvasInput(QObject):
             pick_label(self._desk, pointer)
         elif event.button() == Qt.MouseButton.LeftButton or self._name in _PAINTERS:
             self.tool.press(pointer)
-            if self._name == "select" and self._desk.workspace.chosen is None:
+            if self._name == "select" and self._desk.workspace.selection is None:
                 self._grabbed = event.position()  # there is nothing to drag but the sheet
         self.show_cursor()
 
@@ -195,10 +197,10 @@ class CanvasInput(QObject):
         if event is None or self._name not in ("select", "pan") or not isinstance(select, SelectTool):
             return
         place = QPointF(event.pos())
-        chosen = select.chosen_under(place)
-        self._desk.workspace.chosen = chosen
+        selection = select.chosen_under(place)
+        self._desk.workspace.selection = selection
         at = self._desk.metres(*self._desk.on_sketch(place))
-        menu = feature_menu(self._canvas, self._desk, chosen, *at)
+        menu = feature_menu(self._canvas, self._desk, selection, *at)
         menu.popup(event.globalPos())
 
     def leave(self) -> None:
@@ -300,8 +302,8 @@ _ZOOMS = {Qt.Key.Key_Plus: _ZOOM, Qt.Key.Key_Equal: _ZOOM, Qt.Key.Key_Minus: 1.0
 class Keys:
     """Does what keys mean on the canvas."""
 
-    def __init__(self, desk: ToolContext, hands: CanvasInput, canvas: Canvas) -> None:
-        self._desk = desk
+    def __init__(self, context: ToolContext, hands: CanvasInput, canvas: Canvas) -> None:
+        self._desk = context
         self._hands = hands
         self._canvas = canvas
 

@@ -9,7 +9,7 @@ from PyQt6.QtCore import QPointF, QRect, QRectF, Qt
 from PyQt6.QtGui import QColor, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
 from sketchterrain.sketch import LAYERS
-from sketchterrain.ui.canvas.marks import CHOSEN, DARK, Marks
+from sketchterrain.ui.canvas.marks import DARK, SELECTED, FeatureMarks
 from sketchterrain.ui.canvas.sketch_image import AGREEMENT
 from sketchterrain.ui.canvas.tool_context import Tool, ToolContext
 from sketchterrain.ui.engine.protocol import FrameFacts, Pose
@@ -52,10 +52,10 @@ def nice_length(most: float) -> float:
     return max(step for step in (1.0, 2.0, 5.0) if step * power <= most * (1.0 + 1e-9)) * power
 
 
-def draw_scale_bar(painter: QPainter, desk: ToolContext, height: float) -> None:
+def draw_scale_bar(painter: QPainter, context: ToolContext, height: float) -> None:
     """Draw how long a round number of metres is, in the lower left corner."""
-    metres = nice_length(_BAR / desk.per_metre)
-    length = metres * desk.per_metre
+    metres = nice_length(_BAR / context.px_per_metre)
+    length = metres * context.px_per_metre
     text = f"{metres / 1000.0:g} km" if metres >= 1000.0 else f"{metres:g} m"
     painter.setFont(tabular(painter.font()))
     font = QFontMetricsF(painter.font())
@@ -70,15 +70,15 @@ def draw_scale_bar(painter: QPainter, desk: ToolContext, height: float) -> None:
     painter.drawPolyline(QPolygonF([QPointF(x, y) for x, y in ends]))
 
 
-def eye_area(desk: ToolContext, pose: Pose) -> QRectF:
+def eye_area(context: ToolContext, pose: Pose) -> QRectF:
     """Return the rectangle (logical px) of the canvas in which `draw_eye` draws."""
-    at = _eye_place(desk, pose)
+    at = _eye_place(context, pose)
     return QRectF(at.x() - _EYE - 4, at.y() - _EYE - 4, 2 * _EYE + 8, 2 * _EYE + 8)
 
 
-def draw_eye(painter: QPainter, desk: ToolContext, pose: Pose) -> None:
+def draw_eye(painter: QPainter, context: ToolContext, pose: Pose) -> None:
     """Draw where the 3-D view looks from, and which way; at the border if that is outside of the canvas."""
-    at = _eye_place(desk, pose)
+    at = _eye_place(context, pose)
     east, north = pose.target[0] - pose.eye[0], pose.target[1] - pose.eye[1]
     heading = math.degrees(math.atan2(north, east))
     opening = pose.fov * 1.2
@@ -86,33 +86,33 @@ def draw_eye(painter: QPainter, desk: ToolContext, pose: Pose) -> None:
     around = QRectF(at.x() - _EYE, at.y() - _EYE, 2 * _EYE, 2 * _EYE)
     cone.arcTo(around, heading - 0.5 * opening, opening)
     cone.closeSubpath()
-    fill = QColor(CHOSEN)
+    fill = QColor(SELECTED)
     fill.setAlpha(70)
     painter.setBrush(fill)
     painter.setPen(QPen(QColor(255, 255, 255, 190), 2.4))
     painter.drawPath(cone)
     painter.setBrush(Qt.BrushStyle.NoBrush)
-    painter.setPen(QPen(CHOSEN, 1.3))
+    painter.setPen(QPen(SELECTED, 1.3))
     painter.drawPath(cone)
     painter.setPen(QPen(QColor(255, 255, 255), 1.5))
-    painter.setBrush(CHOSEN)
+    painter.setBrush(SELECTED)
     painter.drawEllipse(at, 4.5, 4.5)
 
 
-def _eye_place(desk: ToolContext, pose: Pose) -> QPointF:
-    at = desk.of_world(pose.eye[0], pose.eye[1])
-    width, height = desk.viewport.width / desk.ratio, desk.viewport.height / desk.ratio
+def _eye_place(context: ToolContext, pose: Pose) -> QPointF:
+    at = context.screen_from_world(pose.eye[0], pose.eye[1])
+    width, height = context.viewport.width / context.ratio, context.viewport.height / context.ratio
     edge = 14.0
     return QPointF(
         min(max(at.x(), edge), max(width - edge, edge)), min(max(at.y(), edge), max(height - edge, edge))
     )
 
 
-def draw_warnings(painter: QPainter, desk: ToolContext) -> None:
+def draw_warnings(painter: QPainter, context: ToolContext) -> None:
     """Mark the places where layers contradict each other."""
-    placed = desk.link.placed
+    placed = context.link.placed
     for _, x, y in placed.resolutions if placed is not None else ():
-        at = desk.of_world(x, y)
+        at = context.screen_from_world(x, y)
         sign = _warning().translated(at)
         painter.setPen(QPen(QColor(255, 255, 255, 220), 4.0, join=Qt.PenJoinStyle.RoundJoin))
         painter.drawPath(sign)
@@ -132,20 +132,20 @@ def _warning() -> QPainterPath:
     return path
 
 
-def warning_at(desk: ToolContext, place: QPointF) -> str:
+def warning_at(context: ToolContext, place: QPointF) -> str:
     """Return what was decided at a place of the screen, a line each; empty where nothing was."""
-    placed = desk.link.placed
+    placed = context.link.placed
     lines = []
     for line, x, y in placed.resolutions if placed is not None else ():
-        off = desk.of_world(x, y) - place
+        off = context.screen_from_world(x, y) - place
         if math.hypot(off.x(), off.y()) <= _WARNING:
             lines.append(line)
     return "\n".join(lines)
 
 
-def draw_agreement(painter: QPainter, desk: ToolContext, width: float) -> None:
+def draw_agreement(painter: QPainter, context: ToolContext, width: float) -> None:
     """Write in the upper right corner how far a layer is as painted, and what the colours mean."""
-    adherence, placed, layer = desk.link.adherence, desk.link.placed, desk.workspace.layer
+    adherence, placed, layer = context.link.adherence, context.link.placed, context.workspace.layer
     title = LAYERS[layer].title
     figures = adherence.figures.get("layers", {}).get(layer) if adherence is not None else None
     if adherence is None or figures is None:
@@ -178,8 +178,8 @@ def draw_agreement(painter: QPainter, desk: ToolContext, width: float) -> None:
 class Overlays:
     """Draws what lies over the sketch."""
 
-    def __init__(self, desk: ToolContext, marks: Marks) -> None:
-        self._desk = desk
+    def __init__(self, context: ToolContext, marks: FeatureMarks) -> None:
+        self._desk = context
         self._marks = marks
         self._eye: Pose | None = None
 
@@ -197,17 +197,17 @@ class Overlays:
 
     def draw(self, painter: QPainter, area: QRect, tool: Tool, width: float, height: float) -> None:
         """Draw into an area (logical px) of a canvas of a size."""
-        desk, shown, placed = self._desk, self._desk.workspace.overlays, self._desk.link.placed
+        context, shown, placed = self._desk, self._desk.workspace.overlays, self._desk.link.placed
         if placed is not None and "features" in shown:
-            image, ratio = self._marks.image(placed), desk.ratio
+            image, ratio = self._marks.image(placed), context.ratio
             source = QRectF(area.x() * ratio, area.y() * ratio, area.width() * ratio, area.height() * ratio)
             painter.drawImage(QRectF(area), image, source)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if "contradictions" in shown:
-            draw_warnings(painter, desk)
-        if "eye" in shown and desk.link.frame is not None:
-            draw_eye(painter, desk, desk.link.frame.pose)
+            draw_warnings(painter, context)
+        if "eye" in shown and context.link.frame is not None:
+            draw_eye(painter, context, context.link.frame.pose)
         tool.draw(painter)
-        draw_scale_bar(painter, desk, height)
+        draw_scale_bar(painter, context, height)
         if "adherence" in shown:
-            draw_agreement(painter, desk, width)
+            draw_agreement(painter, context, width)

@@ -41,7 +41,7 @@ def level_for(scale: float) -> int:
     return 0 if scale >= 1.0 else int(np.ceil(-np.log2(scale) - 1e-9))
 
 
-class Flattening:
+class LayerCompositor:
     """The visible layers on top of one another, by tiles, made when they are looked at.
 
     At level l a pixel stands for 2^l × 2^l pixels of the sketch and has, of each layer, their greatest

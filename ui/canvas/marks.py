@@ -17,15 +17,15 @@ from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.canvas.sketch_image import scrolled
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.canvas.viewport import Viewport
-from sketchterrain.ui.commands.placed_edits import lake_of, point_of, river_of
-from sketchterrain.ui.engine.protocol import Placed
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
+from sketchterrain.ui.engine.protocol import Placement
+from sketchterrain.ui.models.workspace import Selection
 
 LIGHT = QColor(255, 255, 255, 205)
 """Around lines."""
 DARK = QColor(24, 26, 30)
 """Lines."""
-CHOSEN = QColor(112, 38, 200)
+SELECTED = QColor(112, 38, 200)
 """What is chosen: a hue that no layer has, as dark on paper in either theme."""
 
 
@@ -140,20 +140,20 @@ _SMALLEST = 0.4  # size of a sign
 _WHILE_PAINTING = 0.8
 
 
-class Marks:
+class FeatureMarks:
     """A picture of what was placed, kept while neither it nor the viewport changes.
 
     Rings, how far features reach, are drawn while one chooses; while one paints they would be in the way.
     """
 
-    def __init__(self, desk: ToolContext) -> None:
-        self._desk = desk
+    def __init__(self, context: ToolContext) -> None:
+        self._desk = context
         self._image = QImage()
-        self._of: tuple[Placed | None, Viewport | None, bool] = (None, None, False)
+        self._of: tuple[Placement | None, Viewport | None, bool] = (None, None, False)
         self._rooms: tuple[object, npt.NDArray[np.float64]] = (None, np.empty(0))
         self._shores: dict[int, tuple[Lake, npt.NDArray[np.float64]]] = {}
 
-    def image(self, placed: Placed) -> QImage:
+    def image(self, placed: Placement) -> QImage:
         """Return the picture for the whole canvas, of device pixels, premultiplied."""
         viewport, rings = self._desk.viewport, self._desk.workspace.tool == "select"
         before, self._of = self._of, (placed, viewport, rings)
@@ -173,9 +173,9 @@ class Marks:
         self._draw(placed, whole)
         return self._image
 
-    def _draw(self, placed: Placed, area: QRect) -> None:
+    def _draw(self, placed: Placement, area: QRect) -> None:
         """Draw all that shows in an area of device pixels."""
-        desk, ratio = self._desk, self._desk.ratio
+        context, ratio = self._desk, self._desk.ratio
         painter = QPainter(self._image)
         painter.setCompositionMode(QPainter.CompositionMode.CompositionMode_Source)
         painter.fillRect(area, Qt.GlobalColor.transparent)
@@ -184,13 +184,13 @@ class Marks:
         painter.scale(ratio, ratio)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         if not self._of[2]:
-            sheet = QRectF(desk.at(0, 0), desk.at(desk.viewport.columns, desk.viewport.rows))
+            sheet = QRectF(context.at(0, 0), context.at(context.viewport.columns, context.viewport.rows))
             painter.setClipRect(sheet, Qt.ClipOperation.IntersectClip)
         shown = QRectF(area.x() / ratio, area.y() / ratio, area.width() / ratio, area.height() / ratio)
         for lake in placed.lakes:
-            draw_pieces(painter, desk, self.shore(lake), QColor(_SHORE), 1.2, shown)
+            draw_pieces(painter, context, self.shore(lake), QColor(_SHORE), 1.2, shown)
         for river in placed.rivers:
-            draw_river(painter, desk, river, QColor(_RIVER), shown)
+            draw_river(painter, context, river, QColor(_RIVER), shown)
         self._draw_points(painter, placed, shown)
         painter.end()
 
@@ -201,7 +201,7 @@ class Marks:
             kept = self._shores[lake.id] = (lake, shore_lines(lake.shape))
         return kept[1]
 
-    def _room(self, placed: Placed) -> npt.NDArray[np.float64]:
+    def _room(self, placed: Placement) -> npt.NDArray[np.float64]:
         """Distance (m) of each feature from its nearest neighbour."""
         if self._rooms[0] is not placed.points:
             places = np.stack([placed.points["x"], placed.points["y"]], axis=-1)
@@ -209,14 +209,14 @@ class Marks:
             self._rooms = (placed.points, away)
         return self._rooms[1]
 
-    def _draw_points(self, painter: QPainter, placed: Placed, area: QRectF) -> None:
-        desk, points = self._desk, placed.points
+    def _draw_points(self, painter: QPainter, placed: Placement, area: QRectF) -> None:
+        context, points = self._desk, placed.points
         # A sign shrinks before it hides its neighbours, and while one paints.
         most = 1.0 if self._of[2] else _WHILE_PAINTING
-        sizes = np.clip(self._room(placed) * desk.per_metre / _CROWDED, _SMALLEST, most)
+        sizes = np.clip(self._room(placed) * context.px_per_metre / _CROWDED, _SMALLEST, most)
         sizes = np.round(sizes, 1)
-        x, y = desk.all_of_world(points["x"], points["y"])
-        reach = points["radius"].astype(np.float64) * desk.per_metre
+        x, y = context.screens_from_world(points["x"], points["y"])
+        reach = points["radius"].astype(np.float64) * context.px_per_metre
         near = np.maximum(reach if self._of[2] else 0.0, _CROWDED)
         seen = (np.abs(x - area.center().x()) < near + 0.5 * area.width()) & (
             np.abs(y - area.center().y()) < near + 0.5 * area.height()
@@ -232,50 +232,72 @@ class Marks:
                 painter.drawEllipse(place, float(reach[at]), float(reach[at]))
             kind = FEATURE_TYPES[int(points["type"][at])]
             stamp_glyph(
-                painter, kind, place, alpha=235 if painted else 115, size=float(sizes[at]), ratio=desk.ratio
+                painter,
+                kind,
+                place,
+                alpha=235 if painted else 115,
+                size=float(sizes[at]),
+                ratio=context.ratio,
             )
 
 
-def draw_chosen(
-    painter: QPainter, marks: Marks, desk: ToolContext, placed: Placed, chosen: Chosen, colour: QColor
+def draw_selection(
+    painter: QPainter,
+    marks: FeatureMarks,
+    context: ToolContext,
+    placed: Placement,
+    selection: Selection,
+    colour: QColor,
 ) -> None:
     """Draw what is chosen, or what the mouse is over, in a colour that stands out."""
-    everywhere = QRectF(0.0, 0.0, desk.viewport.width / desk.ratio, desk.viewport.height / desk.ratio)
-    point, river, lake = point_of(placed, chosen), river_of(placed, chosen), lake_of(placed, chosen)
+    everywhere = QRectF(
+        0.0, 0.0, context.viewport.width / context.ratio, context.viewport.height / context.ratio
+    )
+    point, river, lake = (
+        find_point(placed, selection),
+        find_river(placed, selection),
+        find_lake(placed, selection),
+    )
     if point is not None:
-        reach = float(point["radius"]) * desk.per_metre
+        reach = float(point["radius"]) * context.px_per_metre
         path = QPainterPath()
-        path.addEllipse(desk.of_world(float(point["x"]), float(point["y"])), reach, reach)
+        path.addEllipse(context.screen_from_world(float(point["x"]), float(point["y"])), reach, reach)
         draw_haloed(painter, path, colour, 2.0)
     elif river is not None:
-        draw_river(painter, desk, river, colour, everywhere, strong=True)
+        draw_river(painter, context, river, colour, everywhere, strong=True)
     elif lake is not None:
-        draw_pieces(painter, desk, marks.shore(lake), colour, 2.4, everywhere)
+        draw_pieces(painter, context, marks.shore(lake), colour, 2.4, everywhere)
 
 
 def draw_river(
-    painter: QPainter, desk: ToolContext, river: River, colour: QColor, area: QRectF, *, strong: bool = False
+    painter: QPainter,
+    context: ToolContext,
+    river: River,
+    colour: QColor,
+    area: QRectF,
+    *,
+    strong: bool = False,
 ) -> None:
     """Draw a river's course and, where there is room, its banks, as far as they show in an area."""
     line = river.centreline[:, :2]
     half = 0.5 * river.centreline_width.astype(np.float64)
-    scale = desk.per_metre
+    scale = context.px_per_metre
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))]) * scale
     kept = np.unique(np.searchsorted(way, np.arange(0.0, way[-1] + _STEP, _STEP)).clip(max=len(line) - 1))
-    x, y = (np.array(each) for each in desk.pixels(*line[kept].T))
-    corner, far = desk.on_sketch(area.topLeft()), desk.on_sketch(area.bottomRight())
-    room = float(half.max()) / desk.document.sketch.pixel_size + 2.0 * _STEP / desk.scale
+    x, y = (np.array(each) for each in context.pixels(*line[kept].T))
+    corner, far = context.on_sketch(area.topLeft()), context.on_sketch(area.bottomRight())
+    room = float(half.max()) / context.document.sketch.pixel_size + 2.0 * _STEP / context.scale
     seen = (x > corner[0] - room) & (x < far[0] + room) & (y > corner[1] - room) & (y < far[1] + room)
     runs = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]])))
     for first, last in runs.reshape(-1, 2).tolist():
         run = kept[max(first - 1, 0) : last + 1]
         if len(run) > 1:
-            _draw_reach(painter, desk, line, half, run, colour, strong)
+            _draw_reach(painter, context, line, half, run, colour, strong)
 
 
 def _draw_reach(
     painter: QPainter,
-    desk: ToolContext,
+    context: ToolContext,
     line: npt.NDArray[np.float64],
     half: npt.NDArray[np.float64],
     kept: npt.NDArray[np.intp],
@@ -283,8 +305,8 @@ def _draw_reach(
     strong: bool,
 ) -> None:
     line, half = line[kept], half[kept]
-    course = _path(desk, line)
-    if 2.0 * float(half.max()) * desk.per_metre > 5.0:
+    course = _path(context, line)
+    if 2.0 * float(half.max()) * context.px_per_metre > 5.0:
         ahead = np.gradient(line, axis=0)
         ahead /= np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
         aside = np.stack([-ahead[:, 1], ahead[:, 0]], axis=-1) * half[:, None]
@@ -293,36 +315,36 @@ def _draw_reach(
         for bank in (line + aside, line - aside):
             painter.setBrush(Qt.BrushStyle.NoBrush)
             painter.setPen(QPen(faint, 1.6 if strong else 0.9))
-            painter.drawPath(_path(desk, bank))
+            painter.drawPath(_path(context, bank))
     draw_haloed(painter, course, colour, 2.4 if strong else 1.4)
 
 
 def draw_pieces(
     painter: QPainter,
-    desk: ToolContext,
+    context: ToolContext,
     pieces: npt.NDArray[np.float64],
     colour: QColor,
     width: float,
     area: QRectF,
 ) -> None:
     """Draw straight pieces, (n, 4) m, with a light border, as far as they show in an area."""
-    margin = 4.0 / desk.per_metre
-    west, north = desk.metres(*desk.on_sketch(area.topLeft()))
-    east, south = desk.metres(*desk.on_sketch(area.bottomRight()))
+    margin = 4.0 / context.px_per_metre
+    west, north = context.metres(*context.on_sketch(area.topLeft()))
+    east, south = context.metres(*context.on_sketch(area.bottomRight()))
     x, y = pieces[:, 0], pieces[:, 1]
     seen = (x > west - margin) & (x < east + margin) & (y > south - margin) & (y < north + margin)
     pieces = pieces[seen]
     if not len(pieces):
         return
-    ends = (*desk.all_of_world(*pieces[:, :2].T), *desk.all_of_world(*pieces[:, 2:].T))
+    ends = (*context.screens_from_world(*pieces[:, :2].T), *context.screens_from_world(*pieces[:, 2:].T))
     lines = [QLineF(*each) for each in np.stack(ends, axis=-1).tolist()]
     for shade, wide in ((QColor(255, 255, 255, 130), width + 2.0), (colour, width)):
         painter.setPen(QPen(shade, wide, Qt.PenStyle.SolidLine, Qt.PenCapStyle.RoundCap))
         painter.drawLines(*lines)
 
 
-def _path(desk: ToolContext, line: npt.NDArray[np.float64]) -> QPainterPath:
+def _path(context: ToolContext, line: npt.NDArray[np.float64]) -> QPainterPath:
     path = QPainterPath()
-    x, y = desk.all_of_world(line[:, 0], line[:, 1])
+    x, y = context.screens_from_world(line[:, 0], line[:, 1])
     path.addPolygon(QPolygonF([QPointF(*each) for each in zip(x.tolist(), y.tolist(), strict=True)]))
     return path

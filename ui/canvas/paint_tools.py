@@ -13,7 +13,7 @@ from sketchterrain.ui.canvas.layer_brushes import visible_layers
 from sketchterrain.ui.canvas.tool_context import Pointer, Tool, ToolContext
 from sketchterrain.ui.look.layer_colours import label_colour
 from sketchterrain.ui.models.document import Draft
-from sketchterrain.ui.painting.fill import flood, pick
+from sketchterrain.ui.painting.fill import flood_fill, pick
 from sketchterrain.ui.painting.stroke import Stroke, draw_line, line_path, line_width
 
 _LEAST_PRESSURE = 0.2  # share of the radius that the lightest touch has
@@ -24,8 +24,8 @@ class BrushTool(Tool):
 
     cursor = Qt.CursorShape.CrossCursor
 
-    def __init__(self, desk: ToolContext, *, erases: bool = False) -> None:
-        super().__init__(desk)
+    def __init__(self, context: ToolContext, *, erases: bool = False) -> None:
+        super().__init__(context)
         self._always_erases = erases
         self._draft: Draft | None = None
         self._stroke: Stroke | None = None
@@ -41,14 +41,14 @@ class BrushTool(Tool):
     def press(self, pointer: Pointer) -> None:
         """Begin a stroke."""
         self._follow(pointer)
-        if self._draft is not None or not self.desk.may_paint():
+        if self._draft is not None or not self.context.may_paint():
             return
-        workspace = self.desk.workspace
+        workspace = self.context.workspace
         erases = self._always_erases or pointer.erases
         verb = "Erase" if erases else "Paint"
         self._title = f"{verb} {LAYERS[workspace.layer].title.lower()}"
-        self._draft = self.desk.document.begin_draft(workspace.layer)
-        grain = 1.0 / max(self.desk.scale, 1e-6)
+        self._draft = self.context.document.begin_draft(workspace.layer)
+        grain = 1.0 / max(self.context.scale, 1e-6)
         self._stroke = Stroke(self._draft.image, 0 if erases else workspace.label, grain=grain)
         self._extend(pointer)
 
@@ -77,7 +77,7 @@ class BrushTool(Tool):
         """Make the stroke a step of the history."""
         draft, stroke = self._draft, self._stroke
         self._draft = self._stroke = None
-        if draft is None or stroke is None or draft is not self.desk.document.draft:
+        if draft is None or stroke is None or draft is not self.context.document.draft:
             return
         box = stroke.finish()
         if box is not None:
@@ -88,27 +88,27 @@ class BrushTool(Tool):
         """Forget the stroke."""
         draft = self._draft
         self._draft = self._stroke = None
-        if draft is not None and draft is self.desk.document.draft:
+        if draft is not None and draft is self.context.document.draft:
             draft.cancel()
 
     def leave(self) -> None:
         """Show the ring no longer."""
-        self.desk.tells.redraw(self.extent())
+        self.context.tells.redraw(self.extent())
         self._place = None
 
     def extent(self) -> QRectF:
         """Return the rectangle around the ring."""
         if self._place is None:
             return QRectF()
-        reach = self._radius * self.desk.scale + 3.0
-        middle = self.desk.at(*self._place)
+        reach = self._radius * self.context.scale + 3.0
+        middle = self.context.at(*self._place)
         return QRectF(middle.x() - reach, middle.y() - reach, 2.0 * reach, 2.0 * reach)
 
     def draw(self, painter: QPainter) -> None:
         """Draw the ring in the brush's size."""
         if self._place is None:
             return
-        middle, reach = self.desk.at(*self._place), max(self._radius * self.desk.scale, 1.0)
+        middle, reach = self.context.at(*self._place), max(self._radius * self.context.scale, 1.0)
         painter.setBrush(Qt.BrushStyle.NoBrush)
         for colour, width in ((QColor(255, 255, 255, 190), 3.0), (QColor(20, 20, 20, 220), 1.2)):
             painter.setPen(QPen(colour, width))
@@ -116,25 +116,25 @@ class BrushTool(Tool):
 
     def show_size(self, place: QPointF | None) -> None:
         """Show the ring in the brush's size, where the mouse is."""
-        self.desk.tells.redraw(self.extent())
+        self.context.tells.redraw(self.extent())
         if place is not None:
-            self._place = self.desk.on_sketch(place)
-        self._radius = self.desk.workspace.brush
-        self.desk.tells.redraw(self.extent())
+            self._place = self.context.on_sketch(place)
+        self._radius = self.context.workspace.brush
+        self.context.tells.redraw(self.extent())
 
     def _follow(self, pointer: Pointer) -> None:
-        self.desk.tells.redraw(self.extent())
+        self.context.tells.redraw(self.extent())
         self._place = (pointer.x, pointer.y)
         self._radius = self._pressed(pointer)
-        self.desk.tells.redraw(self.extent())
+        self.context.tells.redraw(self.extent())
 
     def _pressed(self, pointer: Pointer) -> float:
-        return self.desk.workspace.brush * (_LEAST_PRESSURE + (1.0 - _LEAST_PRESSURE) * pointer.pressure)
+        return self.context.workspace.brush * (_LEAST_PRESSURE + (1.0 - _LEAST_PRESSURE) * pointer.pressure)
 
     def _extend(self, pointer: Pointer) -> None:
         if self._draft is None or self._stroke is None:
             return
-        if self._draft is not self.desk.document.draft:  # an undo, or another document, took it away
+        if self._draft is not self.context.document.draft:  # an undo, or another document, took it away
             self._draft = self._stroke = None
             return
         box = self._stroke.to(pointer.x, pointer.y, self._pressed(pointer))
@@ -149,12 +149,12 @@ class FillTool(Tool):
 
     def press(self, pointer: Pointer) -> None:
         """Fill, or pick."""
-        if not self.desk.may_paint():
+        if not self.context.may_paint():
             return
-        workspace, document = self.desk.workspace, self.desk.document
+        workspace, document = self.context.workspace, self.context.document
         draft = document.begin_draft(workspace.layer)
         label = 0 if pointer.erases else workspace.label
-        box = flood(draft.image, math.floor(pointer.y), math.floor(pointer.x), label)
+        box = flood_fill(draft.image, math.floor(pointer.y), math.floor(pointer.x), label)
         if box is None:
             draft.cancel()
             return
@@ -170,18 +170,18 @@ class PickTool(Tool):
 
     def press(self, pointer: Pointer) -> None:
         """Fill, or pick."""
-        pick_label(self.desk, pointer)
+        pick_label(self.context, pointer)
 
 
-def pick_label(desk: ToolContext, pointer: Pointer) -> None:
+def pick_label(context: ToolContext, pointer: Pointer) -> None:
     """Paint with what is seen at a place from now on; tells a person if that is nothing."""
-    layers = [(name, desk.document.layer(name)) for name in reversed(visible_layers(desk.workspace))]
+    layers = [(name, context.document.layer(name)) for name in reversed(visible_layers(context.workspace))]
     found = pick(layers, math.floor(pointer.y), math.floor(pointer.x))
     if found is None:
-        desk.tells.message.emit("Nothing is painted here.")
+        context.tells.message.emit("Nothing is painted here.")
     else:
-        desk.workspace.use_label(*found)
-        desk.tells.message.emit(f"Paints {LAYERS[found[0]].title.lower()}, label {found[1]}.")
+        context.workspace.use_label(*found)
+        context.tells.message.emit(f"Paints {LAYERS[found[0]].title.lower()}, label {found[1]}.")
 
 
 _DRAG = 6.0  # logical px after which a press is no click but draws freehand
@@ -198,8 +198,8 @@ class LineTool(Tool):
 
     cursor = Qt.CursorShape.CrossCursor
 
-    def __init__(self, desk: ToolContext) -> None:
-        super().__init__(desk)
+    def __init__(self, context: ToolContext) -> None:
+        super().__init__(context)
         self._points: list[tuple[float, float]] = []
         self._place: tuple[float, float] | None = None
         self._pressed: tuple[float, float] | None = None
@@ -214,37 +214,37 @@ class LineTool(Tool):
     @property
     def width(self) -> float:
         """How wide the line is painted, px of the sketch."""
-        workspace = self.desk.workspace
-        return line_width(self.desk.document.sketch, workspace.layer, workspace.label, workspace.brush)
+        workspace = self.context.workspace
+        return line_width(self.context.document.sketch, workspace.layer, workspace.label, workspace.brush)
 
     def press(self, pointer: Pointer) -> None:
         """Add a point."""
         if pointer.erases:
             self.key(Qt.Key.Key_Backspace)
             return
-        workspace = self.desk.workspace
-        if not self.desk.may_paint():
+        workspace = self.context.workspace
+        if not self.context.may_paint():
             self.cancel()
             return
         if self._paints != (workspace.layer, workspace.label):
             self._points.clear()
         self._paints = (workspace.layer, workspace.label)
         at = (pointer.x, pointer.y)
-        if not self._points or math.dist(at, self._points[-1]) * self.desk.scale > 1.0:
+        if not self._points or math.dist(at, self._points[-1]) * self.context.scale > 1.0:
             self._points.append(at)
         self._pressed, self._place = at, at
-        self.desk.tells.redraw()
+        self.context.tells.redraw()
 
     def move(self, pointer: Pointer) -> None:
         """Show where the line would go on; draw freehand."""
         at = (pointer.x, pointer.y)
         self._place = at
         if self._pressed is not None and self._points:
-            away = math.dist(at, self._points[-1]) * self.desk.scale
-            self._freehand |= math.dist(at, self._pressed) * self.desk.scale > _DRAG
+            away = math.dist(at, self._points[-1]) * self.context.scale
+            self._freehand |= math.dist(at, self._pressed) * self.context.scale > _DRAG
             if self._freehand and away > _NODES:
                 self._points.append(at)
-        self.desk.tells.redraw()
+        self.context.tells.redraw()
 
     def release(self, pointer: Pointer) -> None:
         """End what was drawn freehand."""
@@ -269,7 +269,7 @@ class LineTool(Tool):
             self.cancel()
         else:
             self._points.pop()
-        self.desk.tells.redraw()
+        self.context.tells.redraw()
         return True
 
     def takes(self, key: int) -> bool:
@@ -280,12 +280,12 @@ class LineTool(Tool):
         """Paint the line, a step of the history."""
         points, self._points = self._points, []
         self._pressed, self._freehand = None, False
-        self.desk.tells.redraw()
+        self.context.tells.redraw()
         layer, label = self._paints
-        if not points or layer != self.desk.workspace.layer or not self.desk.may_paint():
+        if not points or layer != self.context.workspace.layer or not self.context.may_paint():
             return
-        width = line_width(self.desk.document.sketch, layer, label, self.desk.workspace.brush)
-        draft = self.desk.document.begin_draft(layer)
+        width = line_width(self.context.document.sketch, layer, label, self.context.workspace.brush)
+        draft = self.context.document.begin_draft(layer)
         box = draw_line(draft.image, points, width, label)
         if box is None:
             draft.cancel()
@@ -297,32 +297,32 @@ class LineTool(Tool):
         """Forget the line."""
         self._points = []
         self._pressed, self._freehand = None, False
-        self.desk.tells.redraw()
+        self.context.tells.redraw()
 
     def leave(self) -> None:
         """Show the tip no longer."""
         self._place = None
-        self.desk.tells.redraw()
+        self.context.tells.redraw()
 
     def draw(self, painter: QPainter) -> None:
         """Draw the line as wide as it will be, its points and its tip."""
-        desk, points = self.desk, list(self._points)
-        wide = max(self.width * desk.scale, 1.0)
+        context, points = self.context, list(self._points)
+        wide = max(self.width * context.scale, 1.0)
         follows = self._place is not None and not self._freehand
         if follows and points and self._place is not None and self._place != points[-1]:
             points.append(self._place)
-        colour = label_colour(desk.workspace.layer, desk.workspace.label)
+        colour = label_colour(context.workspace.layer, context.workspace.label)
         if len(points) > 1:
-            path = QPolygonF([desk.at(x, y) for x, y in line_path(points)])
+            path = QPolygonF([context.at(x, y) for x, y in line_path(points)])
             for shade, more in ((QColor(255, 255, 255, 170), 3.0), (QColor(20, 20, 20, 150), 1.5)):
                 painter.setPen(_pen(shade, wide + more))
                 painter.drawPolyline(path)
             painter.setPen(_pen(colour, wide))
             painter.drawPolyline(path)
         if self._place is not None:
-            self._draw_tip(painter, desk.at(*self._place), wide)
+            self._draw_tip(painter, context.at(*self._place), wide)
         for x, y in self._points if not self._freehand else []:
-            at = desk.at(x, y)
+            at = context.at(x, y)
             painter.setPen(QPen(QColor(20, 20, 20), 1.0))
             painter.setBrush(QColor(255, 255, 255))
             painter.drawRect(QRectF(at.x() - 3.0, at.y() - 3.0, 6.0, 6.0))
@@ -332,7 +332,7 @@ class LineTool(Tool):
         for shade, line in ((QColor(255, 255, 255, 190), 3.0), (QColor(20, 20, 20, 220), 1.2)):
             painter.setPen(QPen(shade, line))
             painter.drawEllipse(at, 0.5 * wide, 0.5 * wide)
-        metres = self.width * self.desk.document.sketch.pixel_size
+        metres = self.width * self.context.document.sketch.pixel_size
         text = f"{metres:.0f} m wide" if metres >= 9.5 else f"{metres:.1f} m wide"
         write_beside(painter, at + QPointF(0.5 * wide + 10.0, -0.5 * wide - 8.0), text)
 

@@ -12,7 +12,7 @@ from PyQt6.QtCore import QObject, QPoint, QRect, QRectF, QSizeF, pyqtSignal
 from PyQt6.QtGui import QColor, QImage, QPainter, QPen, QRegion
 
 from sketchterrain.sketch.box import Box
-from sketchterrain.ui.canvas.flattening import Colours, Flattening, level_for
+from sketchterrain.ui.canvas.flattening import Colours, LayerCompositor, level_for
 from sketchterrain.ui.canvas.layer_brushes import HatchTable, hatches_of, paints_of
 from sketchterrain.ui.canvas.tool_context import ToolContext
 from sketchterrain.ui.canvas.viewport import Viewport
@@ -135,7 +135,7 @@ _SHARP = 4.0  # px of the screen a pixel, from which pixels have sharp borders
 class SketchImage:
     """Composes the sketch into an image of the screen, where it is stale."""
 
-    def __init__(self, flattening: Flattening, hatches: HatchTable, surround: Surround) -> None:
+    def __init__(self, flattening: LayerCompositor, hatches: HatchTable, surround: Surround) -> None:
         self.flattening = flattening
         self.hatches = hatches
         self.surround = surround
@@ -298,50 +298,50 @@ def _as_image(pixels: Colours) -> QImage:
     return image
 
 
-class SketchPicture(QObject):
+class SketchView(QObject):
     """Keeps the picture of the sketch in step with the models."""
 
     stale = pyqtSignal(object)
     """A `QRect` of the screen (device px) in which the picture is another one."""
 
-    def __init__(self, desk: ToolContext, parent: QObject) -> None:
+    def __init__(self, context: ToolContext, parent: QObject) -> None:
         super().__init__(parent)
-        self._desk = desk
+        self._desk = context
         self._relief: Relief | None = None
         self._tint: tuple[Adherence | None, str] = (None, "")
-        hatches = HatchTable(hatches_of(desk.workspace), desk.ratio)
-        flattening = Flattening(desk.document.layer, paints_of(desk.workspace))
-        self._sheet = SketchImage(flattening, hatches, surround(desk.ratio))
+        hatches = HatchTable(hatches_of(context.workspace), context.ratio)
+        flattening = LayerCompositor(context.document.layer, paints_of(context.workspace))
+        self._sheet = SketchImage(flattening, hatches, surround(context.ratio))
 
-        desk.document.opened.connect(self._on_opened)
-        desk.document.painted.connect(self._on_painted)
-        desk.workspace.look_changed.connect(self.refresh)
-        desk.workspace.overlays_changed.connect(self.refresh_pictures)
-        desk.workspace.label_changed.connect(self.refresh_pictures)
-        desk.link.adherence_changed.connect(self.refresh_pictures)
-        desk.link.relief_changed.connect(self._on_relief)
+        context.document.opened.connect(self._on_opened)
+        context.document.painted.connect(self._on_painted)
+        context.workspace.look_changed.connect(self.refresh)
+        context.workspace.overlays_changed.connect(self.refresh_pictures)
+        context.workspace.label_changed.connect(self.refresh_pictures)
+        context.link.adherence_changed.connect(self.refresh_pictures)
+        context.link.relief_changed.connect(self._on_relief)
         looks.changed.connect(self.refresh)
 
     def refresh(self, *_: object) -> None:
         """Compose all anew: another document, other layers are shown, another theme."""
-        desk = self._desk
-        self._sheet.flattening.paints = paints_of(desk.workspace)
-        self._sheet.hatches = HatchTable(hatches_of(desk.workspace), desk.ratio)
-        self._sheet.surround = surround(desk.ratio)
+        context = self._desk
+        self._sheet.flattening.paints = paints_of(context.workspace)
+        self._sheet.hatches = HatchTable(hatches_of(context.workspace), context.ratio)
+        self._sheet.surround = surround(context.ratio)
         self._sheet.spoil()
         self.refresh_pictures()
 
     def refresh_pictures(self, *_: object) -> None:
         """Show the relief and the adherence, or not, as the workspace says."""
-        desk, shown = self._desk, self._desk.workspace.overlays
-        wanted = desk.link.relief if "relief" in shown else None
+        context, shown = self._desk, self._desk.workspace.overlays
+        wanted = context.link.relief if "relief" in shown else None
         if (wanted is None) != (self._sheet.relief is None):
             self._relief = None
             self._sheet.relief = None
             self._take_relief()
             self._sheet.spoil()
-        measured = desk.link.adherence if "adherence" in shown else None
-        tint = (measured, desk.workspace.layer if measured is not None else "")
+        measured = context.link.adherence if "adherence" in shown else None
+        tint = (measured, context.workspace.layer if measured is not None else "")
         if tint[0] is not self._tint[0] or tint[1] != self._tint[1]:
             self._tint = tint
             self._sheet.tint = None if measured is None else adherence_image(measured, tint[1])

@@ -40,7 +40,7 @@ class ToolContext:
     link: EngineLink
     viewport: Viewport = field(default_factory=lambda: Viewport(1, 1, 1, 1))
     ratio: float = 1.0  # Device pixels a logical one
-    tells: Tells = field(default_factory=lambda: Tells())
+    tells: ToolSignals = field(default_factory=lambda: ToolSignals())
 
     @property
     def scale(self) -> float:
@@ -70,11 +70,11 @@ class ToolContext:
         sketch = self.document.sketch
         return x / sketch.pixel_size, sketch.height_px - y / sketch.pixel_size
 
-    def of_world(self, x: float, y: float) -> QPointF:
+    def screen_from_world(self, x: float, y: float) -> QPointF:
         """Return the place of the screen (logical px) of a place of the world (m)."""
         return self.at(*self.pixels(x, y))
 
-    def all_of_world(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    def screens_from_world(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Return the places of the screen (logical px) of many places of the world (m)."""
         columns, rows = self.pixels(x, y)
         left, top = self.viewport.left, self.viewport.top
@@ -83,7 +83,7 @@ class ToolContext:
         ) / self.ratio
 
     @property
-    def per_metre(self) -> float:
+    def px_per_metre(self) -> float:
         """Logical pixels of the screen along a metre."""
         return self.scale / self.document.sketch.pixel_size
 
@@ -97,7 +97,7 @@ class ToolContext:
         return look.visible and not look.locked
 
 
-class Tells(QObject):
+class ToolSignals(QObject):
     """What tools tell the canvas."""
 
     message = pyqtSignal(str)
@@ -115,8 +115,8 @@ class Tool:
 
     cursor = Qt.CursorShape.ArrowCursor
 
-    def __init__(self, desk: ToolContext) -> None:
-        self.desk = desk
+    def __init__(self, context: ToolContext) -> None:
+        self.context = context
 
     @property
     def is_busy(self) -> bool:

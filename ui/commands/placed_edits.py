@@ -20,55 +20,55 @@ from sketchterrain.features.edits import lock_of
 from sketchterrain.features.river_edits import move_of
 from sketchterrain.features.rules import TYPES
 from sketchterrain.sketch import ACTIONS, Edit, Parameter, Sketch
-from sketchterrain.ui.engine.protocol import Placed
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.engine.protocol import Placement
+from sketchterrain.ui.models.workspace import Selection
 
 if TYPE_CHECKING:  # it imports this module
     from sketchterrain.ui.models.handles import Handle
 
 
-def point_of(placed: Placed, chosen: Chosen) -> np.void | None:
+def find_point(placed: Placement, selection: Selection) -> np.void | None:
     """Return the point feature that is chosen, a row of FEATURE; None if it is none, or gone."""
-    if chosen.kind != "feature":
+    if selection.kind != "feature":
         return None
-    at = int(np.searchsorted(placed.points["id"], np.uint64(chosen.id)))
-    found = at < len(placed.points) and int(placed.points["id"][at]) == chosen.id
+    at = int(np.searchsorted(placed.points["id"], np.uint64(selection.id)))
+    found = at < len(placed.points) and int(placed.points["id"][at]) == selection.id
     return placed.points[at] if found else None
 
 
-def river_of(placed: Placed, chosen: Chosen) -> River | None:
+def find_river(placed: Placement, selection: Selection) -> River | None:
     """Return the river that is chosen; None if it is none, or gone."""
-    if chosen.kind != "river":
+    if selection.kind != "river":
         return None
-    return next((river for river in placed.rivers if river.id == chosen.id), None)
+    return next((river for river in placed.rivers if river.id == selection.id), None)
 
 
-def lake_of(placed: Placed, chosen: Chosen) -> Lake | None:
+def find_lake(placed: Placement, selection: Selection) -> Lake | None:
     """Return the lake that is chosen; None if it is none, or gone."""
-    if chosen.kind != "lake":
+    if selection.kind != "lake":
         return None
-    return next((lake for lake in placed.lakes if lake.id == chosen.id), None)
+    return next((lake for lake in placed.lakes if lake.id == selection.id), None)
 
 
-def is_there(placed: Placed, chosen: Chosen) -> bool:
+def exists(placed: Placement, selection: Selection) -> bool:
     """Whether what is chosen was placed."""
-    return any(find(placed, chosen) is not None for find in (point_of, river_of, lake_of))
+    return any(find(placed, selection) is not None for find in (find_point, find_river, find_lake))
 
 
-def parent_of(placed: Placed, river: River) -> River | None:
+def find_parent_river(placed: Placement, river: River) -> River | None:
     """Return the river that another one joins; None if it runs on its own."""
     end = river.centreline[-1]
     others = (each for each in placed.rivers if each.id != river.id)
     return next((each for each in others if (each.centreline == end).all(axis=1).any()), None)
 
 
-def name_of(placed: Placed, chosen: Chosen) -> str:
+def name_of(placed: Placement, selection: Selection) -> str:
     """Return what a person calls what is chosen: ``mountain``, ``river 2``, as contradictions count them."""
-    point = point_of(placed, chosen)
+    point = find_point(placed, selection)
     if point is not None:
         return FEATURE_TYPES[int(point["type"])]
-    ids = [each.id for each in (placed.rivers if chosen.kind == "river" else placed.lakes)]
-    return f"{chosen.kind} {ids.index(chosen.id) + 1}" if chosen.id in ids else chosen.kind
+    ids = [each.id for each in (placed.rivers if selection.kind == "river" else placed.lakes)]
+    return f"{selection.kind} {ids.index(selection.id) + 1}" if selection.id in ids else selection.kind
 
 
 _DIGITS = 3  # of a metre: what a person drags is no finer
@@ -82,76 +82,76 @@ _TITLES = {
 }
 
 
-def dragged(sketch: Sketch, placed: Placed, handle: Handle, x: float, y: float) -> Sketch:
+def dragged(sketch: Sketch, placed: Placement, handle: Handle, x: float, y: float) -> Sketch:
     """Return a sketch in which a handle was dragged to a place (m); the same one if what it moved is gone."""
-    chosen = handle.chosen
+    selection = handle.selection
     if handle.role == "move":
-        return moved(sketch, placed, chosen, x, y)
+        return moved(sketch, placed, selection, x, y)
     if handle.role == "point":
-        return point_moved(sketch, placed, chosen, x, y)
+        return point_moved(sketch, placed, selection, x, y)
     away = math.hypot(x - handle.base_x, y - handle.base_y)
     if handle.role == "radius":
-        return resized(sketch, placed, chosen, away)
+        return resized(sketch, placed, selection, away)
     shown = 2.0 * math.hypot(handle.x - handle.base_x, handle.y - handle.base_y)
-    river = river_of(placed, chosen)
+    river = find_river(placed, selection)
     if river is None or shown <= 0.0:
         return sketch
     # A river is narrower at its spring and wider below confluences: what is set is scaled as what is shown.
-    return widened(sketch, chosen, (_said_width(sketch, river) or shown) * 2.0 * away / shown)
+    return widened(sketch, selection, (_said_width(sketch, river) or shown) * 2.0 * away / shown)
 
 
-def title_of(placed: Placed, handle: Handle) -> str:
+def drag_title(placed: Placement, handle: Handle) -> str:
     """Return what dragging a handle is called in the history."""
-    return _TITLES[handle.role].format(name_of(placed, handle.chosen))
+    return _TITLES[handle.role].format(name_of(placed, handle.selection))
 
 
-def moved(sketch: Sketch, placed: Placed, chosen: Chosen, x: float, y: float) -> Sketch:
+def moved(sketch: Sketch, placed: Placement, selection: Selection, x: float, y: float) -> Sketch:
     """Return a sketch in which a feature stands at a place (m)."""
-    if point_of(placed, chosen) is None:
+    if find_point(placed, selection) is None:
         return sketch
     at_x, at_y = _within("move", "x", x), _within("move", "y", y)
-    return _with(sketch, Edit("move", chosen.id, x=at_x, y=at_y))
+    return _with(sketch, Edit("move", selection.id, x=at_x, y=at_y))
 
 
-def resized(sketch: Sketch, placed: Placed, chosen: Chosen, radius: float) -> Sketch:
+def resized(sketch: Sketch, placed: Placement, selection: Selection, radius: float) -> Sketch:
     """Return a sketch in which a feature has a radius (m)."""
-    if point_of(placed, chosen) is None:
+    if find_point(placed, selection) is None:
         return sketch
-    return _with(sketch, Edit("resize", chosen.id, radius=_within("resize", "radius", radius)))
+    return _with(sketch, Edit("resize", selection.id, radius=_within("resize", "radius", radius)))
 
 
-def strengthened(sketch: Sketch, placed: Placed, chosen: Chosen, strength: float) -> Sketch:
+def strengthened(sketch: Sketch, placed: Placement, selection: Selection, strength: float) -> Sketch:
     """Return a sketch in which a feature has a strength: a height in m, of a forest the share of trees."""
-    point = point_of(placed, chosen)
+    point = find_point(placed, selection)
     if point is None:
         return sketch
     strength = _within("strength", "strength", strength)
-    if name_of(placed, chosen) == "forest":
+    if name_of(placed, selection) == "forest":
         strength = min(strength, 1.0)
-    return _with(sketch, Edit("strength", chosen.id, strength=strength))
+    return _with(sketch, Edit("strength", selection.id, strength=strength))
 
 
-def strength_of(sketch: Sketch, placed: Placed, chosen: Chosen) -> float | None:
+def strength_of(sketch: Sketch, placed: Placement, selection: Selection) -> float | None:
     """Return the strength that a feature was given, or else the one that it was placed with; None if gone."""
-    point = point_of(placed, chosen)
+    point = find_point(placed, selection)
     if point is None:
         return None
     given = [
-        edit.strength for edit in sketch.edits if edit.feature == chosen.id and edit.strength is not None
+        edit.strength for edit in sketch.edits if edit.feature == selection.id and edit.strength is not None
     ]
     return given[-1] if given else float(point["strength"])
 
 
-def point_moved(sketch: Sketch, placed: Placed, chosen: Chosen, x: float, y: float) -> Sketch:
+def point_moved(sketch: Sketch, placed: Placement, selection: Selection, x: float, y: float) -> Sketch:
     """Return a sketch in which the chosen control point of a river lies at a place (m).
 
     Where a river joins another one there is nothing to move: it follows that one.
     """
-    river = river_of(placed, chosen)
-    index = chosen.index
+    river = find_river(placed, selection)
+    index = selection.index
     if river is None or index is None or not 0 <= index < len(river.points):
         return sketch
-    if index == len(river.points) - 1 and parent_of(placed, river) is not None:
+    if index == len(river.points) - 1 and find_parent_river(placed, river) is not None:
         return sketch
     x, y = _within("move_point", "x", x), _within("move_point", "y", y)
     earlier = _edit_of_point(sketch, river, index)
@@ -163,61 +163,61 @@ def point_moved(sketch: Sketch, placed: Placed, chosen: Chosen, x: float, y: flo
     return sketch.replace(edits=tuple(edits))
 
 
-def widened(sketch: Sketch, chosen: Chosen, width: float) -> Sketch:
+def widened(sketch: Sketch, selection: Selection, width: float) -> Sketch:
     """Return a sketch in which a river has a width (m) from bank to bank."""
-    if chosen.kind != "river":
+    if selection.kind != "river":
         return sketch
-    return sketch.with_edit(Edit("width", chosen.id, width=_within("width", "width", width)))
+    return sketch.with_edit(Edit("width", selection.id, width=_within("width", "width", width)))
 
 
-def width_of(sketch: Sketch, placed: Placed, chosen: Chosen) -> float | None:
+def width_of(sketch: Sketch, placed: Placement, selection: Selection) -> float | None:
     """Return the width (m) that a river was given, its label says, or it was painted with; None if gone."""
-    river = river_of(placed, chosen)
+    river = find_river(placed, selection)
     if river is None:
         return None
     return _said_width(sketch, river) or float(np.median(river.width))
 
 
-def deleted(sketch: Sketch, chosen: Chosen) -> Sketch:
+def deleted(sketch: Sketch, selection: Selection) -> Sketch:
     """Return a sketch without a feature, a river or a lake; what was added is as if it never had been."""
-    return sketch.with_edit(Edit("delete", chosen.id))
+    return sketch.with_edit(Edit("delete", selection.id))
 
 
-def locked(sketch: Sketch, placed: Placed, chosen: Chosen) -> Sketch:
+def locked(sketch: Sketch, placed: Placement, selection: Selection) -> Sketch:
     """Return a sketch in which a feature keeps every value that it has, whatever is painted."""
-    point = point_of(placed, chosen)
-    if point is None or is_locked(sketch, chosen):
+    point = find_point(placed, selection)
+    if point is None or is_locked(sketch, selection):
         return sketch
     return sketch.with_edit(lock_of(point))
 
 
-def unlocked(sketch: Sketch, chosen: Chosen) -> Sketch:
+def unlocked(sketch: Sketch, selection: Selection) -> Sketch:
     """Return a sketch without the lock of a feature; what else was said of it stays."""
-    return _without(sketch, chosen, lambda edit: edit.action == "lock")
+    return _without(sketch, selection, lambda edit: edit.action == "lock")
 
 
-def is_locked(sketch: Sketch, chosen: Chosen) -> bool:
+def is_locked(sketch: Sketch, selection: Selection) -> bool:
     """Whether a feature keeps every value that it has."""
-    return any(edit.action == "lock" and edit.feature == chosen.id for edit in sketch.edits)
+    return any(edit.action == "lock" and edit.feature == selection.id for edit in sketch.edits)
 
 
-def reset(sketch: Sketch, placed: Placed, chosen: Chosen) -> Sketch:
+def reset(sketch: Sketch, placed: Placement, selection: Selection) -> Sketch:
     """Return a sketch in which something is again as it was generated, or as it was when it was added.
 
     Of a river's control point only what was said of that point is taken back.
     """
-    river = river_of(placed, chosen)
-    if river is None or chosen.index is None:
-        return _without(sketch, chosen, lambda edit: edit.action != "add")
-    at = _edit_of_point(sketch, river, chosen.index)
+    river = find_river(placed, selection)
+    if river is None or selection.index is None:
+        return _without(sketch, selection, lambda edit: edit.action != "add")
+    at = _edit_of_point(sketch, river, selection.index)
     if at is None:
         return sketch
     return sketch.replace(edits=sketch.edits[:at] + sketch.edits[at + 1 :])
 
 
-def is_edited(sketch: Sketch, placed: Placed, chosen: Chosen) -> bool:
+def is_edited(sketch: Sketch, placed: Placement, selection: Selection) -> bool:
     """Whether `reset` would change anything."""
-    return reset(sketch, placed, chosen) is not sketch
+    return reset(sketch, placed, selection) is not sketch
 
 
 def added(sketch: Sketch, kind: str, x: float, y: float, radius: float, strength: float) -> Sketch:
@@ -258,9 +258,9 @@ def _with(sketch: Sketch, edit: Edit) -> Sketch:
     return sketch.replace(edits=tuple(edits)) if edit in edits else sketch.with_edit(edit)
 
 
-def _without(sketch: Sketch, chosen: Chosen, taken: Callable[[Edit], bool]) -> Sketch:
+def _without(sketch: Sketch, selection: Selection, taken: Callable[[Edit], bool]) -> Sketch:
     """Take those edits of what is chosen away that a test says; the same sketch if there are none."""
-    kept = tuple(edit for edit in sketch.edits if edit.feature != chosen.id or not taken(edit))
+    kept = tuple(edit for edit in sketch.edits if edit.feature != selection.id or not taken(edit))
     return sketch if len(kept) == len(sketch.edits) else sketch.replace(edits=kept)
 
 

@@ -164,7 +164,7 @@ class ExportDialog(QDialog):
     def _remember(self) -> None:
         self._preferences.export_folder = self.place
         self._preferences.export_target = self._shown
-        self._preferences.keep_exported(self._shown, self.options.values)
+        self._preferences.set_export_options(self._shown, self.options.values)
 
     def _show_done(self, told: dict[str, Any]) -> None:
         self.outcome.show_done(told, self.place)

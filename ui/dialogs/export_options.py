@@ -285,7 +285,7 @@ class TargetForm(Form):
             typed.setValidator(QIntValidator(2, 99_999, typed))
             typed.setAccessibleName("Vertices along the longer side")
             sizes.setEditText(str(target.size))
-        label = self.title_of("size")
+        label = self.drag_title("size")
         if label is not None:
             label.setText("&Size of a tile" if target.sizes else "&Size")
             label.setBuddy(sizes)

@@ -327,7 +327,7 @@ class WorldDialog(QDialog):
 
     def _begin(self) -> None:
         """Sample what the world will take; once that is told, write it."""
-        self._preferences.keep_exported(_KEPT, self.form.values)
+        self._preferences.set_export_options(_KEPT, self.form.values)
         only_estimate = not self._is_estimated
         output, device = self.place.absolute(), self._preferences.device
         workers = self.form.values["workers"]

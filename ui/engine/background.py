@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.system import lower_priority
 from sketchterrain.ui.engine.channel import Channel, unpickled
-from sketchterrain.ui.engine.protocol import Adherence, MeasureJob, PictureJob, PictureWritten, Trouble
+from sketchterrain.ui.engine.protocol import Adherence, ErrorReport, MeasureJob, PictureJob, PictureWritten
 
 if TYPE_CHECKING:
     from sketchterrain.sketch import Sketch
@@ -57,14 +57,14 @@ class JobQueue:
         self._waiting.append(job)
         self._go_on()
 
-    def receive(self) -> Adherence | PictureWritten | Trouble:
+    def receive(self) -> Adherence | PictureWritten | ErrorReport:
         """Return an answer that is there, and begin the next job."""
         assert self._channel is not None  # noqa: S101 # who asks saw that it has something to say
         try:
-            answer: Adherence | PictureWritten | Trouble = self._channel.receive()
+            answer: Adherence | PictureWritten | ErrorReport = self._channel.receive()
         except EOFError:
             what = "picture" if isinstance(self._doing, PictureJob) else "engine"
-            answer = Trouble(what, f"{self.doing or 'what takes long'}: the process that does it ended")
+            answer = ErrorReport(what, f"{self.doing or 'what takes long'}: the process that does it ended")
             self.close()
         self._doing = None
         self._go_on()
@@ -92,15 +92,15 @@ class JobQueue:
         self._channel.send(self._doing)
 
 
-def answer_to(job: MeasureJob | PictureJob) -> Adherence | PictureWritten | Trouble:
+def answer_to(job: MeasureJob | PictureJob) -> Adherence | PictureWritten | ErrorReport:
     """Do a job; what goes wrong is an answer too."""
     what = "picture" if isinstance(job, PictureJob) else "engine"
     try:
         return _measured(job) if isinstance(job, MeasureJob) else _pictured(job)
     except SketchterrainError as error:
-        return Trouble(what, one_line(error))
+        return ErrorReport(what, one_line(error))
     except Exception as error:  # noqa: BLE001 # one job that fails must not take the next with it
-        return Trouble(what, one_line(f"{type(error).__name__}: {error}"))
+        return ErrorReport(what, one_line(f"{type(error).__name__}: {error}"))
 
 
 def _measured(job: MeasureJob) -> Adherence:

@@ -11,31 +11,31 @@ from sketchterrain.errors import DeviceFailedError, SketchterrainError, one_line
 from sketchterrain.render import Camera, find_view
 from sketchterrain.render.weather import Weather
 from sketchterrain.ui.engine.channel import Channel, ready
-from sketchterrain.ui.engine.eye import Eye
+from sketchterrain.ui.engine.eye import CameraController
 from sketchterrain.ui.engine.protocol import (
-    Coming,
+    Activity,
+    ErrorReport,
     Fly,
-    Followed,
-    FrameTaken,
+    FrameAcknowledged,
     GoTo,
     Look,
     MeasureAdherence,
     MeasureJob,
     Pan,
     Pick,
-    Picked,
+    PickResult,
     PictureJob,
     Plan,
     Quit,
-    StillRelief,
-    TakePicture,
-    Trouble,
+    ReliefUnchanged,
+    RenderPicture,
+    TerrainUpdated,
     Turn,
+    UpdatePending,
     ViewState,
-    Working,
     Zoom,
 )
-from sketchterrain.ui.engine.relief import ReliefMaker
+from sketchterrain.ui.engine.relief import ReliefBuilder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,8 +70,8 @@ class Engine:
         self._window, self._placer = window, placer
         self._session, self._pacer, self._jobs = session, pacer, jobs
         self._facts = facts
-        self._relief = ReliefMaker()
-        self._eye: Eye | None = None
+        self._relief = ReliefBuilder()
+        self._eye: CameraController | None = None
         self._view = ViewState()
         self._expected, self._fresh = -1, -1
         self._wanted: Look | None = None
@@ -80,12 +80,12 @@ class Engine:
         self._does: dict[type, Callable[[Any], None]] = {
             Quit: self._quit,
             ViewState: self._look,
-            FrameTaken: self._taken,
+            FrameAcknowledged: self._taken,
             Look: self._be_at,
             Pick: self._pick,
             MeasureAdherence: self._measure,
-            TakePicture: self._take_picture,
-            Coming: self._expect,
+            RenderPicture: self._take_picture,
+            UpdatePending: self._expect,
             **dict.fromkeys((Turn, Pan, Zoom, Fly, GoTo), self._move),
         }
 
@@ -164,10 +164,10 @@ class Engine:
     def _fail(self, what: str, line: str) -> None:
         if what == "view" and self._pacer is not None:
             self._pacer.stop()
-        self._window.send(Trouble(what, line))
+        self._window.send(ErrorReport(what, line))
 
     def _leave_device(self, error: DeviceFailedError) -> None:
-        self._window.send(Trouble("engine", one_line(f"{error}; {self._session.switch_device()}")))
+        self._window.send(ErrorReport("engine", one_line(f"{error}; {self._session.switch_device()}")))
         if self._pacer is not None:
             self._pacer.stage.clear()
         device = self._session.device
@@ -183,7 +183,7 @@ class Engine:
         self._show_terrain()
         placed = next((plan for plan in reversed(plans) if plan.recipe is not None), plans[-1])
         self._window.send(
-            Followed(
+            TerrainUpdated(
                 self._session.version, placed.begun, placed.placed, placed.ready, received, time.monotonic()
             )
         )
@@ -193,7 +193,7 @@ class Engine:
         if terrain is None:
             return
         if self._eye is None or self._eye.size != terrain.size or self._fresh >= 0 <= version - self._fresh:
-            self._eye, self._fresh = Eye(terrain, aspect=self._view.aspect), -1
+            self._eye, self._fresh = CameraController(terrain, aspect=self._view.aspect), -1
             self._eye.use(self._view.mode)
             if self._wanted is not None:
                 self._be_at(self._wanted)
@@ -202,18 +202,18 @@ class Engine:
         if self._session.sketch is not None:
             self._relief.follow(terrain, version, areas)
             if not self._relief.busy:
-                self._window.send(StillRelief(version))
+                self._window.send(ReliefUnchanged(version))
         if self._pacer is not None:
             self._draw_from_now_on(self._pacer, terrain, self._eye)
         self._session.dirty_areas = []
 
-    def _draw_from_now_on(self, pacer: FramePacer, terrain: Terrain, eye: Eye) -> None:
+    def _draw_from_now_on(self, pacer: FramePacer, terrain: Terrain, eye: CameraController) -> None:
         pacer.expect(coming=self._expected > self._session.version)
         if pacer.stage.is_empty:
             self._say("Preparing the picture")
         line = pacer.show(terrain, self._session.version, self._session.dirty_areas, eye)
         if line:
-            self._window.send(Trouble("view", line))
+            self._window.send(ErrorReport("view", line))
         self._tell_facts(sharing=pacer.stage.sharing)
 
     def _draw(self) -> None:
@@ -240,11 +240,11 @@ class Engine:
         if self._pacer is not None:
             self._pacer.look(view)
 
-    def _taken(self, _: FrameTaken) -> None:
+    def _taken(self, _: FrameAcknowledged) -> None:
         if self._pacer is not None:
             self._pacer.taken()
 
-    def _expect(self, coming: Coming) -> None:
+    def _expect(self, coming: UpdatePending) -> None:
         # From the first one on that is not there: who paints on and on must see a picture that gets better.
         if self._pacer is not None and self._expected <= self._session.version:
             self._pacer.expect(coming=True)
@@ -269,18 +269,18 @@ class Engine:
 
     def _pick(self, pick: Pick) -> None:
         place = None if self._eye is None else self._eye.seen(pick.x, pick.y, aspect=self._view.aspect)
-        self._window.send(Picked(pick.token, place))
+        self._window.send(PickResult(pick.token, place))
 
     def _measure(self, _: MeasureAdherence) -> None:
         if self._session.sketch is None or self._session.terrain is None:
             raise SketchterrainError(self._session.lacks or "there is no terrain yet")
         self._jobs.add(MeasureJob(self._session.version, self._session.sketch, self._session.recipe))
 
-    def _take_picture(self, wanted: TakePicture) -> None:
+    def _take_picture(self, wanted: RenderPicture) -> None:
         sun = None if self._pacer is None else self._pacer.stage.sun
         if sun is None or self._eye is None or self._session.sketch is None:
             lacks = self._facts.no_picture or self._facts.no_device
-            self._window.send(Trouble("picture", lacks or "there is no picture yet"))
+            self._window.send(ErrorReport("picture", lacks or "there is no picture yet"))
             return
         self._jobs.add(
             PictureJob(
@@ -305,4 +305,4 @@ class Engine:
         what = what or self._jobs.doing
         if what != self._busy_with:
             self._busy_with = what
-            self._window.send(Working(what))
+            self._window.send(Activity(what))

@@ -33,7 +33,7 @@ _KEYS: Final = 0.7  # heights of the picture a second, as keys move an orbit's p
 _RISE: Final = 0.9  # e-foldings of its distance a second
 
 
-class Eye:
+class CameraController:
     """Follows what a person does with mouse and keys, in any mode; without OpenGL."""
 
     def __init__(self, terrain: Terrain, *, aspect: float = _WIDE) -> None:

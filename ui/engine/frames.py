@@ -10,15 +10,15 @@ import tempfile
 import time
 from typing import TYPE_CHECKING, Final
 
-from sketchterrain.ui.engine.protocol import FrameFacts, FrameThere, ViewState
+from sketchterrain.ui.engine.protocol import FrameFacts, FrameReady, ViewState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sketchterrain.render.scene import Terrain
     from sketchterrain.terrain.changes import Box
-    from sketchterrain.ui.engine.eye import Eye
-    from sketchterrain.ui.engine.stage import Stage
+    from sketchterrain.ui.engine.eye import CameraController
+    from sketchterrain.ui.engine.stage import ViewRenderer
 
 PLACES: Final = 2
 """Pictures that the memory holds."""
@@ -81,7 +81,7 @@ _HOLD: Final = (0.12, 0.6)
 class FramePacer:
     """Draws frames when something moves or is missing, and hands them to the window."""
 
-    def __init__(self, stage: Stage, memory: FrameMemory, *, held: Callable[[], int]) -> None:
+    def __init__(self, stage: ViewRenderer, memory: FrameMemory, *, held: Callable[[], int]) -> None:
         self.stage = stage
         self.broken = False
         self._memory, self._held = memory, held
@@ -106,7 +106,7 @@ class FramePacer:
         self.stage.look(view)
         self._view, self._stale, self.broken = view, True, False
 
-    def show(self, terrain: Terrain, version: int, areas: list[Box], eye: Eye) -> str:
+    def show(self, terrain: Terrain, version: int, areas: list[Box], eye: CameraController) -> str:
         """Draw a terrain from now on, which differs from the one before in areas (m)."""
         self.broken = False
         self._stale, self._version = True, version
@@ -146,7 +146,7 @@ class FramePacer:
         often = max(_PLAYING, half) if self.stage.is_software else _QUICKEST
         return max(often - since, _HOLD[1] - waited, 0.0)
 
-    def frame(self, eye: Eye) -> FrameThere | None:
+    def frame(self, eye: CameraController) -> FrameReady | None:
         """Draw a frame, if anything of it is another one than in the last; return where it lies."""
         now = time.monotonic()
         elapsed = min(now - self._drawn, _LONGEST)
@@ -182,4 +182,4 @@ class FramePacer:
             settled=stats.settled,
             memory=self._held(),
         )
-        return FrameThere(facts, start, capacity)
+        return FrameReady(facts, start, capacity)

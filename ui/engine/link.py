@@ -17,26 +17,26 @@ from PyQt6.QtGui import QImage
 from sketchterrain.ui.engine.channel import Channel
 from sketchterrain.ui.engine.frames import FrameMemory
 from sketchterrain.ui.engine.protocol import (
+    Activity,
     Adherence,
-    Coming,
     EngineFacts,
-    Followed,
-    FrameTaken,
-    FrameThere,
+    ErrorReport,
+    FrameAcknowledged,
+    FrameReady,
     Look,
     Pick,
-    Picked,
+    PickResult,
     PictureWritten,
-    Placed,
+    Placement,
+    PlacementUnchanged,
     Quit,
     Relief,
-    StillPlaced,
-    StillRelief,
-    Trouble,
+    ReliefUnchanged,
+    TerrainUpdated,
+    UpdatePending,
     ViewState,
-    Working,
 )
-from sketchterrain.ui.engine.sketch_updates import UpdateMaker
+from sketchterrain.ui.engine.sketch_updates import UpdateBuilder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +48,7 @@ _PATIENCE: Final = 0.4
 """s that processes have to end by themselves."""
 
 
-class Children:
+class EngineProcesses:
     """An engine and, unless it shows a stored world, a placer; connected to this process and each other.
 
     They see it when this process ends, even if it is killed, and end too.
@@ -120,8 +120,8 @@ def _started(
     return child
 
 
-class PictureSource(QObject):
-    """Draws for one view, in processes of its own. It says `FrameTaken` by itself."""
+class ViewSource(QObject):
+    """Draws for one view, in processes of its own. It says `FrameAcknowledged` by itself."""
 
     working_changed = pyqtSignal(str)
     facts_changed = pyqtSignal(object)
@@ -132,7 +132,7 @@ class PictureSource(QObject):
     relief_changed = pyqtSignal(object)
     view_changed = pyqtSignal(object)
     trouble = pyqtSignal(object)
-    """`Trouble`."""
+    """`ErrorReport`."""
 
     _came = pyqtSignal(int, str, object)
     """From a thread that reads: of which start, from which process, and what."""
@@ -146,12 +146,12 @@ class PictureSource(QObject):
         self.facts = EngineFacts()
         self.frame: FrameFacts | None = None
         self.picture: QImage | None = None
-        self.placed: Placed | None = None
+        self.placed: Placement | None = None
         self.relief: Relief | None = None
         self.view = view
         self.working = ""
         self._token = 0
-        self._children: Children | None = None
+        self._children: EngineProcesses | None = None
         self._threads: list[threading.Thread] = []
         self._starts = 0
         self._busy: dict[str, str] = {}
@@ -170,7 +170,7 @@ class PictureSource(QObject):
         self._end()
 
     def tell(self, message: Any) -> None:
-        """Send one of the window's messages: a motion, `Look`, `Pick`, `TakePicture` and so on."""
+        """Send one of the window's messages: a motion, `Look`, `Pick`, `RenderPicture` and so on."""
         if self._children is not None:
             self._children.channels["engine"].send(message)
 
@@ -187,7 +187,7 @@ class PictureSource(QObject):
         self.tell(Pick(self._token, x, y))
         return self._token
 
-    def _begin(self, children: Children) -> None:
+    def _begin(self, children: EngineProcesses) -> None:
         self._end()
         self._starts += 1
         self._children = children
@@ -211,7 +211,7 @@ class PictureSource(QObject):
         self._busy.clear()
         self._set_working("")
 
-    def _read(self, start: int, name: str, channel: Channel, children: Children) -> None:
+    def _read(self, start: int, name: str, channel: Channel, children: EngineProcesses) -> None:
         """Hand over what a process tells; on a thread of its own."""
         while True:
             try:
@@ -225,20 +225,20 @@ class PictureSource(QObject):
         """Take what a process told over, on the window's thread."""
         if start != self._starts or self._children is None:
             return  # of one that was stopped
-        if isinstance(message, FrameThere):
+        if isinstance(message, FrameReady):
             self.picture = _picture_of(self._children.frames, message)
-            self.tell(FrameTaken())
+            self.tell(FrameAcknowledged())
             self.frame = message.facts
             self.frame_shown.emit(message.facts)
-        elif isinstance(message, Picked):
+        elif isinstance(message, PickResult):
             self.picked.emit(message)
         elif isinstance(message, EngineFacts):
             self.facts = message
             self.facts_changed.emit(message)
-        elif isinstance(message, Working):
+        elif isinstance(message, Activity):
             self._busy[name] = message.what
             self._set_working(self._busy.get("engine", "") or self._busy.get("placer", ""))
-        elif isinstance(message, Trouble):
+        elif isinstance(message, ErrorReport):
             self._complain(message.what, message.line)
         elif isinstance(message, _Gone):
             self._end()
@@ -256,7 +256,7 @@ class PictureSource(QObject):
     def _complain(self, what: str, line: str) -> None:
         """Tell what failed, as a sentence."""
         line = line[:1].upper() + line[1:]
-        self.trouble.emit(Trouble(what, line if line.endswith((".", "!", "?")) else f"{line}."))
+        self.trouble.emit(ErrorReport(what, line if line.endswith((".", "!", "?")) else f"{line}."))
 
     def _set_working(self, what: str) -> None:
         if what != self.working:
@@ -271,7 +271,7 @@ class _Gone:
         self.line = line
 
 
-def _picture_of(memory: FrameMemory, there: FrameThere) -> QImage:
+def _picture_of(memory: FrameMemory, there: FrameReady) -> QImage:
     """Return a copy of a frame in shared memory; its place may be drawn into again."""
     width, height = there.facts.width, there.facts.height
     with memory.view(there.start, 4 * width * height, there.capacity) as pixels:
@@ -287,7 +287,7 @@ _CALM: Final = 60.0
 """s after which a crash is no more in a row with the one before."""
 
 
-class EngineLink(PictureSource):
+class EngineLink(ViewSource):
     """Works out the terrain of a document, and draws it, in processes of its own.
 
     If a process crashes, both are started again: the second time in a row without
@@ -298,7 +298,7 @@ class EngineLink(PictureSource):
     sent = pyqtSignal(int, float)
     """A sketch is on its way: its version, and when it was made (s of the system's monotonic clock)."""
     followed = pyqtSignal(object)
-    """The view's tiles hold the heights of another version: `Followed`."""
+    """The view's tiles hold the heights of another version: `TerrainUpdated`."""
     picture_written = pyqtSignal(str)
 
     without_view = "You can paint and export all the same."
@@ -309,7 +309,7 @@ class EngineLink(PictureSource):
         self.adherence: Adherence | None = None
         self._started = 0.0
         self._crashes = 0
-        self._updates = UpdateMaker(document)
+        self._updates = UpdateBuilder(document)
         self._sent = 0.0
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -334,7 +334,7 @@ class EngineLink(PictureSource):
     def _restart(self, *, draws: bool) -> None:
         self._end()
         self._started = time.monotonic()
-        self._begin(Children(device=self.device, draws=draws))
+        self._begin(EngineProcesses(device=self.device, draws=draws))
         self._updates.start(self._schedule)
         self._send_sketch()
 
@@ -349,24 +349,24 @@ class EngineLink(PictureSource):
         self._sent = time.monotonic()
         update, fresh = self._updates.next()
         self._children.channels["placer"].send(update)
-        self.tell(Coming(update.version, fresh=fresh))
+        self.tell(UpdatePending(update.version, fresh=fresh))
         self.sent.emit(update.version, self._sent)
 
     def _take_own(self, message: Any) -> None:
-        if isinstance(message, Placed):
+        if isinstance(message, Placement):
             self.placed = message
             self.placed_changed.emit(message)
-        elif isinstance(message, StillPlaced):
+        elif isinstance(message, PlacementUnchanged):
             if self.placed is not None:
                 self.placed = replace(self.placed, version=message.version)
                 self.placed_changed.emit(self.placed)
         elif isinstance(message, Relief):
             self.relief = message
             self.relief_changed.emit(message)
-        elif isinstance(message, StillRelief):
+        elif isinstance(message, ReliefUnchanged):
             if self.relief is not None:
                 self.relief = replace(self.relief, version=message.version)
-        elif isinstance(message, Followed):
+        elif isinstance(message, TerrainUpdated):
             self.followed.emit(message)
         elif isinstance(message, Adherence):
             self.adherence = message

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Final
 
 from sketchterrain.errors import SketchterrainError, one_line
 from sketchterrain.ui.engine.channel import Channel, pickled
-from sketchterrain.ui.engine.protocol import Placed, Plan, Quit, SketchUpdate, StillPlaced, Trouble, Working
+from sketchterrain.ui.engine.protocol import (
+    Activity,
+    ErrorReport,
+    Placement,
+    PlacementUnchanged,
+    Plan,
+    Quit,
+    SketchUpdate,
+)
 from sketchterrain.ui.engine.sketch_updates import SketchMirror
 
 if TYPE_CHECKING:
@@ -114,17 +122,17 @@ class Placer:
                 self._sketch = sketch
                 now = time.monotonic()
                 self._engine.send(Plan(self._mirror.changes(), None, (), now, now, now))
-                self._window.send(StillPlaced(self._mirror.version))
+                self._window.send(PlacementUnchanged(self._mirror.version))
         except Superseded:
             pass
         except SketchterrainError as error:
-            self._window.send(Trouble("sketch", one_line(error)))
+            self._window.send(ErrorReport("sketch", one_line(error)))
         except OSError:
             raise
         except Exception as error:  # noqa: BLE001 # a defect must not end the program: the last terrain stays
             traceback.print_exc()
             line = one_line(f"the sketch could not be placed: {type(error).__name__}: {error}")
-            self._window.send(Trouble("sketch", line))
+            self._window.send(ErrorReport("sketch", line))
 
     def _is_another(self, sketch: Sketch) -> bool:
         """Whether anything changed of what the terrain's shape depends on."""
@@ -158,20 +166,20 @@ class Placer:
     def _checkpoint(self) -> None:
         if not self._told and time.monotonic() - self._begun > _LONG:
             self._told = True
-            self._window.send(Working("Placing features"))
+            self._window.send(Activity("Placing features"))
         self._patience.checkpoint()
 
     def _say_done(self) -> None:
         if self._told:
             self._told = False
-            self._window.send(Working(""))
+            self._window.send(Activity(""))
 
 
-def _placed(version: int, sketch: Sketch, recipe: TerrainRecipe, seconds: float) -> Placed:
+def _placed(version: int, sketch: Sketch, recipe: TerrainRecipe, seconds: float) -> Placement:
     from sketchterrain.terrain.answers import TerrainFeatures
 
     found = TerrainFeatures.of(recipe, sketch.size)
-    return Placed(
+    return Placement(
         version=version,
         points=found.points,
         rivers=found.rivers,

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.errors import DeviceError, SketchterrainError, one_line
 from sketchterrain.system import lower_priority, resident_memory
 from sketchterrain.ui.engine.channel import Channel
-from sketchterrain.ui.engine.protocol import EngineFacts, Trouble, Working, WorldFacts
+from sketchterrain.ui.engine.protocol import Activity, EngineFacts, ErrorReport, WorldFacts
 
 if TYPE_CHECKING:
     from sketchterrain.ui.engine.engine import Engine
-    from sketchterrain.ui.engine.stage import Stage
+    from sketchterrain.ui.engine.stage import ViewRenderer
     from sketchterrain.ui.engine.terrain_session import TerrainSession
 
 _NICE = 2
@@ -31,11 +31,11 @@ def _main(options: dict[str, Any]) -> None:
     """
     lower_priority(_NICE)
     window = Channel.of(options["window"], patient=False)
-    window.send(Working("Opening the world" if options["world"] else "Opening the device"))
+    window.send(Activity("Opening the world" if options["world"] else "Opening the device"))
     try:
         engine = _engine(window, options)
     except SketchterrainError as error:
-        window.send(Trouble("engine", one_line(error)))
+        window.send(ErrorReport("engine", one_line(error)))
         window.has_message(None)  # the window ends this process, or is gone
     else:
         engine.run()
@@ -82,7 +82,7 @@ def _world(window: Channel, path: Path, open_device: Any, selector: str | None) 
     from sketchterrain.ui.engine.terrain_session import WorldSession
 
     session = WorldSession(
-        path, lambda line: window.send(Trouble("world", line)), open_device, device=selector
+        path, lambda line: window.send(ErrorReport("world", line)), open_device, device=selector
     )
     world = session.world
     if world is not None:
@@ -97,12 +97,12 @@ def _held_bytes(processes: list[int]) -> int:
     return sum(resident_memory(process) or 0 for process in processes)
 
 
-def _stage() -> tuple[Stage | None, str]:
+def _stage() -> tuple[ViewRenderer | None, str]:
     """Open OpenGL; else return a line that says what is missing."""
-    from sketchterrain.ui.engine.stage import Stage
+    from sketchterrain.ui.engine.stage import ViewRenderer
 
     try:
-        return Stage(), ""
+        return ViewRenderer(), ""
     except DeviceError as error:
         return None, one_line(error)
 

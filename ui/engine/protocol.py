@@ -127,7 +127,7 @@ class Pick:
 
 
 @dataclass(frozen=True)
-class FrameTaken:
+class FrameAcknowledged:
     """The last frame was shown; the next may be sent."""
 
 
@@ -137,7 +137,7 @@ class MeasureAdherence:
 
 
 @dataclass(frozen=True)
-class TakePicture:
+class RenderPicture:
     """Write a picture of the best quality, from where the eye is, as a PNG."""
 
     path: str
@@ -174,14 +174,14 @@ class WorldFacts:
 
 
 @dataclass(frozen=True)
-class Working:
+class Activity:
     """What the engine is busy with, for a person; empty: nothing."""
 
     what: str
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class Placement:
     """What was placed for a version of the sketch. The terrain that is shown follows at once."""
 
     version: int  # Of the `SketchUpdate`
@@ -222,7 +222,7 @@ class FrameFacts:
 
 
 @dataclass(frozen=True)
-class Picked:
+class PickResult:
     """The answer to `Pick`: a place on the ground (m), None for the sky."""
 
     token: int
@@ -240,7 +240,7 @@ class Adherence:
 
 
 @dataclass(frozen=True)
-class Trouble:
+class ErrorReport:
     """Something failed: a line for a person, and of what: `sketch`, `view`, `picture`, `engine`, `world`."""
 
     what: str
@@ -248,7 +248,7 @@ class Trouble:
 
 
 @dataclass(frozen=True)
-class Coming:
+class UpdatePending:
     """The window to the engine: this version of the sketch is on its way; fresh: another was opened."""
 
     version: int
@@ -268,7 +268,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Followed:
+class TerrainUpdated:
     """The engine to the window: the view's tiles hold the heights of a version. Times as in `Plan`."""
 
     version: int
@@ -280,7 +280,7 @@ class Followed:
 
 
 @dataclass(frozen=True)
-class FrameThere:
+class FrameReady:
     """The engine to the window: a frame lies in the shared memory from a byte on, RGBX, row 0 on top."""
 
     facts: FrameFacts
@@ -318,14 +318,14 @@ class PictureWritten:
 
 
 @dataclass(frozen=True)
-class StillPlaced:
+class PlacementUnchanged:
     """The placer to the window: for this version of the sketch all stays placed as it was."""
 
     version: int
 
 
 @dataclass(frozen=True)
-class StillRelief:
+class ReliefUnchanged:
     """The engine to the window: for this version of the sketch the relief is the last one."""
 
     version: int

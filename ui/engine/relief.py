@@ -28,7 +28,7 @@ _SUN: Final = np.array([-0.5, 0.5, 0.75]) / np.linalg.norm([-0.5, 0.5, 0.75])
 _STEEPER: Final = 1.6  # times the true slopes: gentle ground shows its shape too
 
 
-class ReliefMaker:
+class ReliefBuilder:
     """Follows a terrain; each relief that it hands out is of one version, never of two."""
 
     def __init__(self) -> None:

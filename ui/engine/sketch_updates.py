@@ -75,7 +75,7 @@ class SketchMirror:
         self._changed.add(name)
 
 
-class UpdateMaker:
+class UpdateBuilder:
     """Listens to a document, the stroke that is being drawn included."""
 
     def __init__(self, document: Document) -> None:

@@ -40,7 +40,7 @@ class _Shown:
     sun: Sun
 
 
-class Stage:
+class ViewRenderer:
     """An OpenGL context and what is drawn in it."""
 
     def __init__(self) -> None:

@@ -93,7 +93,7 @@ class Lock:
             return False
 
 
-def new_place(folder: Path) -> Path:
+def new_recovery_path(folder: Path) -> Path:
     """Return a name in a folder under which no other program keeps a sketch."""
     return folder / f"{os.getpid()}-{secrets.token_hex(4)}.sketch"
 
@@ -120,7 +120,7 @@ def read_recovery(path: Path) -> Recovery | None:
         return None
 
 
-def places_in(folder: Path) -> list[Path]:
+def recovery_paths(folder: Path) -> list[Path]:
     """Return where programs keep sketches in a folder, or were about to; dead ones and living ones."""
     return sorted(
         {path.with_suffix(".sketch") for kind in ("sketch", "lock") for path in folder.glob(f"*.{kind}")}
@@ -147,7 +147,7 @@ class Autosave(QObject):
         super().__init__(parent)
         self._document = document
         self._folder = folder
-        self._path = new_place(folder)
+        self._path = new_recovery_path(folder)
         self._lock: Lock | None = None
         self._background = Background(self)
         self._kept: Sketch | None = None
@@ -174,7 +174,7 @@ class Autosave(QObject):
         It belongs to this program then, until it is discarded or this program ends.
         """
         found = []
-        for path in places_in(self._folder):
+        for path in recovery_paths(self._folder):
             if path == self._path or not (path in self._claimed or self._claim(path)):
                 continue
             recovery = read_recovery(path)

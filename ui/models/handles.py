@@ -13,10 +13,16 @@ from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.features.lakes import within
 from sketchterrain.features.profiles import area_profile, hill_profile, mountain_profile
 from sketchterrain.sketch import Sketch
-from sketchterrain.ui.commands.placed_edits import dragged, parent_of, point_of, river_of, title_of
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.commands.placed_edits import (
+    drag_title,
+    dragged,
+    find_parent_river,
+    find_point,
+    find_river,
+)
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 
 _TREES = 20.0  # m that a full forest stands out, beside a mountain's metres
 
@@ -40,14 +46,14 @@ class Handle:
     """
 
     role: str
-    chosen: Chosen
+    selection: Selection
     x: float
     y: float
     base_x: float
     base_y: float
 
 
-def chosen_at(placed: Placed, x: float, y: float, *, reach: float) -> Chosen | None:
+def select_at(placed: Placement, x: float, y: float, *, reach: float) -> Selection | None:
     """Return what is meant by a click.
 
     A feature's middle goes before a river, that before a lake; anywhere else it is the feature that makes
@@ -56,41 +62,41 @@ def chosen_at(placed: Placed, x: float, y: float, *, reach: float) -> Chosen | N
     points = placed.points
     away = np.hypot(points["x"] - x, points["y"] - y)
     if len(points) and away.min() <= reach:
-        return Chosen("feature", int(points["id"][int(np.argmin(away))]))
+        return Selection("feature", int(points["id"][int(np.argmin(away))]))
     rivers = [(_past_bank(river, x, y), river.id) for river in placed.rivers]
     if rivers and min(rivers)[0] <= reach:
-        return Chosen("river", min(rivers)[1])
+        return Selection("river", min(rivers)[1])
     lake = next((each for each in placed.lakes if _is_in(each, x, y)), None)
     if lake is not None:
-        return Chosen("lake", lake.id)
+        return Selection("lake", lake.id)
     makes = _makes(points, away)
     if not len(makes) or makes.max() <= 0.0:
         return None
-    return Chosen("feature", int(points["id"][int(np.argmax(makes))]))
+    return Selection("feature", int(points["id"][int(np.argmax(makes))]))
 
 
-def handles_of(placed: Placed, chosen: Chosen | None) -> tuple[Handle, ...]:
+def handles_of(placed: Placement, selection: Selection | None) -> tuple[Handle, ...]:
     """Return the handles of what is chosen; none of a lake, or of what is gone.
 
     A river's last control point has none where it joins another one: it follows that one.
     """
-    if chosen is None:
+    if selection is None:
         return ()
-    whole = Chosen(chosen.kind, chosen.id)
-    point = point_of(placed, chosen)
+    whole = Selection(selection.kind, selection.id)
+    point = find_point(placed, selection)
     if point is not None:
         x, y, radius = (float(point[key]) for key in ("x", "y", "radius"))
         return Handle("move", whole, x, y, x, y), Handle("radius", whole, x + radius, y, x, y)
-    river = river_of(placed, chosen)
+    river = find_river(placed, selection)
     if river is None:
         return ()
-    free = len(river.points) - (parent_of(placed, river) is not None)
+    free = len(river.points) - (find_parent_river(placed, river) is not None)
     places = river.points[:free, :2].tolist()
-    points = [Handle("point", Chosen("river", river.id, i), x, y, x, y) for i, (x, y) in enumerate(places)]
+    points = [Handle("point", Selection("river", river.id, i), x, y, x, y) for i, (x, y) in enumerate(places)]
     return (*points, _width_handle(river, whole))
 
 
-def _width_handle(river: River, chosen: Chosen) -> Handle:
+def _width_handle(river: River, selection: Selection) -> Handle:
     """Put it on the left bank, amid two control points and so clear of theirs, halfway down the river."""
     line = river.centreline[:, :2]
     half = len(river.points) // 2
@@ -101,7 +107,7 @@ def _width_handle(river: River, chosen: Chosen) -> Handle:
     east, north = line[min(at + 1, len(line) - 1)] - line[max(at - 1, 0)]
     across = 0.5 * float(river.centreline_width[at]) / max(float(np.hypot(east, north)), 1e-9)
     x, y = (float(each) for each in line[at])
-    return Handle("width", chosen, x - across * float(north), y + across * float(east), x, y)
+    return Handle("width", selection, x - across * float(north), y + across * float(east), x, y)
 
 
 def _past_bank(river: River, x: float, y: float) -> float:
@@ -135,13 +141,18 @@ class FeatureDrag:
     """Changes a document as a handle is dragged."""
 
     def __init__(
-        self, document: Document, placed: Placed, handle: Handle, *, grab: tuple[float, float] | None = None
+        self,
+        document: Document,
+        placed: Placement,
+        handle: Handle,
+        *,
+        grab: tuple[float, float] | None = None,
     ) -> None:
         self._document = document
         self._placed = placed
         self._before = document.sketch
         self._last: Sketch | None = document.sketch
-        self._title = title_of(placed, handle)
+        self._title = drag_title(placed, handle)
         self._off = (0.0, 0.0) if grab is None else (handle.x - grab[0], handle.y - grab[1])
         self._merge = object()
         self.handle = handle

@@ -105,7 +105,7 @@ class Preferences(QObject):
             return {}
         return kept if isinstance(kept, dict) else {}
 
-    def keep_exported(self, target: str, values: Mapping[str, object]) -> None:
+    def set_export_options(self, target: str, values: Mapping[str, object]) -> None:
         """Remember how a terrain was exported to a target."""
         self._settings.setValue(f"export/{target or 'everything'}", json.dumps(dict(values)))
 

@@ -40,7 +40,7 @@ class LayerLook:
 
 
 @dataclass(frozen=True)
-class Chosen:
+class Selection:
     """What is selected of what was generated.
 
     Attributes
@@ -66,8 +66,8 @@ class Workspace(QObject):
     brush_changed = pyqtSignal(float)
     look_changed = pyqtSignal(str)
     """A layer's `LayerLook`."""
-    chosen_changed = pyqtSignal(object)
-    """`Chosen` or None."""
+    selection_changed = pyqtSignal(object)
+    """`Selection` or None."""
     overlays_changed = pyqtSignal()
 
     def __init__(self) -> None:
@@ -76,7 +76,7 @@ class Workspace(QObject):
         self._layer, self._label = "mountain", 1
         self._brush = 16.0
         self._looks = {name: LayerLook() for name in LAYERS}
-        self._chosen: Chosen | None = None
+        self._chosen: Selection | None = None
         self._overlays = frozenset({"relief", "features", "eye"})
 
     @property
@@ -132,15 +132,15 @@ class Workspace(QObject):
             self.look_changed.emit(layer)
 
     @property
-    def chosen(self) -> Chosen | None:
+    def selection(self) -> Selection | None:
         """What is selected of what was generated."""
         return self._chosen
 
-    @chosen.setter
-    def chosen(self, chosen: Chosen | None) -> None:
-        if chosen != self._chosen:
-            self._chosen = chosen
-            self.chosen_changed.emit(chosen)
+    @selection.setter
+    def selection(self, selection: Selection | None) -> None:
+        if selection != self._chosen:
+            self._chosen = selection
+            self.selection_changed.emit(selection)
 
     @property
     def overlays(self) -> frozenset[str]:

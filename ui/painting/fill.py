@@ -16,7 +16,7 @@ _Integers = npt.NDArray[np.int64]
 _ROWS = 256  # looked at together: what is compared stays in the cache
 
 
-def flood(image: LabelImage, row: int, column: int, label: int) -> Box | None:
+def flood_fill(image: LabelImage, row: int, column: int, label: int) -> Box | None:
     """Give the region around a pixel a label.
 
     Empty ground is bounded by any paint, also by a line that is one pixel wide and goes along a diagonal; a

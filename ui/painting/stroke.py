@@ -22,7 +22,7 @@ _TOUCH = 1e-9
 """px beyond a straight edge at which a pixel's centre still counts as on it, whatever was rounded."""
 
 
-def snapped(value: float) -> float:
+def snap(value: float) -> float:
     """Return a coordinate at the nearest 1/1024 px.
 
     Squares of such numbers are exact, so that whether a pixel is covered does not hang on rounding, and a
@@ -113,7 +113,7 @@ _SPACING = 2.0  # grains between nodes
 _FARTHEST = 0.5  # of that: how far a node is moved to where its neighbours have it
 
 
-class SteadyHand:
+class StrokeSmoother:
     """Turns the places of a pen into fewer nodes of its path.
 
     A slow pen's places are averaged, and each node is moved a little to the middle of its neighbours: a line
@@ -163,13 +163,13 @@ class SteadyHand:
         (ax, ay, _), (x, y, radius), (bx, by, _) = self._nodes
         dx, dy = 0.25 * (ax + bx) - 0.5 * x, 0.25 * (ay + by) - 0.5 * y
         share = min(1.0, _FARTHEST * self._spacing / max(math.hypot(dx, dy), 1e-9))
-        return snapped(x + share * dx), snapped(y + share * dy), radius
+        return snap(x + share * dx), snap(y + share * dy), radius
 
 
 def _mean(dabs: Sequence[Dab]) -> Dab:
     if len(dabs) == 1:
         return dabs[0]
-    x, y, radius = (snapped(sum(each) / len(dabs)) for each in zip(*dabs, strict=True))
+    x, y, radius = (snap(sum(each) / len(dabs)) for each in zip(*dabs, strict=True))
     return x, y, radius
 
 
@@ -196,13 +196,13 @@ class Stroke:
         0 … 255; 0 erases.
     grain
         Side (px) of the pixels in which the pen's places are told, those of a screen for a mouse; 0 if they
-        are exact. See `SteadyHand`.
+        are exact. See `StrokeSmoother`.
     """
 
     def __init__(self, image: LabelImage, label: int, *, grain: float = 0.0) -> None:
         self._image = image
         self._label = label
-        self._hand = SteadyHand(grain)
+        self._hand = StrokeSmoother(grain)
         self._dabs: list[Dab] = []
         self._last: Dab | None = None
 
@@ -221,7 +221,7 @@ class Stroke:
         Box or None
             Around the pixels painted; None if none were.
         """
-        self._last = snapped(x), snapped(y), max(snapped(radius), THINNEST)
+        self._last = snap(x), snap(y), max(snap(radius), THINNEST)
         begins = not self._dabs
         node = self._hand.to(self._last)
         box = None if node is None else self._add(node)
@@ -280,8 +280,8 @@ def smooth_dabs(dabs: Sequence[Dab], piece: int) -> list[Dab]:
 def _between(c: list[list[float]], from_radius: float, to_radius: float, count: int) -> Iterator[Dab]:
     for k in range(1, count):
         t = k / count
-        x, y = (snapped(((d * t + c2) * t + c1) * t + c0) for c0, c1, c2, d in c)
-        yield x, y, snapped(from_radius + (to_radius - from_radius) * t)
+        x, y = (snap(((d * t + c2) * t + c1) * t + c0) for c0, c1, c2, d in c)
+        yield x, y, snap(from_radius + (to_radius - from_radius) * t)
 
 
 def line_width(sketch: Sketch, layer: str, label: int, brush: float) -> float:
@@ -333,7 +333,7 @@ def draw_line(
     Box or None
         Around the pixels painted; None if none were.
     """
-    path = _path(points, max(snapped(0.5 * width), THINNEST))
+    path = _path(points, max(snap(0.5 * width), THINNEST))
     box = None
     for start, end in [*pairwise(path), *zip(path[:1] + path[-1:], path[:1] + path[-1:], strict=True)]:
         box = around(box, paint_sweep(image, start, end, label))
@@ -343,7 +343,7 @@ def draw_line(
 def _path(points: Sequence[tuple[float, float]], radius: float) -> list[Dab]:
     dabs: list[Dab] = []
     for x, y in points:
-        dab = snapped(x), snapped(y), radius
+        dab = snap(x), snap(y), radius
         if not dabs or dab != dabs[-1]:
             dabs.append(dab)
     path = dabs[:1]

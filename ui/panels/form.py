@@ -26,10 +26,10 @@ from sketchterrain.ui.panels.numbers import WAY, ClockBox, Gesture, NumberBox, S
 from sketchterrain.ui.panels.parts import faint_label
 from sketchterrain.ui.panels.wording import (
     comfortable_range,
+    drag_title,
     help_of,
     special_of,
     suffix_of,
-    title_of,
     tool_tip,
     with_unit,
 )
@@ -54,7 +54,7 @@ class ParameterRow(QWidget):
     ) -> None:
         super().__init__(parent)
         self.parameter = parameter
-        self.title = title or title_of(parameter.name)
+        self.title = title or drag_title(parameter.name)
         self._grid = QGridLayout(self)
         self._grid.setContentsMargins(0, 0, 0, 0)
         self._grid.setHorizontalSpacing(SPACING)

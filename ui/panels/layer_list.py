@@ -52,12 +52,12 @@ class LayerRow(QStyledItemDelegate):
             return
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        chosen = bool(option.state & QStyle.StateFlag.State_Selected)
+        selection = bool(option.state & QStyle.StateFlag.State_Selected)
         under = bool(option.state & QStyle.StateFlag.State_MouseOver)
         role = QPalette.ColorRole
-        if chosen or under:
-            _draw_band(painter, option, index, chosen=chosen)
-        text = option.palette.color(role.HighlightedText if chosen else role.Text)
+        if selection or under:
+            _draw_band(painter, option, index, selection=selection)
+        text = option.palette.color(role.HighlightedText if selection else role.Text)
         if index.column() == NAME:
             self._draw_name(painter, option, index, text)
         else:
@@ -80,18 +80,22 @@ class LayerRow(QStyledItemDelegate):
         upper = room.adjusted(0, SMALL, 0, -room.height() // 2 + 1)
         painter.drawText(upper, Qt.AlignmentFlag.AlignVCenter, title)
         painter.setFont(tabular(small(option.font)))
-        chosen = bool(option.state & QStyle.StateFlag.State_Selected)
-        painter.setPen(text if chosen else option.palette.color(QPalette.ColorRole.PlaceholderText))
+        selection = bool(option.state & QStyle.StateFlag.State_Selected)
+        painter.setPen(text if selection else option.palette.color(QPalette.ColorRole.PlaceholderText))
         metrics = painter.fontMetrics()
         detail = metrics.elidedText(index.data(DETAIL), Qt.TextElideMode.ElideRight, room.width())
         lower = room.adjusted(0, room.height() // 2 - 1, 0, -SMALL)
         painter.drawText(lower, Qt.AlignmentFlag.AlignVCenter, detail)
 
 
-def _draw_band(painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex, *, chosen: bool) -> None:
+def _draw_band(
+    painter: QPainter, option: QStyleOptionViewItem, index: QModelIndex, *, selection: bool
+) -> None:
     """Draw one band behind all cells of a row."""
-    colour = QColor(option.palette.color(QPalette.ColorRole.Highlight if chosen else QPalette.ColorRole.Mid))
-    if not chosen:
+    colour = QColor(
+        option.palette.color(QPalette.ColorRole.Highlight if selection else QPalette.ColorRole.Mid)
+    )
+    if not selection:
         colour.setAlpha(90)
     band = QRectF(option.rect).adjusted(0, 1, 0, -1)
     beyond = 12.0  # the ends that are not this cell's lie outside of it
@@ -145,7 +149,7 @@ class Row(NamedTuple):
 class LayerList(QTreeWidget):
     """Layers and their labels. Up and down, or 1 to 7, choose; Space shows and hides."""
 
-    chosen = pyqtSignal(str, int)
+    selection = pyqtSignal(str, int)
     """A person wants to paint on a layer with a label."""
     layer_chosen = pyqtSignal(str)
     """A person wants to paint on a layer."""
@@ -239,7 +243,7 @@ class LayerList(QTreeWidget):
     def _choose(self) -> None:
         row = self._current()
         if row is not None:
-            self.chosen.emit(row.layer, row.label)
+            self.selection.emit(row.layer, row.label)
 
     def _ask_menu(self, place: QPoint) -> None:
         view = self.viewport()

@@ -232,7 +232,7 @@ class LayersPanel(QWidget):
 
     def _connect(self) -> None:
         workspace = self._workspace
-        self.list.chosen.connect(workspace.use_label)
+        self.list.selection.connect(workspace.use_label)
         self.list.layer_chosen.connect(self.choose_layer)
         self.list.eye_clicked.connect(self._turn_eye)
         self.list.lock_clicked.connect(self._turn_lock)

@@ -52,15 +52,15 @@ class ListRow(QStyledItemDelegate):
         painter.save()
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         role = QPalette.ColorRole
-        chosen = bool(option.state & QStyle.StateFlag.State_Selected)
-        if chosen or option.state & QStyle.StateFlag.State_MouseOver:
-            band = QColor(option.palette.color(role.Highlight if chosen else role.Mid))
-            band.setAlpha(255 if chosen else 90)
+        selection = bool(option.state & QStyle.StateFlag.State_Selected)
+        if selection or option.state & QStyle.StateFlag.State_MouseOver:
+            band = QColor(option.palette.color(role.Highlight if selection else role.Mid))
+            band.setAlpha(255 if selection else 90)
             painter.setPen(Qt.PenStyle.NoPen)
             painter.setBrush(band)
             painter.drawRoundedRect(QRectF(option.rect).adjusted(2, 1, -2, -1), 5, 5)
         faint = role.PlaceholderText if index.data(PALE) else role.Text
-        colour = option.palette.color(role.HighlightedText if chosen else faint)
+        colour = option.palette.color(role.HighlightedText if selection else faint)
         name = index.data(ICON)
         if name:
             place = QRectF(option.rect.left() + SPACING, option.rect.top() + SMALL + 2, _SIDE, _SIDE)

@@ -12,23 +12,23 @@ from sketchterrain.features import River
 from sketchterrain.features.catalogue import FILL_BIT
 from sketchterrain.sketch import ACTIONS, ADDED_BIT, Sketch
 from sketchterrain.ui.commands.placed_edits import (
-    lake_of,
+    find_lake,
+    find_parent_river,
+    find_point,
+    find_river,
     moved,
     name_of,
-    parent_of,
     point_moved,
-    point_of,
     resized,
-    river_of,
     strength_of,
     strengthened,
     widened,
     width_of,
 )
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.theme import SPACING
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.workspace import Chosen, Workspace
+from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.form import NumberRow
 from sketchterrain.ui.panels.numbers import NumberBox
 from sketchterrain.ui.panels.parts import faint_label
@@ -49,8 +49,8 @@ class FeatureForm(QWidget):
     def __init__(self, document: Document, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._document = document
-        self._placed: Placed | None = None
-        self._chosen: Chosen | None = None
+        self._placed: Placement | None = None
+        self._chosen: Selection | None = None
         self.layer, self.label, self.line = "mountain", 1, ""
         self.rows = {
             "height": NumberRow(_HEIGHT, resets=False, decimals=1),
@@ -66,16 +66,16 @@ class FeatureForm(QWidget):
             down.addWidget(row)
             row.edited.connect(lambda value, key, name=name: self._set(name, float(value), key))
 
-    def show_chosen(self, placed: Placed, chosen: Chosen) -> None:
+    def show_chosen(self, placed: Placement, selection: Selection) -> None:
         """Show a feature that is there."""
-        point = point_of(placed, chosen)
+        point = find_point(placed, selection)
         if point is None:
             return
-        if chosen != self._chosen:
+        if selection != self._chosen:
             for row in self.rows.values():
                 row.finish()  # what was typed belongs to the feature that it was typed for
-        self._placed, self._chosen = placed, chosen
-        self.layer, self.line = name_of(placed, chosen), _line(chosen.id)
+        self._placed, self._chosen = placed, selection
+        self.layer, self.line = name_of(placed, selection), _line(selection.id)
         self._show_spans()
         values = self._values(point)
         for name, row in self.rows.items():
@@ -85,8 +85,10 @@ class FeatureForm(QWidget):
 
     def _values(self, point: np.void) -> dict[str, float]:
         sketch = self._document.sketch
-        chosen, placed = self._chosen, self._placed
-        strength = strength_of(sketch, placed, chosen) if placed is not None and chosen is not None else None
+        selection, placed = self._chosen, self._placed
+        strength = (
+            strength_of(sketch, placed, selection) if placed is not None and selection is not None else None
+        )
         given = float(point["strength"]) if strength is None else strength
         values = {name: float(point[name]) for name in ("x", "y", "radius")} | self._said(sketch)
         return {**values, "height": given, "density": min(given, 1.0)}
@@ -108,18 +110,18 @@ class FeatureForm(QWidget):
         self.rows["radius"].set_span(max(east, north) / 1000, max(east, north))
 
     def _set(self, name: str, value: float, key: object) -> None:
-        placed, chosen = self._placed, self._chosen
-        if placed is None or chosen is None:
+        placed, selection = self._placed, self._chosen
+        if placed is None or selection is None:
             return
         sketch = self._document.sketch
-        kind = name_of(placed, chosen)
+        kind = name_of(placed, selection)
         if name in ("x", "y"):
             at = {each: self.rows[each].number for each in ("x", "y")} | {name: value}
-            self._document.do(f"Move {kind}", moved(sketch, placed, chosen, at["x"], at["y"]), merge=key)
+            self._document.do(f"Move {kind}", moved(sketch, placed, selection, at["x"], at["y"]), merge=key)
         elif name == "radius":
-            self._document.do(f"Resize {kind}", resized(sketch, placed, chosen, value), merge=key)
+            self._document.do(f"Resize {kind}", resized(sketch, placed, selection, value), merge=key)
         else:
-            changed = strengthened(sketch, placed, chosen, value)
+            changed = strengthened(sketch, placed, selection, value)
             self._document.do(f"Set {name} of {kind}", changed, merge=key)
 
 
@@ -136,9 +138,9 @@ class RiverForm(QWidget):
         super().__init__(parent)
         self._document = document
         self._workspace = workspace
-        self._placed: Placed | None = None
-        self._chosen: Chosen | None = None
-        self._asked: tuple[Placed, Chosen, float, float] | None = None
+        self._placed: Placement | None = None
+        self._chosen: Selection | None = None
+        self._asked: tuple[Placement, Selection, float, float] | None = None
         self.layer, self.label, self.line = "river", 1, ""
         self.width_row = NumberRow(ACTIONS["width"].needs["width"], resets=False, decimals=1)
         self.points = self._make_points()
@@ -150,24 +152,24 @@ class RiverForm(QWidget):
         self.north.edited.connect(lambda value, key: self._move(self.east.number, float(value), key))
         self._lay_out()
 
-    def show_chosen(self, placed: Placed, chosen: Chosen) -> None:
+    def show_chosen(self, placed: Placement, selection: Selection) -> None:
         """Show a river that is there."""
-        river = river_of(placed, chosen)
+        river = find_river(placed, selection)
         if river is None:
             return
-        if chosen != self._chosen:
+        if selection != self._chosen:
             for row in (self.width_row, self.east, self.north):
                 row.finish()  # what was typed belongs to the river that it was typed for
-        self._placed, self._chosen = placed, chosen
+        self._placed, self._chosen = placed, selection
         self.label = max(river.label, 1)
         steps = np.diff(river.centreline[:, :2], axis=0)
         length = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
         self.line = f"{number(length / 1000, decimals=2)} km, painted with label {river.label}"
         self.width_row.show_value(
-            width_of(self._document.sketch, placed, chosen) or float(np.median(river.width))
+            width_of(self._document.sketch, placed, selection) or float(np.median(river.width))
         )
-        self._show_points(len(river.points), chosen.index)
-        self._show_point(placed, river, chosen.index)
+        self._show_points(len(river.points), selection.index)
+        self._show_point(placed, river, selection.index)
 
     def _show_points(self, count: int, index: int | None) -> None:
         with QSignalBlocker(self.points):
@@ -175,9 +177,9 @@ class RiverForm(QWidget):
             self.points.setRange(0, count)
             self.points.setValue(0 if index is None else index + 1)
 
-    def _show_point(self, placed: Placed, river: River, index: int | None) -> None:
+    def _show_point(self, placed: Placement, river: River, index: int | None) -> None:
         there = index is not None and 0 <= index < len(river.points)
-        joins = there and index == len(river.points) - 1 and parent_of(placed, river) is not None
+        joins = there and index == len(river.points) - 1 and find_parent_river(placed, river) is not None
         for row in (self.east, self.north):
             row.setEnabled(there and not joins)
         if index is None or not there:
@@ -196,7 +198,7 @@ class RiverForm(QWidget):
             else f"The water stands at {level} m there."
         )
 
-    def _place(self, placed: Placed, river: River, index: int) -> tuple[float, float]:
+    def _place(self, placed: Placement, river: River, index: int) -> tuple[float, float]:
         """Return where a control point lies, or will lie once what was asked for is placed."""
         if self._asked is not None and self._asked[0] is placed and self._asked[1] == self._chosen:
             return self._asked[2:]
@@ -205,20 +207,20 @@ class RiverForm(QWidget):
     def _choose_point(self, number: float) -> None:
         if self._chosen is not None:
             index = int(number) - 1 if number else None
-            self._workspace.chosen = dataclasses.replace(self._chosen, index=index)
+            self._workspace.selection = dataclasses.replace(self._chosen, index=index)
 
     def _widen(self, width: float, key: object) -> None:
-        placed, chosen = self._placed, self._chosen
-        if placed is not None and chosen is not None:
-            changed = widened(self._document.sketch, chosen, width)
-            self._document.do(f"Set the width of {name_of(placed, chosen)}", changed, merge=key)
+        placed, selection = self._placed, self._chosen
+        if placed is not None and selection is not None:
+            changed = widened(self._document.sketch, selection, width)
+            self._document.do(f"Set the width of {name_of(placed, selection)}", changed, merge=key)
 
     def _move(self, x: float, y: float, key: object) -> None:
-        placed, chosen = self._placed, self._chosen
-        if placed is not None and chosen is not None:
-            changed = point_moved(self._document.sketch, placed, chosen, x, y)
-            self._asked = (placed, chosen, x, y)
-            self._document.do(f"Move a point of {name_of(placed, chosen)}", changed, merge=key)
+        placed, selection = self._placed, self._chosen
+        if placed is not None and selection is not None:
+            changed = point_moved(self._document.sketch, placed, selection, x, y)
+            self._asked = (placed, selection, x, y)
+            self._document.do(f"Move a point of {name_of(placed, selection)}", changed, merge=key)
 
     def _make_points(self) -> NumberBox:
         box = NumberBox(0, 0, decimals=0, parent=self)
@@ -255,9 +257,9 @@ class LakeForm(QWidget):
         down.setContentsMargins(0, 0, 0, 0)
         down.addWidget(self._text)
 
-    def show_chosen(self, placed: Placed, chosen: Chosen) -> None:
+    def show_chosen(self, placed: Placement, selection: Selection) -> None:
         """Show a lake that is there."""
-        lake = lake_of(placed, chosen)
+        lake = find_lake(placed, selection)
         if lake is None:
             return
         self.label = max(lake.label, 1)  # 0: nobody painted it, a river fills it

@@ -11,18 +11,18 @@ from PyQt6.QtWidgets import QHBoxLayout, QPushButton, QVBoxLayout, QWidget
 from sketchterrain.sketch import LAYERS
 from sketchterrain.sketch.parameter import Value
 from sketchterrain.ui.commands.labels import reset_property, set_property
-from sketchterrain.ui.commands.placed_edits import is_edited, is_locked, is_there, name_of, river_of
+from sketchterrain.ui.commands.placed_edits import exists, find_river, is_edited, is_locked, name_of
 from sketchterrain.ui.engine.link import EngineLink
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.look.icons import icon
 from sketchterrain.ui.look.theme import MARGIN, SMALL
 from sketchterrain.ui.models.chosen_acts import delete, lock, reset, unlock
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.workspace import Chosen, Workspace
+from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.panels.form import ParameterForm
 from sketchterrain.ui.panels.parts import PageHead, ScrollingPanel, faint_label
 from sketchterrain.ui.panels.placed_forms import FeatureForm, LakeForm, RiverForm
-from sketchterrain.ui.panels.wording import label_title, title_of
+from sketchterrain.ui.panels.wording import drag_title, label_title
 
 
 class LabelPage(QWidget):
@@ -78,7 +78,7 @@ class LabelPage(QWidget):
 
 
 def _of(layer: str, label: int, name: str) -> str:
-    return f"{title_of(name).lower()} of {label_title(layer, label).lower()}"
+    return f"{drag_title(name).lower()} of {label_title(layer, label).lower()}"
 
 
 class ChosenPage(QWidget):
@@ -107,48 +107,48 @@ class ChosenPage(QWidget):
         self.delete.clicked.connect(self._delete)
         self._lay_out()
         document.sketch_changed.connect(self.refresh)
-        workspace.chosen_changed.connect(self.refresh)
+        workspace.selection_changed.connect(self.refresh)
         link.placed_changed.connect(self.refresh)
         self.refresh()
 
     def refresh(self) -> None:
         """Show what is selected, as it is now."""
-        if self._workspace.chosen is None:
+        if self._workspace.selection is None:
             return
-        placed, chosen = self._link.placed, self._chosen()
-        if placed is None or chosen is None:
+        placed, selection = self._link.placed, self._chosen()
+        if placed is None or selection is None:
             self._show_gone()
             return
         for kind, form in self.forms.items():
-            form.setVisible(kind == chosen.kind)
-        self.forms[chosen.kind].show_chosen(placed, chosen)
-        self._show_head(placed, chosen)
-        self._show_actions(placed, chosen)
+            form.setVisible(kind == selection.kind)
+        self.forms[selection.kind].show_chosen(placed, selection)
+        self._show_head(placed, selection)
+        self._show_actions(placed, selection)
 
-    def _chosen(self) -> Chosen | None:
+    def _chosen(self) -> Selection | None:
         """Return what is selected if it is there; without its control point if the river became shorter."""
-        placed, chosen = self._link.placed, self._workspace.chosen
-        if placed is None or chosen is None or not is_there(placed, chosen):
+        placed, selection = self._link.placed, self._workspace.selection
+        if placed is None or selection is None or not exists(placed, selection):
             return None
-        river = river_of(placed, chosen)
-        gone = river is not None and chosen.index is not None and chosen.index >= len(river.points)
-        return replace(chosen, index=None) if gone else chosen
+        river = find_river(placed, selection)
+        gone = river is not None and selection.index is not None and selection.index >= len(river.points)
+        return replace(selection, index=None) if gone else selection
 
-    def _show_head(self, placed: Placed, chosen: Chosen) -> None:
-        form = self.forms[chosen.kind]
-        title = name_of(placed, chosen).capitalize()
+    def _show_head(self, placed: Placement, selection: Selection) -> None:
+        form = self.forms[selection.kind]
+        title = name_of(placed, selection).capitalize()
         self._head.show_text(title, form.line, (form.layer, form.label))
 
-    def _show_actions(self, placed: Placed, chosen: Chosen) -> None:
+    def _show_actions(self, placed: Placement, selection: Selection) -> None:
         sketch = self._document.sketch
-        is_feature = chosen.kind == "feature"
-        held = is_feature and is_locked(sketch, chosen)
+        is_feature = selection.kind == "feature"
+        held = is_feature and is_locked(sketch, selection)
         with QSignalBlocker(self.lock):
             self.lock.setChecked(held)
         self.lock.setVisible(is_feature)
         self.lock.setEnabled(True)
         self.lock.setText("Unloc&k" if held else "Loc&k")
-        self.reset.setEnabled(is_edited(sketch, placed, chosen))
+        self.reset.setEnabled(is_edited(sketch, placed, selection))
         self.delete.setEnabled(True)
         self._note.setVisible(held)
 
@@ -169,10 +169,10 @@ class ChosenPage(QWidget):
     def _delete(self) -> None:
         self._act(delete)
 
-    def _act(self, act: Callable[[Document, Workspace, Placed, Chosen], None]) -> None:
-        placed, chosen = self._link.placed, self._chosen()
-        if placed is not None and chosen is not None:
-            act(self._document, self._workspace, placed, chosen)
+    def _act(self, act: Callable[[Document, Workspace, Placement, Selection], None]) -> None:
+        placed, selection = self._link.placed, self._chosen()
+        if placed is not None and selection is not None:
+            act(self._document, self._workspace, placed, selection)
 
     def _lay_out(self) -> None:
         down = QVBoxLayout(self)
@@ -212,13 +212,13 @@ class PropertiesPanel(ScrollingPanel):
         self.add(self.chosen_page)
         self.add(self.back)
         self.add(self.label_page)
-        workspace.chosen_changed.connect(self._switch)
+        workspace.selection_changed.connect(self._switch)
         workspace.label_changed.connect(self._name_label)
         self._name_label()
         self._switch()
 
     def _switch(self) -> None:
-        selected = self._workspace.chosen is not None
+        selected = self._workspace.selection is not None
         self.chosen_page.setVisible(selected)
         self.back.setVisible(selected)
         self.label_page.setVisible(not selected)
@@ -229,4 +229,4 @@ class PropertiesPanel(ScrollingPanel):
         self.back.setAccessibleName(title)
 
     def _select_nothing(self) -> None:
-        self._workspace.chosen = None
+        self._workspace.selection = None

@@ -16,7 +16,7 @@ from sketchterrain.ui.look.theme import SMALL, SPACING
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
 from sketchterrain.ui.panels.parts import Group, ScrollingPanel
-from sketchterrain.ui.panels.wording import title_of
+from sketchterrain.ui.panels.wording import drag_title
 
 # Names are those of `sketchterrain.render.OVERLAYS`, which a window does not import: it would load OpenGL.
 OVERLAY_TITLES: Final = {
@@ -131,4 +131,4 @@ def _box(title: str, tip: str) -> QCheckBox:
 
 
 def _words(name: str) -> str:
-    return _TITLES.get(name, title_of(name)).lower()
+    return _TITLES.get(name, drag_title(name)).lower()

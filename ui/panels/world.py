@@ -18,7 +18,7 @@ from sketchterrain.ui.look.theme import SMALL, SPACING, tabular
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.panels.form import NumberRow, ParameterForm
 from sketchterrain.ui.panels.parts import Group, ScrollingPanel, faint_label
-from sketchterrain.ui.panels.wording import help_of, number, title_of, tool_tip
+from sketchterrain.ui.panels.wording import drag_title, help_of, number, tool_tip
 
 _SEED: Final[Parameter] = SKETCH["seed"]
 _REMEMBERED: Final = 20
@@ -178,7 +178,7 @@ class WorldPanel(ScrollingPanel):
 
 
 def _words(table: str, name: str) -> str:
-    word = _TITLES.get(table, {}).get(name, title_of(name)).lower()
+    word = _TITLES.get(table, {}).get(name, drag_title(name)).lower()
     return f"density of {word}" if table == "density" else word
 
 

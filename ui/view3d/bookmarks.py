@@ -18,7 +18,7 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.ui.engine.link import PictureSource
+from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.engine.protocol import Look
 from sketchterrain.ui.look.icons import tool_button
 from sketchterrain.ui.look.theme import MARGIN, SMALL, SPACING
@@ -34,7 +34,7 @@ _BY_KEY = 9  # that Alt and a figure go to
 class BookmarksPanel(QWidget):
     """Lists bookmarks; a click looks from there."""
 
-    def __init__(self, link: PictureSource, bookmarks: Bookmarks, parent: QWidget | None = None) -> None:
+    def __init__(self, link: ViewSource, bookmarks: Bookmarks, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self._link, self._bookmarks = link, bookmarks
         self._list = QListWidget(self)
@@ -147,10 +147,10 @@ class BookmarksPanel(QWidget):
         self._show_buttons()
 
     def _show_buttons(self, *_: object) -> None:
-        there, chosen = self._link.picture is not None, self._list.currentRow() >= 0
+        there, selection = self._link.picture is not None, self._list.currentRow() >= 0
         self._add.setEnabled(there)
-        self._renew.setEnabled(there and chosen)
-        self._delete.setEnabled(chosen)
+        self._renew.setEnabled(there and selection)
+        self._delete.setEnabled(selection)
 
     def _go(self, item: QListWidgetItem) -> None:
         self.go_to(self._list.row(item))

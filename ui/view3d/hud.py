@@ -22,8 +22,8 @@ from PyQt6.QtWidgets import (
     QWidget,
 )
 
-from sketchterrain.ui.engine.link import PictureSource
-from sketchterrain.ui.engine.protocol import MODES, FrameFacts, Trouble, Turn, ViewState
+from sketchterrain.ui.engine.link import ViewSource
+from sketchterrain.ui.engine.protocol import MODES, ErrorReport, FrameFacts, Turn, ViewState
 from sketchterrain.ui.look.icons import draw_icon
 from sketchterrain.ui.look.theme import MARGIN, SPACING, looks, theme
 
@@ -127,7 +127,7 @@ class Notice:
     button: str = ""  # Empty where there is nothing to press
 
 
-def notice_of(link: PictureSource, trouble: Trouble | None) -> Notice | None:
+def notice_of(link: ViewSource, trouble: ErrorReport | None) -> Notice | None:
     """Return why there is no picture, or none that is worth looking at; None if all is well."""
     if trouble is not None and trouble.what == "engine":
         return Notice("error", "The 3-D view stopped", trouble.line, "Start again")
@@ -342,10 +342,10 @@ _EDGE: Final = 10  # px, around what lies over the picture
 class Hud(QObject):
     """Lies over a view, which is repainted as pictures come."""
 
-    def __init__(self, view: QWidget, link: PictureSource) -> None:
+    def __init__(self, view: QWidget, link: ViewSource) -> None:
         super().__init__(view)
         self._view, self._link = view, link
-        self._trouble: Trouble | None = None
+        self._trouble: ErrorReport | None = None
         self._unsettled: float | None = None
         self.bar, self.compass, self.card = Bar(view), Compass(view), Card(view)
         link.frame_shown.connect(self._take_frame)
@@ -399,7 +399,7 @@ class Hud(QObject):
         self.show_card()
         self._view.update()
 
-    def _take_trouble(self, trouble: Trouble) -> None:
+    def _take_trouble(self, trouble: ErrorReport) -> None:
         if trouble.what in ("engine", "view"):
             self._trouble = trouble
             self.show_card()

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from sketchterrain.features import Lake, River
 from sketchterrain.features.catalogue import FEATURE_TYPES
 from sketchterrain.ui.canvas.marks import shore_lines
-from sketchterrain.ui.commands.placed_edits import lake_of, point_of, river_of
-from sketchterrain.ui.engine.protocol import Placed
+from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
+from sketchterrain.ui.engine.protocol import Placement
 from sketchterrain.ui.models.handles import Handle, handles_of
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.models.workspace import Selection
 from sketchterrain.ui.view3d.projection import Ground, Projection, ring
 
 Floats = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ _WIDTH_ARM = 14.0  # px, between a river's bank and the handle of its width: riv
 class Dot:
     """The middle of a feature: px, its type, whether ground hides it."""
 
-    chosen: Chosen
+    selection: Selection
     kind: str
     x: float
     y: float
@@ -85,24 +85,28 @@ class Marks:
 def marks_of(
     projection: Projection,
     ground: Ground,
-    placed: Placed,
-    chosen: Chosen | None,
+    placed: Placement,
+    selection: Selection | None,
     *,
     all_features: bool,
     dragged: tuple[Handle, float, float] | None = None,
 ) -> Marks:
     """Return what is laid over a picture."""
-    dots = _dots(projection, ground, placed, chosen) if all_features else ()
+    dots = _dots(projection, ground, placed, selection) if all_features else ()
     others = (
-        [each for each in placed.rivers if chosen is None or each.id != chosen.id] if all_features else []
+        [each for each in placed.rivers if selection is None or each.id != selection.id]
+        if all_features
+        else []
     )
     rivers = tuple(line for each in others for line in _lines(projection, ground, _course(ground, each)))
-    outline = _outline(projection, ground, placed, chosen, dragged)
-    grips = _grips(projection, ground, placed, chosen, dragged)
+    outline = _outline(projection, ground, placed, selection, dragged)
+    grips = _grips(projection, ground, placed, selection, dragged)
     return Marks(dots, rivers, outline, grips)
 
 
-def _dots(projection: Projection, ground: Ground, placed: Placed, chosen: Chosen | None) -> tuple[Dot, ...]:
+def _dots(
+    projection: Projection, ground: Ground, placed: Placement, selection: Selection | None
+) -> tuple[Dot, ...]:
     points = placed.points[placed.points["painted"]]
     if not len(points):
         return ()
@@ -111,14 +115,14 @@ def _dots(projection: Projection, ground: Ground, placed: Placed, chosen: Chosen
     size = points["radius"] / np.maximum(seen.away, 1e-3)
     _, _, _, height = projection.place
     shown = seen.before & (size * height > _LEAST_RADIUS)
-    if chosen is not None and chosen.kind == "feature":
-        shown &= points["id"] != np.uint64(chosen.id)
+    if selection is not None and selection.kind == "feature":
+        shown &= points["id"] != np.uint64(selection.id)
     kept = np.flatnonzero(shown)
     kept = _apart(kept[np.argsort(-size[kept], kind="stable")], seen.at)[:_MOST_DOTS]
     hidden = ground.hides(projection.eye, places[kept])
     return tuple(
         Dot(
-            Chosen("feature", int(points["id"][at])),
+            Selection("feature", int(points["id"][at])),
             FEATURE_TYPES[int(points["type"][at])],
             float(seen.at[at, 0]),
             float(seen.at[at, 1]),
@@ -148,13 +152,17 @@ def _course(ground: Ground, river: River) -> Floats:
 def _outline(
     projection: Projection,
     ground: Ground,
-    placed: Placed,
-    chosen: Chosen | None,
+    placed: Placement,
+    selection: Selection | None,
     dragged: tuple[Handle, float, float] | None,
 ) -> tuple[Line, ...]:
-    if chosen is None:
+    if selection is None:
         return ()
-    river, point, lake = river_of(placed, chosen), point_of(placed, chosen), lake_of(placed, chosen)
+    river, point, lake = (
+        find_river(placed, selection),
+        find_point(placed, selection),
+        find_lake(placed, selection),
+    )
     if lake is not None:
         return (_shore(projection, ground, lake),)
     if river is not None:
@@ -199,11 +207,11 @@ def _shore_of(lake: Lake) -> Floats:
 def _grips(
     projection: Projection,
     ground: Ground,
-    placed: Placed,
-    chosen: Chosen | None,
+    placed: Placement,
+    selection: Selection | None,
     dragged: tuple[Handle, float, float] | None,
 ) -> tuple[Grip, ...]:
-    handles = handles_of(placed, chosen)
+    handles = handles_of(placed, selection)
     if not handles:
         return ()
     now = [
@@ -227,7 +235,7 @@ def _grips(
         if not seen.before[i]:
             continue
         if handle.role == "point":
-            is_taken = handle.chosen == chosen or (dragged is not None and dragged[0] == handle)
+            is_taken = handle.selection == selection or (dragged is not None and dragged[0] == handle)
             if np.hypot(*(seen.at[i] - last)) < _STEP and not is_taken:
                 continue
             last = seen.at[i]

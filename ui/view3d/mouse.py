@@ -11,14 +11,14 @@ from PyQt6.QtGui import QMouseEvent, QWheelEvent
 from PyQt6.QtWidgets import QWidget
 
 from sketchterrain.features.catalogue import FEATURE_TYPES
-from sketchterrain.ui.commands.placed_edits import is_there
-from sketchterrain.ui.engine.link import PictureSource
-from sketchterrain.ui.engine.protocol import GoTo, Picked, Placed
+from sketchterrain.ui.commands.placed_edits import exists
+from sketchterrain.ui.engine.link import ViewSource
+from sketchterrain.ui.engine.protocol import GoTo, PickResult, Placement
 from sketchterrain.ui.menus import DoingMenu, offer_chosen
 from sketchterrain.ui.models.chosen_acts import add
 from sketchterrain.ui.models.document import Document
-from sketchterrain.ui.models.handles import FeatureDrag, Handle, chosen_at, handles_of
-from sketchterrain.ui.models.workspace import Chosen, Workspace
+from sketchterrain.ui.models.handles import FeatureDrag, Handle, handles_of, select_at
+from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.marks import Grip, Marks
 from sketchterrain.ui.view3d.navigation import dragged, zoomed
 from sketchterrain.ui.view3d.projection import Projection
@@ -28,7 +28,7 @@ from sketchterrain.ui.view3d.scene import Scene
 class Picks(QObject):
     """Asks the engine, and hands each answer to whom it is for."""
 
-    def __init__(self, link: PictureSource, parent: QObject) -> None:
+    def __init__(self, link: ViewSource, parent: QObject) -> None:
         super().__init__(parent)
         self._link = link
         self._waiting: dict[str, tuple[int, Callable[[tuple[float, float, float] | None], None]]] = {}
@@ -48,7 +48,7 @@ class Picks(QObject):
         """Wait for no answer any more."""
         self._waiting.clear()
 
-    def _take(self, picked: Picked) -> None:
+    def _take(self, picked: PickResult) -> None:
         for kind, (token, then) in tuple(self._waiting.items()):
             if token == picked.token:
                 del self._waiting[kind]
@@ -82,7 +82,7 @@ class GripDrag:
     """
 
     def __init__(
-        self, document: Document, placed: Placed, grip: Grip, projection: Projection, x: float, y: float
+        self, document: Document, placed: Placement, grip: Grip, projection: Projection, x: float, y: float
     ) -> None:
         self._level = grip.z
         self._middle = (0.5 * document.sketch.size[0], 0.5 * document.sketch.size[1])
@@ -126,15 +126,15 @@ def feature_menu(
     parent: QWidget,
     document: Document,
     workspace: Workspace,
-    placed: Placed,
+    placed: Placement,
     *,
-    chosen: Chosen | None,
+    selection: Selection | None,
     place: tuple[float, float] | None,
 ) -> DoingMenu:
     """Return the menu of a place."""
     menu = DoingMenu(parent)
-    if chosen is not None and is_there(placed, chosen):
-        offer_chosen(menu, document, workspace, placed, chosen)
+    if selection is not None and exists(placed, selection):
+        offer_chosen(menu, document, workspace, placed, selection)
     if place is not None:
         menu.addSeparator()
         x, y = place
@@ -166,7 +166,7 @@ class Mouse(QObject):
         scene: Scene,
         document: Document | None,
         workspace: Workspace,
-        link: PictureSource,
+        link: ViewSource,
     ) -> None:
         super().__init__(view)
         self._view, self._scene = view, scene
@@ -176,7 +176,7 @@ class Mouse(QObject):
         self._start: QPointF | None = None
         self._last = QPointF()
         self._travels = self._doubled = False
-        self.hovered: Handle | Chosen | None = None
+        self.hovered: Handle | Selection | None = None
         self._asks = QTimer(self)
         self._asks.setSingleShot(True)
         self._asks.setInterval(_ASKED)
@@ -186,7 +186,7 @@ class Mouse(QObject):
         self._lingers.setInterval(_LINGERS)
         self._lingers.timeout.connect(self._forget_drag)
         link.placed_changed.connect(self._come_there)
-        workspace.chosen_changed.connect(self._other_chosen)
+        workspace.selection_changed.connect(self._other_chosen)
 
     @property
     def drags(self) -> bool:
@@ -211,7 +211,7 @@ class Mouse(QObject):
         if event.button() == _Button.LeftButton and plain and grip and projection and placed and document:
             self._forget_drag()
             self._drag = GripDrag(document, placed, grip, projection, at.x(), at.y())
-            self._workspace.chosen = grip.handle.chosen
+            self._workspace.selection = grip.handle.selection
             self._scene.dragged = self._drag.now
 
     def move(self, event: QMouseEvent) -> None:
@@ -287,15 +287,15 @@ class Mouse(QObject):
         placed = self._link.placed
         if placed is None or self._document is None:
             return
-        chosen = self._workspace.chosen if place is None else self._found(place)
+        selection = self._workspace.selection if place is None else self._found(place)
         if place is not None:
-            self._workspace.chosen = chosen
+            self._workspace.selection = selection
         menu = feature_menu(
             self._view,
             self._document,
             self._workspace,
             placed,
-            chosen=chosen,
+            selection=selection,
             place=None if place is None else place[:2],
         )
         if menu.isEmpty():
@@ -329,11 +329,11 @@ class Mouse(QObject):
             self._view.setCursor(Qt.CursorShape.PointingHandCursor)
         else:
             self._view.unsetCursor()
-        self._set_hovered(grip.handle if grip is not None else dot.chosen if dot is not None else None)
+        self._set_hovered(grip.handle if grip is not None else dot.selection if dot is not None else None)
         if not self._asks.isActive():
             self._asks.start()
 
-    def _set_hovered(self, hovered: Handle | Chosen | None) -> None:
+    def _set_hovered(self, hovered: Handle | Selection | None) -> None:
         if hovered != self.hovered:
             self.hovered = hovered
             self._view.update()
@@ -346,18 +346,18 @@ class Mouse(QObject):
     def _select(self, at: QPointF) -> None:
         dot = self._marks().dot_at(at.x(), at.y(), reach=_REACH)
         if dot is not None:
-            self._workspace.chosen = dot.chosen
+            self._workspace.selection = dot.selection
         else:
             self._ask("select", at, self._select_at)
 
     def _select_at(self, place: Place | None) -> None:
-        self._workspace.chosen = None if place is None else self._found(place)
+        self._workspace.selection = None if place is None else self._found(place)
 
-    def _found(self, place: Place) -> Chosen | None:
+    def _found(self, place: Place) -> Selection | None:
         projection, placed = self._projection(), self._link.placed
         if projection is None or placed is None:
             return None
-        return chosen_at(placed, place[0], place[1], reach=_REACH * projection.metres_per_px(place))
+        return select_at(placed, place[0], place[1], reach=_REACH * projection.metres_per_px(place))
 
     def _go_to(self, place: Place | None) -> None:
         if place is not None:
@@ -374,8 +374,8 @@ class Mouse(QObject):
         if self._drag is not None or dragged is None or placed is None:
             return
         handle, x, y = dragged
-        for each in handles_of(placed, handle.chosen):
-            same = (each.role, each.chosen) == (handle.role, handle.chosen)
+        for each in handles_of(placed, handle.selection):
+            same = (each.role, each.selection) == (handle.role, handle.selection)
             if same and max(abs(each.x - x), abs(each.y - y)) < _THERE:
                 self._forget_drag()
                 return

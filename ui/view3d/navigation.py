@@ -9,9 +9,9 @@ import numpy as np
 from PyQt6.QtCore import Qt
 
 from sketchterrain.features.lakes import lake_centre
-from sketchterrain.ui.commands.placed_edits import lake_of, point_of, river_of
-from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Placed, Pose, Turn, Zoom
-from sketchterrain.ui.models.workspace import Chosen
+from sketchterrain.ui.commands.placed_edits import find_lake, find_point, find_river
+from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Placement, Pose, Turn, Zoom
+from sketchterrain.ui.models.workspace import Selection
 
 _ORBIT = 0.3  # degrees a px
 _LOOK = 0.15
@@ -113,18 +113,24 @@ def overview(bounds: tuple[float, float, float, float], height: float, *, aspect
     return Pose((x, y - distance * math.cos(rise), height + distance * math.sin(rise)), (x, y, height), _FOV)
 
 
-def going_to(placed: Placed | None, chosen: Chosen | None, *, size: tuple[float, float]) -> GoTo | None:
+def going_to(
+    placed: Placement | None, selection: Selection | None, *, size: tuple[float, float]
+) -> GoTo | None:
     """Return the motion that shows what is selected; None if nothing is, or it is gone."""
-    if placed is None or chosen is None:
+    if placed is None or selection is None:
         return None
-    point, river, lake = point_of(placed, chosen), river_of(placed, chosen), lake_of(placed, chosen)
+    point, river, lake = (
+        find_point(placed, selection),
+        find_river(placed, selection),
+        find_lake(placed, selection),
+    )
     if point is not None:
         return _goto(float(point["x"]), float(point["y"]), 2.0 * float(point["radius"]))
     if river is not None:
         line = river.points[:, :2]
-        if chosen.index is not None and chosen.index < len(line):
-            x, y = line[chosen.index].tolist()
-            return _goto(x, y, 8.0 * float(river.width[chosen.index]))
+        if selection.index is not None and selection.index < len(line):
+            x, y = line[selection.index].tolist()
+            return _goto(x, y, 8.0 * float(river.width[selection.index]))
         inside = ((line >= 0.0) & (line <= np.array(size))).all(axis=1)
         line = line[inside] if inside.any() else line
         x, y = (0.5 * (line.min(axis=0) + line.max(axis=0))).tolist()

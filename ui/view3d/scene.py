@@ -8,12 +8,12 @@ from typing import Final
 from PyQt6.QtCore import QPointF, QRectF, Qt
 from PyQt6.QtGui import QColor, QFont, QFontMetricsF, QPainter, QPainterPath, QPen, QPolygonF
 
-from sketchterrain.ui.commands.placed_edits import is_locked, name_of, point_of, river_of
-from sketchterrain.ui.engine.link import PictureSource
+from sketchterrain.ui.commands.placed_edits import find_point, find_river, is_locked, name_of
+from sketchterrain.ui.engine.link import ViewSource
 from sketchterrain.ui.look.theme import DARK, theme
 from sketchterrain.ui.models.document import Document
 from sketchterrain.ui.models.handles import Handle
-from sketchterrain.ui.models.workspace import Chosen, Workspace
+from sketchterrain.ui.models.workspace import Selection, Workspace
 from sketchterrain.ui.view3d.marks import Dot, Grip, Line, Marks, marks_of
 from sketchterrain.ui.view3d.projection import Ground, Projection, length_text, scale_bar, standing_text
 
@@ -26,12 +26,12 @@ _GRIP, _DOT = 5.0, 3.2  # px, radii
 _QUIET = 0.8  # opacity of what is not under the mouse
 
 
-def draw_marks(painter: QPainter, marks: Marks, *, hovered: Handle | Chosen | None) -> None:
+def draw_marks(painter: QPainter, marks: Marks, *, hovered: Handle | Selection | None) -> None:
     """Draw everything."""
     painter.setRenderHint(QPainter.RenderHint.Antialiasing)
     _draw_lines(painter, marks.rivers, _WATER, 1.4)
     for dot in marks.dots:
-        _draw_dot(painter, dot, larger=dot.chosen == hovered)
+        _draw_dot(painter, dot, larger=dot.selection == hovered)
     _draw_lines(painter, marks.outline, _ACCENT, 2.0)
     for grip in marks.grips:
         _draw_grip(painter, grip, larger=grip.handle == hovered)
@@ -144,7 +144,7 @@ _EDGE = 12.0  # px, from the widget's edge
 class Scene:
     """Looks after what is drawn; remembers marks until something that they depend on is another one."""
 
-    def __init__(self, document: Document | None, workspace: Workspace, link: PictureSource) -> None:
+    def __init__(self, document: Document | None, workspace: Workspace, link: ViewSource) -> None:
         self._document, self._workspace, self._link = document, workspace, link
         self.dragged: tuple[Handle, float, float] | None = None
         self._marks = Marks()
@@ -187,7 +187,7 @@ class Scene:
             link.frame,
             link.placed,
             link.relief,
-            workspace.chosen,
+            workspace.selection,
             all_features,
             self.dragged,
             width,
@@ -204,7 +204,7 @@ class Scene:
                 projection,
                 ground,
                 link.placed,
-                workspace.chosen,
+                workspace.selection,
                 all_features=all_features,
                 dragged=self.dragged,
             )
@@ -216,7 +216,7 @@ class Scene:
         size: QRectF,
         ratio: float,
         *,
-        hovered: Handle | Chosen | None,
+        hovered: Handle | Selection | None,
         dim: bool,
         refines: bool,
     ) -> None:
@@ -251,24 +251,24 @@ class Scene:
 
     def _paint_tag(self, painter: QPainter, marks: Marks, size: QRectF) -> None:
         """Name what is selected, beside its first handle or amid a river."""
-        placed, chosen = self._link.placed, self._workspace.chosen
-        if placed is None or chosen is None:
+        placed, selection = self._link.placed, self._workspace.selection
+        if placed is None or selection is None:
             return
-        if chosen.kind == "lake" and marks.outline and len(marks.outline[0].pieces):
+        if selection.kind == "lake" and marks.outline and len(marks.outline[0].pieces):
             shore = marks.outline[0].pieces
             top = shore[shore[:, 1].argmin()]
-            text = name_of(placed, chosen).capitalize()
+            text = name_of(placed, selection).capitalize()
             draw_tag(painter, text, float(top[0]), float(top[1]), painter.font(), size)
             return
-        index = chosen.index
-        river = river_of(placed, chosen)
+        index = selection.index
+        river = find_river(placed, selection)
         role = "move" if river is None else "width" if index is None else "point"
         own = [each for each in marks.grips if each.handle.role == role]
-        own = [each for each in own if index is None or each.handle.chosen.index == index]
+        own = [each for each in own if index is None or each.handle.selection.index == index]
         if not own:
             return
-        text = name_of(placed, chosen).capitalize()
-        point = point_of(placed, chosen)
+        text = name_of(placed, selection).capitalize()
+        point = find_point(placed, selection)
         if river is not None and index is None:
             text += f" · {length_text(float(river.centreline_width[len(river.centreline_width) // 2]))} wide"
         elif point is not None and self.dragged is not None and self.dragged[0].role == "radius":
@@ -276,7 +276,7 @@ class Scene:
             text += f" · radius {length_text((x * x + y * y) ** 0.5)}"
         elif point is not None and text != "Forest":
             text += f" · {length_text(float(point['strength']))}"
-        if self._document is not None and is_locked(self._document.sketch, chosen):
+        if self._document is not None and is_locked(self._document.sketch, selection):
             text += " · locked"
         draw_tag(painter, text, own[0].x, own[0].y, painter.font(), size)
 

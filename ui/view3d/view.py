@@ -21,8 +21,8 @@ from PyQt6.QtGui import (
 from PyQt6.QtWidgets import QSizePolicy, QWidget
 
 from sketchterrain.ui.actions import OwnKeys
-from sketchterrain.ui.engine.link import PictureSource
-from sketchterrain.ui.engine.protocol import MODES, Look, Trouble
+from sketchterrain.ui.engine.link import ViewSource
+from sketchterrain.ui.engine.protocol import MODES, ErrorReport, Look
 from sketchterrain.ui.look.theme import looks
 from sketchterrain.ui.models.chosen_acts import delete_or_reset
 from sketchterrain.ui.models.document import Document
@@ -40,7 +40,7 @@ _LEAST: Final = 16  # px
 class PictureSize(QObject):
     """Asks for pictures of a view's size."""
 
-    def __init__(self, view: QWidget, link: PictureSource) -> None:
+    def __init__(self, view: QWidget, link: ViewSource) -> None:
         super().__init__(view)
         self._view, self._link = view, link
         self._ratio = view.devicePixelRatioF()
@@ -87,7 +87,7 @@ class Keyboard:
     def __init__(
         self,
         view: QWidget,
-        link: PictureSource,
+        link: ViewSource,
         workspace: Workspace,
         mouse: Mouse,
         commands: Mapping[int, Callable[[], None]],
@@ -102,7 +102,7 @@ class Keyboard:
         if event.modifiers() & _OTHERS:
             return False
         if event.key() == _Key.Key_Escape:
-            return self._mouse.drags or self._workspace.chosen is not None
+            return self._mouse.drags or self._workspace.selection is not None
         return event.key() in FLYING_KEYS or event.key() in _MODE_KEYS or event.key() in self._commands
 
     def press(self, event: QKeyEvent) -> bool:
@@ -121,7 +121,7 @@ class Keyboard:
         elif key in self._commands:
             self._commands[key]()
         elif not self._mouse.cancel():
-            self._workspace.chosen = None
+            self._workspace.selection = None
         return True
 
     def release(self, event: QKeyEvent) -> None:
@@ -155,7 +155,7 @@ class View3D(QWidget):
         self,
         document: Document | None,
         workspace: Workspace,
-        link: PictureSource,
+        link: ViewSource,
         parent: QWidget | None = None,
     ) -> None:
         super().__init__(parent)
@@ -191,7 +191,7 @@ class View3D(QWidget):
         for signal in (
             link.placed_changed,
             link.relief_changed,
-            workspace.chosen_changed,
+            workspace.selection_changed,
             workspace.overlays_changed,
             workspace.tool_changed,
             looks.changed,
@@ -232,7 +232,7 @@ class View3D(QWidget):
         """Look at what is selected, or at the whole sketch."""
         area = self._link.area()
         motion = (
-            None if area is None else going_to(self._link.placed, self._workspace.chosen, size=area[0][2:])
+            None if area is None else going_to(self._link.placed, self._workspace.selection, size=area[0][2:])
         )
         if motion is None:
             self.see_all()
@@ -241,14 +241,14 @@ class View3D(QWidget):
 
     def delete_chosen(self) -> None:
         """Delete what is selected; a control point of a river goes back to where it was generated."""
-        placed, chosen = self._link.placed, self._workspace.chosen
-        if self._document is not None and placed is not None and chosen is not None:
-            self.message.emit(delete_or_reset(self._document, self._workspace, placed, chosen))
+        placed, selection = self._link.placed, self._workspace.selection
+        if self._document is not None and placed is not None and selection is not None:
+            self.message.emit(delete_or_reset(self._document, self._workspace, placed, selection))
 
     def _open_menu(self) -> None:
         self._mouse.open_menu(QPointF(self.rect().center()), None)
 
-    def _take_trouble(self, trouble: Trouble) -> None:
+    def _take_trouble(self, trouble: ErrorReport) -> None:
         if trouble.what == "engine":
             self._mouse.forget()
 

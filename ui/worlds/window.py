@@ -14,8 +14,8 @@ from sketchterrain.errors import SketchterrainError
 from sketchterrain.ui.actions import Actions
 from sketchterrain.ui.banner import Banner, Message
 from sketchterrain.ui.dialogs.help import KeysDialog
-from sketchterrain.ui.engine.link import Children, PictureSource
-from sketchterrain.ui.engine.protocol import FrameFacts, Look, Trouble, ViewState, WorldFacts
+from sketchterrain.ui.engine.link import EngineProcesses, ViewSource
+from sketchterrain.ui.engine.protocol import ErrorReport, FrameFacts, Look, ViewState, WorldFacts
 from sketchterrain.ui.layout import Dock, FullViews, fitting_size
 from sketchterrain.ui.look.icons import app_icon
 from sketchterrain.ui.menus import add_menus
@@ -36,7 +36,7 @@ _ACTIONS: Final = (
 """What can be done where there is no sketch."""
 
 
-class WorldLink(PictureSource):
+class WorldLink(ViewSource):
     """Draws a stored world. Its `trouble` is of the ``engine``, the ``view``, or a part of the ``world``."""
 
     world_known = pyqtSignal(object)
@@ -54,7 +54,7 @@ class WorldLink(PictureSource):
     def start(self) -> None:
         """Start the process; anew while it runs."""
         self._end()
-        self._begin(Children(device=self.device, world=self.path))
+        self._begin(EngineProcesses(device=self.device, world=self.path))
         if self.frame is None:
             self.tell(Look())
 
@@ -164,7 +164,7 @@ class WorldWindow(QMainWindow):
         x, y, z = frame.pose.eye
         self._where.setText(f"Eye at {x + corner[0]:.0f}, {y + corner[1]:.0f} m, {z:.0f} m high")
 
-    def _report_trouble(self, trouble: Trouble) -> None:
+    def _report_trouble(self, trouble: ErrorReport) -> None:
         """Report a part that cannot be read; the view itself says why nothing is drawn."""
         if trouble.what == "world":
             self._lost += 1

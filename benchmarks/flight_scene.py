@@ -9,7 +9,7 @@ import numpy as np
 
 from sketchterrain.benchmarks.screen_error import Picture
 from sketchterrain.render.camera import Camera
-from sketchterrain.render.flight import Flight, Key
+from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.sketch import load_sketch
 from sketchterrain.terrain import build
 
@@ -65,7 +65,7 @@ def recorded(terrain: Terrain) -> Flight:
         )
         eye = EXTENT / 2 + _RADIUS * outward
         target = eye + _AHEAD * ahead
-        keys.append(Key(number * _APART, (*eye.tolist(), height), (*target.tolist(), _LOOK), _FOV))
+        keys.append(Keyframe(number * _APART, (*eye.tolist(), height), (*target.tolist(), _LOOK), _FOV))
     flight = Flight(tuple(keys), heights="above ground")
     return flight.over(lambda x, y: terrain.heights(x, y).astype(np.float64), clearance=2.0)
 

@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         terrain = build(load_sketch(preset))
         sheet = Image.new("RGB", (_THUMBNAIL[0] * len(LIGHTS), _THUMBNAIL[1] * len(VIEWS)))
         for view, light, picture in pictures(
-            terrain, size=(width, height), quality=Quality.of(asked.quality)
+            terrain, size=(width, height), quality=Quality.from_level(asked.quality)
         ):
             _write(asked.folder / f"{preset}-{view}-{light}.png", picture)
             place = (list(LIGHTS).index(light) * _THUMBNAIL[0], VIEWS.index(view) * _THUMBNAIL[1])

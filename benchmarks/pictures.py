@@ -84,11 +84,11 @@ def measure(context: TimedContext, effort: Effort) -> Outcome:
     try:
         for preset, kind in effort.picture_views:
             scene, view = _scene(context, preset, kind), f"{preset}, {kind}"
-            numbers = {str(number): Quality.of(number) for number in (*effort.picture_numbers, BEST)}
+            numbers = {str(number): Quality.from_level(number) for number in (*effort.picture_numbers, BEST)}
             found = _rounds(gl, scene, numbers, effort, moving=True)
             best = found[str(BEST)]
             qualities += [_quality_row(gl, view, number, each, best) for number, each in found.items()]
-        whole = Quality.of(BEST)
+        whole = Quality.from_level(BEST)
         lacking = {part: replace(whole, without=frozenset([part])) for part in effort.picture_parts}
         each_part = _rounds(gl, scene, {"": whole, **lacking}, effort, moving=False)
         parts += [_part_row(view, part, each_part) for part in effort.picture_parts]

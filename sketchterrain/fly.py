@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sketchterrain.export.film import check_film, film
 from sketchterrain.jobs import run_job
 from sketchterrain.listings import device_entry
-from sketchterrain.render import Quality, footage
+from sketchterrain.render import Quality, capture_frames
 from sketchterrain.render.tour import tour
 from sketchterrain.still import weather_at
 from sketchterrain.terrain import build
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import ComputeContext
     from sketchterrain.progress import Stages
-    from sketchterrain.render import Flight, Shot, Weather
-    from sketchterrain.render.flight import Views
+    from sketchterrain.render import CapturedFrame, Flight, Weather
+    from sketchterrain.render.flight import CameraStates
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Terrain
 
@@ -153,7 +153,7 @@ def _frames(flight: Flight | None, take: Take) -> int:
     return len(flight.times(take.fps, take.seconds))
 
 
-def _views(terrain: Terrain, flight: Flight | None, take: Take) -> Views:
+def _views(terrain: Terrain, flight: Flight | None, take: Take) -> CameraStates:
     seconds = take.seconds
     if flight is None:
         seconds = seconds or SECONDS
@@ -163,30 +163,30 @@ def _views(terrain: Terrain, flight: Flight | None, take: Take) -> Views:
 
 def _shoot(
     terrain: Terrain,
-    views: Views,
+    views: CameraStates,
     take: Take,
     weather: Weather,
     output: Path | None,
     tell: Callable[[float], None],
-) -> list[Shot]:
+) -> list[CapturedFrame]:
     frames = len(views.eye)
     writing = (
         nullcontext(_ignore) if output is None else film(output, size=take.size, fps=take.fps, frames=frames)
     )
-    seen = footage(
+    seen = capture_frames(
         terrain,
         views,
         fps=take.fps,
         size=take.size,
         weather=weather,
         textures=take.textures,
-        quality=None if take.quality is None else Quality.of(take.quality),
+        quality=None if take.quality is None else Quality.from_level(take.quality),
         without=take.without,
         complete=not take.real_time,
         overlays=take.overlays,
         pixels=output is not None,
     )
-    shots: list[Shot] = []
+    shots: list[CapturedFrame] = []
     with writing as add, closing(seen):
         for shot, picture in seen:
             shots.append(shot)
@@ -200,13 +200,13 @@ def _ignore(_: npt.NDArray[np.uint8]) -> None:
     """Take a frame that nobody wants."""
 
 
-def _lowest(terrain: Terrain, views: Views) -> float:
+def _lowest(terrain: Terrain, views: CameraStates) -> float:
     """Return how high above the ground (m) the eye is where it is lowest."""
     ground = terrain.heights(views.eye[:, 0], views.eye[:, 1])
     return float((views.eye[:, 2] - ground).min())
 
 
-def _told(shots: Sequence[Shot]) -> dict[str, Any]:
+def _told(shots: Sequence[CapturedFrame]) -> dict[str, Any]:
     """Return what frames took, in the thesis's terms: what generation takes at first, and while updating."""
     updating = [shot.generation_seconds for shot in shots[1:] if shot.tiles_generated]
     seconds = [shot.seconds for shot in shots]

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.compute import Device
     from sketchterrain.export.target import Target
-    from sketchterrain.render.overlays import Legend
+    from sketchterrain.render.overlays import LegendEntry
     from sketchterrain.render.sharing_probe import Sharing
     from sketchterrain.sketch import Sketch
     from sketchterrain.terrain import Verdict
@@ -199,7 +199,7 @@ def flown_lines(told: dict[str, Any]) -> list[str]:
     return lines + [f"started again: {line}" for line in told["restarts"]]
 
 
-def legend_lines(legend: Iterable[Legend]) -> list[str]:
+def legend_lines(legend: Iterable[LegendEntry]) -> list[str]:
     """Return a line for each colour of overlays: what it is and what it means."""
     return [f"#{bytes(entry.colour).hex()}  {entry.meaning}" for entry in legend]
 

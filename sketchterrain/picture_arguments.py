@@ -14,7 +14,7 @@ import typer
 
 if TYPE_CHECKING:
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
 
 Point = tuple[float, float, float]
 
@@ -166,7 +166,7 @@ def refuse_together(option: str, others: dict[str, object], why: str) -> None:
             raise typer.BadParameter(f"{name} with {option}: {why}")
 
 
-def camera_at(terrain: Terrain, eye: Point | None, target: Point | None) -> Camera | None:
+def camera_at(terrain: TerrainSource, eye: Point | None, target: Point | None) -> Camera | None:
     """Return the camera that `--eye` and `--look-at` ask for, None without an eye.
 
     Without a target it looks at the middle of the sketch, and from the middle north. A note on stderr tells
@@ -175,9 +175,9 @@ def camera_at(terrain: Terrain, eye: Point | None, target: Point | None) -> Came
     if eye is None:
         return None
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import rectangle_of
+    from sketchterrain.render.scene import visible_rectangle
 
-    west, south, east, north = rectangle_of(terrain)
+    west, south, east, north = visible_rectangle(terrain)
     x, y = (west + east) / 2, (south + north) / 2
     if abs(eye[0] - x) + abs(eye[1] - y) < 0.02 * terrain.extent:
         y += terrain.extent / 2  # it stands in the middle: it looks north

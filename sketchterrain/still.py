@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sketchterrain.picture_arguments import Point
     from sketchterrain.progress import Stages
     from sketchterrain.render import scene
-    from sketchterrain.render.overlays import Legend
+    from sketchterrain.render.overlays import LegendEntry
     from sketchterrain.sketch import Sketch
 
 
@@ -76,7 +76,7 @@ def weather_at(sketch: scene.Sketch, hour: float | None, clouds: float | None) -
 
 def draw(
     sketch: Sketch, path: Path, still: Still, *, device: str | None, fast: bool, stages: Stages
-) -> list[Legend]:
+) -> list[LegendEntry]:
     """Draw a sketch's terrain and write it.
 
     Parameters
@@ -96,7 +96,7 @@ def draw(
 
     Returns
     -------
-    list of Legend
+    list of LegendEntry
         What the overlays' colours mean.
 
     Raises
@@ -110,13 +110,13 @@ def draw(
     """
     check_overlays(still.overlays)
     check_view(still.view)
-    quality = Quality.of(still.quality, without=still.without)
+    quality = Quality.from_level(still.quality, without=still.without)
     weather = weather_at(sketch, still.hour, still.clouds)
 
-    def work(context: ComputeContext, _: tuple[str, ...]) -> list[Legend]:
+    def work(context: ComputeContext, _: tuple[str, ...]) -> list[LegendEntry]:
         with stages.stage("features", "Placing features"):
             terrain = build(sketch, device=context)
-        legend: list[Legend] = []
+        legend: list[LegendEntry] = []
         with stages.stage("picture", "Drawing the map" if still.top_down else "Rendering"):
             prepare_folder(path.parent)
             if still.top_down:

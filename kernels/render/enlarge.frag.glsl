@@ -1,15 +1,15 @@
 #version 430 core
 // A picture enlarged: bilinear, with the middle of each texel held a little longer, so that edges stay crisper.
-uniform sampler2D developed;
+uniform sampler2D tonemapped;
 
 in vec2 uv;
 out vec4 colour;
 
 void main()
 {
-    vec2 size = vec2(textureSize(developed, 0));
+    vec2 size = vec2(textureSize(tonemapped, 0));
     vec2 at = uv * size - 0.5;
     vec2 cell = floor(at), part = at - cell;
     part = mix(part, part * part * (3.0 - 2.0 * part), 0.6);
-    colour = vec4(textureLod(developed, (cell + 0.5 + part) / size, 0.0).rgb, 1.0);
+    colour = vec4(textureLod(tonemapped, (cell + 0.5 + part) / size, 0.0).rgb, 1.0);
 }

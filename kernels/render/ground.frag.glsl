@@ -5,13 +5,13 @@ in vec3 ground_normal;
 in vec4 weights_low;
 in vec4 weights_high;
 
-layout(location = 0) out vec4 seen_normal;
-layout(location = 1) out vec4 seen_low;
-layout(location = 2) out vec4 seen_high;
+layout(location = 0) out vec4 gbuffer_normal;
+layout(location = 1) out vec4 gbuffer_weights_low;
+layout(location = 2) out vec4 gbuffer_weights_high;
 
 void main()
 {
-    seen_normal = vec4(normalize(ground_normal), 1.0);
-    seen_low = weights_low;
-    seen_high = weights_high;
+    gbuffer_normal = vec4(normalize(ground_normal), 1.0);
+    gbuffer_weights_low = weights_low;
+    gbuffer_weights_high = weights_high;
 }

@@ -16,10 +16,10 @@
 #include "render/clouds.glsl"
 #include "render/variety.glsl"
 
-uniform sampler2D seen_depth; // SAMPLES² samples a pixel, ground.frag.glsl
-uniform sampler2D seen_normal;
-uniform sampler2D seen_low;
-uniform sampler2D seen_high;
+uniform sampler2D gbuffer_depth; // SAMPLES² samples a pixel, ground.frag.glsl
+uniform sampler2D gbuffer_normal;
+uniform sampler2D gbuffer_weights_low;
+uniform sampler2D gbuffer_weights_high;
 
 layout(location = 0) out vec4 radiance; // w: depth of the sample that was shaded
 
@@ -74,19 +74,19 @@ void main()
     float depth = 1.0;
     for (int k = 0; k < SAMPLES * SAMPLES; ++k) {
         ivec2 at = pixel + ivec2(k % SAMPLES, k / SAMPLES);
-        float d = texelFetch(seen_depth, at, 0).r;
+        float d = texelFetch(gbuffer_depth, at, 0).r;
         chosen_sample = d < depth ? at : chosen_sample;
         depth = min(d, depth);
     }
-    vec2 size = vec2(textureSize(seen_depth, 0));
+    vec2 size = vec2(textureSize(gbuffer_depth, 0));
     vec4 unprojected = from_clip * vec4(vec3((vec2(chosen_sample) + 0.5) / size, min(depth, 0.9999999)) * 2.0 - 1.0, 1.0);
     position = unprojected.xyz / unprojected.w;
-    vec4 weights_low = texelFetch(seen_low, chosen_sample, 0);
-    vec4 weights_high = texelFetch(seen_high, chosen_sample, 0);
+    vec4 weights_low = texelFetch(gbuffer_weights_low, chosen_sample, 0);
+    vec4 weights_high = texelFetch(gbuffer_weights_high, chosen_sample, 0);
 
     float distance = length(position);
     vec3 to_eye = -position / distance;
-    vec3 n = normalize(texelFetch(seen_normal, chosen_sample, 0).xyz + vec3(0.0, 0.0, 1e-4));
+    vec3 n = normalize(texelFetch(gbuffer_normal, chosen_sample, 0).xyz + vec3(0.0, 0.0, 1e-4));
     float footprint = distance * trees.z * pow(max(dot(n, to_eye), 0.05), -0.35);
 
 #if MATERIALS == 1

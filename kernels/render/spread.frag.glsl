@@ -2,7 +2,7 @@
 // From one shaded point a pixel to all its samples: each takes the shaded neighbour nearest to it in depth, or the sky.
 #include "render/frame.glsl"
 
-uniform sampler2D seen_depth;
+uniform sampler2D gbuffer_depth;
 uniform sampler2D shaded; // shade_ground.frag.glsl
 uniform sampler2D sky;    // sky.frag.glsl, as large
 
@@ -13,7 +13,7 @@ float reach_of(float depth) { return 1.0 / max(1.0 - depth, 1e-7); } // about pr
 void main()
 {
     ivec2 at = ivec2(gl_FragCoord.xy);
-    float depth = texelFetch(seen_depth, at, 0).r;
+    float depth = texelFetch(gbuffer_depth, at, 0).r;
     float here = reach_of(depth);
     ivec2 pixel = at / SAMPLES;
     ivec2 corner = (at % SAMPLES) * 2 - 1; // towards which neighbours this sample lies
@@ -28,6 +28,6 @@ void main()
         best = better ? candidate : best;
         gap = min(gap, candidate_gap);
     }
-    vec3 behind = texture(sky, (gl_FragCoord.xy) / vec2(textureSize(seen_depth, 0))).rgb;
+    vec3 behind = texture(sky, (gl_FragCoord.xy) / vec2(textureSize(gbuffer_depth, 0))).rgb;
     radiance = vec4(depth >= 1.0 ? behind : best.rgb, 1.0);
 }

@@ -6,7 +6,7 @@
 #include "render/water_wetness.glsl"
 
 uniform sampler2D scene_depth; // of all that is drawn already
-uniform sampler2D seen_normal;
+uniform sampler2D gbuffer_normal;
 uniform sampler2D noise_field;
 
 in vec3 position;
@@ -23,7 +23,7 @@ void main()
     vec2 uv = gl_FragCoord.xy / reach.zw;
     vec4 p = from_clip * vec4(vec3(uv, textureLod(scene_depth, uv, 0.0).r) * 2.0 - 1.0, 1.0);
     vec3 ground = p.xyz / p.w;
-    vec3 normal = normalize(textureLod(seen_normal, uv, 0.0).xyz + vec3(0.0, 0.0, 1e-4));
+    vec3 normal = normalize(textureLod(gbuffer_normal, uv, 0.0).xyz + vec3(0.0, 0.0, 1e-4));
     float above = ground.z - position.z;
     vec2 at = ground.xy + eye.xy;
     vec4 wide = texture(noise_field, at / 128.0);

@@ -33,7 +33,7 @@ from sketchterrain.generate import Extras, FoliageFiles, Generated, Shared, gene
 from sketchterrain.jobs import Devices
 from sketchterrain.progress import Stages
 from sketchterrain.render import check_view
-from sketchterrain.render.studio import Studio
+from sketchterrain.render.studio import SnapshotRenderer
 from sketchterrain.report import REPORT, replaced_files, rounded, said_of, work_of
 from sketchterrain.sketch import Sketch
 from sketchterrain.still import weather_at
@@ -256,12 +256,12 @@ class _Batch:
 @contextmanager
 def _previews(go_on: Callable[[], None]) -> Iterator[Any]:
     """Yield what renders pictures on one thread, which keeps OpenGL open; `go_on` is called before each."""
-    studios: list[Studio] = []
+    studios: list[SnapshotRenderer] = []
 
     def render(terrain: Terrain, request: dict[str, Any]) -> npt.NDArray[np.uint8]:
         go_on()
         if not studios:
-            studios.append(Studio())
+            studios.append(SnapshotRenderer())
         return studios[0].picture(terrain, **request)
 
     with ThreadPoolExecutor(1, "previews") as thread:

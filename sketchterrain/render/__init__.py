@@ -2,9 +2,9 @@
 
 from sketchterrain.render.camera import Camera
 from sketchterrain.render.context import open_context
-from sketchterrain.render.flight import Flight, Key
+from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.render.flight_file import load_flight, save_flight
-from sketchterrain.render.footage import Shot, footage
+from sketchterrain.render.footage import CapturedFrame, capture_frames
 from sketchterrain.render.overlays import OVERLAYS, check_overlays
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.renderer import Renderer
@@ -18,18 +18,18 @@ __all__ = [
     "OVERLAYS",
     "VIEWS",
     "Camera",
+    "CapturedFrame",
     "Flight",
-    "Key",
+    "Keyframe",
     "Quality",
     "Renderer",
-    "Shot",
     "Sun",
     "Weather",
+    "capture_frames",
     "check_overlays",
     "check_view",
     "find_sun",
     "find_view",
-    "footage",
     "load_flight",
     "open_context",
     "render_picture",

@@ -17,7 +17,7 @@ _FORGETS: Final = 0.95
 """… and of which so much is remembered from one time to the next, for budgets may get smaller."""
 
 
-class Allowance:
+class TimeBudget:
     """Seconds that are left of a frame's budget.
 
     Parameters
@@ -48,12 +48,12 @@ class Allowance:
         """Seconds that are left, 0 at least."""
         return max(self._seconds - self.spent, 0.0)
 
-    def part(self, share: float) -> Allowance:
+    def fraction(self, share: float) -> TimeBudget:
         """Return an allowance for a share of what is left."""
-        return Allowance(share * self.left, timer=self._timer)
+        return TimeBudget(share * self.left, timer=self._timer)
 
 
-class Pace:
+class WorkRate:
     """What a unit of a kind of work takes, learnt from what it took.
 
     Parameters
@@ -67,7 +67,7 @@ class Pace:
         self._quickest = unit
         self._most = 0.0
 
-    def fits(self, allowance: Allowance, *, step: int = 1) -> int:
+    def steps_within(self, allowance: TimeBudget, *, step: int = 1) -> int:
         """Return how many steps of so many units are expected to fit into what is left, 0 if none.
 
         Where none does though there is as much time as there ever was, the next answer is more hopeful: one
@@ -80,7 +80,7 @@ class Pace:
             self.unit = max(_HOPE * self.unit, self._quickest)
         return steps
 
-    def took(self, units: int, seconds: float) -> None:
+    def record(self, units: int, seconds: float) -> None:
         """Learn from a piece of work."""
         unit = max(seconds - _LAUNCH, 0.1 * seconds, 1e-9) / units
         self.unit = unit if unit > self.unit else (1.0 - _SLOWER) * self.unit + _SLOWER * unit

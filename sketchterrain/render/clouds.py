@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
-from sketchterrain.render.frame import within_period
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.frame import wrap_to_noise_period
+from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.sky import OVERCAST, SUN_IRRADIANCE
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.quality import Quality
     from sketchterrain.render.sky import Sky
-    from sketchterrain.render.targets import Targets
+    from sketchterrain.render.targets import RenderTargets
     from sketchterrain.render.weather import Weather
 
 SIZE: Final = 512
@@ -69,7 +69,7 @@ class Clouds:
             puffs = np.round(cloud_puffs() * 255.0).astype(np.uint8)
             self._puffs = context.texture3d((PUFFS, PUFFS, PUFFS), 1, puffs.tobytes())
             marching = defines | {"STEPS": quality.cloud_steps, "SUN_STEPS": SUN_STEPS}
-            self._march = fill_screen(context, "clouds.frag.glsl", defines=marching)
+            self._march = fullscreen_pass(context, "clouds.frag.glsl", defines=marching)
 
     def relight(self, weather: Weather, sky: Sky) -> None:
         """Draw the clouds of another weather, under another sky, of the same `cloud_defines`."""
@@ -87,7 +87,7 @@ class Clouds:
         self._field.build_mipmaps()
         self._field.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
 
-    def textures(self, targets: Targets) -> dict[str, moderngl.Texture | moderngl.Texture3D]:
+    def textures(self, targets: RenderTargets) -> dict[str, moderngl.Texture | moderngl.Texture3D]:
         """Return what passes read that draw into targets, by the names that shaders know them by."""
         if self._march is None:
             return {"cloud_field": self._field}
@@ -119,7 +119,7 @@ class Clouds:
         dict
             Uniforms for all passes after this one.
         """
-        drift = tuple(within_period(speed * clock) for speed in self._drift)
+        drift = tuple(wrap_to_noise_period(speed * clock) for speed in self._drift)
         uniforms = self._uniforms | {"cloud_drift": drift}
         if self._march is not None and self._view is not None:
             self._target.use()
@@ -132,7 +132,7 @@ class Clouds:
 
 def cloud_defines(quality: Quality, weather: Weather) -> dict[str, int]:
     """Return the macros of kernels/render/clouds.glsl: which clouds there are."""
-    if not quality.has("clouds") or weather.clouds == 0.0:
+    if not quality.includes("clouds") or weather.clouds == 0.0:
         return {"CLOUDS": 0, "GREY": 0}
     kind = WITH_DEPTH if quality.cloud_steps else 1
     return {"CLOUDS": kind, "GREY": int(weather.clouds > OVERCAST[0])}

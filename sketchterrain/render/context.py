@@ -41,7 +41,7 @@ def close_context(context: moderngl.Context) -> None:
     context.release()
 
 
-def delete_dead(context: moderngl.Context) -> None:
+def release_orphans(context: moderngl.Context) -> None:
     """Delete what died in a context whose ``gc_mode`` is ``context_gc``; what was given back before is left.
 
     moderngl's own way fails at the latter.

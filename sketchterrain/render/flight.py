@@ -50,7 +50,7 @@ KEY: Final[Mapping[str, Parameter]] = table_of(
 
 
 @dataclass(frozen=True)
-class Key:
+class Keyframe:
     """Where the camera is at one time.
 
     Parameters
@@ -82,7 +82,7 @@ class Key:
             raise InputError(f"target = {shown(list(self.target))}: expected another point than the eye")
 
 
-class Views(NamedTuple):
+class CameraStates(NamedTuple):
     """What a camera is like at several times."""
 
     eye: Floats  # (n, 3) m
@@ -112,12 +112,12 @@ class Flight:
         If there are too few keys, or they are not in the order of their times.
     """
 
-    keys: tuple[Key, ...]
+    keys: tuple[Keyframe, ...]
     heights: str = str(HEIGHTS.default)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "heights", HEIGHTS.check(self.heights))
-        object.__setattr__(self, "keys", several(Key, self.keys, "keys", most=MOST_KEYS))
+        object.__setattr__(self, "keys", several(Keyframe, self.keys, "keys", most=MOST_KEYS))
         if len(self.keys) < 2:
             raise InputError(f"{len(self.keys)} keys: expected two or more")
         for number, (before, key) in enumerate(zip(self.keys, self.keys[1:], strict=False), 2):
@@ -138,16 +138,16 @@ class Flight:
                 kept.append(last)
         if last is not None and last[0] >= kept[-1][0] + _SOONEST:
             kept.append(last)
-        return cls(tuple(Key(time, camera.eye, camera.target, camera.fov) for time, camera in kept))
+        return cls(tuple(Keyframe(time, camera.eye, camera.target, camera.fov) for time, camera in kept))
 
     @property
     def duration(self) -> float:
         """From the first key to the last one, s."""
         return self.keys[-1].time - self.keys[0].time
 
-    def at(self, times: Any) -> Views:
+    def at(self, times: Any) -> CameraStates:
         """Return the views at times (s) since the first key; before it and after the end nothing moves."""
-        return Views(*self._motion.at(np.atleast_1d(np.asarray(times, np.float64))))
+        return CameraStates(*self._motion.at(np.atleast_1d(np.asarray(times, np.float64))))
 
     def times(self, fps: float, seconds: float | None = None) -> Floats:
         """Return the times (s) of frames, the first at 0, for all of the flight or its first seconds."""

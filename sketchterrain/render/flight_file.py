@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from sketchterrain.errors import InputError, one_line
-from sketchterrain.render.flight import HEIGHTS, KEY, MOST_KEYS, Flight, Key
+from sketchterrain.render.flight import HEIGHTS, KEY, MOST_KEYS, Flight, Keyframe
 from sketchterrain.sketch.toml_reading import load_toml
 from sketchterrain.sketch.wording import did_you_mean, shown
 from sketchterrain.whole_files import write_whole
@@ -94,7 +94,7 @@ def flight_text(flight: Flight) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _key(row: Mapping[str, object], number: int) -> Key:
+def _key(row: Mapping[str, object], number: int) -> Keyframe:
     try:
         for name, value in row.items():
             if name not in KEY:
@@ -102,7 +102,7 @@ def _key(row: Mapping[str, object], number: int) -> Key:
         missing = [name for name in _NEEDED if name not in row]
         if missing:
             raise InputError(f"no {missing[0]}: expected {', '.join(_NEEDED)}")
-        return Key(**row)  # type: ignore[arg-type] # Key checks every value
+        return Keyframe(**row)  # type: ignore[arg-type] # Keyframe checks every value
     except InputError as error:
         raise InputError(f"[[key]] number {number}: {error}") from None
 

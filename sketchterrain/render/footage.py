@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from sketchterrain.render.flight import Views
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.flight import CameraStates
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
 
 @dataclass(frozen=True)
-class Shot:
+class CapturedFrame:
     """What a frame took and showed.
 
     Attributes
@@ -51,9 +51,9 @@ class Shot:
     settled: bool
 
 
-def footage(
-    terrain: Terrain,
-    views: Views,
+def capture_frames(
+    terrain: TerrainSource,
+    views: CameraStates,
     *,
     fps: float,
     size: tuple[int, int] = (1280, 720),
@@ -65,7 +65,7 @@ def footage(
     complete: bool = True,
     overlays: Sequence[str] = (),
     pixels: bool = True,
-) -> Generator[tuple[Shot, npt.NDArray[np.uint8] | None]]:
+) -> Generator[tuple[CapturedFrame, npt.NDArray[np.uint8] | None]]:
     """Draw what a camera sees along a flight, a frame for each of its views.
 
     Parameters
@@ -98,7 +98,7 @@ def footage(
 
     Yields
     ------
-    Shot
+    CapturedFrame
         What the frame took.
     (height, width, 3) uint8 or None
         sRGB, row 0 on top.
@@ -130,21 +130,21 @@ def footage(
             yield shot, read_picture(texture) if pixels else None
 
 
-def _cameras(views: Views) -> list[Camera]:
+def _cameras(views: CameraStates) -> list[Camera]:
     rows = zip(views.eye.tolist(), views.target.tolist(), views.fov.tolist(), strict=True)
     return [Camera(tuple(eye), tuple(target), fov=fov) for eye, target, fov in rows]
 
 
 def _complete(
     renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float
-) -> Shot:
+) -> CapturedFrame:
     """Draw the picture that `render` gives, whatever there was before."""
     del elapsed
     start, ground = time.perf_counter(), renderer.ground
     before = renderer.timings.get("tiles", 0.0), ground.written
     renderer.prepare(camera, framebuffer.size)
     renderer.draw(camera, framebuffer, clock=clock)
-    return Shot(
+    return CapturedFrame(
         seconds=time.perf_counter() - start,
         generation_seconds=renderer.timings["tiles"] - before[0],
         tiles_generated=ground.written - before[1],
@@ -156,11 +156,11 @@ def _complete(
 
 def _ready(
     renderer: Renderer, camera: Camera, framebuffer: moderngl.Framebuffer, *, elapsed: float, clock: float
-) -> Shot:
+) -> CapturedFrame:
     """Draw what is ready, and a little more of it each time."""
     start = time.perf_counter()
     stats = renderer.frame(camera, framebuffer, elapsed=elapsed, clock=clock)
-    return Shot(
+    return CapturedFrame(
         seconds=time.perf_counter() - start,
         generation_seconds=stats.generation_seconds,
         tiles_generated=stats.tiles_generated,

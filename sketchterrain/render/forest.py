@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     import moderngl
     import numpy.typing as npt
 
-    from sketchterrain.render.allowance import Allowance
+    from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.lit_ground import LitGround
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
     Floats = npt.NDArray[np.float64]
@@ -85,7 +85,7 @@ class Forest:
     def __init__(
         self,
         context: moderngl.Context,
-        terrain: Terrain,
+        terrain: TerrainSource,
         sun: Sun,
         *,
         quality: Quality,
@@ -98,7 +98,7 @@ class Forest:
         self._context, self._meshes = context, PlantMeshes(context)
         self.build(defines)
         self.shade = PlantShade(context, self._meshes, self._cells, sun, quality=quality, reach=self.reach)
-        self._planted = quality.has("trees")
+        self._planted = quality.includes("trees")
         self._asked = self._grown = False
         self._seen: list[Place] = []
         self._wanted: tuple[object, ...] = ()
@@ -130,7 +130,7 @@ class Forest:
         return sum(batch.count for batch in self._batches)
 
     def update(
-        self, camera: Camera, size: tuple[int, int], lit: LitGround, elapsed: float, allowance: Allowance
+        self, camera: Camera, size: tuple[int, int], lit: LitGround, elapsed: float, allowance: TimeBudget
     ) -> None:
         """Go on by a frame: make a part of the plants and of the shadows that are missing.
 
@@ -150,10 +150,10 @@ class Forest:
         self._elapsed = elapsed
         self._want(camera, size, lit)
         self._cells.grow(elapsed)
-        self.shade.go_on(camera.eye, elapsed, allowance.part(0.5))
+        self.shade.go_on(camera.eye, elapsed, allowance.fraction(0.5))
         self._cells.go_on(allowance)
 
-    def change(self, terrain: Terrain, areas: Sequence[tuple[float, float, float, float]]) -> None:
+    def change(self, terrain: TerrainSource, areas: Sequence[tuple[float, float, float, float]]) -> None:
         """Show the plants of another terrain from now on, by and by; see `PlantCells.change`."""
         self._cells.change(terrain, areas)
         self._wanted = ()

@@ -41,7 +41,7 @@ _FRAME: Final = np.dtype(
 )
 
 
-def within_period(coordinate: float) -> float:
+def wrap_to_noise_period(coordinate: float) -> float:
     """Return a coordinate (m) modulo `NOISE_PERIOD`, as near to 0 as it can be.
 
     Not all that is looked up by place fits the period, and so jumps where this does: far from any sketch, not

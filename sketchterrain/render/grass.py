@@ -52,7 +52,7 @@ class Grass:
         self.triangles = self.plants = 0
         self._kinds = (
             [_Kind(context, kind, quality=quality, defines=defines) for kind in KINDS]
-            if quality.grass > 0.0 and quality.has("grass")
+            if quality.grass > 0.0 and quality.includes("grass")
             else []
         )
 

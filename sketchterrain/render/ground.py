@@ -58,7 +58,7 @@ class Draws(Protocol):
         ...
 
 
-class GroundPool:
+class TileRenderer:
     """Draws tiles out of one buffer of vertices.
 
     Parameters

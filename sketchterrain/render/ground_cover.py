@@ -36,7 +36,7 @@ class GroundCover:
             Rocks(context, quality=quality, defines=shading.defines),
             Grass(context, quality=quality, defines=shading.defines),
         )
-        self._any = quality.grass > 0.0 and (quality.has("rocks") or quality.has("grass"))
+        self._any = quality.grass > 0.0 and (quality.includes("rocks") or quality.includes("grass"))
 
     def __bool__(self) -> bool:
         """Tell whether anything is ever drawn."""

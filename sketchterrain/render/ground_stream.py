@@ -9,13 +9,13 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.recent import Same
-from sketchterrain.render.ground import GroundPool
-from sketchterrain.render.kept import Kept
+from sketchterrain.render.ground import TileRenderer
+from sketchterrain.render.kept import ResourceCache
 from sketchterrain.render.quality import Quality
-from sketchterrain.render.scene import Bounded
-from sketchterrain.render.sharing_probe import beside_gl, on_context
-from sketchterrain.render.stats import GroundChange, StreamStats
-from sketchterrain.render.vertex_memory import DrawnMemory, open_vertex_memory
+from sketchterrain.render.scene import BoundedTerrain
+from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
+from sketchterrain.render.stats import StreamStats, TileUpdateStats
+from sketchterrain.render.vertex_memory import GLVertexMemory, open_vertex_memory
 from sketchterrain.terrain.vertices import VERTEX
 from sketchterrain.tiles import ScreenError, TileStream, View
 from sketchterrain.tiles.bounds import EVERYWHERE
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import Ground
+    from sketchterrain.render.scene import TileSource
     from sketchterrain.tiles import Batch, DrawList
     from sketchterrain.tiles.metrics import Metric
 
@@ -51,7 +51,7 @@ _ROOM: Final = 1.5
 """Times as long as the longest of a frame another batch must have left."""
 
 
-class GroundStream:
+class TerrainStream:
     """The ground as a camera sees it, frame by frame.
 
     Parameters
@@ -65,7 +65,7 @@ class GroundStream:
     memory
         Kind of the vertices' memory, see :func:`open_vertex_memory`; the best that works by default.
     finest_cell
-        No quad is made narrower than this, m, nor than a ground that is `Bounded` knows itself.
+        No quad is made narrower than this, m, nor than a ground that is `BoundedTerrain` knows itself.
     metric
         Which tiles are too coarse; by default by the quality's tolerance on the screen.
     timer
@@ -75,15 +75,15 @@ class GroundStream:
 
     Attributes
     ----------
-    pool : GroundPool
+    pool : TileRenderer
         What draws; overlays draw the same tiles by other programs.
     tiles : TileStream
         Which tiles there are.
     draws : DrawList or None
         What the last frame draws.
-    memory : DrawnMemory
+    memory : GLVertexMemory
         Where the vertices live.
-    terrain : Ground
+    terrain : TileSource
         Whose ground it is, on the device that writes the vertices.
     written : int
         Tiles generated so far.
@@ -92,22 +92,22 @@ class GroundStream:
     def __init__(
         self,
         context: moderngl.Context,
-        terrain: Ground,
+        terrain: TileSource,
         quality: Quality | None = None,
         *,
         memory: str | None = None,
         finest_cell: float = 0.2,
         metric: Metric | None = None,
         timer: Callable[[], float] = time.perf_counter,
-        kept: Kept | None = None,
+        kept: ResourceCache | None = None,
     ) -> None:
         quality = quality or Quality()
-        terrain = beside_gl(terrain)
+        terrain = shared_with_gl(terrain)
         quads = quality.quads
         tile_bytes = (quads + 1) ** 2 * VERTEX.itemsize
         slots = max(quality.tile_memory // tile_bytes, 1)
-        bounds = terrain.bounds if isinstance(terrain, Bounded) else None
-        if isinstance(terrain, Bounded):
+        bounds = terrain.bounds if isinstance(terrain, BoundedTerrain) else None
+        if isinstance(terrain, BoundedTerrain):
             finest_cell = max(finest_cell, terrain.finest_cell)
         self.tiles = TileStream(
             terrain.extent,
@@ -125,15 +125,15 @@ class GroundStream:
         self.terrain = terrain
         self._timer = timer
         self._view: View | None = None
-        self._kept = kept or Kept()
+        self._kept = kept or ResourceCache()
         self.memory = self._kept.of(
             "vertices",
             (Same(terrain.context), slots * tile_bytes, memory),
             lambda: open_vertex_memory(context, terrain.context, slots * tile_bytes, kind=memory),
-            close=DrawnMemory.close,
+            close=GLVertexMemory.close,
         )
         self._store = terrain.vertex_store(slots, quads=quads, memory=self.memory)
-        self.pool = GroundPool(context, terrain.extent, self.memory.vertices, quads=quads, bounds=bounds)
+        self.pool = TileRenderer(context, terrain.extent, self.memory.vertices, quads=quads, bounds=bounds)
         self._eye: npt.NDArray[np.float64] | None = None
         self._placed_for: tuple[float, float, float] | None = None
         self._since_leap = np.inf
@@ -202,7 +202,7 @@ class GroundStream:
         self._place(self.tiles.settle(view, self._write), camera.eye)
         self._eye = np.asarray(camera.eye)
 
-    def change(self, terrain: Ground, areas: Sequence[Box]) -> GroundChange:
+    def change(self, terrain: TileSource, areas: Sequence[Box]) -> TileUpdateStats:
         """Show another terrain of the same extent from now on.
 
         What the last frame's view may show of the areas is written anew before this returns, so that no frame
@@ -225,16 +225,16 @@ class GroundStream:
                 f"expected a terrain of the same extent, {self.terrain.extent:g} m, got {terrain.extent:g} m"
             )
         start, before = self._timer(), self.written
-        self.terrain = on_context(terrain, self.terrain.context)
+        self.terrain = moved_to_context(terrain, self.terrain.context)
         dropped = self.tiles.change(areas)
         if self._view is not None and self.draws is not None:
             self._place(self._renewed(self._view, self.tiles.draws(self._view)), self._view.eye)
-        return GroundChange(self._timer() - start, self.written - before, dropped)
+        return TileUpdateStats(self._timer() - start, self.written - before, dropped)
 
     def _renewed(self, view: View, draws: DrawList) -> DrawList:
         """Write anew what is outdated of what a view is to show; return what it shows then.
 
-        Ground that has sunk may show more that is outdated behind it.
+        TileSource that has sunk may show more that is outdated behind it.
         """
         while batch := self.tiles.overdue(draws):
             self.tiles.arrived(batch, self._write(batch), seconds=None)

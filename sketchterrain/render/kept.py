@@ -8,7 +8,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-class Kept:
+class ResourceCache:
     """One thing of each kind, of one OpenGL context: textures of materials, memory of vertices.
 
     Whoever asks for it may use it until the next one asks. Whoever made this closes it; who is to use it and
@@ -19,9 +19,9 @@ class Kept:
         self._things: dict[str, tuple[Hashable, object, Callable[[], None] | None]] = {}
         self._is_lent = False
 
-    def lent(self) -> Kept:
+    def borrow(self) -> ResourceCache:
         """Return the same things, which stay when what is returned is closed."""
-        other = Kept()
+        other = ResourceCache()
         other._things, other._is_lent = self._things, True
         return other
 

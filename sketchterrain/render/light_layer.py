@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import moderngl
 import numpy as np
 
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.render.allowance import Allowance
+    from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.light_map import LightMap
     from sketchterrain.render.light_square import Box, Square
 
@@ -68,7 +68,7 @@ class Layer:
         self.light = context.texture((1, 1), 4, np.ones(4, np.float16).tobytes(), dtype="f2")
         self._dark = context.texture((1, 1), 1, np.zeros(1, np.float32).tobytes(), dtype="f4")
         self._context = context
-        self._mix = fill_screen(context, "light_fade.frag.glsl")
+        self._mix = fullscreen_pass(context, "light_fade.frag.glsl")
         self.step, self._gone = 0, 0.0
         self._from = self._meet = self.window
         self._old: LightMap | None = None
@@ -107,7 +107,7 @@ class Layer:
             if made is not None:
                 made.change(areas)
 
-    def make(self, allowance: Allowance) -> None:
+    def make(self, allowance: TimeBudget) -> None:
         """Make a part of the coming map."""
         if self.coming is not None and not self.coming.ready:
             self.coming.go_on(allowance)

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Final
 import moderngl
 import numpy as np
 
-from sketchterrain.render.allowance import Pace
+from sketchterrain.render.allowance import WorkRate
 from sketchterrain.render.light_square import BLOCK, Box, Rectangle, Square, joined, overlap, place_in
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.relief import HeightMap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sketchterrain.render.allowance import Allowance
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.allowance import TimeBudget
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
 __all__ = ["BLOCK", "LightMaker", "LightMap", "Square"]
@@ -51,7 +51,7 @@ class LightMaker:
     """
 
     def __init__(
-        self, context: moderngl.Context, terrain: Terrain, sun: Sun, *, shadows: bool = True
+        self, context: moderngl.Context, terrain: TerrainSource, sun: Sun, *, shadows: bool = True
     ) -> None:
         self.context = context
         self.terrain, self.sun = terrain, sun
@@ -64,10 +64,10 @@ class LightMaker:
         }
         self._shadows = int(shadows)
         self.shine = self._program(close=False)
-        self.sampling = Pace(1e-6)  # s a texel
-        self.uploading = Pace(2e-8)
-        self.lighting = Pace(2e-6)
-        self.lighting_close = Pace(4e-6)
+        self.sampling = WorkRate(1e-6)  # s a texel
+        self.uploading = WorkRate(2e-8)
+        self.lighting = WorkRate(2e-6)
+        self.lighting_close = WorkRate(4e-6)
 
     @cached_property
     def shine_close(self) -> moderngl.VertexArray:
@@ -76,7 +76,7 @@ class LightMaker:
 
     def _program(self, *, close: bool) -> moderngl.VertexArray:
         defines = {"CLOSE": int(close), "SHADOWS": self._shadows}
-        made = fill_screen(self.context, "light.frag.glsl", defines=defines)
+        made = fullscreen_pass(self.context, "light.frag.glsl", defines=defines)
         softness = SHARP_PENUMBRA if close else PENUMBRA
         set_uniforms(made.program, self._uniforms | {"softness": softness})
         return made
@@ -153,31 +153,31 @@ class LightMap:
         """Note that the ground is another one in some areas (m)."""
         self.outdated = joined(self.outdated + self.square.texels_in(areas))
 
-    def go_on(self, allowance: Allowance) -> None:
+    def go_on(self, allowance: TimeBudget) -> None:
         """Make what an allowance allows: rows of heights, then the texture, then rows of light."""
         maker, n = self._maker, self.square.texels
         while self._left:
             west, south, east, north = self._left[0]
-            rows = min(maker.sampling.fits(allowance, step=east - west), north - south)
+            rows = min(maker.sampling.steps_within(allowance, step=east - west), north - south)
             if not rows:
                 return
             before = allowance.spent
             self._sample(rows)
-            maker.sampling.took(rows * (east - west), allowance.spent - before)
+            maker.sampling.record(rows * (east - west), allowance.spent - before)
         if not self._uploaded:
-            if not maker.uploading.fits(allowance, step=n * n):
+            if not maker.uploading.steps_within(allowance, step=n * n):
                 return
             before = allowance.spent
             self._upload()
-            maker.uploading.took(n * n, allowance.spent - before)
+            maker.uploading.record(n * n, allowance.spent - before)
         pace = maker.lighting_close if self._close else maker.lighting
         while self._lit < n:
-            rows = min(pace.fits(allowance, step=n), n - self._lit)
+            rows = min(pace.steps_within(allowance, step=n), n - self._lit)
             if not rows:
                 return
             before = allowance.spent
             self._shine(rows)
-            pace.took(rows * n, allowance.spent - before)
+            pace.record(rows * n, allowance.spent - before)
         self._end()
 
     def finish(self) -> None:

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     import moderngl
 
-    from sketchterrain.render.allowance import Allowance
+    from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
 NEAR: Final = 1.3
@@ -57,7 +57,7 @@ class LitGround:
     def __init__(
         self,
         context: moderngl.Context,
-        terrain: Terrain,
+        terrain: TerrainSource,
         sun: Sun,
         *,
         texels: int,
@@ -117,7 +117,7 @@ class LitGround:
         fields["map_strength"] = tuple(layer.strength for _, layer in self._layers)
         return fields
 
-    def update(self, camera: Camera, elapsed: float, allowance: Allowance) -> None:
+    def update(self, camera: Camera, elapsed: float, allowance: TimeBudget) -> None:
         """Go on by a frame: make a part of what is missing, and show a part of what is made."""
         near, far, close = self._squares(camera)
         for _, layer in self._layers:
@@ -141,7 +141,7 @@ class LitGround:
             "close": (self._near.shown, self._far.shown),
         }[name]
 
-    def change(self, terrain: Terrain, areas: Sequence[Box]) -> None:
+    def change(self, terrain: TerrainSource, areas: Sequence[Box]) -> None:
         """Light another terrain from now on: what is shown stays until there are new maps.
 
         Parameters

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.relief import HeightMap
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
 
 NARROWEST: Final = 48.0
 """m, side of the smallest map."""
@@ -36,7 +36,7 @@ class NearGround:
         Along a side of the map; near the ground they are 48 m / 128 wide.
     """
 
-    def __init__(self, terrain: Terrain, *, texels: int = 128) -> None:
+    def __init__(self, terrain: TerrainSource, *, texels: int = 128) -> None:
         self._terrain = terrain
         self._texels = texels
         self._map: HeightMap | None = None

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.render.scene import Features, Field, Terrain
+    from sketchterrain.render.scene import Features, Field, TerrainSource
 
     Floats = npt.NDArray[np.float64]
     Box = tuple[float, float, float, float]
@@ -56,7 +56,7 @@ class FeatureLines:
     """
 
     def __init__(
-        self, context: moderngl.Context, terrain: Terrain, *, known: KnownHeights | None = None
+        self, context: moderngl.Context, terrain: TerrainSource, *, known: KnownHeights | None = None
     ) -> None:
         self._context = context
         lines = feature_lines(terrain, known)
@@ -116,7 +116,7 @@ class KnownHeights:
             if not any(w <= box[2] and e >= box[0] and s <= box[3] and n >= box[1] for w, s, e, n in areas)
         }
 
-    def of(self, terrain: Terrain, x: Floats, y: Floats) -> Floats:
+    def of(self, terrain: TerrainSource, x: Floats, y: Floats) -> Floats:
         """Return heights (m) at rows of places (m), (rows, n)."""
         names = [place.tobytes() for place in np.concatenate([x, y], axis=1)]
         new = [number for number, name in enumerate(names) if name not in self._rows]
@@ -129,7 +129,7 @@ class KnownHeights:
 
 
 def feature_lines(
-    terrain: Terrain, known: KnownHeights | None = None
+    terrain: TerrainSource, known: KnownHeights | None = None
 ) -> tuple[Floats, Floats, npt.NDArray[np.uint8]]:
     """Return the lines of all features on the sketch.
 
@@ -156,7 +156,7 @@ def _coloured(start: Floats, end: Floats, colour: Colour, opacity: npt.ArrayLike
     return start, end, colours
 
 
-def _rings(terrain: Terrain, known: KnownHeights) -> list[_Part]:
+def _rings(terrain: TerrainSource, known: KnownHeights) -> list[_Part]:
     points = terrain.features.points
     if not len(points):
         return []
@@ -189,7 +189,7 @@ def _splines(features: Features) -> list[_Part]:
     return [_coloured(line[:-1], line[1:], COLOURS["river"]) for line in lines]
 
 
-def _shores(terrain: Terrain) -> list[_Part]:
+def _shores(terrain: TerrainSource) -> list[_Part]:
     return [_coloured(*_shore(lake.shape, lake.level), COLOURS["lake"]) for lake in terrain.features.lakes]
 
 

@@ -9,15 +9,15 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.overlay_lines import COLOURS, FeatureLines, KnownHeights
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy.typing as npt
 
-    from sketchterrain.render.ground_stream import GroundStream
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.ground_stream import TerrainStream
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.tiles import DrawList
 
     Floats = npt.NDArray[np.float64]
@@ -70,7 +70,7 @@ _WIRES: Final = 0.65
 """Opacity of wires: where they are many, the relief still shows."""
 
 
-class Legend(NamedTuple):
+class LegendEntry(NamedTuple):
     """What a colour of an overlay means."""
 
     colour: tuple[int, int, int]
@@ -90,19 +90,19 @@ class Overlay:
         What is drawn: its tiles as of the last frame.
     """
 
-    def __init__(self, context: moderngl.Context, terrain: Terrain, ground: GroundStream) -> None:
+    def __init__(self, context: moderngl.Context, terrain: TerrainSource, ground: TerrainStream) -> None:
         self._context = context
         self._terrain = terrain
         self._ground = ground
         self._tints = context.buffer(reserve=16 * ground.tiles.pool.slots, dynamic=True)
         program = ground.pool.build("overlay.vert.glsl", "overlay.frag.glsl")
         self._tiles = ground.pool.array(program, values=(self._tints, "tint"))
-        self._blend = fill_screen(context, "overlay_blend.frag.glsl")
+        self._blend = fullscreen_pass(context, "overlay_blend.frag.glsl")
         self._lines: FeatureLines | None = None
         self._known = KnownHeights()
         self._target: moderngl.Framebuffer | None = None
 
-    def change(self, terrain: Terrain, areas: Sequence[Box] | None = None) -> None:
+    def change(self, terrain: TerrainSource, areas: Sequence[Box] | None = None) -> None:
         """Draw the features of another terrain from now on.
 
         Parameters
@@ -170,18 +170,18 @@ class Overlay:
         self._context.enable_only(moderngl.NOTHING)
         self._context.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
 
-    def legend(self, name: str) -> tuple[Legend, ...]:
+    def legend(self, name: str) -> tuple[LegendEntry, ...]:
         """Return what the colours of an overlay mean, for the tiles of the last frame."""
         check_overlays([name])
         if name in ("wireframe", "levels"):
             levels = sorted({key.level for key in self._ground.draws.keys}) if self._ground.draws else []
-            return tuple(Legend(_rgb(_LEVELS[level % 8]), f"level {level}") for level in levels)
+            return tuple(LegendEntry(_rgb(_LEVELS[level % 8]), f"level {level}") for level in levels)
         if name == "error":
             return _marks(np.geomspace(*_ERRORS, len(_RAMP)), "m")
         if name == "screen-error":
             return _marks(np.linspace(0.0, _PIXELS, len(_RAMP)), "px")
         named = {"materials": _MATERIALS, "triplanar": _PLANES}.get(name, COLOURS)
-        return tuple(Legend(colour, meaning) for meaning, colour in named.items())
+        return tuple(LegendEntry(colour, meaning) for meaning, colour in named.items())
 
     def _draw_tiles(self, shown: int, opacity: float) -> None:
         palette = [tuple(np.divide(colour, 255.0).tolist()) for colour in _MATERIALS.values()]
@@ -253,9 +253,9 @@ def _ramp(at: Floats) -> Floats:
     return np.stack([np.interp(at, stops, channel) for channel in _RAMP.T], axis=-1)
 
 
-def _marks(values: Floats, unit: str) -> tuple[Legend, ...]:
+def _marks(values: Floats, unit: str) -> tuple[LegendEntry, ...]:
     return tuple(
-        Legend(_rgb(colour), f"{value:g} {unit}") for value, colour in zip(values, _RAMP, strict=True)
+        LegendEntry(_rgb(colour), f"{value:g} {unit}") for value, colour in zip(values, _RAMP, strict=True)
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sketchterrain.render.allowance import Pace
+from sketchterrain.render.allowance import WorkRate
 from sketchterrain.render.plant_stand import CELL, Stand, joined_stands, stand_of
 
 if TYPE_CHECKING:
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.render.allowance import Allowance
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.allowance import TimeBudget
+    from sketchterrain.render.scene import TerrainSource
 
     Floats = npt.NDArray[np.float64]
 
@@ -101,14 +101,14 @@ class PlantCells:
         Whose plants.
     """
 
-    def __init__(self, terrain: Terrain) -> None:
+    def __init__(self, terrain: TerrainSource) -> None:
         self._terrain = terrain
         self._made: dict[Place, Cell] = {}  # least recently wanted first
         self._wanted: list[Place] = []
         self._job: tuple[Place, Generator[None, None, npt.NDArray[np.void]]] | None = None
         self._step = 0
         self._version = self._begun = 0
-        self._paces: list[Pace] = []
+        self._paces: list[WorkRate] = []
         self.changes = 0
         """Counts the cells that came."""
 
@@ -134,7 +134,7 @@ class PlantCells:
         for place in list(self._made)[: max(len(self._made) - KEPT, 0)]:
             del self._made[place]
 
-    def change(self, terrain: Terrain, areas: Sequence[tuple[float, float, float, float]]) -> None:
+    def change(self, terrain: TerrainSource, areas: Sequence[tuple[float, float, float, float]]) -> None:
         """Show the plants of another terrain from now on.
 
         Those that are wanted stay until others are made in their place, the rest is forgotten.
@@ -163,7 +163,7 @@ class PlantCells:
         for cell in self._made.values():
             cell.age += elapsed
 
-    def go_on(self, allowance: Allowance) -> None:
+    def go_on(self, allowance: TimeBudget) -> None:
         """Make what an allowance allows."""
         while True:
             if self._job is None:
@@ -173,9 +173,9 @@ class PlantCells:
                 self._job, self._step = (missing[0], self._begin(missing[0])), 0
                 self._begun = self._version
             while len(self._paces) <= self._step:
-                self._paces.append(Pace(0.004))
+                self._paces.append(WorkRate(0.004))
             pace = self._paces[self._step]
-            if not pace.fits(allowance):
+            if not pace.steps_within(allowance):
                 return
             before = allowance.spent
             place, steps = self._job
@@ -185,7 +185,7 @@ class PlantCells:
             except StopIteration as end:
                 self._put(place, end.value)
                 self._job = None
-            pace.took(1, allowance.spent - before)
+            pace.record(1, allowance.spent - before)
 
     def finish(self) -> None:
         """Make all that is missing at once; it does not grow in any more."""

@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.look.trees import DETAILS
-from sketchterrain.render.allowance import Pace
+from sketchterrain.render.allowance import WorkRate
 from sketchterrain.render.plant_cells import Place, cells_near, joined, reach_of
 from sketchterrain.render.plant_meshes import KINDS, Instances, PlantMeshes
 from sketchterrain.render.programs import build_program, set_uniforms
@@ -18,7 +18,7 @@ from sketchterrain.render.thinning import share_of, width_of
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.render.allowance import Allowance
+    from sketchterrain.render.allowance import TimeBudget
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.lit_ground import LitGround
     from sketchterrain.render.plant_cells import Cell, PlantCells
@@ -115,7 +115,7 @@ class PlantShade:
         self.angle = LEAST_ANGLE
         self._axes = sun_axes(sun)
         self._context = context
-        count = quality.shade_maps if quality.has("shadows") else 0
+        count = quality.shade_maps if quality.includes("shadows") else 0
         self._maps = [_Map(context, quality.shade_texels if count else 1) for _ in MAPS]
         self._details = FINE if count == len(MAPS) else (DETAILS - 1,) * len(MAPS)
         self._used = range(len(MAPS) - count, len(MAPS))
@@ -123,7 +123,7 @@ class PlantShade:
         self._batches = [meshes.drawn_by(program) for _ in MAPS]
         self._program = program
         self._wanted: list[_Place | None] = [None] * len(MAPS)
-        self._pace = Pace(1e-6)  # s a plant
+        self._pace = WorkRate(1e-6)  # s a plant
         self._origins = [np.zeros(2) for _ in MAPS]
 
     def relight(self, sun: Sun) -> None:
@@ -176,7 +176,7 @@ class PlantShade:
         self._covered = list(cells)
         return self._covered
 
-    def go_on(self, eye: tuple[float, float, float], elapsed: float, allowance: Allowance) -> None:
+    def go_on(self, eye: tuple[float, float, float], elapsed: float, allowance: TimeBudget) -> None:
         """Go on by a frame: fade over, and draw what an allowance allows."""
         for index in self._used:
             each = self._maps[index]
@@ -185,13 +185,13 @@ class PlantShade:
                 self._begin(index, eye)
             while each.coming is not None:
                 batch = self._batches[index]
-                count = min(self._pace.fits(allowance), batch.count - each.goes_on)
+                count = min(self._pace.steps_within(allowance), batch.count - each.goes_on)
                 if not count and batch.count:
                     break
                 before = allowance.spent
                 self._draw(index, count)
                 if count:
-                    self._pace.took(count, allowance.spent - before)
+                    self._pace.record(count, allowance.spent - before)
 
     def finish(self, eye: tuple[float, float, float]) -> None:
         """Draw all that is missing at once."""

@@ -97,7 +97,7 @@ def set_uniforms(program: moderngl.Program, values: Mapping[str, object]) -> Non
                 member.value = value
 
 
-def fill_screen(
+def fullscreen_pass(
     context: moderngl.Context, fragment: str, *, defines: Mapping[str, int] | None = None
 ) -> moderngl.VertexArray:
     """Make a pass that runs a fragment shader over the whole framebuffer: ``.render(vertices=3)``."""

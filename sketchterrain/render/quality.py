@@ -160,12 +160,12 @@ class Quality:
             if name not in PARTS:
                 raise InputError(f"expected a part of a picture, one of {', '.join(PARTS)}, got {name!r}")
 
-    def has(self, part: str) -> bool:
+    def includes(self, part: str) -> bool:
         """Tell whether a part of `PARTS` is drawn."""
         return part not in self.without
 
     @classmethod
-    def of(cls, number: float, *, without: Iterable[str] = ()) -> Quality:
+    def from_level(cls, number: float, *, without: Iterable[str] = ()) -> Quality:
         """Return the quality of one number, 0 (cheapest) to 1 (best); see the table of the class.
 
         Raises
@@ -213,8 +213,8 @@ class Quality:
         """
         low = name.lower()
         if any(part in low for part in SOFTWARE):
-            return cls.of(ON_CPU)
-        return cls.of(ON_SHARED if any(part in low for part in SHARED) else ON_CARD)
+            return cls.from_level(ON_CPU)
+        return cls.from_level(ON_SHARED if any(part in low for part in SHARED) else ON_CARD)
 
 
 def _between(number: float, values: tuple[float, ...]) -> float:

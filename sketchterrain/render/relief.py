@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
 
     Floats = npt.NDArray[np.float64]
 
@@ -54,7 +54,9 @@ class HeightMap:
         north = h[j + 1, i] * (1 - u) + h[j + 1, i + 1] * u
         return np.asarray(south * (1 - v) + north * v)
 
-    def marks_at(self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]) -> HeightMap:
+    def rasterized_mask(
+        self, places: Sequence[npt.NDArray[Any]], widths: Sequence[npt.NDArray[Any]]
+    ) -> HeightMap:
         """Make a map of the same square that is 1 around the given places and 0 elsewhere.
 
         Parameters
@@ -77,7 +79,9 @@ class HeightMap:
         return HeightMap(self.west, self.south, self.width, marks)
 
 
-def sample_heights(terrain: Terrain, centre: tuple[float, float], width: float, texels: int) -> HeightMap:
+def sample_heights(
+    terrain: TerrainSource, centre: tuple[float, float], width: float, texels: int
+) -> HeightMap:
     """Sample a square of a terrain, band-limited to what the texels can carry."""
     west, south = centre[0] - width / 2, centre[1] - width / 2
     along = (np.arange(texels) + 0.5) * (width / texels)

@@ -6,11 +6,11 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Final
 
-from sketchterrain.render.allowance import Allowance
+from sketchterrain.render.allowance import TimeBudget
 from sketchterrain.render.draw_distance import clipped
 from sketchterrain.render.quality import Quality
 from sketchterrain.render.scenery import Scenery
-from sketchterrain.render.sharing_probe import beside_gl, on_context
+from sketchterrain.render.sharing_probe import moved_to_context, shared_with_gl
 from sketchterrain.render.stats import Change, FrameStats
 from sketchterrain.render.weather import Weather
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     import moderngl
 
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.kept import Kept
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.kept import ResourceCache
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
 REST: Final = 0.25
@@ -68,7 +68,7 @@ class Renderer:
     ----------
     scenery : Scenery
         All that is drawn.
-    ground : GroundStream
+    ground : TerrainStream
         Its tiles; overlays draw them once more.
     timings : dict of str to float
         Seconds that each stage took, summed up.
@@ -77,18 +77,18 @@ class Renderer:
     def __init__(
         self,
         context: moderngl.Context,
-        terrain: Terrain,
+        terrain: TerrainSource,
         *,
         sun: Sun,
         weather: Weather | None = None,
         textures: Path | None = None,
         quality: Quality | None = None,
         timer: Callable[[], float] = time.perf_counter,
-        kept: Kept | None = None,
+        kept: ResourceCache | None = None,
     ) -> None:
         self.timings: dict[str, float] = {}
         self._context = context
-        self._terrain = terrain = beside_gl(terrain)
+        self._terrain = terrain = shared_with_gl(terrain)
         self._quality = quality = quality or Quality()
         self._sun, self._weather = sun, weather or Weather.of(terrain.sketch)
         self._timer = timer
@@ -149,7 +149,7 @@ class Renderer:
         """Of the ground and the plants in the last picture."""
         return self.scenery.triangles
 
-    def change(self, terrain: Terrain, areas: Sequence[tuple[float, float, float, float]]) -> Change:
+    def change(self, terrain: TerrainSource, areas: Sequence[tuple[float, float, float, float]]) -> Change:
         """Draw another terrain of the same extent from now on; call it between two frames.
 
         When this returns, the ground that the last frame's camera may see is the new one wherever an area
@@ -170,13 +170,13 @@ class Renderer:
         """
         start = self._timer()
         self._unchanged = 0.0
-        terrain = on_context(terrain, self._terrain.context)
+        terrain = moved_to_context(terrain, self._terrain.context)
         ground = self.scenery.change(terrain, areas)
         self._terrain = terrain
         return Change(ground.seconds, self._timer() - start, ground.tiles_rewritten, ground.tiles_dropped)
 
     @property
-    def terrain(self) -> Terrain:
+    def terrain(self) -> TerrainSource:
         """What is drawn, on the device that writes its tiles: the next one is to be made from it."""
         return self._terrain
 
@@ -205,7 +205,7 @@ class Renderer:
         """Draw a frame of a moving picture: what is ready now, a little more of it each time.
 
         New tiles, light and plants take no more than the quality's budget together, but for the first frame
-        and after the eye was put elsewhere; see `GroundStream.update`.
+        and after the eye was put elsewhere; see `TerrainStream.update`.
 
         Parameters
         ----------
@@ -244,8 +244,8 @@ class Renderer:
             draw_distance=distance,
         )
         left = max(budget - tiles.generation_seconds, budget * OTHERS_SHARE[self._turn])
-        allowance = Allowance(left, timer=self._timer)
-        self.scenery.lit.update(view, elapsed, allowance.part(0.5))
+        allowance = TimeBudget(left, timer=self._timer)
+        self.scenery.lit.update(view, elapsed, allowance.fraction(0.5))
         lit = allowance.spent
         self.scenery.forest.update(view, size, self.scenery.lit, elapsed, allowance)
         grown = allowance.spent

@@ -80,7 +80,7 @@ class Rocks:
         self.triangles = self.stones = 0
         self._context = context
         self._sorts: list[tuple[_Stones, Nearby]] = []
-        if quality.grass == 0.0 or not quality.has("rocks"):
+        if quality.grass == 0.0 or not quality.includes("rocks"):
             return
         for each in STONES:
             strewing = each.strewing.as_far(quality.grass, share=quality.blades)

@@ -16,7 +16,17 @@ if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext
     from sketchterrain.terrain.vertices import VertexMemory, VertexStore
 
-__all__ = ["Bounded", "Features", "Field", "Ground", "Pool", "Reach", "Sketch", "Terrain", "rectangle_of"]
+__all__ = [
+    "BoundedTerrain",
+    "Features",
+    "Field",
+    "Pool",
+    "Reach",
+    "Sketch",
+    "TerrainSource",
+    "TileSource",
+    "visible_rectangle",
+]
 
 
 class Sketch(Protocol):
@@ -38,7 +48,7 @@ class Sketch(Protocol):
         ...
 
 
-class Ground(Protocol):
+class TileSource(Protocol):
     """A terrain that writes tiles where they are drawn from; see `sketchterrain.terrain.Terrain`."""
 
     @property
@@ -69,7 +79,7 @@ class Ground(Protocol):
 
 
 @runtime_checkable
-class Bounded(Protocol):
+class BoundedTerrain(Protocol):
     """What a ground tells besides if it ends, and is not known as finely as one likes."""
 
     @property
@@ -83,7 +93,7 @@ class Bounded(Protocol):
         ...
 
 
-class Terrain(Ground, Protocol):
+class TerrainSource(TileSource, Protocol):
     """An endless terrain, see `sketchterrain.terrain`."""
 
     @property
@@ -118,6 +128,6 @@ class Terrain(Ground, Protocol):
         ...
 
 
-def rectangle_of(terrain: Terrain) -> tuple[float, float, float, float]:
+def visible_rectangle(terrain: TerrainSource) -> tuple[float, float, float, float]:
     """Return west, south, east, north (m) of what there is to see: the sketch, or a ground that ends."""
-    return terrain.bounds if isinstance(terrain, Bounded) else (0.0, 0.0, *terrain.size)
+    return terrain.bounds if isinstance(terrain, BoundedTerrain) else (0.0, 0.0, *terrain.size)

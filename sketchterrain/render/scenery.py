@@ -10,15 +10,15 @@ import numpy as np
 from sketchterrain.render.atmosphere import AEROSOL_HEIGHT, RAYLEIGH, RAYLEIGH_HEIGHT
 from sketchterrain.render.clouds import Clouds, cloud_defines
 from sketchterrain.render.forest import Forest
-from sketchterrain.render.frame import FrameBlock, within_period
+from sketchterrain.render.frame import FrameBlock, wrap_to_noise_period
 from sketchterrain.render.ground_cover import GroundCover
-from sketchterrain.render.ground_stream import GroundStream
-from sketchterrain.render.kept import Kept
+from sketchterrain.render.ground_stream import TerrainStream
+from sketchterrain.render.kept import ResourceCache
 from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.sky import Sky
 from sketchterrain.render.surface_map import SurfaceMap
-from sketchterrain.render.targets import Targets
+from sketchterrain.render.targets import RenderTargets
 from sketchterrain.render.textures import MaterialTextures, noise_texture
 from sketchterrain.render.water import Water
 from sketchterrain.tiles import ScreenError
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
-    from sketchterrain.render.stats import GroundChange
+    from sketchterrain.render.stats import TileUpdateStats
     from sketchterrain.render.weather import Weather
 
     Box = tuple[float, float, float, float]
@@ -67,7 +67,7 @@ class Scenery:
 
     Attributes
     ----------
-    ground : GroundStream
+    ground : TerrainStream
         The tiles.
     lit : LitGround
         The light on them.
@@ -84,16 +84,16 @@ class Scenery:
     def __init__(
         self,
         context: moderngl.Context,
-        terrain: Terrain,
+        terrain: TerrainSource,
         *,
         sun: Sun,
         weather: Weather,
         textures: Path | None,
         quality: Quality,
         timed: Callable[[str], AbstractContextManager[None]],
-        kept: Kept | None = None,
+        kept: ResourceCache | None = None,
     ) -> None:
-        kept = kept or Kept()
+        kept = kept or ResourceCache()
         self._context = context
         self._sun = sun
         self._weather = weather
@@ -101,7 +101,7 @@ class Scenery:
         self._look = terrain.sketch.look
         self._extent = terrain.extent
         self._quality = quality
-        self._targets: dict[tuple[int, int], Targets] = {}
+        self._targets: dict[tuple[int, int], RenderTargets] = {}
         self._frame_block = FrameBlock(context)
         self._aridity = _aridity(terrain)
         self._textures = textures
@@ -117,21 +117,23 @@ class Scenery:
             self._cloudiness = cloud_defines(quality, weather)
             self.shading, self._clouds = self._lighting()
         metric = ScreenError(quality.tolerance, QUAD * max(quality.tolerance / 2.0, 1.0))
-        self.ground = GroundStream(context, terrain, quality, metric=metric, kept=kept)
+        self.ground = TerrainStream(context, terrain, quality, metric=metric, kept=kept)
         self.lit = LitGround(
             context,
             terrain,
             sun,
             texels=quality.map_texels,
             close=quality.light_maps > 2,
-            shadows=quality.has("shadows"),
+            shadows=quality.includes("shadows"),
         )
         self.forest = Forest(context, terrain, sun, quality=quality, defines=self.shading.defines)
         self.surface = SurfaceMap(
             context, self.ground.pool, texels=quality.surface_texels, reach=self.forest.reach
         )
         self.cover = GroundCover(context, quality=quality, shading=self.shading)
-        self._water = Water(context, self._features, part=quality.has("water"), defines=self.shading.defines)
+        self._water = Water(
+            context, self._features, part=quality.includes("water"), defines=self.shading.defines
+        )
 
     def _lighting(self) -> tuple[Shading, Clouds]:
         """Return the passes and the clouds of the weather."""
@@ -148,7 +150,7 @@ class Scenery:
         """Of the ground and of what stands on it, in the last picture."""
         return self.ground.pool.triangles + self.forest.triangles + self.cover.triangles
 
-    def change(self, terrain: Terrain, areas: Sequence[Box]) -> GroundChange:
+    def change(self, terrain: TerrainSource, areas: Sequence[Box]) -> TileUpdateStats:
         """Show another terrain from now on: its ground and its water at once, light and plants by and by.
 
         Parameters
@@ -167,7 +169,7 @@ class Scenery:
         self._dress(terrain)
         return change
 
-    def _dress(self, terrain: Terrain) -> None:
+    def _dress(self, terrain: TerrainSource) -> None:
         """Show materials as a terrain's climate and sketch want them."""
         aridity, look = _aridity(terrain), terrain.sketch.look
         if look != self._look:
@@ -233,11 +235,11 @@ class Scenery:
         targets = self._targets.get(size)
         if targets is None:
             kept = list(self._targets.items())[-1:]
-            targets = Targets(self._context, size, self._quality.samples)
+            targets = RenderTargets(self._context, size, self._quality.samples)
             self._targets = {**dict(kept), size: targets}
         self._set_frame(camera, targets, draw_distance)
-        targets.seen.use()
-        targets.seen.clear(depth=1.0)
+        targets.gbuffer.use()
+        targets.gbuffer.clear(depth=1.0)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         self.ground.draw(camera.eye)
         self.surface.update(camera.eye, moving=moving)
@@ -254,18 +256,18 @@ class Scenery:
         if self._water:
             lift = WATER_LIFT * self._quality.tolerance * _pixel(camera, framebuffer.size[1])
             self._water.draw(camera.eye, targets, units | {"lift": lift})
-        self.shading.develop(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
+        self.shading.tonemap(targets, framebuffer, units, exposure=self._sky.exposure(camera.heading))
 
-    def _set_frame(self, camera: Camera, targets: Targets, distance: float) -> None:
+    def _set_frame(self, camera: Camera, targets: RenderTargets, distance: float) -> None:
         width, height = targets.size
         eye = camera.eye
         to_clip = camera.to_clip(width / height)
         frame, lit = self._frame_block, self.lit
         self._sky.look_from(eye[2] - lit.haze_base)
-        hazy = float(self._quality.has("haze"))
+        hazy = float(self._quality.includes("haze"))
         frame["to_clip"] = to_clip
         frame["from_clip"] = np.linalg.inv(to_clip)
-        frame["eye"] = (within_period(eye[0]), within_period(eye[1]), eye[2])
+        frame["eye"] = (wrap_to_noise_period(eye[0]), wrap_to_noise_period(eye[1]), eye[2])
         frame["to_sun"] = self._sun.direction
         frame["sun_light"] = (*self._sky.sunlight, self._sky.shaded_air)
         frame["sky_light"] = self._sky.harmonics
@@ -279,7 +281,7 @@ class Scenery:
         frame["trees"] = (self.forest.reach, self._aridity, _pixel(camera, height))
         frame.upload()
 
-    def _bind(self, targets: Targets) -> dict[str, object]:
+    def _bind(self, targets: RenderTargets) -> dict[str, object]:
         """Bind all textures that passes share, each to a unit of its own; return the units by name."""
         textures: dict[str, moderngl.Texture | moderngl.TextureArray | moderngl.Texture3D] = {
             "sky_view": self._sky.view,
@@ -300,7 +302,7 @@ class Scenery:
         return units
 
 
-def _aridity(terrain: Terrain) -> float:
+def _aridity(terrain: TerrainSource) -> float:
     return float(terrain.sketch.climate.get("aridity", 0.2))
 
 

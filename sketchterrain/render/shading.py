@@ -8,7 +8,7 @@ import moderngl
 import numpy as np
 
 from sketchterrain.look.texture_maker import LAYERS
-from sketchterrain.render.programs import fill_screen, set_uniforms
+from sketchterrain.render.programs import fullscreen_pass, set_uniforms
 from sketchterrain.render.texture_places import OCTAVES, texture_phases, texture_uniforms, texture_widths
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.targets import Targets
+    from sketchterrain.render.targets import RenderTargets
 
 STRAW: Final = np.array([1.5, 1.2, 1.0])
 """Colour of grass where aridity is 1, over its own."""
@@ -68,20 +68,22 @@ class Shading:
             "PLANES": quality.planes,
             "SIZES": quality.octaves,
             "HEXES": quality.hexes,
-            "DETAIL": int(quality.has("detail")),
+            "DETAIL": int(quality.includes("detail")),
             **clouds,
             "LIGHT_MAPS": quality.light_maps,
             "SHADE_MAPS": quality.shade_maps,
             "SAMPLES": quality.samples,
         }
-        self._ground = fill_screen(context, "shade_ground.frag.glsl", defines=self.defines)
+        self._ground = fullscreen_pass(context, "shade_ground.frag.glsl", defines=self.defines)
         self.dress(aridity, look)
-        self._sky = fill_screen(context, "sky.frag.glsl", defines=self.defines)
+        self._sky = fullscreen_pass(context, "sky.frag.glsl", defines=self.defines)
         self._spread = (
-            fill_screen(context, "spread.frag.glsl", defines=self.defines) if quality.samples > 1 else None
+            fullscreen_pass(context, "spread.frag.glsl", defines=self.defines)
+            if quality.samples > 1
+            else None
         )
-        self._develop = fill_screen(context, "picture.frag.glsl", defines=self.defines)
-        self._enlarge = fill_screen(context, "enlarge.frag.glsl")
+        self._develop = fullscreen_pass(context, "picture.frag.glsl", defines=self.defines)
+        self._enlarge = fullscreen_pass(context, "enlarge.frag.glsl")
 
     def dress(self, aridity: float, look: Mapping[str, Mapping[str, Any]]) -> None:
         """Show the materials of another climate, and as another sketch wants them."""
@@ -90,7 +92,7 @@ class Shading:
         set_uniforms(self._ground.program, self.tints | texture_uniforms(self._widths))
 
     def light_scene(
-        self, targets: Targets, eye: tuple[float, float, float], units: dict[str, object]
+        self, targets: RenderTargets, eye: tuple[float, float, float], units: dict[str, object]
     ) -> None:
         """Turn what is seen of the ground into light, put the sky behind it: into ``targets.scene``."""
         phases = [tuple(phase) for phase in texture_phases(eye, self._widths).tolist()]
@@ -106,7 +108,9 @@ class Shading:
         targets.spread.use()
         _run(self._spread, units)
 
-    def _light_once(self, targets: Targets, ground: dict[str, object], units: dict[str, object]) -> None:
+    def _light_once(
+        self, targets: RenderTargets, ground: dict[str, object], units: dict[str, object]
+    ) -> None:
         """With one sample a pixel the depth test tells ground from sky: each is computed only where it is."""
         context = self._context
         targets.copy_scene()
@@ -120,9 +124,9 @@ class Shading:
         context.depth_func = "<"
         targets.scene.depth_mask = True
 
-    def develop(
+    def tonemap(
         self,
-        targets: Targets,
+        targets: RenderTargets,
         framebuffer: moderngl.Framebuffer,
         units: dict[str, object],
         *,
@@ -131,7 +135,7 @@ class Shading:
         """Turn light into a picture, enlarged where the framebuffer is larger than the targets."""
         self._context.enable_only(moderngl.NOTHING)
         whole = framebuffer.size == targets.size
-        (framebuffer if whole else targets.developed).use()
+        (framebuffer if whole else targets.tonemapped).use()
         _run(self._develop, units | {"exposure": exposure})
         if not whole:
             framebuffer.use()

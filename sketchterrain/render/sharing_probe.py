@@ -77,7 +77,7 @@ def open_device(device: Device, *, real: str = "float", fast: bool = False) -> C
     return ComputeContext(device, real=real, fast=fast, gl=current_handles() if shared else None)
 
 
-def beside_gl(terrain: T) -> T:
+def shared_with_gl(terrain: T) -> T:
     """Return a terrain on a device that shares buffers with the OpenGL context that is current.
 
     The same bits: only programs and lists are put on the device anew. Where no buffers can be shared, where
@@ -89,10 +89,10 @@ def beside_gl(terrain: T) -> T:
         return terrain
     before = terrain.context
     context = open_device(before.device, real=before.real, fast=before.fast)
-    return terrain if context.gl is None else on_context(terrain, context)
+    return terrain if context.gl is None else moved_to_context(terrain, context)
 
 
-def on_context(terrain: T, context: ComputeContext) -> T:
+def moved_to_context(terrain: T, context: ComputeContext) -> T:
     """Return a terrain in an open context: itself where it is, and what is no `Terrain`."""
     from sketchterrain.terrain import Terrain
 

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.overlays import Legend
+    from sketchterrain.render.overlays import LegendEntry
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
 
 LARGEST = 8192
@@ -34,7 +34,7 @@ LARGEST = 8192
 
 
 def render_picture(
-    terrain: Terrain,
+    terrain: TerrainSource,
     *,
     size: tuple[int, int] = (1280, 720),
     camera: Camera | None = None,
@@ -44,7 +44,7 @@ def render_picture(
     textures: Path | None = None,
     quality: Quality | None = None,
     overlays: Sequence[str] = (),
-    legend: list[Legend] | None = None,
+    legend: list[LegendEntry] | None = None,
     timings: dict[str, float] | None = None,
 ) -> npt.NDArray[np.uint8]:
     """Draw one picture of a terrain.

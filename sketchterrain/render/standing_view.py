@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from sketchterrain.render.relief import sample_heights
-from sketchterrain.render.scene import rectangle_of
-from sketchterrain.render.stands import Cover, find_stands, free_ahead, height_over
+from sketchterrain.render.scene import visible_rectangle
+from sketchterrain.render.stands import Cover, find_viewpoints, topographic_position, unobstructed_distance
 from sketchterrain.render.view_aim import aim, window
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.view_aim import Light
 
     Floats = npt.NDArray[np.float64]
@@ -63,7 +63,7 @@ class _Sight(NamedTuple):
     inside: Floats  # share of the skyline's rise that lies in the sketch
 
 
-def standing_view(terrain: Terrain, light: Light, *, raised: bool) -> Camera:
+def standing_view(terrain: TerrainSource, light: Light, *, raised: bool) -> Camera:
     """Choose a camera near the ground.
 
     Parameters
@@ -75,24 +75,24 @@ def standing_view(terrain: Terrain, light: Light, *, raised: bool) -> Camera:
         Whether to stand on a rise.
     """
     extent = terrain.extent
-    west, south, east, north = rectangle_of(terrain)
+    west, south, east, north = visible_rectangle(terrain)
     relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 1.3 * extent, 640)
     cover = Cover(terrain, relief)
-    stands = find_stands(terrain, relief, cover, raised=raised)
+    stands = find_viewpoints(terrain, relief, cover, raised=raised)
     ground = terrain.heights(stands[:, 0], stands[:, 1]).astype(np.float64)
     eyes = np.column_stack([stands, ground + EYE[raised]])
     bearings = np.linspace(0.0, 2.0 * np.pi, BEARINGS, endpoint=False)
     sight = _look_around(terrain, cover, eyes, bearings)
     score = _score(sight, raised=raised) + light(bearings)
     if raised:
-        over = height_over(terrain, relief, stands) / (RISE * extent)
+        over = topographic_position(terrain, relief, stands) / (RISE * extent)
         score += RISE_WORTH * np.tanh(over)[:, None]
     bearing = np.argmax(score, axis=1)
     best = score.max(axis=1)
     # Some stands are behind a tree: the best one that is not, or the one that sees farthest.
     farthest, chosen = -1.0, 0
     for stand in np.argsort(-best, kind="stable")[:TRIED].tolist():
-        free = free_ahead(terrain, eyes[stand], float(bearings[bearing[stand]]), reach=CLEAR)
+        free = unobstructed_distance(terrain, eyes[stand], float(bearings[bearing[stand]]), reach=CLEAR)
         if free > farthest:
             farthest, chosen = free, stand
         if free >= CLEAR:
@@ -103,7 +103,7 @@ def standing_view(terrain: Terrain, light: Light, *, raised: bool) -> Camera:
     return aim((x, y, z), angle, skyline, extent, fov=FOV[raised], horizon_at=HORIZON_AT)
 
 
-def _look_around(terrain: Terrain, cover: Cover, eyes: Floats, bearings: Floats) -> _Sight:
+def _look_around(terrain: TerrainSource, cover: Cover, eyes: Floats, bearings: Floats) -> _Sight:
     extent = terrain.extent
     distance = np.geomspace(NEAREST, 1.5 * extent, DISTANCES)
     east = eyes[:, 0, None, None] + np.sin(bearings)[None, :, None] * distance
@@ -122,7 +122,7 @@ def _look_around(terrain: Terrain, cover: Cover, eyes: Floats, bearings: Floats)
     size = seen * np.gradient(distance) / distance * np.clip(-slope, 0.0, 0.25)
     water = (wet * size)[..., distance < 0.4 * extent].sum(axis=-1)
     flooded = (wet * size).sum(axis=-1) / np.maximum(size.sum(axis=-1), 1e-9)
-    west, south, *end = rectangle_of(terrain)
+    west, south, *end = visible_rectangle(terrain)
     inside = (east > west) & (east < end[0]) & (north > south) & (north < end[1])
     count = np.maximum(seen.sum(axis=-1), 1.0)
     return _Sight(

@@ -9,12 +9,12 @@ from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
 from sketchterrain.render.relief import HeightMap
-from sketchterrain.render.scene import rectangle_of
+from sketchterrain.render.scene import visible_rectangle
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
 
     Floats = npt.NDArray[np.float64]
     Flags = npt.NDArray[np.bool_]
@@ -48,11 +48,11 @@ class Cover:
         Heights of the sketch and what is near.
     """
 
-    def __init__(self, terrain: Terrain, relief: HeightMap) -> None:
+    def __init__(self, terrain: TerrainSource, relief: HeightMap) -> None:
         features = terrain.features
         forests = features.points[features.points["type"] == FOREST]
         places = np.stack([forests["x"], forests["y"]], axis=1)
-        self._woods = relief.marks_at([places], [1.8 * forests["radius"].astype(np.float64)])
+        self._woods = relief.rasterized_mask([places], [1.8 * forests["radius"].astype(np.float64)])
         lines = [np.asarray(river.centreline) for river in features.rivers]
         self._rivers = cKDTree(np.concatenate(lines)[:, :2]) if lines else None
         self._half = (
@@ -91,7 +91,7 @@ class Cover:
         return far
 
 
-def find_stands(terrain: Terrain, relief: HeightMap, cover: Cover, *, raised: bool) -> Floats:
+def find_viewpoints(terrain: TerrainSource, relief: HeightMap, cover: Cover, *, raised: bool) -> Floats:
     """Return places (n, 2) x, y (m) where one could stand, at least one.
 
     Parameters
@@ -103,7 +103,7 @@ def find_stands(terrain: Terrain, relief: HeightMap, cover: Cover, *, raised: bo
     raised
         Whether only rises are wanted; else shores are among them.
     """
-    west, south, east, north = rectangle_of(terrain)
+    west, south, east, north = visible_rectangle(terrain)
     side = RISES if raised else GRID
     along = (np.arange(side) + 0.5) / side
     grid = np.stack(
@@ -111,7 +111,7 @@ def find_stands(terrain: Terrain, relief: HeightMap, cover: Cover, *, raised: bo
         axis=-1,
     )
     if raised:
-        places = grid[np.argsort(-height_over(terrain, relief, grid), kind="stable")]
+        places = grid[np.argsort(-topographic_position(terrain, relief, grid), kind="stable")]
     else:
         places = np.concatenate([_shores(terrain), grid])
     kept = places[_stands_well(terrain, cover, places)]
@@ -123,14 +123,14 @@ def find_stands(terrain: Terrain, relief: HeightMap, cover: Cover, *, raised: bo
     return np.asarray(kept[few])
 
 
-def height_over(terrain: Terrain, relief: HeightMap, places: Floats) -> Floats:
+def topographic_position(terrain: TerrainSource, relief: HeightMap, places: Floats) -> Floats:
     """Return how high places (n, 2) lie over the mean of what surrounds them (m)."""
     texels = max(round(AROUND * terrain.extent / relief.texel), 3)
     mean = HeightMap(relief.west, relief.south, relief.width, uniform_filter(relief.heights, texels))
     return relief.at(*places.T) - mean.at(*places.T)
 
 
-def free_ahead(terrain: Terrain, eye: Floats, bearing: float, *, reach: float) -> float:
+def unobstructed_distance(terrain: TerrainSource, eye: Floats, bearing: float, *, reach: float) -> float:
     """Return how far ahead the nearest plant is in a view (m), `reach` at most; 0 for one around the eye."""
     x, y = float(eye[0]), float(eye[1])
     plants = terrain.foliage(x - reach, y - reach, x + reach, y + reach)
@@ -143,7 +143,7 @@ def free_ahead(terrain: Terrain, eye: Floats, bearing: float, *, reach: float) -
     return float(min(ahead.min(initial=reach), reach))
 
 
-def _shores(terrain: Terrain) -> Floats:
+def _shores(terrain: TerrainSource) -> Floats:
     """Return places beside rivers and lakes."""
     found = [np.zeros((0, 2))]
     for river in terrain.features.rivers:
@@ -166,10 +166,10 @@ def _shores(terrain: Terrain) -> Floats:
     return np.concatenate(found)
 
 
-def _stands_well(terrain: Terrain, cover: Cover, places: Floats) -> Flags:
+def _stands_well(terrain: TerrainSource, cover: Cover, places: Floats) -> Flags:
     """Tell where one stands well."""
     x, y = places.T
-    west, south, east, north = rectangle_of(terrain)
+    west, south, east, north = visible_rectangle(terrain)
     margin = 0.02 * terrain.extent
     here = (x > west + margin) & (x < east - margin) & (y > south + margin) & (y < north - margin)
     z = [terrain.heights(x + dx, y + dy) for dx, dy in ((0.0, 0.0), (4.0, 0.0), (0.0, 4.0))]

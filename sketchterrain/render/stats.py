@@ -65,7 +65,7 @@ class StreamStats:
 
 
 @dataclass(frozen=True)
-class GroundChange:
+class TileUpdateStats:
     """What a change of the ground took.
 
     Attributes

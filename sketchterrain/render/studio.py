@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from sketchterrain.render.context import close_context, delete_dead, open_context
-from sketchterrain.render.kept import Kept
+from sketchterrain.render.context import close_context, open_context, release_orphans
+from sketchterrain.render.kept import ResourceCache
 from sketchterrain.render.renderer import Renderer
-from sketchterrain.render.sharing_probe import on_context, open_device
+from sketchterrain.render.sharing_probe import moved_to_context, open_device
 from sketchterrain.render.snapshot import check_size, read_picture
 from sketchterrain.render.sunlight import sun_of
 from sketchterrain.render.view import check_view, find_view
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sketchterrain.terrain import Terrain
 
 
-class Studio:
+class SnapshotRenderer:
     """Takes pictures as :func:`~sketchterrain.render.render_picture` does: the same bytes, in less time.
 
     All of it belongs to the thread that opened it. Terrains may be another thread's: a copy of them is put on
@@ -51,10 +51,10 @@ class Studio:
         self._context.gc_mode = "context_gc"
         self._texture = self._context.texture(size, 4)
         self._framebuffer = self._context.framebuffer([self._texture])
-        self._kept = Kept()
+        self._kept = ResourceCache()
         self._device: ComputeContext | None = None
 
-    def __enter__(self) -> Studio:
+    def __enter__(self) -> SnapshotRenderer:
         return self
 
     def __exit__(
@@ -73,13 +73,13 @@ class Studio:
         """Return a picture; parameters, errors and bytes are those of `render_picture`."""
         check_view(view)
         start = time.perf_counter()
-        terrain = on_context(terrain, self._beside(terrain.context))
+        terrain = moved_to_context(terrain, self._beside(terrain.context))
         weather = weather or Weather.of(terrain.sketch)
         camera = find_view(terrain, view, weather=weather)
         sun = sun_of(terrain, camera, weather)
         spent = {"view": time.perf_counter() - start}
         try:
-            renderer = Renderer(self._context, terrain, sun=sun, weather=weather, kept=self._kept.lent())
+            renderer = Renderer(self._context, terrain, sun=sun, weather=weather, kept=self._kept.borrow())
             renderer.prepare(camera, self._size)
             renderer.draw(camera, self._framebuffer)
             picture = read_picture(self._texture)
@@ -89,12 +89,12 @@ class Studio:
             return picture
         finally:
             renderer = None  # type: ignore[assignment]  # before what it held is deleted
-            delete_dead(self._context)
+            release_orphans(self._context)
 
     def close(self) -> None:
         """Give back all that it holds."""
         self._kept.close()
-        delete_dead(self._context)
+        release_orphans(self._context)
         close_context(self._context)
 
     def _beside(self, context: ComputeContext) -> ComputeContext:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.relief import HeightMap
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.weather import Weather
 
     Floats = npt.NDArray[np.float64]
@@ -27,7 +27,7 @@ TO_THE_SIDE: Final = 108.0
 STEPS: Final = 28
 
 
-def sun_of(terrain: Terrain, camera: Camera, weather: Weather) -> Sun:
+def sun_of(terrain: TerrainSource, camera: Camera, weather: Weather) -> Sun:
     """Return the sun of the weather's hour, or, where it tells none, the one that suits the view.
 
     Raises
@@ -75,7 +75,7 @@ def _clock(minutes: float) -> str:
     return f"{int(minutes) // 60}:{int(minutes) % 60:02d}"
 
 
-def find_sun(terrain: Terrain, camera: Camera) -> Sun:
+def find_sun(terrain: TerrainSource, camera: Camera) -> Sun:
     """Choose the side, left or right of a camera, from which the sun lights more of what it sees.
 
     Looks at coarse heights in a fan before the camera. The same input always gives the same sun.

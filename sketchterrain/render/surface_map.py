@@ -16,7 +16,7 @@ import numpy as np
 from sketchterrain.render.programs import set_uniforms
 
 if TYPE_CHECKING:
-    from sketchterrain.render.ground import GroundPool
+    from sketchterrain.render.ground import TileRenderer
 
     Eye = tuple[float, float, float]
 
@@ -48,7 +48,7 @@ class SurfaceMap:
         By the names of kernels/render/surface_map.glsl.
     """
 
-    def __init__(self, context: moderngl.Context, pool: GroundPool, *, texels: int, reach: float) -> None:
+    def __init__(self, context: moderngl.Context, pool: TileRenderer, *, texels: int, reach: float) -> None:
         self._context = context
         self._pool = pool
         size = (2 * texels, texels)

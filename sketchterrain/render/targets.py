@@ -5,7 +5,7 @@ from __future__ import annotations
 import moderngl
 
 
-class Targets:
+class RenderTargets:
     """Framebuffers for pictures of one size.
 
     What is seen is found out at samples² samples a pixel and shaded at one; see spread.frag.glsl.
@@ -26,7 +26,7 @@ class Targets:
         The same with depth, for what is drawn upon the ground.
     copy : moderngl.Framebuffer
         Holds a copy of the scene that water can look into.
-    developed : moderngl.Framebuffer
+    tonemapped : moderngl.Framebuffer
         The picture, where it has to be enlarged.
     """
 
@@ -39,22 +39,22 @@ class Targets:
         low, high = _colour(context, inner, "f1"), _colour(context, inner, "f1")
         colour = _colour(context, inner, "f2")
         copy_colour, copy_depth = _colour(context, inner, "f2"), _depth(context, inner)
-        developed = _colour(context, size, "f1")
-        developed.filter = (moderngl.LINEAR, moderngl.LINEAR)
-        self.seen = context.framebuffer([normal, low, high], depth)
+        tonemapped = _colour(context, size, "f1")
+        tonemapped.filter = (moderngl.LINEAR, moderngl.LINEAR)
+        self.gbuffer = context.framebuffer([normal, low, high], depth)
         self.spread = context.framebuffer([colour])
         self.scene = context.framebuffer([colour], depth)
         self.copy = context.framebuffer([copy_colour], copy_depth)
-        self.developed = context.framebuffer([developed])
+        self.tonemapped = context.framebuffer([tonemapped])
         self.textures = {
-            "seen_depth": copy_depth if samples == 1 else depth,
-            "seen_normal": normal,
-            "seen_low": low,
-            "seen_high": high,
+            "gbuffer_depth": copy_depth if samples == 1 else depth,
+            "gbuffer_normal": normal,
+            "gbuffer_weights_low": low,
+            "gbuffer_weights_high": high,
             "drawn": colour,
             "scene": copy_colour,
             "scene_depth": copy_depth,
-            "developed": developed,
+            "tonemapped": tonemapped,
         }
         """By the names that shaders know them by."""
         if samples > 1:

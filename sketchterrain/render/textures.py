@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.quality import Quality
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
 
 NOISE_SIZE: Final = 512
 _TEXTURE_2D_ARRAY, _RGBA8, _RGBA, _UNSIGNED_BYTE = 0x8C1A, 0x8058, 0x1908, 0x1401
@@ -89,7 +89,7 @@ class MaterialTextures:
 
     @classmethod
     def of(
-        cls, context: moderngl.Context, terrain: Terrain, quality: Quality, *, folder: Path | None
+        cls, context: moderngl.Context, terrain: TerrainSource, quality: Quality, *, folder: Path | None
     ) -> MaterialTextures:
         """Return those of a terrain; where no device computes it, the best one computes them."""
         device = terrain.context.device

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, maximum_filter
 
-from sketchterrain.render.flight import Flight, Key
+from sketchterrain.render.flight import Flight, Keyframe
 from sketchterrain.render.relief import sample_heights
 from sketchterrain.render.view import water_map
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.relief import HeightMap
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
 
     Floats = npt.NDArray[np.float64]
 
@@ -47,7 +47,7 @@ _WATER = 1.2  # what water is worth, in the ground's range of heights
 _MIDDLE = 0.20  # cost of the innermost and outermost radius, in the same
 
 
-def tour(terrain: Terrain, *, seconds: float = 20.0) -> Flight:
+def tour(terrain: TerrainSource, *, seconds: float = 20.0) -> Flight:
     """Return a flight over a sketch; the same terrain always has the same round.
 
     The round closes: a longer flight goes around again.
@@ -80,12 +80,12 @@ def tour(terrain: Terrain, *, seconds: float = 20.0) -> Flight:
     targets = np.column_stack([there, eyes[:, 2] + drop])
     rows = zip(eyes.tolist(), targets.tolist(), strict=True)
     flight = Flight(
-        tuple(Key(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
+        tuple(Keyframe(KEY_EVERY * i, tuple(eye), tuple(target), FOV) for i, (eye, target) in enumerate(rows))
     )
     return Flight(flight.raised(terrain.heights, clearance=LOW * rise).keys[:wanted])
 
 
-def _round(terrain: Terrain, relief: HeightMap) -> Floats:
+def _round(terrain: TerrainSource, relief: HeightMap) -> Floats:
     """Return a closed way about the middle, (n, 2) m, that begins before what it likes best."""
     size = np.array(terrain.size)
     angle = 2.0 * np.pi * np.arange(BEARINGS) / BEARINGS
@@ -99,7 +99,7 @@ def _round(terrain: Terrain, relief: HeightMap) -> Floats:
     return np.roll(size / 2 + chosen[:, None] * spoke * size, -start, axis=0)
 
 
-def _costs(terrain: Terrain, relief: HeightMap, places: Floats) -> Floats:
+def _costs(terrain: TerrainSource, relief: HeightMap, places: Floats) -> Floats:
     """Return what it costs to fly over places (b, r, 2): heights do, water pays."""
     marks = water_map(terrain, relief)
     water = replace(marks, heights=gaussian_filter(marks.heights, 3.0))

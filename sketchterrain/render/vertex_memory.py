@@ -38,7 +38,7 @@ class _Written(Protocol):
     def close(self) -> None: ...
 
 
-class DrawnMemory:
+class GLVertexMemory:
     """Bytes that a device writes and OpenGL draws from; a ``memory`` for ``Terrain.vertex_store``.
 
     All calls belong to the thread in which the OpenGL context is current.
@@ -108,7 +108,7 @@ class DrawnMemory:
 
 def open_vertex_memory(
     gl: moderngl.Context, context: ComputeContext, nbytes: int, *, kind: str | None = None
-) -> DrawnMemory:
+) -> GLVertexMemory:
     """Make a buffer for vertices that a device's kernels write.
 
     Parameters
@@ -137,7 +137,7 @@ def open_vertex_memory(
                 raise
             reasons.append(str(error))
         else:
-            return DrawnMemory(gl, each, vertices, written, reason="; ".join(reasons))
+            return GLVertexMemory(gl, each, vertices, written, reason="; ".join(reasons))
     raise DeviceError("no kind of memory is left")
 
 

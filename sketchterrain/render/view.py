@@ -8,16 +8,16 @@ import numpy as np
 
 from sketchterrain.errors import InputError
 from sketchterrain.render.relief import sample_heights
-from sketchterrain.render.scene import Bounded, rectangle_of
+from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.render.standing_view import standing_view
-from sketchterrain.render.view_aim import aim, light_of, window
+from sketchterrain.render.view_aim import aim, sun_preference, window
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Camera
     from sketchterrain.render.relief import HeightMap
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.weather import Weather
 
     Floats = npt.NDArray[np.float64]
@@ -102,7 +102,7 @@ class _Panorama(NamedTuple):
         return np.asarray(self.share[..., distances].sum(axis=-1) - 1.0)
 
 
-def find_view(terrain: Terrain, kind: str = "auto", *, weather: Weather | None = None) -> Camera:
+def find_view(terrain: TerrainSource, kind: str = "auto", *, weather: Weather | None = None) -> Camera:
     """Choose a camera that shows a terrain. The same input always gives the same camera.
 
     Looks around from many stands, and takes the stand and bearing with the best mix of relief, visible water,
@@ -126,15 +126,15 @@ def find_view(terrain: Terrain, kind: str = "auto", *, weather: Weather | None =
         If there is no such kind, or the weather's hour is in the night.
     """
     check_view(kind)
-    light = light_of(weather)
+    light = sun_preference(weather)
     if kind in ("ground", "hill"):
         return standing_view(terrain, light, raised=kind == "hill")
     height = _HEIGHTS[kind]
     extent = terrain.extent
-    west, south, east, north = rectangle_of(terrain)
+    west, south, east, north = visible_rectangle(terrain)
     relief = sample_heights(terrain, ((west + east) / 2, (south + north) / 2), 3.4 * extent, 576)
     along = (np.arange(STANDS) + 0.5) / STANDS
-    if not isinstance(terrain, Bounded):  # a sketch is seen from a little outside, too
+    if not isinstance(terrain, BoundedTerrain):  # a sketch is seen from a little outside, too
         along = along * 1.1 - 0.05
     x, y = (
         grid.ravel() for grid in np.meshgrid(west + along * (east - west), south + along * (north - south))
@@ -174,7 +174,7 @@ def check_view(kind: str) -> None:
 
 
 def _look_around(
-    terrain: Terrain, relief: HeightMap, eyes: Floats, bearings: Floats, distances: Floats
+    terrain: TerrainSource, relief: HeightMap, eyes: Floats, bearings: Floats, distances: Floats
 ) -> _Panorama:
     east = eyes[:, 0, None, None] + np.sin(bearings)[None, :, None] * distances
     north = eyes[:, 1, None, None] + np.cos(bearings)[None, :, None] * distances
@@ -195,7 +195,7 @@ def _look_around(
     shown = seen & middle
     count = np.maximum(shown.sum(axis=-1), 1.0)
     painted = [(mask.at(east, north) * shown).sum(axis=-1) / count for mask in _painted(terrain, relief)]
-    west, south, *end = rectangle_of(terrain)
+    west, south, *end = visible_rectangle(terrain)
     inside = (east > west) & (east < end[0]) & (north > south) & (north < end[1])
     return _Panorama(
         skyline[..., -1],
@@ -208,7 +208,7 @@ def _look_around(
     )
 
 
-def water_map(terrain: Terrain, relief: HeightMap) -> HeightMap:
+def water_map(terrain: TerrainSource, relief: HeightMap) -> HeightMap:
     """Return where rivers and lakes are, on the texels of a map: 1 there, 0 elsewhere."""
     rivers, lakes = terrain.features.rivers, [lake.shape for lake in terrain.features.lakes]
     places, widths = [river.centreline for river in rivers], [river.centreline_width for river in rivers]
@@ -216,10 +216,10 @@ def water_map(terrain: Terrain, relief: HeightMap) -> HeightMap:
         row, column = np.nonzero(lake.inside > 0)
         places.append(np.stack([column, row], axis=-1) * lake.spacing + [lake.west, lake.south])
         widths.append(np.full(len(row), lake.spacing, np.float32))
-    return relief.marks_at(places, widths)
+    return relief.rasterized_mask(places, widths)
 
 
-def _painted(terrain: Terrain, relief: HeightMap) -> list[HeightMap]:
+def _painted(terrain: TerrainSource, relief: HeightMap) -> list[HeightMap]:
     """Draw, for each type of point feature, where painted ones are: 1 there, 0 elsewhere."""
     points = terrain.features.points
     points = points[points["painted"]]
@@ -227,7 +227,7 @@ def _painted(terrain: Terrain, relief: HeightMap) -> list[HeightMap]:
     for code in range(TYPES):
         of_type = points[points["type"] == code]
         places = np.stack([of_type["x"], of_type["y"]], axis=1)
-        masks.append(relief.marks_at([places], [0.9 * of_type["radius"]]))
+        masks.append(relief.rasterized_mask([places], [0.9 * of_type["radius"]]))
     return masks
 
 

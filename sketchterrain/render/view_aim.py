@@ -31,7 +31,7 @@ FLAT: Final = 0.8
 """… and what that costs."""
 
 
-def light_of(weather: Weather | None) -> Light:
+def sun_preference(weather: Weather | None) -> Light:
     """Return what the sun adds to views by their bearings: nothing where there is none, or none to be seen.
 
     Raises

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.scene import Features
-    from sketchterrain.render.targets import Targets
+    from sketchterrain.render.targets import RenderTargets
 
 OVER: Final = (moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA)
 UNDER: Final = (moderngl.ONE, moderngl.SRC_ALPHA)
@@ -108,7 +108,9 @@ class Water:
     def __bool__(self) -> bool:
         return bool(self._arrays)
 
-    def draw(self, eye: tuple[float, float, float], targets: Targets, uniforms: Mapping[str, object]) -> None:
+    def draw(
+        self, eye: tuple[float, float, float], targets: RenderTargets, uniforms: Mapping[str, object]
+    ) -> None:
         """Draw how wet the banks are, and the water, as seen from `eye`, into ``targets.scene``.
 
         Parameters

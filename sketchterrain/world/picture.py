@@ -10,7 +10,7 @@ from sketchterrain.jobs import run_job
 from sketchterrain.picture_arguments import camera_at
 from sketchterrain.progress import Stages
 from sketchterrain.render import Quality, check_overlays, check_view, render_picture
-from sketchterrain.render.overlays import Legend
+from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.still import Still, weather_at
 from sketchterrain.terrain import build
 from sketchterrain.world.opening import open_world
@@ -19,7 +19,7 @@ from sketchterrain.world.viewed import StoredTerrain
 
 def draw_world(
     store: Path, path: Path, still: Still, *, device: str | None, stages: Stages
-) -> tuple[list[Legend], list[str]]:
+) -> tuple[list[LegendEntry], list[str]]:
     """Draw a stored world and write the picture; return what colours mean, and what the world lacks.
 
     Places of `still` are metres from the sketch's south-west corner. Raise InputError if there is no such
@@ -27,16 +27,16 @@ def draw_world(
     """
     check_overlays(still.overlays)
     check_view(still.view)
-    quality = Quality.of(still.quality, without=still.without)
+    quality = Quality.from_level(still.quality, without=still.without)
     with stages.stage("world", "Opening the world"):
         stored = open_world(store)
         sketch = stored.sketch()
 
-    def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[Legend], list[str]]:
+    def work(context: ComputeContext, _: tuple[str, ...]) -> tuple[list[LegendEntry], list[str]]:
         with stages.stage("features", "Placing features"):
             terrain = None if sketch is None else build(sketch, device=context)
             world = StoredTerrain(stored, context, terrain)
-        legend: list[Legend] = []
+        legend: list[LegendEntry] = []
         with stages.stage("picture", "Rendering"):
             prepare_folder(path.parent)
             (x, y), places = world.corner, (still.eye, still.look_at)

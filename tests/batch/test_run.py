@@ -391,7 +391,7 @@ def test_a_preview_that_waits_is_not_begun_after_the_end(monkeypatch):
     begun, finish, ended = threading.Event(), threading.Event(), threading.Event()
     calls: list[object] = []
 
-    class Studio:
+    class SnapshotRenderer:
         def picture(self, terrain: object, **_: object) -> object:
             begun.set()
             assert finish.wait(30.0)
@@ -405,7 +405,7 @@ def test_a_preview_that_waits_is_not_begun_after_the_end(monkeypatch):
         if ended.is_set():
             raise InterruptedError
 
-    monkeypatch.setattr(run_module, "Studio", Studio)
+    monkeypatch.setattr(run_module, "SnapshotRenderer", SnapshotRenderer)
     with ThreadPoolExecutor(2) as pool, run_module._previews(go_on) as render:
         first = pool.submit(render, "first", view="auto")
         assert begun.wait(30.0)

@@ -19,7 +19,7 @@ import sketchterrain.still
 from sketchterrain.compute import list_devices
 from sketchterrain.progress import Stages
 from sketchterrain.render import Quality
-from sketchterrain.render.overlays import Legend
+from sketchterrain.render.overlays import LegendEntry
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import load_sketch
 
@@ -77,10 +77,10 @@ def shots(monkeypatch) -> list[dict[str, Any]]:
     asked: list[dict[str, Any]] = []
 
     def picture(
-        terrain: object, *, size: tuple[int, int], legend: list[Legend], **options: Any
+        terrain: object, *, size: tuple[int, int], legend: list[LegendEntry], **options: Any
     ) -> NDArray[np.uint8]:
         asked.append({"terrain": terrain, "size": size, **options})
-        legend.extend(Legend((255, 0, 16), name) for name in options["overlays"])
+        legend.extend(LegendEntry((255, 0, 16), name) for name in options["overlays"])
         return np.zeros((size[1], size[0], 3), np.uint8)
 
     monkeypatch.setattr(sketchterrain.still, "render_picture", picture)
@@ -123,7 +123,7 @@ def test_render_passes_on_what_a_picture_shall_be(call, sketch, tmp_path, shots)
     assert done.code == 0, done.err
     shot = shots[0]
     assert (shot["view"], shot["weather"].hour, shot["weather"].clouds) == ("hill", 9.5, 0.2)
-    assert shot["quality"] == Quality.of(0.5, without=("trees", "haze"))
+    assert shot["quality"] == Quality.from_level(0.5, without=("trees", "haze"))
     assert (shot["textures"], shot["camera"]) == (tmp_path, None)
 
 

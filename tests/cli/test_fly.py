@@ -13,7 +13,7 @@ from PIL import Image
 import sketchterrain.fly
 from sketchterrain.compute import list_devices
 from sketchterrain.errors import DeviceFailedError
-from sketchterrain.render import Flight, Key, Quality, Shot, save_flight
+from sketchterrain.render import CapturedFrame, Flight, Keyframe, Quality, save_flight
 
 SMALL = ["--size", "64x48"]
 
@@ -21,7 +21,7 @@ SMALL = ["--size", "64x48"]
 @pytest.fixture
 def path(tmp_path) -> Path:
     """Two seconds straight north, 80 m above the ground."""
-    keys = [Key(t, (100.0, 50.0 + 40.0 * t, 80.0), (100.0, 300.0 + 40.0 * t, 10.0)) for t in range(3)]
+    keys = [Keyframe(t, (100.0, 50.0 + 40.0 * t, 80.0), (100.0, 300.0 + 40.0 * t, 10.0)) for t in range(3)]
     return save_flight(Flight(tuple(keys), "above ground"), tmp_path / "way.toml")
 
 
@@ -30,15 +30,17 @@ def asked(monkeypatch) -> list[dict[str, Any]]:
     """What the renderer was asked for, in place of pictures; frame n is 9n grey, and takes n + 1 ms."""
     calls: list[dict[str, Any]] = []
 
-    def footage(terrain: object, views: Any, **options: Any) -> Iterator[Any]:
+    def capture_frames(terrain: object, views: Any, **options: Any) -> Iterator[Any]:
         calls.append(options | {"terrain": terrain, "views": views, "drawn": 0})
         for number in range(len(views.eye)):
             calls[-1]["drawn"] += 1
-            shot = Shot((number + 1) / 1000, number / 1000, int(number != 3), 10, 100 * number, number > 0)
+            shot = CapturedFrame(
+                (number + 1) / 1000, number / 1000, int(number != 3), 10, 100 * number, number > 0
+            )
             width, height = options["size"]
             yield shot, np.full((height, width, 3), 9 * number, np.uint8) if options["pixels"] else None
 
-    monkeypatch.setattr(sketchterrain.fly, "footage", footage)
+    monkeypatch.setattr(sketchterrain.fly, "capture_frames", capture_frames)
     return calls
 
 
@@ -91,9 +93,9 @@ def test_quality_real_time_and_a_path_under_the_ground(call, sketch, path, tmp_p
     assert call("fly", sketch, *more, "--quality", 0.25).code == 0
     assert call("fly", sketch, *more, "--real-time").code == 0
     found = [(each["quality"], each["complete"]) for each in asked]
-    assert found == [(Quality.of(0.25), True), (None, False)]
+    assert found == [(Quality.from_level(0.25), True), (None, False)]
 
-    keys = tuple(Key(t, (50.0 * t, 0.0, -500.0), (50.0 * t, 9.0, -500.0)) for t in range(2))
+    keys = tuple(Keyframe(t, (50.0 * t, 0.0, -500.0), (50.0 * t, 9.0, -500.0)) for t in range(2))
     deep = save_flight(Flight(keys), tmp_path / "deep.toml")
     done = call("fly", sketch, "--path", deep, "--fps", 2, *SMALL)
     assert (done.code, "note: the path goes 5" in done.out) == (0, True)
@@ -101,12 +103,12 @@ def test_quality_real_time_and_a_path_under_the_ground(call, sketch, path, tmp_p
 
 
 def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, monkeypatch):
-    def footage(terrain: object, views: object, **options: Any) -> Iterator[Any]:
+    def capture_frames(terrain: object, views: object, **options: Any) -> Iterator[Any]:
         for _ in range(3):
-            yield Shot(0.1, 0.0, 0, 0, 0, settled=True), np.zeros((48, 64, 3), np.uint8)
+            yield CapturedFrame(0.1, 0.0, 0, 0, 0, settled=True), np.zeros((48, 64, 3), np.uint8)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sketchterrain.fly, "footage", footage)
+    monkeypatch.setattr(sketchterrain.fly, "capture_frames", capture_frames)
     for name in ("frames", "a.webp", "a.gif"):
         done = call("fly", sketch, "--path", path, "-o", tmp_path / "out" / name, *SMALL)
         assert (done.code, done.out) == (130, "")
@@ -117,15 +119,15 @@ def test_an_interruption_leaves_no_part_of_a_film(call, sketch, path, tmp_path, 
 def test_a_device_that_fails_amid_a_flight_starts_it_again(call, sketch, path, tmp_path, monkeypatch):
     first = list_devices()[0]
 
-    def footage(terrain: Any, views: Any, **options: Any) -> Iterator[Any]:
+    def capture_frames(terrain: Any, views: Any, **options: Any) -> Iterator[Any]:
         failing = terrain.context.device == first
         for number in range(len(views.eye)):
             if failing and number == 3:
                 raise DeviceFailedError("it broke")
             picture = np.full((48, 64, 3), 200 if failing else 100, np.uint8)
-            yield Shot(0.1, 0.0, 0, 0, 0, settled=True), picture
+            yield CapturedFrame(0.1, 0.0, 0, 0, 0, settled=True), picture
 
-    monkeypatch.setattr(sketchterrain.fly, "footage", footage)
+    monkeypatch.setattr(sketchterrain.fly, "capture_frames", capture_frames)
     out = tmp_path / "frames"
     done = call(
         "fly", sketch, "--path", path, "-o", out, "--fps", 3, *SMALL, "--device", first.index, "--json"

@@ -209,7 +209,7 @@ def only_kind(context):
     return kinds[-1:]
 vertex_memory.kinds_for = only_kind
 terrain = build(load_sketch("valley_river"), device=ComputeContext(list_devices()[int(sys.argv[1])]))
-quality = replace(Quality.of(0.0), tile_memory=32 << 20)
+quality = replace(Quality.from_level(0.0), tile_memory=32 << 20)
 np.save(sys.argv[3], render_picture(terrain, size=(320, 180), quality=quality))
 print(*kinds)
 """

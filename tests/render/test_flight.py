@@ -1,4 +1,4 @@
-"""Flights: paths, their files, tours that are found, footage along them."""
+"""Flights: paths, their files, tours that are found, capture_frames along them."""
 
 import dataclasses
 import itertools
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sketchterrain.errors import InputError
-from sketchterrain.render import Camera, Quality, find_sun, footage, render_picture
+from sketchterrain.render import Camera, Quality, capture_frames, find_sun, render_picture
 from sketchterrain.render import tour as room
-from sketchterrain.render.flight import HEIGHTS, KEY, Flight, Key
+from sketchterrain.render.flight import HEIGHTS, KEY, Flight, Keyframe
 from sketchterrain.render.flight_file import flight_text, load_flight, parse_flight, save_flight
 from sketchterrain.render.tour import tour
 
@@ -25,7 +25,7 @@ def random_flight(seed, keys=12, **options):
     targets = eyes + rng.normal(0.0, 100.0, (keys, 3))
     fovs = rng.uniform(20.0, 80.0, keys)
     rows = zip(times, eyes.tolist(), targets.tolist(), fovs, strict=True)
-    return Flight(tuple(Key(float(t), tuple(e), tuple(a), float(f)) for t, e, a, f in rows), **options)
+    return Flight(tuple(Keyframe(float(t), tuple(e), tuple(a), float(f)) for t, e, a, f in rows), **options)
 
 
 def circle(radius=300.0, keys=24, seconds=24.0):
@@ -33,7 +33,7 @@ def circle(radius=300.0, keys=24, seconds=24.0):
     angles = np.linspace(0.0, 2 * np.pi, keys + 1)
     return Flight(
         tuple(
-            Key(seconds * i / keys, (radius * np.sin(a), radius * np.cos(a), 100.0), (0.0, 0.0, 0.0))
+            Keyframe(seconds * i / keys, (radius * np.sin(a), radius * np.cos(a), 100.0), (0.0, 0.0, 0.0))
             for i, a in enumerate(angles.tolist())
         )
     )
@@ -86,12 +86,14 @@ def test_around_a_circle_at_even_speed_with_the_target_amid_the_picture():
 
 
 def test_turns_are_the_shorter_way_and_keep_the_heading_when_looking_down():
-    keys = [Key(t, (0, 0, 0), (np.sin(h), np.cos(h), 0)) for t, h in enumerate(np.radians([350.0, 10.0]))]
+    keys = [
+        Keyframe(t, (0, 0, 0), (np.sin(h), np.cos(h), 0)) for t, h in enumerate(np.radians([350.0, 10.0]))
+    ]
     forward = Flight(tuple(keys)).at(0.5).target[0]
     assert forward == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
 
     targets = [(0, 0, -9), (50, 0, 0), (0, 0, -9), (0, 0, 9)]
-    keys = [Key(t, (0, 0, 0), target) for t, target in enumerate(targets)]
+    keys = [Keyframe(t, (0, 0, 0), target) for t, target in enumerate(targets)]
     views = Flight(tuple(keys)).at(np.linspace(0.0, 2.9, 30))
     assert np.abs(views.target[:, 1]).max() < 1e-6
     assert (views.target[:, 0] > -1e-6).all()
@@ -99,16 +101,16 @@ def test_turns_are_the_shorter_way_and_keep_the_heading_when_looking_down():
 
 def test_a_camera_that_halts_or_only_turns_does_not_move():
     places = [(0, 0, 5), (100, 0, 5), (100, 0, 5), (200, 50, 5)]
-    keys = [Key(2 * i, place, (place[0], 300, 0)) for i, place in enumerate(places)]
+    keys = [Keyframe(2 * i, place, (place[0], 300, 0)) for i, place in enumerate(places)]
     views = Flight(tuple(keys)).at(np.linspace(2.0, 4.0, 50))
     assert (views.eye == (100.0, 0.0, 5.0)).all()
     assert np.abs(views.velocity[1:-1]).max() == 0.0
-    keys = [Key(t, (1e6, 1e6, 5), (1e6 + x, 1e6, 0)) for t, x in enumerate((1.0, -1.0, 1.0))]
+    keys = [Keyframe(t, (1e6, 1e6, 5), (1e6 + x, 1e6, 0)) for t, x in enumerate((1.0, -1.0, 1.0))]
     views = Flight(tuple(keys)).at(np.linspace(0.0, 2.0, 50))
     assert (views.eye == (1e6, 1e6, 5.0)).all()
     assert np.isfinite(views.target).all()
     # Keys hardly apart are one place.
-    keys = [Key(t, (1e8 + 1e-5 * t, 0, 5), (1e8, 300, 0)) for t in range(5)]
+    keys = [Keyframe(t, (1e8 + 1e-5 * t, 0, 5), (1e8, 300, 0)) for t in range(5)]
     views = Flight(tuple(keys)).at(np.linspace(0.0, 4.0, 9))
     assert all(np.isfinite(part).all() for part in views)
     assert all((a == b).all() for a, b in itertools.pairwise(views.eye))
@@ -135,7 +137,7 @@ def test_heights_above_ground_follow_the_ground():
         eye = flight.at(np.linspace(0.0, flight.duration, 20_000)).eye
         assert (eye[:, 2] - hills(eye[:, 0], eye[:, 1])).min() > 2.9, seed
 
-    keys = tuple(Key(t, (90.0 * t, 0.0, 20.0), (90.0 * t, 50.0, 1.0)) for t in range(4))
+    keys = tuple(Keyframe(t, (90.0 * t, 0.0, 20.0), (90.0 * t, 50.0, 1.0)) for t in range(4))
     flight = Flight(keys, "above ground").over(lambda x, y: np.full(np.shape(x), 700.0))
     assert [key.eye[2] for key in flight.keys] == [720.0] * 4
     assert [key.target[2] for key in flight.keys] == [701.0] * 4
@@ -268,15 +270,15 @@ def test_the_cheapest_path_is_that_of_brute_force():
 
 
 SIZE = (96, 54)
-QUICK = dataclasses.replace(Quality.of(0.25), map_texels=128, material_texels=128, quads=64)
+QUICK = dataclasses.replace(Quality.from_level(0.25), map_texels=128, material_texels=128, quads=64)
 WHOLE = Quality(samples=1, map_texels=128)
 
 
 @pytest.fixture
 def views():
     """Four frames across hills and the river, with a cut to the other end of the sketch in the middle."""
-    keys = [Key(t, (500.0, 100.0 + 60.0 * t, 140.0), (520.0, 500.0 + 60.0 * t, 30.0)) for t in range(3)]
-    keys += [Key(2.001 + t, (200.0 + 50.0 * t, 900.0, 160.0), (300.0, 400.0, 30.0)) for t in range(3)]
+    keys = [Keyframe(t, (500.0, 100.0 + 60.0 * t, 140.0), (520.0, 500.0 + 60.0 * t, 30.0)) for t in range(3)]
+    keys += [Keyframe(2.001 + t, (200.0 + 50.0 * t, 900.0, 160.0), (300.0, 400.0, 30.0)) for t in range(3)]
     return Flight(tuple(keys)).at([0.0, 2.0, 2.001, 3.0])
 
 
@@ -286,7 +288,7 @@ def views():
 @pytest.mark.parametrize("quality", [QUICK, pytest.param(WHOLE, marks=pytest.mark.slow)])
 def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality):
     # So many frames a second that water, which goes by the clock, stands.
-    frames = list(footage(waves, views, fps=1e9, size=SIZE, quality=quality))
+    frames = list(capture_frames(waves, views, fps=1e9, size=SIZE, quality=quality))
     cameras = [
         Camera(tuple(eye), tuple(target), fov=fov)
         for eye, target, fov in zip(*(part.tolist() for part in views[:3]), strict=True)
@@ -306,11 +308,13 @@ def test_a_complete_frame_equals_the_picture_of_its_camera(waves, views, quality
 @pytest.mark.slow
 @pytest.mark.usefixtures("gl")
 def test_frames_as_a_viewer_shows_them_are_never_empty(waves, views):
-    frames = list(footage(waves, views, fps=30.0, size=SIZE, complete=False, quality=QUICK))
+    frames = list(capture_frames(waves, views, fps=30.0, size=SIZE, complete=False, quality=QUICK))
     assert all(shot.tiles_drawn > 0 and shot.triangles > 0 for shot, _ in frames)
     assert all(shot.seconds > 0.0 for shot, _ in frames)
     assert all(np.abs(a[1].astype(int) - b[1]).mean() > 0.5 for a, b in itertools.pairwise(frames))
-    shots = list(footage(waves, views, fps=30.0, size=SIZE, quality=QUICK, complete=False, pixels=False))
+    shots = list(
+        capture_frames(waves, views, fps=30.0, size=SIZE, quality=QUICK, complete=False, pixels=False)
+    )
     assert [picture for _, picture in shots] == [None] * 4
     with pytest.raises(InputError, match="8192"):
-        next(footage(waves, views, fps=30.0, size=(9000, 10)))
+        next(capture_frames(waves, views, fps=30.0, size=(9000, 10)))

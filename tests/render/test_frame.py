@@ -11,7 +11,7 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.render import Camera, Quality, Renderer, Sun, Weather
 from sketchterrain.render.draw_distance import FARTHEST
-from sketchterrain.render.frame import NOISE_PERIOD, within_period
+from sketchterrain.render.frame import NOISE_PERIOD, wrap_to_noise_period
 from sketchterrain.render.gl_functions import gl_function
 from sketchterrain.render.overlay_lines import KnownHeights, feature_lines
 from sketchterrain.render.overlays import Overlay
@@ -28,7 +28,9 @@ pytestmark = pytest.mark.gl
 SIDE, EXTENT = 96, 3072.0
 SIZE = (240, 136)
 SUN = Sun(230.0, 35.0)
-QUALITY = replace(Quality.of(0.25), map_texels=128, material_texels=128, budget=0.25, tile_memory=32 << 20)
+QUALITY = replace(
+    Quality.from_level(0.25), map_texels=128, material_texels=128, budget=0.25, tile_memory=32 << 20
+)
 
 
 def disc(image, row, column, radius, label=1):
@@ -351,15 +353,15 @@ def test_renderers_leave_no_opengl_objects_behind(gl, camera, before):
 
 
 SMALL = (160, 90)
-CHEAP = replace(Quality.of(0.25), map_texels=128, material_texels=128, quads=64, shade_texels=256)
+CHEAP = replace(Quality.from_level(0.25), map_texels=128, material_texels=128, quads=64, shade_texels=256)
 CHEAP = replace(CHEAP, tile_memory=64 << 20, tolerance=2.0, reach=3.0)
 CAMERA = Camera((500.0, 100.0, 130.0), (500.0, 800.0, 60.0))
 
 
 def test_places_repeat_and_do_not_jump_near_the_origin():
     near = np.linspace(-0.49, 0.49, 99) * NOISE_PERIOD
-    assert [within_period(x) for x in near] == near.tolist()
-    assert np.allclose([within_period(x + 3.0 * NOISE_PERIOD) for x in near], near, atol=1e-9)
+    assert [wrap_to_noise_period(x) for x in near] == near.tolist()
+    assert np.allclose([wrap_to_noise_period(x + 3.0 * NOISE_PERIOD) for x in near], near, atol=1e-9)
 
 
 @pytest.mark.slow

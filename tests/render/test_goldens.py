@@ -73,7 +73,7 @@ def drawn(name):
         size=SIZE,
         camera=Camera(scene.eye, scene.target, fov=scene.fov),
         weather=Weather.of(terrain.sketch, hour=scene.hour, clouds=scene.clouds),
-        quality=Quality.of(scene.quality),
+        quality=Quality.from_level(scene.quality),
     )
 
 

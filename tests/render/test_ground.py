@@ -7,8 +7,8 @@ import pytest
 from sketchterrain.errors import InputError
 from sketchterrain.render import Quality
 from sketchterrain.render.frame import FrameBlock
-from sketchterrain.render.ground import GroundPool
-from sketchterrain.render.ground_stream import LEAP, LEAP_BUDGET, GroundStream
+from sketchterrain.render.ground import TileRenderer
+from sketchterrain.render.ground_stream import LEAP, LEAP_BUDGET, TerrainStream
 from sketchterrain.render.programs import FRAME_BINDING, set_uniforms
 from sketchterrain.resources import source
 from sketchterrain.terrain.lattice import metres_per_unit
@@ -62,7 +62,7 @@ void main() {
     gl.simple_framebuffer((4, 4)).use()
     output = gl.buffer(reserve=24 * SIDE**2)
     for tile in range(len(keys)):
-        pool = GroundPool(gl, waves.extent, gl.buffer(vertices[tile].tobytes()))
+        pool = TileRenderer(gl, waves.extent, gl.buffer(vertices[tile].tobytes()))
         pool.place(draws.part(tile), eye)
         gl.vertex_array(program, pool.content, skip_errors=True).transform(
             output, moderngl.POINTS, vertices=SIDE**2, instances=1
@@ -76,7 +76,7 @@ void main() {
 @pytest.mark.gl
 def test_tiles_beyond_32_bits_are_refused(gl, waves):
     keys, draws = neighbours(EYES[0])
-    pool = GroundPool(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()))
+    pool = TileRenderer(gl, waves.extent, gl.buffer(pack_tiles(waves, keys).tobytes()))
     with pytest.raises(InputError, match="128000 m of the eye"):
         pool.place(draws, (200_000.0, 0.0, 10.0))
 
@@ -158,7 +158,7 @@ def test_every_border_edge_is_shared_bit_for_bit(waves, seed):
 def test_no_magenta_under_the_horizon_while_tiles_stream_and_after(gl, waves):
     rng = np.random.default_rng(3)
     eye = Eye(gl, SIZE)
-    stream = GroundStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
+    stream = TerrainStream(gl, waves, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     place, lowest = np.array([300.0, 200.0, 0.0]), -100.0
     for step in range(24):
         if step % 6 == 0:
@@ -209,7 +209,7 @@ def slow():
 
 def opened(gl, slow, *, quad=12.0):
     metric = ScreenError(tolerance=0.4, quad=quad)
-    return GroundStream(gl, slow, QUALITY, metric=metric, timer=lambda: slow.clock)
+    return TerrainStream(gl, slow, QUALITY, metric=metric, timer=lambda: slow.clock)
 
 
 def frame(stream, eye, bearing=30.0):

@@ -192,7 +192,7 @@ def test_parts_left_out_by_quality_are_not_drawn(gl):
         scene.see(camera)
         triangles.append(scene.renderer.scenery.cover.triangles)
     assert triangles[0] > triangles[1] == 0
-    assert Quality.of(0.25).grass == 0.0
+    assert Quality.from_level(0.25).grass == 0.0
     bare = GroundCover(gl, quality=replace(QUALITY, grass=0.0), shading=scene.renderer.scenery.shading)
     bare.draw(camera, SIZE, {}, above=1.7)
     assert bare.triangles == 0

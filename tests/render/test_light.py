@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sketchterrain.render import Camera, Sun
-from sketchterrain.render.allowance import Allowance, Pace
+from sketchterrain.render.allowance import TimeBudget, WorkRate
 from sketchterrain.render.frame import FrameBlock
 from sketchterrain.render.light_layer import FADE
 from sketchterrain.render.light_map import BLOCK, LightMaker, LightMap, Square
@@ -61,26 +61,26 @@ def test_squares_lie_on_whole_blocks_near_their_middle():
 
 
 def test_a_pace_learns_what_fits_and_recovers_from_slow_moments():
-    pace = Pace(1e-3)
-    assert pace.fits(Allowance(0.0104, timer=lambda: 0.0)) == 10
-    pace.took(10, 0.0204)
-    assert pace.fits(Allowance(0.0104, timer=lambda: 0.0)) == 5
-    assert pace.fits(Allowance(0.0104, timer=lambda: 0.0), step=6) == 0
+    pace = WorkRate(1e-3)
+    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0)) == 10
+    pace.record(10, 0.0204)
+    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0)) == 5
+    assert pace.steps_within(TimeBudget(0.0104, timer=lambda: 0.0), step=6) == 0
     for _ in range(30):
-        pace.took(10, 0.0104)
-    assert pace.fits(Allowance(0.0105, timer=lambda: 0.0)) == 10
+        pace.record(10, 0.0104)
+    assert pace.steps_within(TimeBudget(0.0105, timer=lambda: 0.0)) == 10
 
-    pace = Pace(1e-3)
-    pace.took(1, 1.0)
+    pace = WorkRate(1e-3)
+    pace.record(1, 1.0)
     tries = 0
-    while not pace.fits(Allowance(0.01, timer=lambda: 0.0)):
+    while not pace.steps_within(TimeBudget(0.01, timer=lambda: 0.0)):
         tries += 1
         assert tries < 60
-    assert pace.fits(Allowance(0.0, timer=lambda: 0.0)) == 0
-    pace = Pace(1e-3)
-    assert pace.fits(Allowance(0.5, timer=lambda: 0.0))
-    pace.took(10, 0.5)
-    assert any(pace.fits(Allowance(0.01, timer=lambda: 0.0)) for _ in range(150))
+    assert pace.steps_within(TimeBudget(0.0, timer=lambda: 0.0)) == 0
+    pace = WorkRate(1e-3)
+    assert pace.steps_within(TimeBudget(0.5, timer=lambda: 0.0))
+    pace.record(10, 0.5)
+    assert any(pace.steps_within(TimeBudget(0.01, timer=lambda: 0.0)) for _ in range(150))
 
 
 @pytest.mark.gl
@@ -131,7 +131,7 @@ def test_maps_made_in_slices_are_those_made_at_once(gl):
     made = LightMap(maker, square, behind=wide, known=known)
     frames, ticks = 0, count()
     while not made.ready:
-        made.go_on(Allowance(0.002, timer=lambda: 1e-4 * next(ticks)))
+        made.go_on(TimeBudget(0.002, timer=lambda: 1e-4 * next(ticks)))
         frames += 1
         assert frames < 2000
     assert frames > 3
@@ -160,13 +160,13 @@ def test_streamed_light_fades_in_ends_as_the_settled_one_and_never_jumps(gl, wav
     elapsed = 0.05
     strengths = [(0.0,) * (3 if close else 2)]
     while not lit.settled:
-        lit.update(start, elapsed, Allowance(1.0))
+        lit.update(start, elapsed, TimeBudget(1.0))
         strengths.append(lit.uniforms(start.eye)["map_strength"])
     assert np.diff(strengths, axis=0).max() <= elapsed / FADE + 1e-9
     assert set(strengths[-1]) == {1.0}
     before = lit.uniforms((0.0, 0.0, 0.0))
     for frame in range(600):
-        lit.update(goal, elapsed, Allowance(1.0))
+        lit.update(goal, elapsed, TimeBudget(1.0))
         after = lit.uniforms((0.0, 0.0, 0.0))
         step = np.abs(np.subtract(after["near_window"], before["near_window"])).max()
         assert step <= 0.5 * 1300.0 * elapsed / FADE
@@ -219,7 +219,7 @@ def test_no_place_changes_its_light_suddenly(gl, waves):
     for step in range(6):
         camera = Camera((500.0 + 300.0 * step, 100.0 + 200.0 * step, 130.0), (2000.0, 4000.0, 60.0))
         for _ in range(250):
-            lit.update(camera, elapsed, Allowance(1.0))
+            lit.update(camera, elapsed, TimeBudget(1.0))
             after = light_everywhere(gl, lit, program, frame)
             changes.append(np.abs(after - before).max())
             before = after

@@ -10,9 +10,9 @@ import pytest
 
 from sketchterrain.errors import InputError
 from sketchterrain.features.catalogue import FEATURE
-from sketchterrain.render import Camera, Quality, footage, render_picture
+from sketchterrain.render import Camera, Quality, capture_frames, render_picture
 from sketchterrain.render.frame import FrameBlock
-from sketchterrain.render.ground_stream import GroundStream
+from sketchterrain.render.ground_stream import TerrainStream
 from sketchterrain.render.overlay_lines import COLOURS, feature_lines
 from sketchterrain.render.overlays import OVERLAYS, Overlay
 from sketchterrain.render.snapshot import read_picture
@@ -29,7 +29,7 @@ CAMERA = Camera((500.0, -100.0, 160.0), (500.0, 900.0, 0.0), fov=50.0, near=5.0,
 @pytest.fixture
 def painted(gl, waves):
     """Draws an overlay over plain sky: returns the picture (height, width, 3) of uint8, row 0 on top."""
-    stream = GroundStream(gl, waves, SMALL, metric=ScreenError(quad=3.0))
+    stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(quad=3.0))
     stream.settle(CAMERA, SIZE, draw_distance=6000.0)
     overlay = Overlay(gl, waves, stream)
     texture = gl.texture(SIZE, 4)
@@ -70,7 +70,7 @@ def test_overlays_cover_the_ground_leave_the_sky_and_are_documented(gl, waves, p
         painted("contours")
     # Without tiles nothing is drawn.
     texture = gl.texture((16, 16), 4, np.full(16 * 16 * 4, 9, np.uint8).tobytes())
-    overlay = Overlay(gl, waves, GroundStream(gl, waves, SMALL))
+    overlay = Overlay(gl, waves, TerrainStream(gl, waves, SMALL))
     overlay.draw("levels", (0.0, 0.0, 9.0), gl.framebuffer([texture]))
     gl.enable_only(moderngl.NOTHING)
     assert set(texture.read()) == {9}
@@ -163,9 +163,9 @@ def test_footage_and_pictures_draw_overlays(gl, waves, monkeypatch):
         target=np.array([CAMERA.target] * 2),
         fov=np.array([50.0] * 2),
     )
-    quick = replace(Quality.of(0.0), quads=64, material_texels=64, map_texels=64)
+    quick = replace(Quality.from_level(0.0), quads=64, material_texels=64, map_texels=64)
     list(
-        footage(
+        capture_frames(
             waves, views, fps=10, size=(32, 18), quality=quick, complete=False, overlays=("levels", "error")
         )
     )
@@ -176,7 +176,7 @@ def test_footage_and_pictures_draw_overlays(gl, waves, monkeypatch):
     assert [entry.meaning for entry in legend] == ["across x", "across y", "across z"]
     for call in (
         lambda: render_picture(waves, overlays=["contours"]),
-        lambda: next(footage(waves, views, fps=10, overlays=["contours"])),
+        lambda: next(capture_frames(waves, views, fps=10, overlays=["contours"])),
     ):
         with pytest.raises(InputError, match="no overlay 'contours'"):
             call()

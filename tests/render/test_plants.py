@@ -8,7 +8,7 @@ import pytest
 
 from sketchterrain.look.trees import DETAILS
 from sketchterrain.render import Camera, Quality, Sun
-from sketchterrain.render.allowance import Allowance
+from sketchterrain.render.allowance import TimeBudget
 from sketchterrain.render.forest import BAND, GROW, PIXELS, Forest, shares
 from sketchterrain.render.lit_ground import LitGround
 from sketchterrain.render.plant_cells import CELL, KEPT, PlantCells, cells_near, joined
@@ -84,7 +84,7 @@ def test_plants_of_cells_are_those_of_the_terrain():
     places = [(col, row) for col in range(-2, 2) for row in range(3)]
     cells.want(places)
     while not cells.complete:
-        cells.go_on(Allowance(1.0))
+        cells.go_on(TimeBudget(1.0))
     whole.want(places)
     whole.finish()
     assert len(meadow.asked) == len(places) + 1
@@ -128,7 +128,7 @@ def test_cells_are_made_in_steps_and_dropped_when_long_unused():
 
     frames = 0
     while not cells.complete:
-        cells.go_on(Allowance(0.008, timer=timer))
+        cells.go_on(TimeBudget(0.008, timer=timer))
         frames += 1
     assert frames > 1
     for col in range(KEPT + 20):
@@ -195,7 +195,7 @@ def test_shadows_drawn_in_slices_are_those_drawn_at_once(gl, allowance):
         if sliced:
             frames = 0
             while not shade.settled:
-                shade.go_on(CAMERA.eye, 0.05, Allowance(allowance))
+                shade.go_on(CAMERA.eye, 0.05, TimeBudget(allowance))
                 frames += 1
                 assert frames < 3000
         else:
@@ -231,12 +231,12 @@ def test_plants_grow_in_and_the_forest_settles(gl):
     meadow = Lattice()
     lit = LitGround(gl, meadow, SUN, texels=64)
     lit.settle(CAMERA)
-    quality = Quality.of(0.5)
+    quality = Quality.from_level(0.5)
     forest = Forest(gl, meadow, SUN, quality=quality, defines={})
     triangles, shown = [], []
     frames = 0
     while not forest.settled:
-        forest.update(CAMERA, SIZE, lit, 0.05, Allowance(0.02))
+        forest.update(CAMERA, SIZE, lit, 0.05, TimeBudget(0.02))
         forest._choose(CAMERA, SIZE)
         triangles.append(forest.triangles)
         shown.append(forest.count)
@@ -387,7 +387,7 @@ def test_a_step_of_the_eye_changes_few_plants(forest_of):
     forest.settle(THIN_CAMERA, FRAME, lit)
     before = drawn(forest)
     moved = replace(THIN_CAMERA, eye=(3000.6, 300.8, 160.0), target=(3000.6, 1700.8, -200.0))
-    forest.update(moved, FRAME, lit, 0.05, Allowance(0.0))
+    forest.update(moved, FRAME, lit, 0.05, TimeBudget(0.0))
     forest._choose(moved, FRAME)
     after = drawn(forest)
     both, a, b = np.intersect1d(before[0], after[0], return_indices=True)
@@ -409,7 +409,7 @@ def test_plants_are_not_chosen_again_for_an_eye_at_rest(forest_of, monkeypatch):
     monkeypatch.setattr("sketchterrain.render.forest.joined", lambda *_: chosen.append(1))
     monkeypatch.setattr("sketchterrain.render.forest.in_view", lambda *_: chosen.append(1))
     for _ in range(3):
-        forest.update(THIN_CAMERA, FRAME, lit, 0.05, Allowance(0.0))
+        forest.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(0.0))
         forest._choose(THIN_CAMERA, FRAME)
     assert not chosen
     assert forest.settled
@@ -424,7 +424,7 @@ def test_a_flight_that_comes_to_rest_shows_what_a_still_does(forest_of):
     away = replace(THIN_CAMERA, eye=(3000.0, 300.0, 400.0), target=(3000.0, 1700.0, 600.0))
     flown.settle(away, FRAME, lit)
     for _ in range(400):
-        flown.update(THIN_CAMERA, FRAME, lit, 0.05, Allowance(1.0))
+        flown.update(THIN_CAMERA, FRAME, lit, 0.05, TimeBudget(1.0))
         flown._choose(THIN_CAMERA, FRAME)
         if flown.settled:
             break

@@ -8,8 +8,8 @@ import pytest
 from sketchterrain.compute import ComputeContext, list_devices
 from sketchterrain.render import Camera, Quality, Sun, Weather, render_picture
 from sketchterrain.render.draw_distance import draw_distance
-from sketchterrain.render.ground_stream import LEAP, GroundStream, view_of
-from sketchterrain.render.scene import Bounded, rectangle_of
+from sketchterrain.render.ground_stream import LEAP, TerrainStream, view_of
+from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.resources import preset_names
 from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.terrain import build
@@ -45,7 +45,7 @@ BOUND = 4.0
 @pytest.mark.slow
 @pytest.mark.parametrize(("z", "pitch"), [(95.0, -4.0), (180.0, -25.0)])
 def test_tiles_morph_without_a_pop_before_a_camera_at_rest(gl, waves, z, pitch):
-    stream = GroundStream(gl, waves, SMALL, metric=ScreenError(tolerance=0.3, quad=10.0))
+    stream = TerrainStream(gl, waves, SMALL, metric=ScreenError(tolerance=0.3, quad=10.0))
     shade = Shade(gl, stream, SIZE)
     stream.settle(
         camera_towards((300.0, 200.0, z + 400.0), 0.0, 200.0, -20.0, REACH), SIZE, draw_distance=REACH
@@ -80,7 +80,7 @@ def test_in_flight_no_frame_differs_by_more_than_the_motion(gl, waves):
     speed = 40.0
     metric = ScreenError(tolerance=0.3, quad=10.0)
     ticks = count()  # a batch takes 2 ms however busy the machine is
-    stream = GroundStream(gl, waves, SMALL, metric=metric, timer=lambda: 2e-3 * next(ticks))
+    stream = TerrainStream(gl, waves, SMALL, metric=metric, timer=lambda: 2e-3 * next(ticks))
     shade = Shade(gl, stream, SIZE)
     biggest, drawn = [], set()
     for frame in range(50):
@@ -118,7 +118,7 @@ def terrain(request):
 @pytest.mark.slow
 def test_no_holes(gl, terrain):
     rng = np.random.default_rng(11)
-    eye, stream = Eye(gl, RANDOM_SIZE), GroundStream(gl, terrain, QUICK)
+    eye, stream = Eye(gl, RANDOM_SIZE), TerrainStream(gl, terrain, QUICK)
     bad, covered = [], 0
     for number in range(CAMERAS):
         east, north = rng.uniform(-0.5, 1.5, 2) * terrain.extent
@@ -150,7 +150,7 @@ def test_no_holes(gl, terrain):
 def test_no_pops_before_a_camera_that_stands_still(gl, terrain):
     """20 of 255 levels between frames; beyond what an edge that moves by a pixel brings."""
     rng = np.random.default_rng(7)
-    stream = GroundStream(gl, terrain, QUICK)
+    stream = TerrainStream(gl, terrain, QUICK)
     shade = Shade(gl, stream, RANDOM_SIZE)
     reach = 16.0 * terrain.extent
     for height in (3.0, 40.0, 900.0):
@@ -258,10 +258,10 @@ def test_every_tile_that_is_drawn_has_ground_and_nothing_opens_between_them(worl
 
 
 def test_tiles_are_streamed_only_within_the_bounds_of_a_world(world, ending_terrain):
-    assert isinstance(world, Bounded)
-    assert not isinstance(ending_terrain, Bounded)
-    assert rectangle_of(ending_terrain) == (0.0, 0.0, *ending_terrain.size)
-    assert rectangle_of(world) == (0.0, -401 * CELL, 512 * CELL, 0.0)
+    assert isinstance(world, BoundedTerrain)
+    assert not isinstance(ending_terrain, BoundedTerrain)
+    assert visible_rectangle(ending_terrain) == (0.0, 0.0, *ending_terrain.size)
+    assert visible_rectangle(world) == (0.0, -401 * CELL, 512 * CELL, 0.0)
     streamed = streamed_of(world)
     for eye, reach in (((1e6, 1e6, 500.0), 3000.0), ((1000.0, -800.0, 500.0), END_REACH)):
         view = view_from(eye)
@@ -275,7 +275,7 @@ def test_tiles_are_streamed_only_within_the_bounds_of_a_world(world, ending_terr
 @pytest.mark.gl
 def test_ground_is_seen_up_to_the_ends_and_nothing_beyond(gl, world, stored):
     eye = Eye(gl, SIZE)
-    stream = GroundStream(gl, world, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
+    stream = TerrainStream(gl, world, Quality(quads=64, tile_memory=SLOTS * TILE_BYTES))
     west, south, east, north = world.bounds
     high = float(stored.data["height", 0].max())
     lowest = float(stored.data["height", 0].min()) - 10.0
@@ -317,7 +317,7 @@ def test_the_picture_of_a_stored_world_is_that_of_its_terrain(world, ending_terr
         "camera": camera,
         "sun": Sun(250.0, 32.0),
         "weather": Weather(clouds=0.0),
-        "quality": Quality.of(0.4),
+        "quality": Quality.from_level(0.4),
     }
     one, two = (render_picture(scene, **options).astype(int) for scene in (world, live))
     apart = np.abs(one - two).max(axis=-1)

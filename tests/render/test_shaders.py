@@ -24,7 +24,7 @@ from sketchterrain.render import (
 from sketchterrain.render.atmosphere import GROUND
 from sketchterrain.render.clouds import cloud_defines
 from sketchterrain.render.frame import FrameBlock
-from sketchterrain.render.ground import GroundPool
+from sketchterrain.render.ground import TileRenderer
 from sketchterrain.render.programs import build_program, build_transform, set_uniforms
 from sketchterrain.render.shading import Shading
 from sketchterrain.render.surface_map import SurfaceMap
@@ -240,7 +240,7 @@ def test_without_detail_the_ground_is_smooth(gl, waves, number):
             size=(192, 108),
             camera=camera,
             sun=Sun(250.0, 35.0),
-            quality=dataclasses.replace(Quality.of(number, without=[*others, *more]), quads=64),
+            quality=dataclasses.replace(Quality.from_level(number, without=[*others, *more]), quads=64),
         )
         for more in ((), ("detail",))
     ]
@@ -381,7 +381,7 @@ class Scene:
         self.vertices["height"] += np.float32(lift)
         self.vertices["parent_height"] += np.float32(lift)
         self.extent = terrain.extent
-        self.pool = GroundPool(gl, terrain.extent, gl.buffer(self.vertices.tobytes()))
+        self.pool = TileRenderer(gl, terrain.extent, gl.buffer(self.vertices.tobytes()))
         self.frame = FrameBlock(gl)
         self.map = SurfaceMap(gl, self.pool, texels=TEXELS, reach=REACH)
         self.see(eye)

@@ -348,9 +348,9 @@ def test_quality_and_weather_choose_how_clouds_are_drawn():
     fair = Weather()
     assert cloud_defines(Quality(), Weather(clouds=0.9)) == {"CLOUDS": 2, "GREY": 1}
     assert cloud_defines(Quality(), fair) == {"CLOUDS": 2, "GREY": 0}
-    assert cloud_defines(Quality.of(0.2), fair) == {"CLOUDS": 1, "GREY": 0}
-    assert cloud_defines(Quality.of(0.2), Weather(clouds=0.0)) == {"CLOUDS": 0, "GREY": 0}
-    assert cloud_defines(Quality.of(1.0, without=["clouds"]), fair)["CLOUDS"] == 0
+    assert cloud_defines(Quality.from_level(0.2), fair) == {"CLOUDS": 1, "GREY": 0}
+    assert cloud_defines(Quality.from_level(0.2), Weather(clouds=0.0)) == {"CLOUDS": 0, "GREY": 0}
+    assert cloud_defines(Quality.from_level(1.0, without=["clouds"]), fair)["CLOUDS"] == 0
 
 
 @pytest.mark.gl
@@ -387,7 +387,7 @@ def drawn(gl, waves, weather, quality, clock=0.0):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [0.1, 0.5])
 def test_clouds_whiten_the_sky_and_the_wind_moves_them(gl, waves, number):
-    plain = Quality.of(number, without=["trees", "grass", "rocks", "water", "detail"])
+    plain = Quality.from_level(number, without=["trees", "grass", "rocks", "water", "detail"])
     quality = dataclasses.replace(plain, quads=64, map_texels=64, material_texels=64, tile_memory=64 << 20)
     clear, fair, later, grey = (
         drawn(gl, waves, weather, quality, clock)

@@ -334,7 +334,7 @@ def test_a_picture_shows_the_textures_of_the_folder(waves, tmp_path):
     for name in ("grass", "rock"):
         save(tmp_path, f"{name}.png", np.full((8, 8, 3), (230, 20, 230), np.uint8))
     camera = Camera((500.0, 100.0, 200.0), (500.0, 300.0, 40.0), far=20_000.0)
-    plain = Quality.of(0.0, without=["trees", "grass", "rocks", "clouds"])
+    plain = Quality.from_level(0.0, without=["trees", "grass", "rocks", "clouds"])
     cheap = dataclasses.replace(plain, quads=64, material_texels=64)
     own, given = (
         render_picture(

@@ -12,7 +12,7 @@ from sketchterrain.compute.gl_interop import GLHandles, current_handles
 from sketchterrain.compute.sharing import kinds_for
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.render import sharing_probe
-from sketchterrain.render.sharing_probe import Sharing, beside_gl, open_device, probe_sharing
+from sketchterrain.render.sharing_probe import Sharing, open_device, probe_sharing, shared_with_gl
 from sketchterrain.render.vertex_memory import open_vertex_memory
 from sketchterrain.sketch import Sketch, load_sketch
 from sketchterrain.terrain import build
@@ -222,14 +222,14 @@ def test_a_terrain_moves_beside_opengl(monkeypatch):
     mountain[8:20, 8:20] = 1
     sketch = Sketch(extent=1024.0, layers={"mountain": mountain})
     terrain = build(sketch, device=ComputeContext(MAPPED))
-    assert beside_gl(terrain) is terrain
+    assert shared_with_gl(terrain) is terrain
     other = ComputeContext(MAPPED)
     monkeypatch.setattr(sharing_probe, "open_device", lambda *_, **__: other)
-    assert beside_gl(terrain) is terrain
+    assert shared_with_gl(terrain) is terrain
     other.gl = GLHandles("EGL", 5, 7)
-    moved = beside_gl(terrain)
+    moved = shared_with_gl(terrain)
     assert moved.context is other
     assert (moved.recipe, moved.sketch) == (terrain.recipe, terrain.sketch)
     np.testing.assert_array_equal(moved.tile(4, 3, 3).height, terrain.tile(4, 3, 3).height)
-    assert beside_gl(moved) is moved
-    assert beside_gl("a stand-in") == "a stand-in"
+    assert shared_with_gl(moved) is moved
+    assert shared_with_gl("a stand-in") == "a stand-in"

@@ -10,12 +10,12 @@ import pytest
 import sketchterrain as st
 from sketchterrain.errors import DeviceError, InputError
 from sketchterrain.render import VIEWS, Quality, Weather, find_view, open_context, render_picture
-from sketchterrain.render.kept import Kept
+from sketchterrain.render.kept import ResourceCache
 from sketchterrain.render.relief import HeightMap, sample_heights
-from sketchterrain.render.stands import Cover, free_ahead
-from sketchterrain.render.studio import Studio
+from sketchterrain.render.stands import Cover, unobstructed_distance
+from sketchterrain.render.studio import SnapshotRenderer
 from sketchterrain.render.sunlight import sun_at
-from sketchterrain.render.view_aim import light_of
+from sketchterrain.render.view_aim import sun_preference
 from sketchterrain.sketch import Sketch
 from sketchterrain.terrain import build
 from sketchterrain.terrain.water import standing_water
@@ -98,20 +98,25 @@ def test_shores_begin_at_the_bank_and_views_end_at_the_first_plant(terrain):
     plants = terrain.foliage(0.0, 0.0, *terrain.size)
     plant = plants[len(plants) // 2]
     eye = np.array([plant["x"] - 8.0, plant["y"], 0.0])
-    free = free_ahead(terrain, eye, np.pi / 2.0, reach=30.0)  # it looks east
+    free = unobstructed_distance(terrain, eye, np.pi / 2.0, reach=30.0)  # it looks east
     assert free <= 8.0 + 1e-6
-    assert free_ahead(terrain, np.array([plant["x"] - 2.0, plant["y"], 0.0]), np.pi / 2.0, reach=30.0) == 0.0
+    assert (
+        unobstructed_distance(terrain, np.array([plant["x"] - 2.0, plant["y"], 0.0]), np.pi / 2.0, reach=30.0)
+        == 0.0
+    )
 
 
 def test_light_from_the_side_is_preferred_to_light_from_behind():
     weather = Weather(hour=9.0, clouds=0.0)
     sun = sun_at(9.0, weather.latitude)
     side, behind, front = (np.radians(sun.azimuth + turn) for turn in (75.0, 180.0, 0.0))
-    light = light_of(weather)(np.array([side, behind, front]))
+    light = sun_preference(weather)(np.array([side, behind, front]))
     assert light[0] > light[2] > light[1]
-    assert light_of(Weather(hour=9.0, clouds=1.0))(np.array([side, behind])) == pytest.approx([0.0, 0.0])
-    assert light_of(None)(np.array([side, behind])).tolist() == [0.0, 0.0]
-    assert light_of(Weather(hour=None))(np.array([side, behind])).tolist() == [0.0, 0.0]
+    assert sun_preference(Weather(hour=9.0, clouds=1.0))(np.array([side, behind])) == pytest.approx(
+        [0.0, 0.0]
+    )
+    assert sun_preference(None)(np.array([side, behind])).tolist() == [0.0, 0.0]
+    assert sun_preference(Weather(hour=None))(np.array([side, behind])).tolist() == [0.0, 0.0]
 
 
 SIZE = (160, 90)
@@ -131,7 +136,7 @@ def test_the_same_bytes_in_any_order():
     other = sketch(2, extent=700.0, look={"grass": {"colour": "#c83c3c"}})
     terrains = [build(sketch(1)), build(other)]
     with ThreadPoolExecutor(1) as thread:
-        studio = thread.submit(Studio, SIZE).result()
+        studio = thread.submit(SnapshotRenderer, SIZE).result()
         found = [thread.submit(studio.picture, terrains[number]).result() for number in (0, 1, 0)]
         thread.submit(studio.close).result()
     timings = {}
@@ -153,8 +158,8 @@ FIXED = {"split"}
 
 
 def test_a_greater_quality_never_costs_less_and_a_driver_without_a_gpu_gets_a_cheap_one():
-    assert Quality.of(1.0) == Quality()
-    steps = [Quality.of(number) for number in np.linspace(0.0, 1.0, 101)]
+    assert Quality.from_level(1.0) == Quality()
+    steps = [Quality.from_level(number) for number in np.linspace(0.0, 1.0, 101)]
     assert all(quality.map_texels % 64 == 0 for quality in steps)  # light maps lie on whole blocks
     for field in dataclasses.fields(Quality):
         if field.name == "without":
@@ -176,17 +181,17 @@ def test_a_greater_quality_never_costs_less_and_a_driver_without_a_gpu_gets_a_ch
 
 
 def test_invalid_input_and_a_missing_opengl_are_refused(terrain, waves, monkeypatch):
-    assert not Quality.of(0.5, without=["grass"]).has("grass")
-    assert Quality.of(0.5, without=["grass"]).has("trees")
+    assert not Quality.from_level(0.5, without=["grass"]).includes("grass")
+    assert Quality.from_level(0.5, without=["grass"]).includes("trees")
     for told, call in (
         ("expected a view, one of auto, ground, hill, air, got 'moon'", lambda: find_view(terrain, "moon")),
         ("expected an hour from", lambda: find_view(terrain, "air", weather=Weather(hour=1.0))),
         ("8192", lambda: render_picture(waves, size=(0, 100))),
-        ("pixels a side", lambda: Studio((8, 8))),
-        ("from 0 to 1", lambda: Quality.of(-0.01)),
-        ("from 0 to 1", lambda: Quality.of(1.01)),
-        ("from 0 to 1", lambda: Quality.of(float("nan"))),
-        (r"one of shadows.*got 'gras'", lambda: Quality.of(0.5, without=["gras"])),
+        ("pixels a side", lambda: SnapshotRenderer((8, 8))),
+        ("from 0 to 1", lambda: Quality.from_level(-0.01)),
+        ("from 0 to 1", lambda: Quality.from_level(1.01)),
+        ("from 0 to 1", lambda: Quality.from_level(float("nan"))),
+        (r"one of shadows.*got 'gras'", lambda: Quality.from_level(0.5, without=["gras"])),
     ):
         with pytest.raises(InputError, match=told):
             call()
@@ -201,7 +206,7 @@ def test_invalid_input_and_a_missing_opengl_are_refused(terrain, waves, monkeypa
 
 
 def test_one_resource_of_each_kind_is_cached_no_failure_and_lent_ones_outlive_their_borrower():
-    kept, closed = Kept(), []
+    kept, closed = ResourceCache(), []
 
     def made(cache, kind, key, thing):
         return cache.of(kind, key, lambda: [thing], close=lambda thing: closed.append(thing[0]))
@@ -211,10 +216,10 @@ def test_one_resource_of_each_kind_is_cached_no_failure_and_lent_ones_outlive_th
     other = made(kept, "b", 1, "other")
     assert made(kept, "a", 2, "second") == ["second"]
     assert (closed, made(kept, "b", 1, "never") is other) == (["first"], True)
-    lent = kept.lent()
+    lent = kept.borrow()
     thing = made(lent, "c", 1, "third")
     lent.close()
-    lent.lent().close()
+    lent.borrow().close()
     assert closed == ["first"]
     assert made(kept, "c", 1, "never") is thing
     kept.close()

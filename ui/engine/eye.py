@@ -10,7 +10,7 @@ import numpy as np
 from sketchterrain.render import Camera
 from sketchterrain.render.near_ground import NearGround
 from sketchterrain.render.orbit import Orbit
-from sketchterrain.render.scene import Bounded, rectangle_of
+from sketchterrain.render.scene import BoundedTerrain, visible_rectangle
 from sketchterrain.render.sight import sight
 from sketchterrain.render.walk import Walk
 from sketchterrain.ui.engine.protocol import Fly, GoTo, Pan, Pose, Turn, Zoom
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from sketchterrain.render.camera import Vector
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
 
 FOV: Final = 50.0
 """Degrees, vertical."""
@@ -36,7 +36,7 @@ _RISE: Final = 0.9  # e-foldings of its distance a second
 class CameraController:
     """Follows what a person does with mouse and keys, in any mode; without OpenGL."""
 
-    def __init__(self, terrain: Terrain, *, aspect: float = _WIDE) -> None:
+    def __init__(self, terrain: TerrainSource, *, aspect: float = _WIDE) -> None:
         self._terrain = terrain
         self._near = NearGround(terrain)
         self._way = Fly()
@@ -45,7 +45,7 @@ class CameraController:
         self.mode = "orbit"
         self.restless = True
         self.size = terrain.size
-        west, south, east, north = rectangle_of(terrain)
+        west, south, east, north = visible_rectangle(terrain)
         x, y = (west + east) / 2, (south + north) / 2
         self._orbit = self._circling(
             (x, y, float(terrain.heights(x, y))),
@@ -54,7 +54,7 @@ class CameraController:
         )
         self._walk: Walk | None = None
 
-    def follow(self, terrain: Terrain) -> None:
+    def follow(self, terrain: TerrainSource) -> None:
         """Move above another terrain from now on; the eye stays where it is, unless that is in the ground."""
         self._terrain = terrain
         self._near = NearGround(terrain)
@@ -146,7 +146,7 @@ class CameraController:
     def _keep_inside(self) -> None:
         """Nobody walks off the end of a world that has one."""
         walk = self._walk
-        if walk is None or not walk.on_foot or not isinstance(self._terrain, Bounded):
+        if walk is None or not walk.on_foot or not isinstance(self._terrain, BoundedTerrain):
             return
         west, south, east, north = self._terrain.bounds
         x, y, z = walk.eye

@@ -15,7 +15,7 @@ from sketchterrain.ui.engine.protocol import FrameFacts, FrameReady, ViewState
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.terrain.changes import Box
     from sketchterrain.ui.engine.eye import CameraController
     from sketchterrain.ui.engine.stage import ViewRenderer
@@ -106,7 +106,7 @@ class FramePacer:
         self.stage.look(view)
         self._view, self._stale, self.broken = view, True, False
 
-    def show(self, terrain: Terrain, version: int, areas: list[Box], eye: CameraController) -> str:
+    def show(self, terrain: TerrainSource, version: int, areas: list[Box], eye: CameraController) -> str:
         """Draw a terrain from now on, which differs from the one before in areas (m)."""
         self.broken = False
         self._stale, self._version = True, version

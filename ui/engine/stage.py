@@ -20,7 +20,7 @@ from sketchterrain.ui.engine.protocol import ViewState
 if TYPE_CHECKING:
     from sketchterrain.compute import ComputeContext, Device
     from sketchterrain.render.camera import Camera
-    from sketchterrain.render.scene import Terrain
+    from sketchterrain.render.scene import TerrainSource
     from sketchterrain.render.sky import Sun
     from sketchterrain.render.stats import FrameStats
     from sketchterrain.terrain.changes import Box
@@ -36,7 +36,7 @@ class _Shown:
 
     renderer: Renderer
     overlay: Overlay | None
-    terrain: Terrain
+    terrain: TerrainSource
     sun: Sun
 
 
@@ -84,7 +84,7 @@ class ViewRenderer:
         if shown is not None:
             shown.renderer.release()
 
-    def show(self, terrain: Terrain, areas: list[Box], camera: Camera) -> str:
+    def show(self, terrain: TerrainSource, areas: list[Box], camera: Camera) -> str:
         """Draw a terrain from now on."""
         shown = self._shown
         weather = Weather.of(terrain.sketch)
@@ -135,7 +135,7 @@ class ViewRenderer:
 
     def _quality(self) -> Quality:
         number = self._view.quality
-        return Quality.for_renderer(self.name) if number is None else Quality.of(number)
+        return Quality.for_renderer(self.name) if number is None else Quality.from_level(number)
 
 
 def _step_back() -> None:
@@ -146,7 +146,7 @@ def _step_back() -> None:
                 os.setpriority(os.PRIO_PROCESS, int(thread.name), _NICE)
 
 
-def _sun(terrain: Terrain, camera: Camera, weather: Weather) -> tuple[Sun, str]:
+def _sun(terrain: TerrainSource, camera: Camera, weather: Weather) -> tuple[Sun, str]:
     """Return where the sun stands; at night, where it would suit the view, and a line that says so."""
     try:
         return sun_of(terrain, camera, weather), ""
